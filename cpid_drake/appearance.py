@@ -1,0 +1,68 @@
+"""How a target looks: the shape of a model file, or the solid ellipsoid of its inertia."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Ellipsoid, Role, SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
+
+from cpid_drake.errors import InputError
+
+_GREY = np.array([0.6, 0.6, 0.62, 1.0])
+
+
+def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
+    """Return the solid, homogeneous ellipsoid that has this spatial inertia.
+
+    Returns:
+        Semi-diameters (3,) [m], none less than 2 % of the largest so that a flat body can be seen,
+        and the pose X_CE of the ellipsoid's frame E in C.
+    """
+    semi_diameters, X_CE = M_TCo_C.CalcPrincipalSemiDiametersAndPoseForSolidEllipsoid()
+    return np.maximum(semi_diameters, max(0.02 * semi_diameters.max(), 1e-4)), X_CE
+
+
+def add_target_appearance(
+    plant: MultibodyPlant, body: RigidBody, M_TCo_C: SpatialInertia, visual_model: Path | None
+) -> None:
+    """Give a target's body visual geometry, before the plant is finalized.
+
+    Args:
+        plant: registered with a SceneGraph.
+        body: the target's body, whose frame is C.
+        M_TCo_C: the target's spatial inertia, for the default look.
+        visual_model: a model file; the geometry is taken with its root body's frame on C.
+
+    Raises:
+        InputError: the model file cannot be read, or its bodies can move against each other.
+    """
+    if visual_model is None:
+        semi_diameters, X_CE = inertia_ellipsoid(M_TCo_C)
+        plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", _GREY)
+        return
+    scene_graph = SceneGraph()
+    model = MultibodyPlant(time_step=0.0)
+    model.RegisterAsSourceForSceneGraph(scene_graph)
+    try:
+        Parser(model).AddModels(str(visual_model))
+        model.Finalize()
+    except (RuntimeError, SystemExit) as error:
+        raise InputError(f"{visual_model}: {' '.join(str(error).split())}") from error
+    if model.num_velocities() > 6:
+        raise InputError(f"{visual_model}: a target is one rigid body, but this model has joints")
+    context = model.CreateDefaultContext()
+    bodies = [model.get_body(BodyIndex(k)) for k in range(1, model.num_bodies())]
+    X_RW = model.EvalBodyPoseInWorld(context, bodies[0]).inverse()
+    inspector = scene_graph.model_inspector()
+    for part in bodies:
+        X_RP = X_RW @ model.EvalBodyPoseInWorld(context, part)
+        frame = model.GetBodyFrameIdOrThrow(part.index())
+        for geometry in inspector.GetGeometries(frame, Role.kIllustration):
+            instance = inspector.CloneGeometryInstance(geometry)
+            instance.set_pose(X_RP @ inspector.GetPoseInFrame(geometry))
+            instance.set_name(inspector.GetName(geometry).rpartition("::")[2])
+            plant.RegisterVisualGeometry(body, instance)

@@ -1,0 +1,9 @@
+"""The one exception type that bad input raises."""
+
+
+class InputError(ValueError):
+    """Something the caller supplied (model, scenario, data, option) cannot be used.
+
+    The message is one line that says what was wrong, where, and what to do. The command line
+    prints it as it stands and exits with code 2.
+    """

@@ -1,0 +1,58 @@
+"""Where the shipped models and scenarios are, and how a model URI becomes a path."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydrake.multibody.parsing import PackageMap
+
+from cpid_drake.errors import InputError
+
+MODELS_PACKAGE = "cpid_drake_models"
+
+
+def models_directory() -> Path:
+    """Return the folder of the shipped models: beside the modules in a wheel, else the checkout's."""
+    package = Path(__file__).resolve().parent
+    installed = package / "models"
+    return installed if installed.is_dir() else package.parent / "models"
+
+
+def package_map(packages: Mapping[str, str | Path] | None = None) -> PackageMap:
+    """Return a PackageMap that knows `cpid_drake_models` and the given packages (name to folder).
+
+    Raises:
+        InputError: a folder does not exist, or a name is already taken.
+    """
+    result = PackageMap()
+    result.Add(MODELS_PACKAGE, str(models_directory()))
+    for name, folder in (packages or {}).items():
+        if not Path(folder).is_dir():
+            raise InputError(f"package '{name}': no such folder: {folder}")
+        if result.Contains(name):
+            raise InputError(f"package '{name}' is already known; choose another name")
+        result.Add(name, str(folder))
+    return result
+
+
+def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:
+    """Return the file behind a path or a `package://NAME/...` URI.
+
+    Raises:
+        InputError: the package is unknown, the URI scheme is not `package`, or no such file exists.
+    """
+    text = str(uri)
+    packages = packages or package_map()
+    path = Path(text).expanduser()
+    if "://" in text:
+        scheme, _, rest = text.partition("://")
+        name, _, relative = rest.partition("/")
+        if scheme != "package":
+            raise InputError(f"{text}: give a path or a package:// URI, not {scheme}://")
+        if not packages.Contains(name):
+            known = ", ".join(packages.GetPackageNames())
+            raise InputError(f"{text}: unknown package '{name}' (known: {known})")
+        path = Path(packages.GetPath(name)) / relative
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{text}: {found}" + ("" if path == Path(text) else f" ({path})"))
+    return path.resolve()

@@ -1,0 +1,136 @@
+"""Momentum of the known bodies, and the base motion that conserves it (Ning et al. 2016, Eqs. 4-9).
+
+Sums over the known bodies start at the base, i = 0, in every equation. (The paper's Eqs. 4, 10, 14
+and 18 print i = 1; taken literally the base is left out, and the paper's case gives a negative
+mass.)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.inertia import InertialParameters
+from cpid_drake.kinematics import BodyMotion, CaptureMotion, KinematicTree, propagate, rotate
+from cpid_drake.telemetry import Telemetry
+
+
+@dataclass(frozen=True)
+class MomentumSamples:
+    """All that a row family needs, at N samples: the motion of C and the known bodies' momentum.
+
+    Attributes:
+        motion: pose and velocity of the capture frame C.
+        P: (N, 3) linear momentum of the known bodies, in W [N·s].
+        L: (N, 3) their angular momentum about C's origin, in W [N·m·s].
+    """
+
+    motion: CaptureMotion
+    P: NDArray[np.float64]
+    L: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.P)
+
+
+def linear_momentum(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
+    """Return P = Σ m_i v_i, i = 0 … n−1, as (N, 3) in W [N·s] (Ning et al. 2016, Eq. 4)."""
+    masses = np.array([body.mass for body in tree.bodies])
+    return np.einsum("k,kni->ni", masses, motion.v)
+
+
+def angular_momentum(
+    tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike
+) -> NDArray[np.float64]:
+    """Return L = Σ (I_i ω_i + m_i (r_i − p_WQ) × v_i) about Q, as (N, 3) in W [N·m·s].
+
+    Args:
+        p_WQ: (N, 3) or (3,) the point; the origin of W gives the sum in Ning et al. 2016, Eq. 9,
+            the capture point (d_no) the one in Eqs. 10, 14 and 18.
+    """
+    total = np.zeros(motion.r.shape[1:])
+    for k, body in enumerate(tree.bodies):
+        w_B = rotate(np.swapaxes(motion.R[k], -1, -2), motion.w[k])
+        spin = rotate(motion.R[k], w_B @ body.I_BBcm)
+        total += spin + body.mass * np.cross(motion.r[k] - p_WQ, motion.v[k])
+    return total
+
+
+def target_momentum(
+    target: InertialParameters, motion: CaptureMotion
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the target's m_n v_n and its angular momentum about C's origin, (N, 3) each, in W.
+
+    The target turns with the capture frame, ω_n = ω_C: a rigid grasp, which the paper assumes and
+    does not say. Source: Ning et al. 2016, target's terms of Eqs. 5 and 9.
+    """
+    R_WC, w = motion.R_WC, motion.w_WC
+    c_W = rotate(R_WC, target.p_CTcm_C)
+    P = target.mass * (motion.v_WC + np.cross(w, c_W))
+    w_C = rotate(np.swapaxes(R_WC, -1, -2), w)
+    L = rotate(R_WC, w_C @ target.I_TTcm_C) + np.cross(c_W, P)
+    return P, L
+
+
+def momentum_samples(tree: KinematicTree, telemetry: Telemetry) -> MomentumSamples:
+    """Return the momentum samples of N telemetry samples."""
+    bodies, capture = propagate(tree, telemetry)
+    return MomentumSamples(
+        capture,
+        linear_momentum(tree, bodies),
+        angular_momentum(tree, bodies, capture.p_WC),
+    )
+
+
+def total_momentum(
+    tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return linear and angular momentum of spacecraft and target about W's origin, (N, 3) each.
+
+    Both are constant while no external force acts. Source: Ning et al. 2016, Eqs. 5 and 9.
+    """
+    samples = momentum_samples(tree, telemetry)
+    P_T, L_T = target_momentum(target, samples.motion)
+    P = samples.P + P_T
+    return P, samples.L + L_T + np.cross(samples.motion.p_WC, P)
+
+
+def zero_momentum_base_twist(
+    tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the base's (w_WB, v_WB), (N, 3) each in W, for which the total momentum is zero.
+
+    The momentum is linear in the base twist: h(q, q̇) + M V = 0, with h the momentum of the same
+    joint motion on a base at rest. The base velocities in `telemetry` are not used. A simulation
+    whose joints already move at its start must start with this twist, or it starts with momentum.
+
+    Args:
+        target: what is held; for the spacecraft alone, one of zero mass and inertia.
+    """
+    N = len(telemetry)
+    columns = np.empty((N, 6, 7))
+    unit_twists = np.vstack([np.zeros(6), np.eye(6)])
+    for j, twist in enumerate(unit_twists):
+        moved = Telemetry(
+            telemetry.joint_names,
+            telemetry.time,
+            telemetry.quaternion_WB,
+            telemetry.p_WB,
+            np.broadcast_to(twist[:3], (N, 3)),
+            np.broadcast_to(twist[3:], (N, 3)),
+            telemetry.q,
+            telemetry.qdot if j == 0 else np.zeros_like(telemetry.qdot),
+        )
+        columns[:, :, j] = np.hstack(_momentum_about_base(tree, target, moved))
+    twist = np.linalg.solve(columns[:, :, 1:], -columns[:, :, :1])[..., 0]
+    return twist[:, :3], twist[:, 3:]
+
+
+def _momentum_about_base(
+    tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(P, L) of spacecraft and target with L about B's origin, where the equations are well scaled."""
+    samples = momentum_samples(tree, telemetry)
+    P_T, L_T = target_momentum(target, samples.motion)
+    P = samples.P + P_T
+    return P, samples.L + L_T + np.cross(samples.motion.p_WC - telemetry.p_WB, P)

@@ -1,0 +1,190 @@
+"""Row families: what momentum conservation says about the target, linear in ten unknowns.
+
+Each family turns momentum samples into rows A θ = b, six a sample, stacked or online, from one
+place. Both assume that the total momentum is zero, a rigid grasp (ω_n = ω_C) and no external force.
+
+Corrections of the paper (Ning et al. 2016) that these rows contain:
+
+- the sums of Eqs. 10, 14 and 18 start at the base, i = 0;
+- the right-hand side of Eq. 14 takes the velocity of the last *known* link at the capture point
+  (subscript n_i as in Eqs. 7 and 18), v_C, not the target's own;
+- d_no is the capture point, and L is about it;
+- Eqs. 7, 10 and 14 hold c and I in W, where they change as the target turns: they can be solved at
+  one instant only. Eq. 18 holds them in C, and is the form that can be stacked over time;
+- two samples never suffice: they give rank 9 of 10. With n = ω1 × ω2 in C, I = n nᵀ satisfies
+  I ω1 = I ω2 = 0. Three generic samples give rank 10.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.inertia import (
+    EQ18,
+    STANDARD,
+    UnknownVector,
+    tensor_to_vector,
+    vector_to_tensor,
+)
+from cpid_drake.kinematics import rotate
+from cpid_drake.momentum import MomentumSamples
+
+Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Rows A (N, 6, 10) and right-hand sides b (N, 6)."""
+
+
+def skew(v: ArrayLike) -> NDArray[np.float64]:
+    """Return ṽ (..., 3, 3) with ṽ u = v × u (Ning et al. 2016, Eq. 8)."""
+    v = np.asarray(v, dtype=float)
+    result = np.zeros((*v.shape, 3))
+    result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return result
+
+
+def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
+    """Return [#v] (..., 3, 6) with I v = [#v] (I11, I12, I13, I22, I23, I33).
+
+    Source: Ning et al. 2016, Eq. 11.
+    """
+    v = np.asarray(v, dtype=float)
+    result = np.zeros((*v.shape, 6))
+    result[..., 0, 0], result[..., 0, 1], result[..., 0, 2] = v[..., 0], v[..., 1], v[..., 2]
+    result[..., 1, 1], result[..., 1, 3], result[..., 1, 4] = v[..., 0], v[..., 1], v[..., 2]
+    result[..., 2, 2], result[..., 2, 4], result[..., 2, 5] = v[..., 0], v[..., 1], v[..., 2]
+    return result
+
+
+# -- the paper's equations, one instant at a time, in W ----------------------------------------
+
+
+def linear_rows(samples: MomentumSamples) -> Rows:
+    """Return [P  ω̃] (1/m, c') = −v_C: rows (N, 3, 4) and right-hand sides (N, 3), in W.
+
+    c' = `p_CTcm_W` changes as the target turns. Eq. 6 times 1/m, with v_ni + ω_ni × b_ni the
+    velocity of the capture point. Source: Ning et al. 2016, Eqs. 6 and 7.
+    """
+    A = np.concatenate([samples.P[:, :, None], skew(samples.motion.w_WC)], axis=2)
+    return A, -samples.motion.v_WC
+
+
+def angular_rows(samples: MomentumSamples) -> Rows:
+    """Return [P̃  [#ω]] (c', [I'#]) = −L: rows (N, 3, 9) and right-hand sides (N, 3), in W.
+
+    L is the known bodies' angular momentum about the capture point. The target's m c' × v_n is
+    P̃ c' because m v_n = −P. Source: Ning et al. 2016, Eq. 10 (sums from i = 0).
+    """
+    A = np.concatenate([skew(samples.P), inertia_operator(samples.motion.w_WC)], axis=2)
+    return A, -samples.L
+
+
+def instantaneous_rows(samples: MomentumSamples) -> Rows:
+    """Return the rows (N, 6, 10) in (1/m, c', [I'#]), c' and I' in W: for one instant each.
+
+    Source: Ning et al. 2016, Eq. 14 (sums from i = 0; v of the capture point on the right).
+    """
+    top, b_top = linear_rows(samples)
+    bottom, b_bottom = angular_rows(samples)
+    A = np.zeros((len(samples), 6, 10))
+    A[:, :3, :4] = top
+    A[:, 3:, 1:] = bottom
+    return A, np.concatenate([b_top, b_bottom], axis=1)
+
+
+def unknowns_to_world(R_WC: ArrayLike) -> NDArray[np.float64]:
+    """Return T (N, 10, 10) with (1/m, c', [I'#]) in W = T (1/m, c, [I#]) in C.
+
+    c' = A c and I' = A I Aᵀ with A = R_WC, whose inverse is its transpose. Source: Ning et al.
+    2016, Eqs. 15, 16 and 17.
+    """
+    R_WC = np.asarray(R_WC, dtype=float)
+    T = np.zeros((len(R_WC), 10, 10))
+    T[:, 0, 0] = 1.0
+    T[:, 1:4, 1:4] = R_WC
+    for j, unit in enumerate(np.eye(6)):
+        I_W = R_WC @ vector_to_tensor(unit) @ np.swapaxes(R_WC, -1, -2)
+        T[:, 4:, 4 + j] = tensor_to_vector(I_W)
+    return T
+
+
+# -- row families that stack over time, in C ----------------------------------------------------
+
+
+def _eq18(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.float64]:
+    """[P  ω̃  0 | −v ; 0  P̃  [#ω] | −L] (6, 11), all in C (Ning et al. 2016, Eq. 18)."""
+    rows = np.zeros((6, 11))
+    rows[:3, 0], rows[:3, 1:4], rows[:3, 10] = P, skew(w), -v
+    rows[3:, 1:4], rows[3:, 4:10], rows[3:, 10] = skew(P), inertia_operator(w), -L
+    return rows
+
+
+def _standard(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.float64]:
+    """[v  ω̃  0 | −P ; 0  −ṽ  [#ω] | −L] (6, 11), all in C: the target's own momentum."""
+    rows = np.zeros((6, 11))
+    rows[:3, 0], rows[:3, 1:4], rows[:3, 10] = v, skew(w), -P
+    rows[3:, 1:4], rows[3:, 4:10], rows[3:, 10] = -skew(v), inertia_operator(w), -L
+    return rows
+
+
+@dataclass(frozen=True)
+class RowFamily:
+    """A way to write momentum conservation as rows, and the unknowns it is linear in.
+
+    Attributes:
+        name: as in scenarios and on the command line.
+        unknowns: what the ten columns stand for.
+    """
+
+    name: str
+    unknowns: UnknownVector
+    _coefficients: NDArray[np.float64]
+
+    @classmethod
+    def _make(cls, unknowns: UnknownVector, block: Callable[..., NDArray]) -> "RowFamily":
+        # Every entry is linear in (v, ω, P, L), so the family *is* one constant matrix: batched
+        # evaluation is a single product, whatever the number of samples.
+        unit = np.eye(12).reshape(12, 4, 3)
+        coefficients = np.stack([block(*vectors).ravel() for vectors in unit])
+        return cls(unknowns.name, unknowns, coefficients)
+
+    def augmented_rows(self, samples: MomentumSamples) -> NDArray[np.float64]:
+        """Return [A | b] stacked over the samples, (6 N, 11), expressed in C."""
+        motion = samples.motion
+        vectors_W = np.stack([motion.v_WC, motion.w_WC, samples.P, samples.L], axis=1)
+        vectors_C = vectors_W @ motion.R_WC  # row vectors: (R_WCᵀ v)ᵀ = vᵀ R_WC
+        return (vectors_C.reshape(-1, 12) @ self._coefficients).reshape(-1, 11)
+
+    def rows(self, samples: MomentumSamples) -> Rows:
+        """Return A (N, 6, 10) and b (N, 6), expressed in C."""
+        augmented = self.augmented_rows(samples).reshape(-1, 6, 11)
+        return augmented[..., :10], augmented[..., 10]
+
+
+EQ18_ROWS = RowFamily._make(EQ18, _eq18)
+"""Ning et al. 2016, Eq. 18, top rows in C instead of W (the same equations, rotated)."""
+
+STANDARD_ROWS = RowFamily._make(STANDARD, _standard)
+"""The same physics in (m, m c, I about C): the measured momentum stands on the right only."""
+
+ROW_FAMILIES = {family.name: family for family in (EQ18_ROWS, STANDARD_ROWS)}
+"""The row families by name."""
+
+
+def eq18_rows(samples: MomentumSamples) -> Rows:
+    """Return rows A (N, 6, 10), b (N, 6) of Ning et al. 2016, Eq. 18, in θ = (1/m, c, [I#])."""
+    return EQ18_ROWS.rows(samples)
+
+
+def standard_rows(samples: MomentumSamples) -> Rows:
+    """Return rows A (N, 6, 10), b (N, 6) in φ = (m, m c, inertia about C's origin)."""
+    return STANDARD_ROWS.rows(samples)
+
+
+def truth_residual(
+    family: RowFamily, samples: MomentumSamples, unknowns: ArrayLike
+) -> NDArray[np.float64]:
+    """Return A θ − b (N, 6) at given unknowns (10,)."""
+    A, b = family.rows(samples)
+    return rotate(A, unknowns) - b

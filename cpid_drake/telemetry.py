@@ -1,0 +1,114 @@
+"""The one type that motion data travels in: from simulation, from sensors and from users' files."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Telemetry:
+    """N samples of a spacecraft's base motion and joint motion, all at the same instants.
+
+    Attributes:
+        joint_names: the joints, in the order of the columns of `q` and `qdot`.
+        time: (N,) strictly increasing [s].
+        quaternion_WB: (N, 4) attitude of the base as unit quaternions (w, x, y, z).
+        p_WB: (N, 3) position of the base frame's origin in W [m].
+        w_WB: (N, 3) angular velocity of the base, in W [rad/s].
+        v_WB: (N, 3) velocity of the base frame's origin, in W [m/s].
+        q: (N, J) joint positions [rad or m].
+        qdot: (N, J) joint rates [rad/s or m/s].
+
+    Raises:
+        InputError: shapes that do not fit, times not increasing, entries that are not finite, or
+            quaternions whose norm is more than 1e-3 off 1 (the rest is taken as rounding).
+    """
+
+    joint_names: tuple[str, ...]
+    time: NDArray[np.float64]
+    quaternion_WB: NDArray[np.float64]
+    p_WB: NDArray[np.float64]
+    w_WB: NDArray[np.float64]
+    v_WB: NDArray[np.float64]
+    q: NDArray[np.float64]
+    qdot: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        time = np.array(self.time, dtype=float)
+        if time.ndim != 1:
+            raise InputError(f"telemetry: 'time' must have one dimension, not {time.ndim}")
+        widths = {"quaternion_WB": 4, "p_WB": 3, "w_WB": 3, "v_WB": 3}
+        widths |= dict.fromkeys(("q", "qdot"), len(self.joint_names))
+        object.__setattr__(self, "time", time)
+        for name, width in widths.items():
+            values = np.array(getattr(self, name), dtype=float)
+            if values.shape != (time.size, width):
+                raise InputError(
+                    f"telemetry: '{name}' must have shape {(time.size, width)}, not {values.shape}"
+                )
+            object.__setattr__(self, name, values)
+        for name in ("time", *widths):
+            values = getattr(self, name)
+            bad = ~np.isfinite(values.reshape(time.size, -1)).all(axis=1)
+            if bad.any():
+                raise InputError(f"telemetry: '{name}' is not finite in sample {bad.argmax()}")
+            values.flags.writeable = False
+        backwards = np.diff(time) <= 0
+        if backwards.any():
+            k = int(backwards.argmax()) + 1
+            raise InputError(f"telemetry: time does not increase at sample {k} (t = {time[k]:g} s)")
+        off = np.abs(np.linalg.norm(self.quaternion_WB, axis=1) - 1) > 1e-3
+        if off.any():
+            raise InputError(f"telemetry: quaternion_WB is not of unit norm in sample {off.argmax()}")
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    @property
+    def R_WB(self) -> NDArray[np.float64]:
+        """(N, 3, 3) attitude of the base: columns are B's axes in W."""
+        return Rotation.from_quat(self.quaternion_WB, scalar_first=True).as_matrix()
+
+    @property
+    def euler_321(self) -> NDArray[np.float64]:
+        """(N, 3) attitude as 3-2-1 Euler angles (yaw, pitch, roll) [rad], continuous in time."""
+        rotation = Rotation.from_quat(self.quaternion_WB, scalar_first=True)
+        return np.unwrap(rotation.as_euler("ZYX"), axis=0)
+
+    def select(self, samples: ArrayLike) -> "Telemetry":
+        """Return the samples with these indices, or where this (N,) mask is true."""
+        samples = np.asarray(samples)
+        names = ("time", "quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
+        return replace(self, **{name: getattr(self, name)[samples] for name in names})
+
+    def at(self, times: ArrayLike) -> "Telemetry":
+        """Return the samples at these times, each within 1 µs.
+
+        Raises:
+            InputError: there is no sample at one of them.
+        """
+        times = np.atleast_1d(np.asarray(times, dtype=float))
+        nearest = np.abs(self.time[:, None] - times).argmin(axis=0)
+        missing = np.abs(self.time[nearest] - times) > 1e-6
+        if missing.any():
+            raise InputError(f"telemetry: no sample at t = {times[missing][0]:g} s")
+        return self.select(nearest)
+
+    def rounded(self, digits: int) -> "Telemetry":
+        """Return every number but the time rounded to so many decimals, in SI units and radians.
+
+        The attitude is rounded as 3-2-1 Euler angles: the paper's sensors give attitude angles
+        (Ning et al. 2016, "Identification results and analysis").
+        """
+        attitude = Rotation.from_euler("ZYX", np.round(self.euler_321, digits))
+        names = ("p_WB", "w_WB", "v_WB", "q", "qdot")
+        return replace(
+            self,
+            quaternion_WB=attitude.as_quat(scalar_first=True),
+            **{name: np.round(getattr(self, name), digits) for name in names},
+        )
