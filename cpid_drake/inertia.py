@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.math import ge
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
@@ -233,13 +232,7 @@ class InertialParameters:
 
         A rigid body has these parameters exactly when this matrix is positive semidefinite.
         """
-        phi = self.to_standard_vector()
-        inertia = vector_to_tensor(phi[4:])
-        pseudo = np.empty((4, 4))
-        pseudo[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
-        pseudo[:3, 3] = pseudo[3, :3] = phi[1:4]
-        pseudo[3, 3] = self.mass
-        return pseudo
+        return _pseudo_inertia(self.to_standard_vector())
 
     @classmethod
     def from_pseudo_inertia(cls, pseudo: ArrayLike) -> "InertialParameters":
@@ -333,29 +326,31 @@ class InertialParameters:
         if information is not None:
             root = _information_root(information, standard_jacobian(center) * scale)
 
+        # A violation of 1e-10 must cost a change of 1e-10, not one of the solver's tolerance: the
+        # change is measured in units of the violation, and the constraint is scaled by congruence
+        # (which keeps definiteness) so that every eigenvalue of the estimate counts as one.
+        values, axes = np.linalg.eigh(_pseudo_inertia(center / scale))
+        violation = max(-values[0], 1e-14 * np.abs(values).max())
+        congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
         program = MathematicalProgram()
         change = program.NewContinuousVariables(10, "change")
-        standard = center / scale + change
-        program.AddQuadraticCost(2 * root.T @ root, np.zeros(10), change, is_convex=True)
-        mass, h, J = standard[0], standard[1:4], standard[4:]
-        half_trace = (J[0] + J[3] + J[5]) / 2
-        pseudo = np.array(
-            [
-                [half_trace - J[0], -J[1], -J[2], h[0]],
-                [-J[1], half_trace - J[3], -J[4], h[1]],
-                [-J[2], -J[4], half_trace - J[5], h[2]],
-                [h[0], h[1], h[2], mass],
-            ]
+        pseudo = congruence.T @ _pseudo_inertia(center / scale) @ congruence
+        pseudo = pseudo + sum(
+            z * violation * (congruence.T @ _pseudo_inertia(unit) @ congruence)
+            for z, unit in zip(change, np.eye(10), strict=True)
         )
+        program.AddL2NormCostUsingConicConstraint(root, np.zeros(10), change)
         program.AddPositiveSemidefiniteConstraint(pseudo)
-        # A body that is to be simulated has some mass: a thousandth of the estimate's magnitude.
-        program.AddLinearConstraint(ge(np.array([mass]), np.array([1e-3])))
+        if self.mass <= 0:
+            # A body that is to be simulated has some mass: a thousandth of the estimate's magnitude.
+            least_change = (1e-3 - center[0] / scale[0]) / violation
+            program.AddBoundingBoxConstraint(least_change, np.inf, change[0])
         result = ClarabelSolver().Solve(program)
         if not result.is_success():
             raise RuntimeError(
                 f"Clarabel found no feasible parameters: {result.get_solution_result()}"
             )
-        solution = center + scale * result.GetSolution(change)
+        solution = center + scale * violation * result.GetSolution(change)
         return InertialParameters.from_standard_vector(solution)._inside_the_limits()
 
     def _inside_the_limits(self) -> "InertialParameters":
@@ -379,6 +374,16 @@ class InertialParameters:
             f"InertialParameters(mass={self.mass:.6g}, p_CTcm_C={row(self.p_CTcm_C)}, "
             f"I_TTcm_C=[{inertia}])"
         )
+
+
+def _pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (4, 4) pseudo-inertia of a standard vector (10,); linear in it."""
+    inertia = vector_to_tensor(phi[4:])
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    pseudo[:3, 3] = pseudo[3, :3] = phi[1:4]
+    pseudo[3, 3] = phi[0]
+    return pseudo
 
 
 def _information_root(

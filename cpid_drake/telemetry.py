@@ -80,11 +80,15 @@ class Telemetry:
         rotation = Rotation.from_quat(self.quaternion_WB, scalar_first=True)
         return np.unwrap(rotation.as_euler("ZYX"), axis=0)
 
-    def select(self, samples: ArrayLike) -> "Telemetry":
-        """Return the samples with these indices, or where this (N,) mask is true."""
-        samples = np.asarray(samples)
+    def select(self, samples: ArrayLike | slice) -> "Telemetry":
+        """Return the samples with these indices, in this slice, or where this (N,) mask is true."""
+        samples = samples if isinstance(samples, slice) else np.asarray(samples)
         names = ("time", "quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
         return replace(self, **{name: getattr(self, name)[samples] for name in names})
+
+    def with_base_twist(self, w_WB: ArrayLike, v_WB: ArrayLike) -> "Telemetry":
+        """Return the same samples with other base velocities, (N, 3) each in W."""
+        return replace(self, w_WB=w_WB, v_WB=v_WB)
 
     def at(self, times: ArrayLike) -> "Telemetry":
         """Return the samples at these times, each within 1 µs.

@@ -1,0 +1,79 @@
+"""The `cpid` command."""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from cpid_drake.errors import InputError
+
+app = typer.Typer(
+    name="cpid",
+    help="Identify a captured target's mass, centre of mass and inertia from momentum conservation.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+@app.callback()
+def _common() -> None:
+    """Keep subcommands even while there is only one."""
+
+
+@app.command()
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for figures and summary.json; made if needed.")],
+    scenario: Annotated[
+        Path | None, typer.Option(help="Scenario to run instead of the paper's own.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print no tables and no progress.")] = False,
+) -> None:
+    """Run the study of Ning et al. 2016: simulate, identify, print its tables, draw its figures."""
+    start = time.perf_counter()
+    # Imported here so that `cpid --help` does not wait for Drake.
+    from cpid_drake.report.paper import print_tables, write_figures
+    from cpid_drake.scenario import load_scenario, shipped_scenario
+    from cpid_drake.studies.paper import run_paper_study, summarize
+
+    _make_folder(out)
+    log = Console(stderr=True, quiet=quiet)
+    with log.status("reading the scenario") as status:
+
+        def progress(step: str) -> None:
+            status.update(step)
+
+        study = run_paper_study(load_scenario(scenario or shipped_scenario("paper")), progress)
+        progress("drawing the figures")
+        files = write_figures(study, out)
+    files.append(out / "summary.json")
+    summary = summarize(study, time.perf_counter() - start)
+    files[-1].write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    if not quiet:
+        print_tables(study, Console())
+    log.print(f"\n{len(files)} files in {out}, {summary['wall_seconds']:.1f} s", highlight=False)
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {path}: cannot make this folder: {error.strerror}") from error
+
+
+def main() -> None:
+    """Run `cpid`; bad input ends in one line on stderr and exit code 2."""
+    try:
+        code = app(standalone_mode=False)
+    except InputError as error:
+        code = _fail(str(error))
+    sys.exit(code or 0)
+
+
+def _fail(message: str) -> int:
+    print(f"cpid: error: {' '.join(message.split())}", file=sys.stderr)
+    return 2

@@ -1,0 +1,117 @@
+"""Batch least squares that says how well the data determine each unknown."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+DEFAULT_RANK_TOLERANCE = 1e-9
+"""Singular values of column-scaled rows below this share of the largest count as zero.
+
+A simulation that conserves momentum to 1e-10 of its size leaves unobservable directions below it.
+With noisy rows a full rank says little: read the covariance.
+"""
+
+
+@dataclass(frozen=True)
+class LeastSquaresSolution:
+    """The solution of A x = b in n unknowns, and what the rows say about its quality.
+
+    Attributes:
+        estimate: (n,) unknowns; NaN in every entry that the rows leave open.
+        covariance: (n, n) s² (AᵀA)⁻¹ with s² the residual sum of squares over the degrees of
+            freedom; NaN in rows and columns of open entries, and throughout without degrees of
+            freedom. It takes all rows to be equally uncertain.
+        information: (n, n) AᵀA: the inverse covariance up to the factor s².
+        rank: number of independent combinations of the unknowns that the rows determine.
+        singular_values: (n,) of the rows with every column scaled to unit length, descending.
+        condition_number: largest over smallest of them; infinite below full rank.
+        condition_number_unscaled: the same without scaling, in SI units.
+        unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
+            the unknowns can change without any row noticing.
+        residual_rms: root mean square of A x − b; NaN without rows.
+        row_count: number of scalar rows used.
+    """
+
+    estimate: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    information: NDArray[np.float64]
+    rank: int
+    singular_values: NDArray[np.float64]
+    condition_number: float
+    condition_number_unscaled: float
+    unobservable: NDArray[np.float64]
+    residual_rms: float
+    row_count: int
+
+    @property
+    def is_observable(self) -> bool:
+        """Whether the rows determine every unknown."""
+        return self.rank == self.estimate.size
+
+
+def solve_least_squares(
+    A: ArrayLike, b: ArrayLike, *, rank_tolerance: float = DEFAULT_RANK_TOLERANCE
+) -> LeastSquaresSolution:
+    """Solve rows A (..., n), b (...) for the n unknowns, all rows weighted alike.
+
+    Raises:
+        ValueError: the shapes do not fit, or an entry is not finite.
+    """
+    A, b = np.asarray(A, dtype=float), np.asarray(b, dtype=float)
+    if A.shape[:-1] != b.shape:
+        raise ValueError(f"rows of shape {A.shape} do not fit right-hand sides of shape {b.shape}")
+    if not (np.isfinite(A).all() and np.isfinite(b).all()):
+        raise ValueError("rows and right-hand sides must be finite")
+    return solve_compressed(A.reshape(-1, A.shape[-1]), b.ravel(), 0.0, b.size, rank_tolerance)
+
+
+def solve_compressed(
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+    left_out: float,
+    row_count: int,
+    rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
+) -> LeastSquaresSolution:
+    """Solve rows that may be an orthogonal compression of more rows.
+
+    Args:
+        A, b: (M, n) and (M,) the rows themselves, or R and Qᵀb of their QR factors.
+        left_out: residual sum of squares that the compression left out.
+        row_count: number of rows before compression.
+        rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
+    """
+    n = A.shape[1]
+    norms = np.linalg.norm(A, axis=0)
+    # A column that is zero but for rounding must not be blown up to unit length.
+    largest = norms.max(initial=0.0) or 1.0
+    scale = np.where(norms > 1e-12 * largest, norms, largest)
+    if len(A) < n:
+        A, b = np.vstack([A, np.zeros((n - len(A), n))]), np.append(b, np.zeros(n - len(b)))
+    U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    rank = int((s > rank_tolerance * s[0]).sum()) if s[0] > 0 else 0
+    y = Vt[:rank].T @ ((U.T @ b)[:rank] / s[:rank])
+    unobservable = Vt[rank:]
+    is_open = np.linalg.norm(unobservable, axis=0) > 1e-6
+
+    residual = A @ (y / scale) - b
+    residual_sum = residual @ residual + left_out
+    freedom = row_count - rank
+    variance = residual_sum / freedom if freedom > 0 else np.nan
+    root = (Vt[:rank].T / s[:rank]) / scale[:, None]
+    covariance = variance * root @ root.T
+    covariance[is_open, :] = covariance[:, is_open] = np.nan
+    unscaled = np.linalg.svd(A, compute_uv=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return LeastSquaresSolution(
+            estimate=np.where(is_open, np.nan, y / scale),
+            covariance=covariance,
+            information=A.T @ A,
+            rank=rank,
+            singular_values=s,
+            condition_number=s[0] / s[-1] if rank == n else np.inf,
+            condition_number_unscaled=unscaled[0] / unscaled[-1] if rank == n else np.inf,
+            unobservable=unobservable,
+            residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
+            row_count=row_count,
+        )

@@ -1,0 +1,50 @@
+"""Recursive least squares as a square-root information filter.
+
+The whole memory of any number of rows [A | b] in n unknowns is one upper triangular matrix
+(n + 1, n + 1), the R factor of their QR decomposition:
+
+    [R  z]      R x = z    the equations compressed to n rows,
+    [0  ρ]      ρ²         the residual sum of squares at their solution.
+
+A new sample costs the QR decomposition of a triangle over six rows. No covariance is propagated,
+so nothing can lose symmetry or definiteness. Source: Bierman 1977, Factorization Methods for
+Discrete Sequential Estimation, ch. IV.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from cpid_drake.estimators.least_squares import (
+    DEFAULT_RANK_TOLERANCE,
+    LeastSquaresSolution,
+    solve_compressed,
+)
+
+
+def empty_root(n: int = 10) -> NDArray[np.float64]:
+    """Return the square root of no information about n unknowns: zeros (n + 1, n + 1)."""
+    return np.zeros((n + 1, n + 1))
+
+
+def update_root(
+    root: NDArray[np.float64], augmented_rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the square root after the rows [A | b] (M, n + 1) have been added to `root`.
+
+    Rows are not checked; one that is not finite makes the result so.
+    """
+    size = len(root)
+    new_root, _, _, _ = lapack.dtpqrt(0, size, root, augmented_rows)
+    return new_root
+
+
+def solve_root(
+    root: NDArray[np.float64], row_count: int, *, rank_tolerance: float = DEFAULT_RANK_TOLERANCE
+) -> LeastSquaresSolution:
+    """Solve for the n unknowns from the square root of `row_count` scalar rows.
+
+    Columns are scaled here, once: QR decomposition itself does not depend on their scale.
+    """
+    R, z, rho = root[:-1, :-1], root[:-1, -1], root[-1, -1]
+    return solve_compressed(R, z, rho**2, row_count, rank_tolerance)

@@ -1,0 +1,128 @@
+"""From momentum rows to the target's parameters: one result type, offline and online."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.tree import SpatialInertia
+
+from cpid_drake.errors import InputError
+from cpid_drake.estimators.least_squares import (
+    DEFAULT_RANK_TOLERANCE,
+    LeastSquaresSolution,
+    solve_least_squares,
+)
+from cpid_drake.estimators.observability import describe_unobservable
+from cpid_drake.inertia import InertialParameters
+from cpid_drake.momentum import momentum_samples
+from cpid_drake.regressors import ROW_FAMILIES, RowFamily
+from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.telemetry import Telemetry
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What some samples say about the target.
+
+    Attributes:
+        family: the rows that were used.
+        solution: their least-squares solution, in the family's own unknowns.
+        sample_count: number of samples used.
+    """
+
+    family: RowFamily
+    solution: LeastSquaresSolution
+    sample_count: int
+
+    @property
+    def is_observable(self) -> bool:
+        """Whether the samples determine all ten parameters."""
+        return self.solution.is_observable
+
+    @property
+    def parameters(self) -> NDArray[np.float64]:
+        """(10,) m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz as estimated; NaN where not observable."""
+        return self.family.unknowns.to_parameters(self.solution.estimate)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(10, 10) covariance of `parameters`, to first order; NaN until all are observable."""
+        if not self.is_observable:
+            return np.full((10, 10), np.nan)
+        jacobian = self.family.unknowns.jacobian(self.solution.estimate)
+        return jacobian @ self.solution.covariance @ jacobian.T
+
+    def raw(self) -> InertialParameters:
+        """Return the estimate as it is: no rigid body may have it.
+
+        Raises:
+            InputError: the samples do not determine all ten parameters.
+        """
+        if not self.is_observable:
+            raise InputError(self.explain())
+        return InertialParameters.from_vector(self.parameters)
+
+    def feasible(self) -> InertialParameters:
+        """Return the physically possible parameters nearest to the estimate, in its own metric.
+
+        Raises:
+            InputError: the samples do not determine all ten parameters.
+        """
+        raw = self.raw()
+        inverse = np.linalg.inv(self.family.unknowns.jacobian(self.solution.estimate))
+        return raw.nearest_feasible(inverse.T @ self.solution.information @ inverse)
+
+    def spatial_inertia(self) -> SpatialInertia:
+        """Return the feasible estimate about C's origin, in C; all NaN until observable."""
+        if not self.is_observable:
+            return SpatialInertia.NaN()
+        return self.feasible().to_spatial_inertia()
+
+    def explain(self) -> str:
+        """Say in words what the samples determine."""
+        known = f"{self.sample_count} samples determine {self.solution.rank} of 10"
+        if self.is_observable:
+            return f"{known} parameters (condition {self.solution.condition_number:.3g})"
+        gap = describe_unobservable(self.solution.unobservable, self.family.unknowns.entries)
+        advice = "turn the target about further axes, or wait for more samples"
+        return f"{known}: {gap or 'no motion seen'}; {advice}"
+
+
+def row_family(name: str) -> RowFamily:
+    """Return the row family of this name.
+
+    Raises:
+        InputError: there is none.
+    """
+    if name not in ROW_FAMILIES:
+        raise InputError(f"no row family '{name}'; choose from {', '.join(ROW_FAMILIES)}")
+    return ROW_FAMILIES[name]
+
+
+def identify(
+    spacecraft: Spacecraft,
+    telemetry: Telemetry,
+    *,
+    rows: str = "eq18",
+    rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
+) -> Identification:
+    """Identify the target held by a spacecraft from telemetry, by batch least squares.
+
+    Args:
+        spacecraft: the known spacecraft.
+        telemetry: N samples of its motion at zero total momentum.
+        rows: "eq18" (Ning et al. 2016, Eq. 18) or "standard".
+        rank_tolerance: see `estimators.least_squares.DEFAULT_RANK_TOLERANCE`.
+
+    Raises:
+        InputError: no such rows, or telemetry of other joints.
+    """
+    family = row_family(rows)
+    if telemetry.joint_names != spacecraft.joint_names:
+        raise InputError(
+            f"telemetry of joints {', '.join(telemetry.joint_names)} is not of this spacecraft, "
+            f"whose joints are {', '.join(spacecraft.joint_names)}"
+        )
+    A, b = family.rows(momentum_samples(spacecraft.tree, telemetry))
+    solution = solve_least_squares(A, b, rank_tolerance=rank_tolerance)
+    return Identification(family, solution, len(telemetry))

@@ -1,0 +1,1 @@
+"""Joint motions: what the arms are commanded to do."""

@@ -1,0 +1,266 @@
+"""The tables and figures of the paper's study."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.report.scene import render_scenario
+from cpid_drake.report.style import COLORS, label_axes, saved_figure
+from cpid_drake.studies.paper import (
+    PAPER_DIGITS,
+    PAPER_FIGURE_7,
+    PAPER_TABLE_1,
+    PAPER_TABLE_2,
+    PaperStudy,
+    max_relative_error,
+    parameter_errors,
+)
+
+_TIME = "time [s]"
+
+
+def print_tables(study: PaperStudy, console: Console) -> None:
+    """Print the study's tables beside the paper's own values."""
+    _print_table_1(study, console)
+    _print_table_2(study, console)
+    _print_samples(study, console)
+    _print_checks(study, console)
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", header_style="bold")
+    table.add_column(columns[0])
+    for column in columns[1:]:
+        table.add_column(column, justify="right")
+    return table
+
+
+def _print_table_1(study: PaperStudy, console: Console) -> None:
+    exact = study.exact.parameters
+    rounded = study.rounded_to(PAPER_DIGITS).identification.parameters
+    paper = PAPER_TABLE_1.to_vector()
+    table = _table(
+        "Table 1. Identified parameters",
+        "",
+        "true",
+        "ten exact samples",
+        "rounded to 6 decimals",
+        "paper (6 decimals)",
+    )
+    rows = zip(PARAMETER_NAMES, PARAMETER_UNITS, study.truth.to_vector(), exact, rounded, paper)
+    for name, unit, true, ours, ours_rounded, theirs in rows:
+        table.add_row(
+            f"{name} [{unit}]",
+            f"{true:.7g}",
+            f"{ours + 0:.9f}",
+            f"{ours_rounded + 0:.6f}",
+            f"{theirs:.6f}",
+        )
+    table.add_section()
+    errors = [max_relative_error(values, study.truth) for values in (exact, rounded, paper)]
+    table.add_row("largest relative error", "", *(f"{error:.1e}" for error in errors))
+    console.print(table)
+    console.print(
+        "Relative: m over m, c over |c|, I over its trace. The paper's inertia violates the "
+        "triangle inequality;\nits own figure for its largest error is 5.2e-2, Ixx over Ixx.\n",
+        style="dim",
+        highlight=False,
+    )
+
+
+def _print_table_2(study: PaperStudy, console: Console) -> None:
+    table = _table(
+        "Table 2. Mass from data of so many decimals",
+        "digits",
+        "mass [kg]",
+        "largest relative error",
+        "paper's mass [kg]",
+    )
+    for case in study.rounded:
+        theirs = PAPER_TABLE_2.get(case.digits)
+        table.add_row(
+            str(case.digits),
+            f"{case.identification.parameters[0]:.9f}",
+            f"{case.max_relative_error:.1e}",
+            "" if theirs is None else f"{theirs:.6f}",
+        )
+    console.print(table)
+    console.print()
+
+
+def _print_samples(study: PaperStudy, console: Console) -> None:
+    table = _table(
+        "How many samples? (the paper: two)", "samples", "rank of 10", "largest relative error"
+    )
+    for case in study.by_count:
+        error = case.max_relative_error
+        table.add_row(
+            str(case.n),
+            str(case.rank),
+            f"{error:.1e}" if np.isfinite(error) else "not determined",
+        )
+    console.print(table)
+    console.print()
+
+
+def _print_checks(study: PaperStudy, console: Console) -> None:
+    table = _table("Checks", "", "here", "paper")
+    drift = [np.linalg.norm(x, axis=1).max() for x in (study.linear_drift, study.angular_drift)]
+    table.add_row("momentum drift in the simulation, linear [N·s]", f"{drift[0]:.1e}", "")
+    table.add_row("momentum drift in the simulation, angular [N·m·s]", f"{drift[1]:.1e}", "")
+    table.add_row(
+        "angular momentum seen in data of 6 decimals [N·m·s]",
+        f"{study.rounded_angular_momentum:.1e}",
+        "1e-2",
+    )
+    for name, ours in (
+        ("attitude", study.max_attitude_relative_error),
+        ("position", study.max_position_relative_error),
+    ):
+        table.add_row(
+            f"{name} error after re-simulation (Fig. 7)",
+            f"{ours:.4%}",
+            f"{PAPER_FIGURE_7[name]:.2%}",
+        )
+    table.add_row("online against batch, relative", f"{study.online_minus_batch:.1e}", "")
+    console.print(table)
+
+
+def write_figures(study: PaperStudy, folder: Path) -> list[Path]:
+    """Draw every figure of the study as PNG into a folder that exists; return the files."""
+    drawings = {
+        "figure3_configurations": _draw_configurations,
+        "figure5_joint_motion": _draw_joint_motion,
+        "figure6_base_response": _draw_base_response,
+        "figure7_errors": _draw_errors,
+        "table2_digits": _draw_digits,
+        "online_convergence": _draw_convergence,
+    }
+    files = []
+    for name, draw in drawings.items():
+        files.append(folder / f"{name}.png")
+        draw(study, files[-1])
+    return files
+
+
+def _draw_configurations(study: PaperStudy, path: Path) -> None:
+    states = study.simulation.spacecraft.to_states(study.telemetry.select([0, -1]))
+    pictures = render_scenario(study.simulation.scenario, list(states))
+    times = study.telemetry.time[[0, -1]]
+    with saved_figure(path, 11.0, 4.2) as figure:
+        panels = figure.subplots(1, 2)
+        for axes, picture, time, name in zip(panels, pictures, times, "AB", strict=True):
+            axes.imshow(picture)
+            axes.set_axis_off()
+            word = "Initial" if name == "A" else "Final"
+            axes.set_title(f"({name}) {word} configuration, t = {time:g} s")
+
+
+def _draw_joint_motion(study: PaperStudy, path: Path) -> None:
+    telemetry = study.telemetry
+    names = study.simulation.spacecraft.joint_names
+    moving = np.ptp(telemetry.q, axis=0) > 1e-6
+    with saved_figure(path, 9.5, 4.0) as figure:
+        panels = figure.subplots(1, 2)
+        lines = []
+        for k, (name, moves) in enumerate(zip(names, moving, strict=True)):
+            if not moves:
+                continue
+            style = {
+                "color": COLORS[k % 6],
+                "linestyle": "-" if k < 6 else "--",
+                "label": name.replace("_", " "),
+            }
+            lines += panels[0].plot(telemetry.time, np.degrees(telemetry.q[:, k]), **style)
+            panels[1].plot(telemetry.time, np.degrees(telemetry.qdot[:, k]), **style)
+        label_axes(panels[0], "Joint angles", _TIME, "angle [deg]")
+        label_axes(panels[1], "Joint rates", _TIME, "rate [deg/s]")
+        figure.legend(handles=lines, loc="outside right center")
+
+
+def _draw_base_response(study: PaperStudy, path: Path) -> None:
+    telemetry = study.telemetry
+    with saved_figure(path, 9.5, 6.0) as figure:
+        panels = figure.subplots(2, 2, sharex=True)
+        _draw_axes(panels[0, 0], telemetry.time, telemetry.p_WB - telemetry.p_WB[0], "xyz")
+        label_axes(panels[0, 0], "(A) Position of the base", "", "p_WB [m]")
+        _draw_axes(panels[0, 1], telemetry.time, telemetry.v_WB, "xyz")
+        label_axes(panels[0, 1], "(B) Velocity of the base", "", "v_WB [m/s]")
+        angles = np.degrees(telemetry.euler_321)
+        _draw_axes(panels[1, 0], telemetry.time, angles, ("yaw", "pitch", "roll"))
+        label_axes(panels[1, 0], "(C) Attitude of the base, 3-2-1", _TIME, "angle [deg]")
+        _draw_axes(panels[1, 1], telemetry.time, np.degrees(telemetry.w_WB), "xyz")
+        label_axes(panels[1, 1], "(D) Angular velocity of the base", _TIME, "w_WB [deg/s]")
+
+
+def _draw_errors(study: PaperStudy, path: Path) -> None:
+    time = study.telemetry.time
+    with saved_figure(path, 9.5, 3.6) as figure:
+        panels = figure.subplots(1, 2)
+        attitude = np.degrees(np.abs(study.attitude_error))
+        _draw_axes(panels[0], time, attitude, ("yaw", "pitch", "roll"))
+        label_axes(
+            panels[0],
+            f"(A) Attitude error, at most {study.max_attitude_relative_error:.2g} of the motion",
+            _TIME,
+            "|error| [deg]",
+        )
+        _draw_axes(panels[1], time, 1e3 * np.abs(study.position_error), "xyz")
+        label_axes(
+            panels[1],
+            f"(B) Position error, at most {study.max_position_relative_error:.2g} of the motion",
+            _TIME,
+            "|error| [mm]",
+        )
+
+
+def _draw_axes(
+    axes: Axes, time: NDArray[np.float64], values: NDArray[np.float64], names: str | tuple
+) -> None:
+    for column, name, color in zip(values.T, names, COLORS, strict=False):
+        axes.plot(time, column, color=color, label=name)
+    axes.legend(ncols=3, loc="best")
+
+
+def _draw_digits(study: PaperStudy, path: Path) -> None:
+    digits = [case.digits for case in study.rounded]
+    mass = [
+        abs(parameter_errors(case.identification.parameters, study.truth)[0])
+        for case in study.rounded
+    ]
+    theirs = [abs(value - study.truth.mass) / study.truth.mass for value in PAPER_TABLE_2.values()]
+    with saved_figure(path, 6.5, 3.8) as figure:
+        axes = figure.subplots()
+        largest = [case.max_relative_error for case in study.rounded]
+        axes.semilogy(list(PAPER_TABLE_2), theirs, "s--", color=COLORS[1], label="paper, mass")
+        axes.semilogy(digits, mass, "o-", color=COLORS[0], label="here, mass")
+        axes.semilogy(digits, largest, "^-", color=COLORS[2], label="here, worst of ten")
+        label_axes(
+            axes,
+            "Momentum that is conserved has no plateau",
+            "decimals of the data",
+            "relative error",
+        )
+        axes.set_xticks(digits)
+        axes.legend()
+
+
+def _draw_convergence(study: PaperStudy, path: Path) -> None:
+    time, estimates = study.telemetry.time, study.online_parameters
+    truth = study.truth.to_vector()
+    groups = (("mass", [0], "m [kg]"), ("centre of mass", [1, 2, 3], "c [m]"))
+    groups += (("moments of inertia", [4, 5, 6], "I [kg·m²]"),)
+    groups += (("products of inertia", [7, 8, 9], "I [kg·m²]"),)
+    with saved_figure(path, 9.5, 6.0) as figure:
+        for axes, (title, columns, unit) in zip(figure.subplots(2, 2).flat, groups, strict=True):
+            for j, color in zip(columns, COLORS, strict=False):
+                axes.axhline(truth[j], color=color, linewidth=5, alpha=0.25)
+                axes.plot(time, estimates[:, j], color=color, label=PARAMETER_NAMES[j])
+            label_axes(axes, f"Online estimate: {title}", _TIME, unit)
+            axes.set_xlim(time[0], time[-1])
+            axes.legend(title="line: estimate, band: truth", title_fontsize=8, ncols=3)

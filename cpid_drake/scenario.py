@@ -1,0 +1,197 @@
+"""A scenario: everything a simulated identification needs, as dataclasses and as YAML.
+
+Its values are numbers and names; `cpid_drake.simulation` turns them into a Drake Diagram.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.systems.analysis import SimulatorConfig
+
+from cpid_drake.errors import InputError
+from cpid_drake.inertia import InertialParameters
+from cpid_drake.model_files import models_directory, resolve_model
+from cpid_drake.motion.joint_motion import HalfCosine
+from cpid_drake.spacecraft import Spacecraft
+
+INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
+"""Drake's error-controlled schemes that conserve momentum well enough to identify with."""
+
+
+@dataclass
+class SpacecraftConfig:
+    """The known spacecraft: model file (path or package:// URI), base body and capture frame."""
+
+    model: str = ""
+    base: str = ""
+    capture_frame: str = ""
+
+
+@dataclass
+class TargetConfig:
+    """The target's truth, for the simulated plant only [kg, m, kg·m²]; a model for its look."""
+
+    mass: float = np.nan
+    p_CTcm_C: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    I_TTcm_C: np.ndarray = field(default_factory=lambda: np.full((3, 3), np.nan))
+    visual_model: str | None = None
+
+
+@dataclass
+class HalfCosineMotion:
+    """Half-cosine motion between two configurations [rad or m by joint name], T = duration [s]."""
+
+    duration: float = 10.0
+    initial: dict[str, float] = field(default_factory=dict)
+    final: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class ControllerConfig:
+    """The joint controller: whether its model holds the target, and its feedback gains."""
+
+    knows_target: bool = True
+    natural_frequency: float = 5.0
+    damping_ratio: float = 1.0
+
+
+@dataclass
+class IdentificationConfig:
+    """The identifier: row family, sampling period and time of the first sample [s]."""
+
+    rows: str = "eq18"
+    period: float = 1.0
+    offset: float = 1.0
+
+
+@dataclass
+class SimulationConfig:
+    """How long to simulate and how often to log [s], and Drake's simulator settings."""
+
+    duration: float = 10.0
+    log_period: float = 0.0625
+    simulator: SimulatorConfig = field(
+        default_factory=lambda: SimulatorConfig(
+            integration_scheme="runge_kutta3", max_step_size=0.05, accuracy=1e-9
+        )
+    )
+
+
+@dataclass
+class Scenario:
+    """A simulated identification, from spacecraft to simulator."""
+
+    spacecraft: SpacecraftConfig = field(default_factory=SpacecraftConfig)
+    target: TargetConfig = field(default_factory=TargetConfig)
+    joint_motion: HalfCosineMotion = field(default_factory=HalfCosineMotion)
+    controller: ControllerConfig = field(default_factory=ControllerConfig)
+    identification: IdentificationConfig = field(default_factory=IdentificationConfig)
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+
+    def make_spacecraft(self) -> Spacecraft:
+        """Return the known spacecraft.
+
+        Raises:
+            InputError: as `Spacecraft`.
+        """
+        config = self.spacecraft
+        return Spacecraft(config.model, base=config.base, capture_frame=config.capture_frame)
+
+    def target_truth(self) -> InertialParameters:
+        """Return the true target.
+
+        Raises:
+            InputError: not numbers of the right shape, or not a rigid body.
+        """
+        truth = InertialParameters(self.target.mass, self.target.p_CTcm_C, self.target.I_TTcm_C)
+        problems = truth.infeasibilities()
+        if problems:
+            raise InputError(f"target: not a rigid body: {'; '.join(problems)}")
+        return truth
+
+    def make_joint_motion(self, spacecraft: Spacecraft) -> HalfCosine:
+        """Return the joint motion of this spacecraft's joints.
+
+        Raises:
+            InputError: unknown joints, positions out of limits, or rates above the model's limits.
+        """
+        config = self.joint_motion
+        motion = HalfCosine(
+            spacecraft.configuration(config.initial, "joint_motion.initial"),
+            spacecraft.configuration(config.final, "joint_motion.final"),
+            config.duration,
+        )
+        excess = motion.peak_rates() > spacecraft.velocity_limits
+        if excess.any():
+            k = int(excess.argmax())
+            raise InputError(
+                f"joint_motion: {spacecraft.joint_names[k]} would reach "
+                f"{motion.peak_rates()[k]:.3g}, above its limit "
+                f"{spacecraft.velocity_limits[k]:.3g} rad/s; give a longer duration"
+            )
+        return motion
+
+
+def shipped_scenario(name: str) -> Path:
+    """Return the path of a scenario that comes with the package, such as "paper".
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    folder = models_directory() / "scenarios"
+    path = folder / f"{name}.yaml"
+    if not path.is_file():
+        names = ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
+        raise InputError(f"no shipped scenario '{name}'; choose from {names}")
+    return path
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a scenario from a YAML file; keys it leaves out keep their defaults.
+
+    Raises:
+        InputError: no such file, not YAML, unknown keys, or values of the wrong type or size.
+    """
+    file = resolve_model(path)
+    try:
+        scenario = yaml_load_typed(schema=Scenario, filename=str(file), defaults=Scenario())
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    except (RuntimeError, ValueError, TypeError, AttributeError, KeyError, OSError) as error:
+        # What Drake's reader raises for values that do not fit the schema.
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+    _check(scenario, str(path))
+    return scenario
+
+
+def _check(scenario: Scenario, where: str) -> None:
+    """Refuse what would fail deep inside Drake, or silently do something else."""
+    config = scenario.simulation
+    for name in ("model", "base", "capture_frame"):
+        if not getattr(scenario.spacecraft, name):
+            raise InputError(f"{where}: spacecraft.{name} is missing")
+    if np.shape(scenario.target.p_CTcm_C) != (3,) or np.shape(scenario.target.I_TTcm_C) != (3, 3):
+        raise InputError(f"{where}: target needs p_CTcm_C of 3 and I_TTcm_C of 3x3 numbers")
+    if not np.isfinite(scenario.target.mass):
+        raise InputError(f"{where}: target.mass is missing or not finite")
+    positive = {
+        "simulation.duration": config.duration,
+        "simulation.log_period": config.log_period,
+        "simulation.simulator.max_step_size": config.simulator.max_step_size,
+        "simulation.simulator.accuracy": config.simulator.accuracy,
+        "joint_motion.duration": scenario.joint_motion.duration,
+        "identification.period": scenario.identification.period,
+    }
+    for name, value in positive.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{where}: {name} must be a number > 0, not {value}")
+    scheme = config.simulator.integration_scheme
+    if scheme not in INTEGRATION_SCHEMES:
+        raise InputError(
+            f"{where}: simulation.simulator.integration_scheme must be one of "
+            f"{', '.join(INTEGRATION_SCHEMES)}, not '{scheme}'"
+        )
+

@@ -1,0 +1,193 @@
+"""A scenario becomes a Drake Diagram, and a run of it becomes telemetry."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+
+from cpid_drake.inertia import InertialParameters
+from cpid_drake.momentum import zero_momentum_base_twist
+from cpid_drake.motion.joint_motion import JointMotion
+from cpid_drake.scenario import Scenario
+from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.systems.identifier import MomentumIdentifier
+from cpid_drake.systems.joint_controller import JointController
+from cpid_drake.systems.joint_motion_source import JointMotionSource
+from cpid_drake.systems.target_visualizer import TargetVisualizer
+from cpid_drake.telemetry import Telemetry
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A scenario's Diagram and the systems in it that a caller asks for.
+
+    All state is in a Context: one Simulation serves any number of runs, each with its own.
+
+    Attributes:
+        scenario: what it was made from.
+        spacecraft: the known spacecraft.
+        truth: the target in the simulated plant.
+        joint_motion: the prescribed motion.
+        diagram: the whole diagram.
+        plant: spacecraft and target, in zero gravity.
+        identifier: the online identifier.
+        state_log: logs the plant's state.
+        parameter_log: logs the identifier's parameters.
+    """
+
+    scenario: Scenario
+    spacecraft: Spacecraft
+    truth: InertialParameters
+    joint_motion: JointMotion
+    diagram: Diagram
+    plant: MultibodyPlant
+    identifier: MomentumIdentifier
+    state_log: VectorLogSink
+    parameter_log: VectorLogSink
+
+    def make_simulator(self) -> Simulator:
+        """Return an initialized Simulator at t = 0: joints on their motion, zero total momentum."""
+        simulator = Simulator(self.diagram)
+        ApplySimulatorConfig(self.scenario.simulation.simulator, simulator)
+        context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        state = initial_state(self.spacecraft, self.truth, self.joint_motion)
+        self.plant.SetPositionsAndVelocities(context, state)
+        simulator.Initialize()
+        return simulator
+
+    def run(self) -> Context:
+        """Simulate the scenario's duration; the root Context returned holds logs and estimate."""
+        simulator = self.make_simulator()
+        simulator.AdvanceTo(self.scenario.simulation.duration)
+        simulator.AdvancePendingEvents()  # the sample that is due at the very end
+        return simulator.get_context().Clone()
+
+    def telemetry(self, root_context: Context) -> Telemetry:
+        """Return the logged motion of a run."""
+        log = self.state_log.FindLog(root_context)
+        times, first = np.unique(log.sample_times(), return_index=True)
+        return self.spacecraft.to_telemetry(times, log.data()[:, first].T)
+
+
+def initial_state(
+    spacecraft: Spacecraft, target: InertialParameters, motion: JointMotion
+) -> NDArray[np.float64]:
+    """Return the plant state (nx,) at t = 0 with B at W and zero total momentum.
+
+    Joints that already move at t = 0 push the base: unless the base is given the twist that cancels
+    their momentum, the simulation starts with momentum and the rows do not hold.
+    """
+    q, qdot, _ = motion.evaluate(0.0)
+    at_rest = Telemetry(
+        spacecraft.joint_names,
+        time=np.zeros(1),
+        quaternion_WB=[[1.0, 0.0, 0.0, 0.0]],
+        p_WB=np.zeros((1, 3)),
+        w_WB=np.zeros((1, 3)),
+        v_WB=np.zeros((1, 3)),
+        q=q[None],
+        qdot=qdot[None],
+    )
+    w_WB, v_WB = zero_momentum_base_twist(spacecraft.tree, target, at_rest)
+    return spacecraft.to_states(at_rest.with_base_twist(w_WB, v_WB))[0]
+
+
+def make_simulation(
+    scenario: Scenario,
+    *,
+    target: InertialParameters | None = None,
+    meshcat: Meshcat | None = None,
+) -> Simulation:
+    """Turn a scenario into a Diagram: motion, controller, plant, identifier, logs, visualization.
+
+    Args:
+        scenario: what to build.
+        target: simulate this target instead of the scenario's true one.
+        meshcat: draw there; without it no geometry is loaded at all.
+
+    Raises:
+        InputError: something in the scenario cannot be built; the message names it.
+    """
+    spacecraft = scenario.make_spacecraft()
+    truth = target or scenario.target_truth()
+    motion = scenario.make_joint_motion(spacecraft)
+
+    builder = DiagramBuilder()
+    plant = MultibodyPlant(time_step=0.0)
+    plant.set_name("plant")
+    scene_graph = None
+    if meshcat is not None:
+        _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
+    else:
+        builder.AddSystem(plant)
+    body = spacecraft.add_to(
+        plant,
+        truth,
+        scene_graph=scene_graph,
+        target_visual_model=scenario.target.visual_model,
+    )
+    state = plant.get_state_output_port()
+
+    controller = builder.AddSystem(_make_controller(scenario, spacecraft, truth))
+    source = builder.AddSystem(JointMotionSource(motion))
+    builder.Connect(source.GetOutputPort("desired_motion"), controller.GetInputPort("desired_motion"))
+    builder.Connect(state, controller.GetInputPort("state"))
+    builder.Connect(
+        controller.GetOutputPort("generalized_force"),
+        plant.get_applied_generalized_force_input_port(),
+    )
+
+    config = scenario.identification
+    identifier = MomentumIdentifier.AddToBuilder(
+        builder, spacecraft, state, rows=config.rows, period=config.period, offset=config.offset
+    )
+    state_log = LogVectorOutput(state, builder, scenario.simulation.log_period)
+    parameter_log = LogVectorOutput(
+        identifier.GetOutputPort("parameters"), builder, scenario.simulation.log_period
+    )
+    state_log.set_name("state_log")
+    parameter_log.set_name("parameter_log")
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
+        TargetVisualizer.AddToBuilder(
+            builder,
+            meshcat,
+            plant,
+            body,
+            identifier.GetOutputPort("spatial_inertia"),
+            truth=truth.to_spatial_inertia(),
+        )
+    diagram = builder.Build()
+    diagram.set_name("cpid")
+    return Simulation(
+        scenario,
+        spacecraft,
+        truth,
+        motion,
+        diagram,
+        plant,
+        identifier,
+        state_log,
+        parameter_log,
+    )
+
+
+def _make_controller(
+    scenario: Scenario, spacecraft: Spacecraft, truth: InertialParameters
+) -> JointController:
+    config = scenario.controller
+    believed = (
+        spacecraft.make_simulation_plant(truth) if config.knows_target else spacecraft.plant
+    )
+    return JointController(
+        spacecraft,
+        believed,
+        natural_frequency=config.natural_frequency,
+        damping_ratio=config.damping_ratio,
+    )

@@ -1,0 +1,1 @@
+"""Studies: whole experiments that answer one question each, without drawing or printing."""

@@ -1,0 +1,280 @@
+"""The study of Ning et al. 2016, from simulation to its tables and figures."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.errors import InputError
+from cpid_drake.identification import Identification, identify
+from cpid_drake.inertia import InertialParameters
+from cpid_drake.momentum import total_momentum
+from cpid_drake.scenario import Scenario
+from cpid_drake.simulation import Simulation, make_simulation
+from cpid_drake.telemetry import Telemetry
+
+PAPER_TABLE_1 = InertialParameters.from_vector(
+    [99.897213, 0.434876, 0.001487, -0.000866]
+    + [18.962848, 30.018296, 9.706598, -0.279775, -0.09017, -0.075827]
+)
+"""The parameters that Ning et al. 2016, Table 1, reports as identified."""
+
+PAPER_TABLE_2 = {
+    1: 234.521597,
+    2: 98.798019,
+    3: 99.015893,
+    4: 99.897745,
+    5: 99.895927,
+    6: 99.897213,
+    7: 99.897998,
+    8: 99.898010,
+    9: 99.897998,
+}
+"""Digits after the decimal point, and the mass [kg] that Ning et al. 2016, Table 2, reports."""
+
+PAPER_FIGURE_7 = {"attitude": 0.0025, "position": 0.0004}
+"""Largest relative errors after re-simulation that Ning et al. 2016 reports (Fig. 7)."""
+
+PAPER_DIGITS = 6
+"""Digits of the data behind Table 1: its mass is the entry for six digits in Table 2."""
+
+
+@dataclass(frozen=True)
+class RoundedCase:
+    """Identification from samples rounded to so many decimals."""
+
+    digits: int
+    identification: Identification
+    max_relative_error: float
+
+
+@dataclass(frozen=True)
+class SampleCase:
+    """Identification from the first n exact samples; the error is NaN below rank 10."""
+
+    n: int
+    rank: int
+    max_relative_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class PaperStudy:
+    """Everything that the tables and figures show.
+
+    Attributes:
+        simulation: the diagram that was run.
+        truth: the target that was simulated.
+        telemetry: the logged motion.
+        samples: the telemetry at the identifier's sampling instants.
+        exact: batch identification from `samples`.
+        rounded: the same from samples rounded to 1 … 12 decimals (Table 2).
+        by_count: the same from the first 1 … 10 exact samples.
+        online_parameters: (N, 10) the online identifier's estimate at `telemetry.time`.
+        online_minus_batch: largest difference of the online from the batch estimate at the end,
+            relative as `max_relative_error`.
+        linear_drift: (N, 3) total linear momentum about its start [N·s].
+        angular_drift: (N, 3) total angular momentum about W's origin, about its start [N·m·s].
+        rounded_linear_momentum: largest total linear momentum that the six-decimal samples show.
+        rounded_angular_momentum: largest total angular momentum that they show (paper: 1e-2).
+        resimulated_target: feasible parameters identified from six decimals, simulated again.
+        resimulated: the motion with those parameters.
+        attitude_error, position_error: (N, 3) resimulated minus true motion [rad, m] (Fig. 7).
+    """
+
+    simulation: Simulation
+    truth: InertialParameters
+    telemetry: Telemetry
+    samples: Telemetry
+    exact: Identification
+    rounded: list[RoundedCase]
+    by_count: list[SampleCase]
+    online_parameters: NDArray[np.float64]
+    online_minus_batch: float
+    linear_drift: NDArray[np.float64]
+    angular_drift: NDArray[np.float64]
+    rounded_linear_momentum: float
+    rounded_angular_momentum: float
+    resimulated_target: InertialParameters
+    resimulated: Telemetry
+    attitude_error: NDArray[np.float64]
+    position_error: NDArray[np.float64]
+
+    def rounded_to(self, digits: int) -> RoundedCase:
+        """Return the case of so many decimals."""
+        return next(case for case in self.rounded if case.digits == digits)
+
+    @property
+    def max_attitude_relative_error(self) -> float:
+        """Fig. 7's figure for attitude; see `peak_relative_error`."""
+        return peak_relative_error(self.attitude_error, self.telemetry.euler_321)
+
+    @property
+    def max_position_relative_error(self) -> float:
+        """Fig. 7's figure for position; see `peak_relative_error`."""
+        return peak_relative_error(self.position_error, self.telemetry.p_WB)
+
+
+def parameter_errors(
+    parameters: NDArray[np.float64], truth: InertialParameters
+) -> NDArray[np.float64]:
+    """Return (10,) errors of π against the truth: m over m, c over |c|, I over the trace of I."""
+    scale = np.concatenate(
+        [
+            [truth.mass],
+            np.full(3, np.linalg.norm(truth.p_CTcm_C)),
+            np.full(6, np.trace(truth.I_TTcm_C)),
+        ]
+    )
+    return (parameters - truth.to_vector()) / scale
+
+
+def max_relative_error(parameters: NDArray[np.float64], truth: InertialParameters) -> float:
+    """Return the largest magnitude of `parameter_errors`; NaN if an entry is NaN."""
+    return float(np.abs(parameter_errors(parameters, truth)).max())
+
+
+def peak_relative_error(error: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
+    """Return the largest error (N, 3) over the largest excursion of the same axis, worst axis.
+
+    Ning et al. 2016 give "the maximum relative error" of angle and position. An error over the
+    value at the same instant would be without bound wherever a curve crosses zero, so the peak of
+    an axis's error is set against the peak of its own motion.
+    """
+    excursion = np.abs(reference - reference[0]).max(axis=0)
+    return float((np.abs(error).max(axis=0) / excursion).max())
+
+
+def run_paper_study(
+    scenario: Scenario, progress: Callable[[str], None] = lambda step: None
+) -> PaperStudy:
+    """Simulate the scenario, identify online and in batch, and repeat it as the paper did.
+
+    Args:
+        scenario: as `models/scenarios/paper.yaml`.
+        progress: called with a few words at the start of every step.
+
+    Raises:
+        InputError: the scenario cannot be built, or its samples do not determine the target.
+    """
+    progress("simulating the motion")
+    simulation = make_simulation(scenario)
+    spacecraft, truth = simulation.spacecraft, simulation.truth
+    context = simulation.run()
+    telemetry = simulation.telemetry(context)
+    rows = scenario.identification.rows
+
+    progress("identifying")
+    samples = telemetry.at(sampling_times(scenario))
+    exact = identify(spacecraft, samples, rows=rows)
+    if not exact.is_observable:
+        raise InputError(f"the scenario does not identify its target: {exact.explain()}")
+    identifier_context = simulation.identifier.GetMyContextFromRoot(context)
+    online = simulation.identifier.identification(identifier_context)
+    parameter_log = simulation.parameter_log.FindLog(context)
+    _, first = np.unique(parameter_log.sample_times(), return_index=True)
+    difference = truth.to_vector() + online.parameters - exact.parameters
+
+    rounded = []
+    for digits in range(1, 13):
+        found = identify(spacecraft, samples.rounded(digits), rows=rows)
+        rounded.append(RoundedCase(digits, found, max_relative_error(found.parameters, truth)))
+    by_count = []
+    for n in range(1, len(samples) + 1):
+        found = identify(spacecraft, samples.select(slice(0, n)), rows=rows)
+        error = max_relative_error(found.parameters, truth)
+        by_count.append(SampleCase(n, found.solution.rank, error))
+
+    P, L = total_momentum(spacecraft.tree, truth, telemetry)
+    P_6, L_6 = total_momentum(spacecraft.tree, truth, samples.rounded(PAPER_DIGITS))
+
+    progress("simulating again with the identified parameters")
+    identified = rounded[PAPER_DIGITS - 1].identification
+    if not identified.is_observable:
+        raise InputError(f"rounded to six decimals, {identified.explain()}")
+    feasible = identified.feasible()
+    again = make_simulation(scenario, target=feasible)
+    resimulated = again.telemetry(again.run())
+
+    return PaperStudy(
+        simulation=simulation,
+        truth=truth,
+        telemetry=telemetry,
+        samples=samples,
+        exact=exact,
+        rounded=rounded,
+        by_count=by_count,
+        online_parameters=parameter_log.data()[:, first].T.copy(),
+        online_minus_batch=max_relative_error(difference, truth),
+        linear_drift=P - P[0],
+        angular_drift=L - L[0],
+        rounded_linear_momentum=float(np.linalg.norm(P_6, axis=1).max()),
+        rounded_angular_momentum=float(np.linalg.norm(L_6, axis=1).max()),
+        resimulated_target=feasible,
+        resimulated=resimulated,
+        attitude_error=resimulated.euler_321 - telemetry.euler_321,
+        position_error=resimulated.p_WB - telemetry.p_WB,
+    )
+
+
+def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
+    """Return the instants at which the scenario's identifier takes its samples [s]."""
+    config, duration = scenario.identification, scenario.simulation.duration
+    count = int(np.floor((duration - config.offset) / config.period + 1e-9)) + 1
+    if count < 1:
+        raise InputError(
+            f"identification starts at {config.offset:g} s, after the simulation's end"
+        )
+    return config.offset + config.period * np.arange(count)
+
+
+def summarize(study: PaperStudy, wall_seconds: float) -> dict:
+    """Return the study's numbers for `summary.json`; what does not exist is None."""
+
+    def table_1(found: Identification) -> dict:
+        parameters = found.parameters
+        return {
+            "mass": _number(parameters[0]),
+            "com": [_number(value) for value in parameters[1:4]],
+            "inertia": [_number(value) for value in parameters[4:]],
+            "max_relative_error": _number(max_relative_error(parameters, study.truth)),
+        }
+
+    return {
+        "table1": {
+            "exact": table_1(study.exact),
+            "rounded6": table_1(study.rounded_to(PAPER_DIGITS).identification),
+        },
+        "table2": [
+            {
+                "digits": case.digits,
+                "mass": _number(case.identification.parameters[0]),
+                "max_relative_error": _number(case.max_relative_error),
+            }
+            for case in study.rounded
+        ],
+        "figure7": {
+            "max_attitude_relative_error": study.max_attitude_relative_error,
+            "max_position_relative_error": study.max_position_relative_error,
+        },
+        "momentum": {
+            "max_linear_drift": float(np.linalg.norm(study.linear_drift, axis=1).max()),
+            "max_angular_drift": float(np.linalg.norm(study.angular_drift, axis=1).max()),
+            "rounded6_linear": study.rounded_linear_momentum,
+            "rounded6_angular": study.rounded_angular_momentum,
+        },
+        "samples": [
+            {
+                "n": case.n,
+                "rank": case.rank,
+                "max_relative_error": _number(case.max_relative_error),
+            }
+            for case in study.by_count
+        ],
+        "online_minus_batch": study.online_minus_batch,
+        "wall_seconds": wall_seconds,
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

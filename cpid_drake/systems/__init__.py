@@ -1,0 +1,1 @@
+"""Drake LeafSystems: thin shells on the NumPy code, with all state in the Context."""

@@ -1,0 +1,192 @@
+"""The identifier as a Drake system."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+    ValueProducer,
+)
+
+from cpid_drake.errors import InputError
+from cpid_drake.estimators.least_squares import DEFAULT_RANK_TOLERANCE
+from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
+from cpid_drake.identification import Identification, row_family
+from cpid_drake.spacecraft import Spacecraft
+
+DIAGNOSTICS = ("samples", "rank", "condition", "residual")
+"""Entries of the `diagnostics` output, in order."""
+
+
+class MomentumIdentifier(LeafSystem):
+    """Identifies the target's ten inertial parameters online, from momentum conservation.
+
+    At every period it takes one sample of the spacecraft's state, forms the six rows of Ning et al.
+    2016, Eq. 18 (or the standard rows) and folds them into a square-root information filter, which
+    is its discrete state. It holds the *known* spacecraft only.
+
+    .. pydrake_system::
+
+        name: MomentumIdentifier
+        input_ports:
+        - spacecraft_state
+        output_ports:
+        - parameters
+        - covariance
+        - spatial_inertia
+        - diagnostics
+
+    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds nothing).
+    - `parameters` (10): m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg, m, kg·m²] as estimated; see
+      `inertia.PARAMETER_NAMES`. An entry is NaN until it is observable.
+    - `covariance` (100): of the parameters, row by row; NaN until all are observable.
+    - `spatial_inertia` (abstract `SpatialInertia`): the nearest physically possible estimate, about
+      C's origin, in C; NaN until all are observable.
+    - `diagnostics` (4): number of samples, rank (10 when all is observable), condition number of
+      the scaled rows (infinite below rank 10), residual RMS. See `DIAGNOSTICS`.
+
+    `identification(context)` gives the same, with `explain()` saying in words what is missing.
+
+    Args:
+        spacecraft: the known spacecraft.
+        rows: "eq18" or "standard".
+        period: time between samples [s]; the paper's is 1 s.
+        offset: time of the first sample [s]; the paper's is 1 s, since at rest nothing is seen.
+        rank_tolerance: see `estimators.least_squares.DEFAULT_RANK_TOLERANCE`.
+
+    Raises:
+        InputError: no such rows, a period that is not positive, or a negative offset; and, when a
+            sample is taken, a state that is not finite.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        *,
+        rows: str = "eq18",
+        period: float = 1.0,
+        offset: float = 1.0,
+        rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
+    ) -> None:
+        super().__init__()
+        self.set_name("momentum_identifier")
+        if not (np.isfinite(period) and period > 0):
+            raise InputError(f"identification period must be > 0 s, not {period:g}")
+        if not (np.isfinite(offset) and offset >= 0):
+            raise InputError(f"identification offset must be >= 0 s, not {offset:g}")
+        self._spacecraft = spacecraft
+        self._family = row_family(rows)
+        self._rank_tolerance = rank_tolerance
+        # Scratch for kinematics, overwritten by every sample: nothing is remembered in it.
+        self._plant_context = spacecraft.plant.CreateDefaultContext()
+
+        self.DeclareVectorInputPort("spacecraft_state", spacecraft.plant.num_multibody_states())
+        self._root_index = self.DeclareDiscreteState(empty_root().ravel())
+        self._count_index = self.DeclareDiscreteState([0.0])
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=period, offset_sec=offset, update=self._take_sample
+        )
+        self._solution = self.DeclareCacheEntry(
+            "identification",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._solve),
+            prerequisites_of_calc={self.xd_ticket()},
+        )
+        state_only = {self.cache_entry_ticket(self._solution.cache_index())}
+        self.DeclareVectorOutputPort(
+            name="parameters", size=10, calc=self._calc_parameters, prerequisites_of_calc=state_only
+        )
+        self.DeclareVectorOutputPort(
+            name="covariance", size=100, calc=self._calc_covariance, prerequisites_of_calc=state_only
+        )
+        self.DeclareAbstractOutputPort(
+            name="spatial_inertia",
+            alloc=lambda: Value(SpatialInertia.NaN()),
+            calc=self._calc_spatial_inertia,
+            prerequisites_of_calc=state_only,
+        )
+        self.DeclareVectorOutputPort(
+            name="diagnostics",
+            size=len(DIAGNOSTICS),
+            calc=self._calc_diagnostics,
+            prerequisites_of_calc=state_only,
+        )
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder, spacecraft: Spacecraft, state_port: OutputPort, **options
+    ) -> "MomentumIdentifier":
+        """Add an identifier and connect its input to a state output port.
+
+        Args:
+            builder: the diagram's builder.
+            spacecraft: the known spacecraft.
+            state_port: x = [q; v], usually `plant.get_state_output_port()` or a sensor model's.
+            options: as for the constructor.
+
+        Raises:
+            InputError: the port is not of the size of this spacecraft's state.
+        """
+        expected = spacecraft.plant.num_multibody_states()
+        if state_port.size() != expected:
+            raise InputError(
+                f"port '{state_port.get_name()}' has {state_port.size()} entries, but the state of "
+                f"{spacecraft.model} has {expected}: connect a state of the same joints"
+            )
+        identifier = builder.AddSystem(MomentumIdentifier(spacecraft, **options))
+        builder.Connect(state_port, identifier.GetInputPort("spacecraft_state"))
+        return identifier
+
+    def identification(self, context: Context) -> Identification:
+        """Return the identification that this system's context holds."""
+        return self._solution.Eval(context)
+
+    def update(
+        self, root: NDArray[np.float64], state: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the square root (11, 11) after one sample x = [q; v] has been folded into `root`."""
+        plant, context = self._spacecraft.plant, self._plant_context
+        plant.SetPositionsAndVelocities(context, state)
+        sample = self._spacecraft.momentum_sample(context)
+        return update_root(root, self._family.augmented_rows(sample))
+
+    def _take_sample(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+        state = self.GetInputPort("spacecraft_state").Eval(context)
+        if not np.isfinite(state).all():
+            raise InputError(
+                f"{self.GetSystemPathname()}: spacecraft_state is not finite at "
+                f"t = {context.get_time():g} s (entry {int((~np.isfinite(state)).argmax())})"
+            )
+        root = context.get_discrete_state(self._root_index).value().reshape(11, 11)
+        discrete_state.set_value(self._root_index, self.update(root, state).ravel())
+        count = context.get_discrete_state(self._count_index)[0] + 1
+        discrete_state.set_value(self._count_index, [count])
+        return EventStatus.Succeeded()
+
+    def _solve(self, context: Context, value: AbstractValue) -> None:
+        root = context.get_discrete_state(self._root_index).value().reshape(11, 11)
+        count = int(context.get_discrete_state(self._count_index)[0])
+        solution = solve_root(root, 6 * count, rank_tolerance=self._rank_tolerance)
+        value.set_value(Identification(self._family, solution, count))
+
+    def _calc_parameters(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.identification(context).parameters)
+
+    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.identification(context).covariance.ravel())
+
+    def _calc_spatial_inertia(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self.identification(context).spatial_inertia())
+
+    def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
+        result = self.identification(context)
+        solution = result.solution
+        output.SetFromVector(
+            [result.sample_count, solution.rank, solution.condition_number, solution.residual_rms]
+        )

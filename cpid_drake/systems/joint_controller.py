@@ -1,0 +1,101 @@
+"""Computed torque for a tree of joints on a free base."""
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import MultibodyForces
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from cpid_drake.errors import InputError
+from cpid_drake.spacecraft import Spacecraft
+
+
+class JointController(LeafSystem):
+    """Drives the joints of a free-floating spacecraft along a desired motion; the base is left free.
+
+    Computed torque with the base eliminated. From the equations of motion M v̇ + C = τ + τ_applied
+    without force on the base, its acceleration is a_B = M_BB⁻¹ (τ_applied,B − C_B − M_BJ a_J), and
+    the joints need τ_J = M_JB a_B + M_JJ a_J + C_J − τ_applied,J for the acceleration
+    a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q). The torques act between the links: momentum is
+    conserved, whatever the model.
+
+    With a plant that holds the target the joints follow the desired motion exactly; with
+    `spacecraft.plant` the controller is blind to the target, and the feedback has to do its part.
+
+    .. pydrake_system::
+
+        name: JointController
+        input_ports:
+        - state
+        - desired_motion
+        output_ports:
+        - generalized_force
+
+    - `state`: x = [q; v] of the spacecraft's plant.
+    - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints.
+    - `generalized_force`: for the plant's applied-generalized-force port; zero on the base.
+
+    Args:
+        spacecraft: the spacecraft to be controlled.
+        plant: the model that the controller believes in, with or without target; its state must be
+            laid out as the spacecraft's.
+        natural_frequency: ω of the joint errors [rad/s].
+        damping_ratio: ζ of the joint errors.
+
+    Raises:
+        InputError: a plant of another layout, or gains that are not positive.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        plant: MultibodyPlant,
+        *,
+        natural_frequency: float = 5.0,
+        damping_ratio: float = 1.0,
+    ) -> None:
+        super().__init__()
+        self.set_name("joint_controller")
+        if plant.GetPositionNames() != spacecraft.plant.GetPositionNames():
+            raise InputError("the controller's plant is not of the spacecraft's joints")
+        if not (natural_frequency > 0 and damping_ratio > 0):
+            raise InputError(
+                "controller gains must be > 0: natural_frequency "
+                f"{natural_frequency:g}, damping_ratio {damping_ratio:g}"
+            )
+        self._plant = plant
+        self._plant_context = plant.CreateDefaultContext()  # scratch, overwritten at every call
+        self._forces = MultibodyForces(plant)
+        self._stiffness = natural_frequency**2
+        self._damping = 2 * damping_ratio * natural_frequency
+        self._q_columns, self._v_columns = spacecraft.joint_state_columns
+        self._J = self._v_columns - plant.num_positions()
+        self._B = np.setdiff1d(np.arange(plant.num_velocities()), self._J)
+
+        self.DeclareVectorInputPort("state", plant.num_multibody_states())
+        self.DeclareVectorInputPort("desired_motion", 3 * len(self._J))
+        self.DeclareVectorOutputPort(
+            name="generalized_force",
+            size=plant.num_velocities(),
+            calc=self._calc_generalized_force,
+            prerequisites_of_calc={self.all_input_ports_ticket()},
+        )
+
+    def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
+        state = self.GetInputPort("state").Eval(context)
+        q_d, qdot_d, qddot_d = self.GetInputPort("desired_motion").Eval(context).reshape(3, -1)
+        plant, model = self._plant, self._plant_context
+        plant.SetPositionsAndVelocities(model, state)
+        a_J = (
+            qddot_d
+            + self._damping * (qdot_d - state[self._v_columns])
+            + self._stiffness * (q_d - state[self._q_columns])
+        )
+        M = plant.CalcMassMatrix(model)
+        plant.CalcForceElementsContribution(model, self._forces)
+        bias = plant.CalcBiasTerm(model) - plant.CalcGeneralizedForces(model, self._forces)
+        B, J = self._B, self._J
+        M_BB, M_BJ, M_JJ = M[np.ix_(B, B)], M[np.ix_(B, J)], M[np.ix_(J, J)]
+        a_B = np.linalg.solve(M_BB, -bias[B] - M_BJ @ a_J)
+        force = np.zeros(plant.num_velocities())
+        force[J] = M_BJ.T @ a_B + M_JJ @ a_J + bias[J]
+        output.SetFromVector(force)
