@@ -21,6 +21,7 @@ def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], Rig
     Returns:
         Semi-diameters (3,) [m], none less than 2 % of the largest so that a flat body can be seen,
         and the pose X_CE of the ellipsoid's frame E in C.
+
     """
     semi_diameters, X_CE = M_TCo_C.CalcPrincipalSemiDiametersAndPoseForSolidEllipsoid()
     return np.maximum(semi_diameters, max(0.02 * semi_diameters.max(), 1e-4)), X_CE
@@ -39,6 +40,7 @@ def add_target_appearance(
 
     Raises:
         InputError: the model file cannot be read, or its bodies can move against each other.
+
     """
     if visual_model is None:
         semi_diameters, X_CE = inertia_ellipsoid(M_TCo_C)

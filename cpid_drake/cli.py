@@ -13,7 +13,7 @@ from cpid_drake.errors import InputError
 
 app = typer.Typer(
     name="cpid",
-    help="Identify a captured target's mass, centre of mass and inertia from momentum conservation.",
+    help="Identify a captured target's inertial parameters from momentum conservation.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -31,7 +31,9 @@ def paper(
     scenario: Annotated[
         Path | None, typer.Option(help="Scenario to run instead of the paper's own.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no tables and no progress.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="Print no tables and no progress.")
+    ] = False,
 ) -> None:
     """Run the study of Ning et al. 2016: simulate, identify, print its tables, draw its figures."""
     start = time.perf_counter()
@@ -66,11 +68,19 @@ def _make_folder(path: Path) -> None:
 
 
 def main() -> None:
-    """Run `cpid`; bad input ends in one line on stderr and exit code 2."""
+    """Run `cpid`; bad input or usage ends in one line on stderr and exit code 2."""
     try:
         code = app(standalone_mode=False)
     except InputError as error:
         code = _fail(str(error))
+    except KeyboardInterrupt:
+        code = 130
+    except Exception as error:
+        # Usage errors: their class is Typer's or Click's, depending on Typer's version.
+        if not hasattr(error, "format_message"):
+            raise
+        message = error.format_message()  # empty where the help has been printed instead
+        code = _fail(message) if message else 2
     sys.exit(code or 0)
 
 

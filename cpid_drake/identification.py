@@ -28,6 +28,7 @@ class Identification:
         family: the rows that were used.
         solution: their least-squares solution, in the family's own unknowns.
         sample_count: number of samples used.
+
     """
 
     family: RowFamily
@@ -57,6 +58,7 @@ class Identification:
 
         Raises:
             InputError: the samples do not determine all ten parameters.
+
         """
         if not self.is_observable:
             raise InputError(self.explain())
@@ -67,6 +69,7 @@ class Identification:
 
         Raises:
             InputError: the samples do not determine all ten parameters.
+
         """
         raw = self.raw()
         inverse = np.linalg.inv(self.family.unknowns.jacobian(self.solution.estimate))
@@ -93,6 +96,7 @@ def row_family(name: str) -> RowFamily:
 
     Raises:
         InputError: there is none.
+
     """
     if name not in ROW_FAMILIES:
         raise InputError(f"no row family '{name}'; choose from {', '.join(ROW_FAMILIES)}")
@@ -116,6 +120,7 @@ def identify(
 
     Raises:
         InputError: no such rows, or telemetry of other joints.
+
     """
     family = row_family(rows)
     if telemetry.joint_names != spacecraft.joint_names:

@@ -163,6 +163,7 @@ class InertialParameters:
 
     Raises:
         InputError: wrong shape, an entry that is not finite, or an inertia that is not symmetric.
+
     """
 
     mass: float
@@ -257,6 +258,7 @@ class InertialParameters:
 
         Raises:
             InputError: no rigid body has these parameters; `nearest_feasible()` gives some.
+
         """
         problems = self.infeasibilities()
         if problems:
@@ -314,6 +316,7 @@ class InertialParameters:
         Raises:
             InputError: `information` is not a finite, symmetric, positive definite matrix.
             RuntimeError: the solver failed.
+
         """
         if self.is_feasible():
             return self
@@ -342,7 +345,7 @@ class InertialParameters:
         program.AddL2NormCostUsingConicConstraint(root, np.zeros(10), change)
         program.AddPositiveSemidefiniteConstraint(pseudo)
         if self.mass <= 0:
-            # A body that is to be simulated has some mass: a thousandth of the estimate's magnitude.
+            # A body to be simulated has some mass: a thousandth of the estimate's magnitude.
             least_change = (1e-3 - center[0] / scale[0]) / violation
             program.AddBoundingBoxConstraint(least_change, np.inf, change[0])
         result = ClarabelSolver().Solve(program)
@@ -354,7 +357,7 @@ class InertialParameters:
         return InertialParameters.from_standard_vector(solution)._inside_the_limits()
 
     def _inside_the_limits(self) -> "InertialParameters":
-        """Clear a solver's tolerance (1e-8) and rounding: the least move to a strictly valid body."""
+        """Clear the solver's tolerance and rounding: the least move to a strictly valid body."""
         inertia = self.I_TTcm_C
         second_moment = np.trace(inertia) / 2 * np.eye(3) - inertia
         values, axes = np.linalg.eigh(second_moment)
@@ -386,9 +389,7 @@ def _pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
     return pseudo
 
 
-def _information_root(
-    information: ArrayLike, jacobian: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _information_root(information: ArrayLike, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return R (10, 10) with RᵀR = Jᵀ Λ J up to a factor, Λ checked to be positive definite."""
     information = np.asarray(information, dtype=float)
     if information.shape != (10, 10) or not np.isfinite(information).all():

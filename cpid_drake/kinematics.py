@@ -27,6 +27,7 @@ class TreeBody:
         mass: [kg].
         p_BBcm: (3,) centre of mass in the body's frame [m].
         I_BBcm: (3, 3) inertia about the centre of mass in the body's frame [kg·m²].
+
     """
 
     name: str
@@ -62,6 +63,7 @@ class BodyMotion:
         r: (K, N, 3) centres of mass [m]; the paper's r_k.
         w: (K, N, 3) angular velocities [rad/s].
         v: (K, N, 3) velocities of the centres of mass [m/s].
+
     """
 
     R: NDArray[np.float64]
@@ -79,6 +81,7 @@ class CaptureMotion:
         p_WC: (N, 3) position of C's origin in W [m]; the paper's d_no.
         w_WC: (N, 3) angular velocity in W [rad/s].
         v_WC: (N, 3) velocity of C's origin in W [m/s].
+
     """
 
     R_WC: NDArray[np.float64]
@@ -100,15 +103,14 @@ def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
 
 
-def angular_velocity(
-    w_m: ArrayLike, H_k: ArrayLike, qdot_k: ArrayLike
-) -> NDArray[np.float64]:
+def angular_velocity(w_m: ArrayLike, H_k: ArrayLike, qdot_k: ArrayLike) -> NDArray[np.float64]:
     """ω_k = ω_m + H_k q̇_k (Ning et al. 2016, Eq. 1).
 
     Args:
         w_m: (N, 3) angular velocity of the inboard body m, in W [rad/s].
         H_k: (N, 3) unit vector of joint k's axis, in W; zero for a sliding joint.
         qdot_k: (N,) joint rate [rad/s].
+
     """
     return np.asarray(w_m) + np.asarray(H_k) * np.asarray(qdot_k)[:, None]
 
@@ -120,6 +122,7 @@ def centroid_position(r_m: ArrayLike, b_m: ArrayLike, c_k: ArrayLike) -> NDArray
         r_m: (N, 3) centre of mass of the inboard body m, in W [m].
         b_m: (N, 3) from m's centre of mass to joint k, in W [m].
         c_k: (N, 3) from joint k to body k's centre of mass, in W [m].
+
     """
     return np.asarray(r_m) + np.asarray(b_m) + np.asarray(c_k)
 

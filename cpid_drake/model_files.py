@@ -11,7 +11,7 @@ MODELS_PACKAGE = "cpid_drake_models"
 
 
 def models_directory() -> Path:
-    """Return the folder of the shipped models: beside the modules in a wheel, else the checkout's."""
+    """Return the folder of the shipped models: in the package if installed, else the checkout's."""
     package = Path(__file__).resolve().parent
     installed = package / "models"
     return installed if installed.is_dir() else package.parent / "models"
@@ -22,6 +22,7 @@ def package_map(packages: Mapping[str, str | Path] | None = None) -> PackageMap:
 
     Raises:
         InputError: a folder does not exist, or a name is already taken.
+
     """
     result = PackageMap()
     result.Add(MODELS_PACKAGE, str(models_directory()))
@@ -39,6 +40,7 @@ def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:
 
     Raises:
         InputError: the package is unknown, the URI scheme is not `package`, or no such file exists.
+
     """
     text = str(uri)
     packages = packages or package_map()

@@ -23,6 +23,7 @@ class MomentumSamples:
         motion: pose and velocity of the capture frame C.
         P: (N, 3) linear momentum of the known bodies, in W [N·s].
         L: (N, 3) their angular momentum about C's origin, in W [N·m·s].
+
     """
 
     motion: CaptureMotion
@@ -47,6 +48,7 @@ def angular_momentum(
     Args:
         p_WQ: (N, 3) or (3,) the point; the origin of W gives the sum in Ning et al. 2016, Eq. 9,
             the capture point (d_no) the one in Eqs. 10, 14 and 18.
+
     """
     total = np.zeros(motion.r.shape[1:])
     for k, body in enumerate(tree.bodies):
@@ -106,6 +108,7 @@ def zero_momentum_base_twist(
 
     Args:
         target: what is held; for the spacecraft alone, one of zero mass and inertia.
+
     """
     N = len(telemetry)
     columns = np.empty((N, 6, 7))
@@ -129,7 +132,7 @@ def zero_momentum_base_twist(
 def _momentum_about_base(
     tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(P, L) of spacecraft and target with L about B's origin, where the equations are well scaled."""
+    """(P, L) of spacecraft and target, L about B's origin: well scaled wherever B is."""
     samples = momentum_samples(tree, telemetry)
     P_T, L_T = target_momentum(target, samples.motion)
     P = samples.P + P_T

@@ -135,6 +135,7 @@ class RowFamily:
     Attributes:
         name: as in scenarios and on the command line.
         unknowns: what the ten columns stand for.
+
     """
 
     name: str

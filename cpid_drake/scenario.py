@@ -96,6 +96,7 @@ class Scenario:
 
         Raises:
             InputError: as `Spacecraft`.
+
         """
         config = self.spacecraft
         return Spacecraft(config.model, base=config.base, capture_frame=config.capture_frame)
@@ -105,6 +106,7 @@ class Scenario:
 
         Raises:
             InputError: not numbers of the right shape, or not a rigid body.
+
         """
         truth = InertialParameters(self.target.mass, self.target.p_CTcm_C, self.target.I_TTcm_C)
         problems = truth.infeasibilities()
@@ -117,6 +119,7 @@ class Scenario:
 
         Raises:
             InputError: unknown joints, positions out of limits, or rates above the model's limits.
+
         """
         config = self.joint_motion
         motion = HalfCosine(
@@ -140,6 +143,7 @@ def shipped_scenario(name: str) -> Path:
 
     Raises:
         InputError: there is none of this name.
+
     """
     folder = models_directory() / "scenarios"
     path = folder / f"{name}.yaml"
@@ -154,6 +158,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
     Raises:
         InputError: no such file, not YAML, unknown keys, or values of the wrong type or size.
+
     """
     file = resolve_model(path)
     try:
@@ -194,4 +199,3 @@ def _check(scenario: Scenario, where: str) -> None:
             f"{where}: simulation.simulator.integration_scheme must be one of "
             f"{', '.join(INTEGRATION_SCHEMES)}, not '{scheme}'"
         )
-

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import RigidBody
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
@@ -39,6 +38,7 @@ class Simulation:
         identifier: the online identifier.
         state_log: logs the plant's state.
         parameter_log: logs the identifier's parameters.
+
     """
 
     scenario: Scenario
@@ -113,6 +113,7 @@ def make_simulation(
 
     Raises:
         InputError: something in the scenario cannot be built; the message names it.
+
     """
     spacecraft = scenario.make_spacecraft()
     truth = target or scenario.target_truth()
@@ -136,7 +137,9 @@ def make_simulation(
 
     controller = builder.AddSystem(_make_controller(scenario, spacecraft, truth))
     source = builder.AddSystem(JointMotionSource(motion))
-    builder.Connect(source.GetOutputPort("desired_motion"), controller.GetInputPort("desired_motion"))
+    builder.Connect(
+        source.GetOutputPort("desired_motion"), controller.GetInputPort("desired_motion")
+    )
     builder.Connect(state, controller.GetInputPort("state"))
     builder.Connect(
         controller.GetOutputPort("generalized_force"),
@@ -182,9 +185,7 @@ def _make_controller(
     scenario: Scenario, spacecraft: Spacecraft, truth: InertialParameters
 ) -> JointController:
     config = scenario.controller
-    believed = (
-        spacecraft.make_simulation_plant(truth) if config.knows_target else spacecraft.plant
-    )
+    believed = spacecraft.make_simulation_plant(truth) if config.knows_target else spacecraft.plant
     return JointController(
         spacecraft,
         believed,

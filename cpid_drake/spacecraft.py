@@ -66,6 +66,7 @@ class Spacecraft:
         InputError: no such file, frame or body; base welded to the world or not the floating body;
             capture frame on the base or on the world; no mass; closed loops or constraints; joints
             of other types; bodies with an inertia that no rigid body has.
+
     """
 
     def __init__(
@@ -134,6 +135,7 @@ class Spacecraft:
 
         Raises:
             InputError: the plant is finalized, discrete or not empty; the target is not feasible.
+
         """
         if plant.is_finalized() or plant.num_bodies() != 1 or plant.time_step() != 0.0:
             raise InputError("the plant must be empty, not finalized, and continuous (time_step=0)")
@@ -189,6 +191,7 @@ class Spacecraft:
 
         Raises:
             InputError: a joint that the spacecraft does not have, or a position out of limits.
+
         """
         q = np.zeros(len(self.joint_names))
         for name, value in angles.items():
@@ -197,7 +200,10 @@ class Spacecraft:
                     f"{where}: no joint '{name}'; joints are {', '.join(self.joint_names)}"
                 )
             k = self.joint_names.index(name)
-            low, high = self._joints[k].position_lower_limit(), self._joints[k].position_upper_limit()
+            low, high = (
+                self._joints[k].position_lower_limit(),
+                self._joints[k].position_upper_limit(),
+            )
             if not low <= value <= high:
                 raise InputError(f"{where}: {name} = {value:g} is outside [{low:g}, {high:g}]")
             q[k] = value
@@ -252,7 +258,9 @@ class Spacecraft:
             plant.Finalize()
         except (RuntimeError, SystemExit) as error:
             if "loop" in str(error):
-                raise self._error("its joints form a closed loop; only trees are supported") from None
+                raise self._error(
+                    "its joints form a closed loop; only trees are supported"
+                ) from None
             raise self._error(_one_line(error)) from error
 
     def _find_body(self, name: str) -> RigidBody:
@@ -285,7 +293,9 @@ class Spacecraft:
             names = _listed([candidate.name() for candidate in candidates])
             raise self._error(f"no {kind} '{name}'; choose from: {names}")
         if len(matches) > 1:
-            raise self._error(f"{len(matches)} of its {kind} names are '{name}'; say instance::name")
+            raise self._error(
+                f"{len(matches)} of its {kind} names are '{name}'; say instance::name"
+            )
         return matches[0]
 
     def _require_tree_on_free_base(self) -> None:
@@ -333,7 +343,9 @@ class Spacecraft:
 
     def _name_joints(self) -> tuple[str, ...]:
         count = Counter(joint.name() for joint in self._joints)
-        instances = [self.plant.GetModelInstanceName(joint.model_instance()) for joint in self._joints]
+        instances = [
+            self.plant.GetModelInstanceName(joint.model_instance()) for joint in self._joints
+        ]
         return tuple(
             joint.name() if count[joint.name()] == 1 else f"{instance}::{joint.name()}"
             for joint, instance in zip(self._joints, instances, strict=True)

@@ -26,6 +26,7 @@ class Telemetry:
     Raises:
         InputError: shapes that do not fit, times not increasing, entries that are not finite, or
             quaternions whose norm is more than 1e-3 off 1 (the rest is taken as rounding).
+
     """
 
     joint_names: tuple[str, ...]
@@ -64,7 +65,9 @@ class Telemetry:
             raise InputError(f"telemetry: time does not increase at sample {k} (t = {time[k]:g} s)")
         off = np.abs(np.linalg.norm(self.quaternion_WB, axis=1) - 1) > 1e-3
         if off.any():
-            raise InputError(f"telemetry: quaternion_WB is not of unit norm in sample {off.argmax()}")
+            raise InputError(
+                f"telemetry: quaternion_WB is not of unit norm in sample {off.argmax()}"
+            )
 
     def __len__(self) -> int:
         return self.time.size
@@ -95,6 +98,7 @@ class Telemetry:
 
         Raises:
             InputError: there is no sample at one of them.
+
         """
         times = np.atleast_1d(np.asarray(times, dtype=float))
         nearest = np.abs(self.time[:, None] - times).argmin(axis=0)

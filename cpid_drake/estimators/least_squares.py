@@ -31,6 +31,7 @@ class LeastSquaresSolution:
             the unknowns can change without any row noticing.
         residual_rms: root mean square of A x − b; NaN without rows.
         row_count: number of scalar rows used.
+
     """
 
     estimate: NDArray[np.float64]
@@ -57,6 +58,7 @@ def solve_least_squares(
 
     Raises:
         ValueError: the shapes do not fit, or an entry is not finite.
+
     """
     A, b = np.asarray(A, dtype=float), np.asarray(b, dtype=float)
     if A.shape[:-1] != b.shape:
@@ -80,6 +82,7 @@ def solve_compressed(
         left_out: residual sum of squares that the compression left out.
         row_count: number of rows before compression.
         rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
+
     """
     n = A.shape[1]
     norms = np.linalg.norm(A, axis=0)

@@ -15,6 +15,7 @@ def describe_unobservable(
         directions: (k, n) orthonormal directions, in column-scaled unknowns.
         names: the n unknowns.
         share: unknowns with a smaller share in the open directions are called weakly open.
+
     """
     if len(directions) == 0:
         return ""

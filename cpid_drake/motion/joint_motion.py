@@ -32,6 +32,7 @@ class HalfCosine:
 
     Raises:
         InputError: shapes differ, an entry is not finite, or the duration is not positive.
+
     """
 
     q_initial: NDArray[np.float64]

@@ -206,14 +206,14 @@ def _draw_errors(study: PaperStudy, path: Path) -> None:
         _draw_axes(panels[0], time, attitude, ("yaw", "pitch", "roll"))
         label_axes(
             panels[0],
-            f"(A) Attitude error, at most {study.max_attitude_relative_error:.2g} of the motion",
+            f"(A) Attitude error, {study.max_attitude_relative_error:.4%} of the motion at most",
             _TIME,
             "|error| [deg]",
         )
         _draw_axes(panels[1], time, 1e3 * np.abs(study.position_error), "xyz")
         label_axes(
             panels[1],
-            f"(B) Position error, at most {study.max_position_relative_error:.2g} of the motion",
+            f"(B) Position error, {study.max_position_relative_error:.4%} of the motion at most",
             _TIME,
             "|error| [mm]",
         )
@@ -251,16 +251,26 @@ def _draw_digits(study: PaperStudy, path: Path) -> None:
 
 
 def _draw_convergence(study: PaperStudy, path: Path) -> None:
-    time, estimates = study.telemetry.time, study.online_parameters
-    truth = study.truth.to_vector()
-    groups = (("mass", [0], "m [kg]"), ("centre of mass", [1, 2, 3], "c [m]"))
-    groups += (("moments of inertia", [4, 5, 6], "I [kg·m²]"),)
-    groups += (("products of inertia", [7, 8, 9], "I [kg·m²]"),)
-    with saved_figure(path, 9.5, 6.0) as figure:
-        for axes, (title, columns, unit) in zip(figure.subplots(2, 2).flat, groups, strict=True):
-            for j, color in zip(columns, COLORS, strict=False):
-                axes.axhline(truth[j], color=color, linewidth=5, alpha=0.25)
-                axes.plot(time, estimates[:, j], color=color, label=PARAMETER_NAMES[j])
-            label_axes(axes, f"Online estimate: {title}", _TIME, unit)
-            axes.set_xlim(time[0], time[-1])
-            axes.legend(title="line: estimate, band: truth", title_fontsize=8, ncols=3)
+    time = study.telemetry.time
+    errors = np.array([parameter_errors(row, study.truth) for row in study.online_parameters])
+    groups = (("m", [0]), ("c", [1, 2, 3]), ("I", [4, 5, 6, 7, 8, 9]))
+    with saved_figure(path, 6.5, 3.8) as figure:
+        axes = figure.subplots()
+        for (name, columns), color in zip(groups, COLORS, strict=False):
+            worst = np.abs(errors[:, columns]).max(axis=1)
+            axes.semilogy(time, worst, drawstyle="steps-pre", color=color, label=name)
+        complete = next(case.n for case in study.by_count if case.rank == 10)
+        start = study.samples.time[complete - 1]
+        axes.axvspan(time[0], start, color="#bbbbbb", alpha=0.35, linewidth=0)
+        axes.text(
+            (time[0] + start) / 2,
+            0.5,
+            "fewer than ten\nparameters\ndetermined",
+            transform=axes.get_xaxis_transform(),
+            ha="center",
+            va="center",
+            fontsize=8,
+        )
+        label_axes(axes, "Online estimate from exact samples", _TIME, "largest relative error")
+        axes.set_xlim(time[0], time[-1])
+        axes.legend(title="of", title_fontsize=8, ncols=3)

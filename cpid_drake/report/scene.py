@@ -30,9 +30,9 @@ def render_scenario(
     states: Sequence[ArrayLike],
     *,
     size: tuple[int, int] = (900, 640),
-    eye: ArrayLike = (5.6, -3.9, 2.6),
-    look_at: ArrayLike = (0.9, 0.0, 0.1),
-    field_of_view: float = 0.8,
+    eye: ArrayLike = (5.6, -4.4, 2.3),
+    look_at: ArrayLike = (1.0, 0.0, -0.35),
+    field_of_view: float = 0.72,
 ) -> list[NDArray[np.uint8]]:
     """Render the scenario's spacecraft with its target in several states.
 
@@ -49,6 +49,7 @@ def render_scenario(
 
     Raises:
         InputError: the scenario cannot be built.
+
     """
     builder = DiagramBuilder()
     plant = MultibodyPlant(time_step=0.0)

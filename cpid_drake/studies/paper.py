@@ -80,6 +80,7 @@ class PaperStudy:
         resimulated_target: feasible parameters identified from six decimals, simulated again.
         resimulated: the motion with those parameters.
         attitude_error, position_error: (N, 3) resimulated minus true motion [rad, m] (Fig. 7).
+
     """
 
     simulation: Simulation
@@ -156,6 +157,7 @@ def run_paper_study(
 
     Raises:
         InputError: the scenario cannot be built, or its samples do not determine the target.
+
     """
     progress("simulating the motion")
     simulation = make_simulation(scenario)

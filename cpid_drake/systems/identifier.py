@@ -64,6 +64,7 @@ class MomentumIdentifier(LeafSystem):
     Raises:
         InputError: no such rows, a period that is not positive, or a negative offset; and, when a
             sample is taken, a state that is not finite.
+
     """
 
     def __init__(
@@ -103,7 +104,10 @@ class MomentumIdentifier(LeafSystem):
             name="parameters", size=10, calc=self._calc_parameters, prerequisites_of_calc=state_only
         )
         self.DeclareVectorOutputPort(
-            name="covariance", size=100, calc=self._calc_covariance, prerequisites_of_calc=state_only
+            name="covariance",
+            size=100,
+            calc=self._calc_covariance,
+            prerequisites_of_calc=state_only,
         )
         self.DeclareAbstractOutputPort(
             name="spatial_inertia",
@@ -132,6 +136,7 @@ class MomentumIdentifier(LeafSystem):
 
         Raises:
             InputError: the port is not of the size of this spacecraft's state.
+
         """
         expected = spacecraft.plant.num_multibody_states()
         if state_port.size() != expected:
@@ -147,10 +152,8 @@ class MomentumIdentifier(LeafSystem):
         """Return the identification that this system's context holds."""
         return self._solution.Eval(context)
 
-    def update(
-        self, root: NDArray[np.float64], state: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the square root (11, 11) after one sample x = [q; v] has been folded into `root`."""
+    def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the square root (11, 11) with one sample x = [q; v] folded into `root`."""
         plant, context = self._spacecraft.plant, self._plant_context
         plant.SetPositionsAndVelocities(context, state)
         sample = self._spacecraft.momentum_sample(context)

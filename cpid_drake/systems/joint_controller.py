@@ -10,7 +10,7 @@ from cpid_drake.spacecraft import Spacecraft
 
 
 class JointController(LeafSystem):
-    """Drives the joints of a free-floating spacecraft along a desired motion; the base is left free.
+    """Drives the joints of a free-floating spacecraft along a motion; the base is left free.
 
     Computed torque with the base eliminated. From the equations of motion M v̇ + C = τ + τ_applied
     without force on the base, its acceleration is a_B = M_BB⁻¹ (τ_applied,B − C_B − M_BJ a_J), and
@@ -43,6 +43,7 @@ class JointController(LeafSystem):
 
     Raises:
         InputError: a plant of another layout, or gains that are not positive.
+
     """
 
     def __init__(

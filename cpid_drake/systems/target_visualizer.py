@@ -38,6 +38,7 @@ class TargetVisualizer(LeafSystem):
         target_body: index of the body whose frame is C.
         truth: the true spatial inertia about C's origin in C, to draw beside it; simulation only.
         period: time between drawings [s].
+
     """
 
     def __init__(

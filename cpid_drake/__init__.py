@@ -1,0 +1,49 @@
+"""Identify a captured target's ten inertial parameters online, from momentum conservation.
+
+The public names, from the ground up:
+
+- `InertialParameters`: mass, centre of mass and inertia in every representation;
+- `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;
+- `Telemetry`: samples of base and joint motion;
+- `identify`: batch identification, giving an `Identification`;
+- `MomentumIdentifier`, `JointController`, `JointMotionSource`, `TargetVisualizer`: Drake systems;
+- `HalfCosine`: a joint motion;
+- `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
+- `InputError`: what bad input raises.
+"""
+
+from cpid_drake.errors import InputError
+from cpid_drake.identification import Identification, identify
+from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
+from cpid_drake.motion.joint_motion import HalfCosine, JointMotion
+from cpid_drake.scenario import Scenario, load_scenario, shipped_scenario
+from cpid_drake.simulation import Simulation, initial_state, make_simulation
+from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.systems.identifier import MomentumIdentifier
+from cpid_drake.systems.joint_controller import JointController
+from cpid_drake.systems.joint_motion_source import JointMotionSource
+from cpid_drake.systems.target_visualizer import TargetVisualizer
+from cpid_drake.telemetry import Telemetry
+
+__all__ = [
+    "PARAMETER_NAMES",
+    "PARAMETER_UNITS",
+    "HalfCosine",
+    "Identification",
+    "InertialParameters",
+    "InputError",
+    "JointController",
+    "JointMotion",
+    "JointMotionSource",
+    "MomentumIdentifier",
+    "Scenario",
+    "Simulation",
+    "Spacecraft",
+    "TargetVisualizer",
+    "Telemetry",
+    "identify",
+    "initial_state",
+    "load_scenario",
+    "make_simulation",
+    "shipped_scenario",
+]

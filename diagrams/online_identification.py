@@ -1,0 +1,79 @@
+#!/usr/bin/env python3
+"""Wire an identifier into a Diagram of your own and watch the estimate converge.
+
+joint motion -> joint controller -> plant (zero gravity) -> identifier, one AddSystem at a time.
+"""
+
+import argparse
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from cpid_drake import (
+    HalfCosine,
+    InertialParameters,
+    JointController,
+    JointMotionSource,
+    MomentumIdentifier,
+    Spacecraft,
+    initial_state,
+)
+
+MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", choices=["eq18", "standard"], default="eq18", help="row family")
+    parser.add_argument("--period", type=float, default=0.5, help="sampling period [s]")
+    args = parser.parse_args()
+    if not args.period > 0:
+        parser.exit(2, f"{parser.prog}: error: --period must be > 0\n")
+
+    # What is known: the spacecraft. What is to be found: a target, here a tank of 60 kg.
+    spacecraft = Spacecraft(MODEL, base="bus", capture_frame="capture_point")
+    tank = InertialParameters(60.0, [0.5, 0.05, -0.1], np.diag([6.0, 9.0, 8.0]))
+
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
+    spacecraft.add_to(plant, tank)
+    state = plant.get_state_output_port()
+
+    start = np.array([0.2, 0.3, 1.0, 0.0, -0.6, 0.0] + [-0.3, -1.5, 2.4, 0.0, -0.9, 0.0])
+    end = np.array([-0.8, -1.2, 0.7, 1.8, 0.8, -1.0] + [-1.5, -1.3, 0.6, -1.0, 0.5, 1.0])
+    motion = HalfCosine(start, end, duration=10.0)
+    source = builder.AddSystem(JointMotionSource(motion))
+    # The controller knows the spacecraft only; feedback makes up for the unknown target.
+    controller = builder.AddSystem(JointController(spacecraft, spacecraft.plant))
+    builder.Connect(source.get_output_port(), controller.GetInputPort("desired_motion"))
+    builder.Connect(state, controller.GetInputPort("state"))
+    builder.Connect(controller.get_output_port(), plant.get_applied_generalized_force_input_port())
+
+    identifier = MomentumIdentifier.AddToBuilder(
+        builder, spacecraft, state, rows=args.rows, period=args.period, offset=args.period
+    )
+    diagram = builder.Build()
+
+    simulator = Simulator(diagram)
+    simulator.get_mutable_integrator().set_target_accuracy(1e-8)
+    root_context = simulator.get_mutable_context()
+    plant_context = plant.GetMyMutableContextFromRoot(root_context)
+    plant.SetPositionsAndVelocities(plant_context, initial_state(spacecraft, tank, motion))
+    context = identifier.GetMyContextFromRoot(root_context)
+
+    print("time [s]  rank     m [kg]                 c [m]     Ixx, Iyy, Izz [kg·m²]")
+    for time in np.arange(args.period, 10.0 + 1e-9, args.period):
+        simulator.AdvanceTo(time)
+        simulator.AdvancePendingEvents()
+        m, *rest = identifier.GetOutputPort("parameters").Eval(context)
+        rank = identifier.GetOutputPort("diagnostics").Eval(context)[1]
+        c = " ".join(f"{value:7.4f}" for value in rest[:3])
+        moments = " ".join(f"{value:8.4f}" for value in rest[3:6])
+        print(f"{time:8.2f}  {rank:4.0f} {m:10.5f}  {c}  {moments}")
+    print(identifier.identification(context).explain())
+
+
+if __name__ == "__main__":
+    main()
