@@ -337,13 +337,11 @@ class InertialParameters:
         congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
         program = MathematicalProgram()
         change = program.NewContinuousVariables(10, "change")
-        pseudo = congruence.T @ _pseudo_inertia(center / scale) @ congruence
-        pseudo = pseudo + sum(
-            z * violation * (congruence.T @ _pseudo_inertia(unit) @ congruence)
-            for z, unit in zip(change, np.eye(10), strict=True)
-        )
+        directions = [center / scale, *(violation * np.eye(10))]
+        matrices = [congruence.T @ _pseudo_inertia(phi) @ congruence for phi in directions]
+        symmetric = [(matrix + matrix.T) / 2 for matrix in matrices]
+        program.AddLinearMatrixInequalityConstraint(symmetric, change)
         program.AddL2NormCostUsingConicConstraint(root, np.zeros(10), change)
-        program.AddPositiveSemidefiniteConstraint(pseudo)
         if self.mass <= 0:
             # A body to be simulated has some mass: a thousandth of the estimate's magnitude.
             least_change = (1e-3 - center[0] / scale[0]) / violation

@@ -51,10 +51,15 @@ class HalfCosineMotion:
 
 @dataclass
 class ControllerConfig:
-    """The joint controller: whether its model holds the target, and its feedback gains."""
+    """The joint controller: what its model holds at C, and its feedback gains [rad/s, 1].
+
+    If it does not know the target, it takes it for a solid sphere about C's origin [kg, m].
+    """
 
     knows_target: bool = True
-    natural_frequency: float = 5.0
+    nominal_mass: float = 0.0
+    nominal_radius: float = 0.5
+    natural_frequency: float = 10.0
     damping_ratio: float = 1.0
 
 
@@ -189,6 +194,7 @@ def _check(scenario: Scenario, where: str) -> None:
         "simulation.simulator.accuracy": config.simulator.accuracy,
         "joint_motion.duration": scenario.joint_motion.duration,
         "identification.period": scenario.identification.period,
+        "controller.nominal_radius": scenario.controller.nominal_radius,
     }
     for name, value in positive.items():
         if not (np.isfinite(value) and value > 0):

@@ -185,7 +185,13 @@ def _make_controller(
     scenario: Scenario, spacecraft: Spacecraft, truth: InertialParameters
 ) -> JointController:
     config = scenario.controller
-    believed = spacecraft.make_simulation_plant(truth) if config.knows_target else spacecraft.plant
+    believed = spacecraft.plant
+    if config.knows_target:
+        believed = spacecraft.make_simulation_plant(truth)
+    elif config.nominal_mass > 0:
+        inertia = 0.4 * config.nominal_mass * config.nominal_radius**2 * np.eye(3)
+        nominal = InertialParameters(config.nominal_mass, np.zeros(3), inertia)
+        believed = spacecraft.make_simulation_plant(nominal)
     return JointController(
         spacecraft,
         believed,

@@ -58,7 +58,6 @@ class Telemetry:
             bad = ~np.isfinite(values.reshape(time.size, -1)).all(axis=1)
             if bad.any():
                 raise InputError(f"telemetry: '{name}' is not finite in sample {bad.argmax()}")
-            values.flags.writeable = False
         backwards = np.diff(time) <= 0
         if backwards.any():
             k = int(backwards.argmax()) + 1

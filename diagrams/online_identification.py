@@ -45,8 +45,10 @@ def main() -> None:
     end = np.array([-0.8, -1.2, 0.7, 1.8, 0.8, -1.0] + [-1.5, -1.3, 0.6, -1.0, 0.5, 1.0])
     motion = HalfCosine(start, end, duration=10.0)
     source = builder.AddSystem(JointMotionSource(motion))
-    # The controller knows the spacecraft only; feedback makes up for the unknown target.
-    controller = builder.AddSystem(JointController(spacecraft, spacecraft.plant))
+    # The controller does not know the tank: it takes the load for a sphere of 100 kg.
+    sphere = InertialParameters(100.0, np.zeros(3), 10.0 * np.eye(3))
+    model = spacecraft.make_simulation_plant(sphere)
+    controller = builder.AddSystem(JointController(spacecraft, model))
     builder.Connect(source.get_output_port(), controller.GetInputPort("desired_motion"))
     builder.Connect(state, controller.GetInputPort("state"))
     builder.Connect(controller.get_output_port(), plant.get_applied_generalized_force_input_port())

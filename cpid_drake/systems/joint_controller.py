@@ -18,8 +18,10 @@ class JointController(LeafSystem):
     a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q). The torques act between the links: momentum is
     conserved, whatever the model.
 
-    With a plant that holds the target the joints follow the desired motion exactly; with
-    `spacecraft.plant` the controller is blind to the target, and the feedback has to do its part.
+    With a plant that holds the target the joints follow the desired motion exactly. A controller
+    that knows only the spacecraft takes `spacecraft.plant`, or better one with a nominal target: a
+    wrist that turns little of the spacecraft's own mass is far too soft for a load that its model
+    leaves out, while with a load of the right size, even by half or double, feedback does the rest.
 
     .. pydrake_system::
 
@@ -51,14 +53,15 @@ class JointController(LeafSystem):
         spacecraft: Spacecraft,
         plant: MultibodyPlant,
         *,
-        natural_frequency: float = 5.0,
+        natural_frequency: float = 10.0,
         damping_ratio: float = 1.0,
     ) -> None:
         super().__init__()
         self.set_name("joint_controller")
         if plant.GetPositionNames() != spacecraft.plant.GetPositionNames():
             raise InputError("the controller's plant is not of the spacecraft's joints")
-        if not (natural_frequency > 0 and damping_ratio > 0):
+        gains = (natural_frequency, damping_ratio)
+        if not (np.isfinite(gains).all() and min(gains) > 0):
             raise InputError(
                 "controller gains must be > 0: natural_frequency "
                 f"{natural_frequency:g}, damping_ratio {damping_ratio:g}"

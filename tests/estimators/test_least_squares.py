@@ -1,0 +1,181 @@
+"""Batch and recursive least squares: one answer by two roads, and honest words on its quality."""
+
+import numpy as np
+import pytest
+
+from cpid_drake.estimators.least_squares import solve_least_squares
+from cpid_drake.estimators.observability import describe_unobservable
+from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
+from cpid_drake.momentum import momentum_samples
+from cpid_drake.regressors import ROW_FAMILIES
+
+FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
+
+
+def recursive_solution(A, b, block=6):
+    augmented = np.hstack([A, b[:, None]])
+    root = empty_root(A.shape[1])
+    for k in range(0, len(b), block):
+        root = update_root(root, augmented[k : k + block])
+    return solve_root(root, len(b))
+
+
+@pytest.fixture(scope="module")
+def noisy_rows():
+    rng = np.random.default_rng(1)
+    A = rng.normal(size=(600, 10)) * 10.0 ** np.linspace(-3, 2, 10)
+    x = rng.normal(size=10) / 10.0 ** np.linspace(-3, 2, 10)
+    return A, A @ x + 0.01 * rng.normal(size=600), x
+
+
+@FAMILIES
+def test_recursive_equals_batch_on_momentum_rows(
+    servicer, skewed_target, zero_momentum_motion, family
+):
+    """To 1e-9 relative, in estimate, covariance and residual."""
+    telemetry = zero_momentum_motion(skewed_target, 40, seed=2).rounded(4)
+    A, b = family.rows(momentum_samples(servicer.tree, telemetry))
+    batch = solve_least_squares(A, b)
+    recursive = recursive_solution(A.reshape(-1, 10), b.ravel())
+    np.testing.assert_allclose(recursive.estimate, batch.estimate, rtol=1e-9)
+    np.testing.assert_allclose(
+        recursive.covariance, batch.covariance, rtol=1e-9, atol=1e-9 * batch.covariance.max()
+    )
+    assert recursive.residual_rms == pytest.approx(batch.residual_rms, rel=1e-9)
+    assert recursive.rank == batch.rank == 10
+
+
+def test_the_order_of_samples_does_not_matter(noisy_rows):
+    A, b, _ = noisy_rows
+    order = np.random.default_rng(3).permutation(len(b))
+    one, other = recursive_solution(A, b), recursive_solution(A[order], b[order], block=13)
+    np.testing.assert_allclose(one.estimate, other.estimate, rtol=1e-9)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9, atol=1e-20)
+
+
+def test_solution_agrees_with_numpy(noisy_rows):
+    A, b, _ = noisy_rows
+    expected = np.linalg.lstsq(A, b, rcond=None)[0]
+    np.testing.assert_allclose(solve_least_squares(A, b).estimate, expected, rtol=1e-10)
+
+
+def test_covariance_predicts_the_scatter_of_estimates():
+    """Monte Carlo: the sample covariance over 4000 draws agrees with the reported one."""
+    rng = np.random.default_rng(4)
+    A, x, sigma = rng.normal(size=(60, 10)), rng.normal(size=10), 0.3
+    estimates, reported = [], []
+    for _ in range(4000):
+        solution = solve_least_squares(A, A @ x + sigma * rng.normal(size=60))
+        estimates.append(solution.estimate)
+        reported.append(solution.covariance)
+    scatter, mean = np.cov(np.array(estimates).T), np.mean(reported, axis=0)
+    ratio = np.diag(scatter) / np.diag(mean)
+    assert np.abs(ratio - 1).max() < 0.1
+    assert np.abs(np.mean(estimates, axis=0) - x).max() < 5 * np.sqrt(mean.max() / 4000)
+
+
+@FAMILIES
+def test_scaling_columns_improves_the_condition(
+    servicer, skewed_target, zero_momentum_motion, family
+):
+    telemetry = zero_momentum_motion(skewed_target, 10, seed=5)
+    A, b = family.rows(momentum_samples(servicer.tree, telemetry))
+    solution = solve_least_squares(A, b)
+    assert solution.condition_number < solution.condition_number_unscaled
+    expected = np.linalg.cond(A.reshape(-1, 10))
+    assert solution.condition_number_unscaled == pytest.approx(expected, rel=1e-6)
+    s = solution.singular_values
+    assert (np.diff(s) <= 0).all()
+    assert solution.condition_number == pytest.approx(s[0] / s[-1])
+
+
+def test_units_do_not_change_the_answer(noisy_rows):
+    """Grams instead of kilograms: the same solution, rank and scaled condition."""
+    A, b, _ = noisy_rows
+    units = 10.0 ** np.array([3, 0, 0, 0, -3, 6, 0, 2, -2, 1.0])
+    one, other = solve_least_squares(A, b), solve_least_squares(A * units, b)
+    np.testing.assert_allclose(other.estimate * units, one.estimate, rtol=1e-9)
+    assert other.condition_number == pytest.approx(one.condition_number, rel=1e-9)
+
+
+def test_open_unknowns_are_nan_and_the_others_right():
+    rng = np.random.default_rng(6)
+    A, x = rng.normal(size=(50, 10)), rng.normal(size=10)
+    A[:, 7] = 2 * A[:, 3]  # only x3 + 2 x7 matters
+    A[:, 9] = 0.0
+    solution = solve_least_squares(A, A @ x)
+    assert solution.rank == 8
+    assert not solution.is_observable
+    assert np.isnan(solution.estimate[[3, 7, 9]]).all()
+    closed = [0, 1, 2, 4, 5, 6, 8]
+    np.testing.assert_allclose(solution.estimate[closed], x[closed], rtol=1e-10)
+    assert np.isnan(solution.covariance[3]).all()
+    assert np.isfinite(solution.covariance[np.ix_(closed, closed)]).all()
+    assert solution.condition_number == np.inf
+    assert np.abs((A / np.linalg.norm(A, axis=0).clip(1e-9)) @ solution.unobservable.T).max() < 1e-9
+
+
+@pytest.mark.parametrize("rows", [0, 1, 5, 9])
+def test_fewer_rows_than_unknowns(rows):
+    rng = np.random.default_rng(7)
+    A, b = rng.normal(size=(rows, 10)), rng.normal(size=rows)
+    for solution in (solve_least_squares(A, b), recursive_solution(A, b)):
+        assert solution.rank == rows
+        assert solution.row_count == rows
+        assert np.isnan(solution.estimate).all()
+
+
+def test_ten_exact_rows_leave_no_freedom_for_a_covariance():
+    rng = np.random.default_rng(8)
+    A, x = rng.normal(size=(10, 10)), rng.normal(size=10)
+    solution = solve_least_squares(A, A @ x)
+    np.testing.assert_allclose(solution.estimate, x, rtol=1e-9)
+    assert np.isnan(solution.covariance).all()
+
+
+def test_rows_of_zeros_add_nothing_but_their_count(noisy_rows):
+    A, b, _ = noisy_rows
+    padded = solve_least_squares(np.vstack([A, np.zeros((6, 10))]), np.append(b, np.zeros(6)))
+    np.testing.assert_allclose(padded.estimate, solve_least_squares(A, b).estimate, rtol=1e-12)
+    assert padded.row_count == len(b) + 6
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_rows_that_are_not_finite_are_refused(bad):
+    A = np.eye(10)
+    A[3, 3] = bad
+    with pytest.raises(ValueError, match="finite"):
+        solve_least_squares(A, np.zeros(10))
+
+
+def test_shapes_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="do not fit"):
+        solve_least_squares(np.eye(10), np.zeros(9))
+
+
+def test_the_root_stays_triangular_and_as_small(noisy_rows):
+    """A million samples cost what ten do: the state is one 11 × 11 triangle."""
+    A, b, _ = noisy_rows
+    root = empty_root()
+    for row in np.hstack([A, b[:, None]]).reshape(-1, 6, 11):
+        root = update_root(root, row)
+        assert root.shape == (11, 11)
+        assert not np.tril(root, -1).any()
+    gram = np.hstack([A, b[:, None]])
+    np.testing.assert_allclose(root.T @ root, gram.T @ gram, rtol=1e-10, atol=1e-8)
+
+
+def test_updating_leaves_the_old_root_as_it_was():
+    old = empty_root()
+    update_root(old, np.ones((6, 11)))
+    assert not old.any()
+
+
+def test_open_directions_are_named():
+    names = [f"x{k}" for k in range(4)]
+    assert describe_unobservable(np.zeros((0, 4)), names) == ""
+    direction = np.array([[0.0, 0.6, 0.8, 0.0]])
+    text = describe_unobservable(direction, names)
+    assert text.startswith("1 combination of x1, x2 ")
+    assert "x0" not in text
+    assert "x3" not in text

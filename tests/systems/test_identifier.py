@@ -1,0 +1,178 @@
+"""The identifier in a diagram: state only in the Context, NaN until observable, equal to batch."""
+
+import numpy as np
+import pytest
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from cpid_drake import InputError, MomentumIdentifier, identify
+from cpid_drake.systems.identifier import DIAGNOSTICS
+
+
+@pytest.fixture(scope="module")
+def motion(skewed_target, zero_momentum_motion):
+    return zero_momentum_motion(skewed_target, 10, seed=41)
+
+
+def take(identifier, context, state) -> None:
+    """Let the identifier take one sample of a state."""
+    identifier.GetInputPort("spacecraft_state").FixValue(context, state)
+    update = identifier.EvalUniquePeriodicDiscreteUpdate(context)
+    context.get_mutable_discrete_state().SetFrom(update)
+
+
+def outputs(identifier, context) -> dict:
+    names = ("parameters", "covariance", "diagnostics")
+    return {name: identifier.GetOutputPort(name).Eval(context) for name in names}
+
+
+def test_ports_are_as_documented(servicer):
+    identifier = MomentumIdentifier(servicer)
+    assert identifier.GetInputPort("spacecraft_state").size() == 37
+    sizes = {"parameters": 10, "covariance": 100, "diagnostics": len(DIAGNOSTICS)}
+    for name, size in sizes.items():
+        assert identifier.GetOutputPort(name).size() == size
+    inertia = identifier.GetOutputPort("spatial_inertia").Allocate().get_value()
+    assert isinstance(inertia, SpatialInertia)
+
+
+def test_outputs_need_no_input(servicer):
+    """Estimates are a function of the state alone: no direct feedthrough, no algebraic loop."""
+    assert not MomentumIdentifier(servicer).HasAnyDirectFeedthrough()
+
+
+@pytest.mark.parametrize("rows", ["eq18", "standard"])
+def test_estimate_is_nan_until_observable_and_says_so(servicer, motion, skewed_target, rows):
+    identifier = MomentumIdentifier(servicer, rows=rows)
+    context = identifier.CreateDefaultContext()
+    for count, state in enumerate(servicer.to_states(motion), start=1):
+        take(identifier, context, state)
+        values, result = outputs(identifier, context), identifier.identification(context)
+        samples, rank, condition, _ = values["diagnostics"]
+        inertia = identifier.GetOutputPort("spatial_inertia").Eval(context)
+        assert samples == count
+        if count < 3:
+            assert rank == {1: 6, 2: 9}[count]
+            assert condition == np.inf
+            assert np.isnan(values["parameters"]).any()
+            assert np.isnan(values["covariance"]).all()
+            assert inertia.IsNaN()
+            assert "not determined" in result.explain()
+            with pytest.raises(InputError, match="not determined"):
+                result.raw()
+        else:
+            assert rank == 10
+            np.testing.assert_allclose(
+                values["parameters"], skewed_target.to_vector(), rtol=0, atol=1e-9
+            )
+            assert inertia.IsPhysicallyValid()
+            assert "10 of 10" in result.explain()
+
+
+@pytest.mark.parametrize("rows", ["eq18", "standard"])
+def test_online_equals_batch(servicer, motion, rows):
+    """To 1e-9 relative, estimate and covariance, on samples that are not exact."""
+    noisy = motion.rounded(4)
+    identifier = MomentumIdentifier(servicer, rows=rows)
+    context = identifier.CreateDefaultContext()
+    for state in servicer.to_states(noisy):
+        take(identifier, context, state)
+    batch, values = identify(servicer, noisy, rows=rows), outputs(identifier, context)
+    np.testing.assert_allclose(values["parameters"], batch.parameters, rtol=1e-9, atol=1e-12)
+    covariance = values["covariance"].reshape(10, 10)
+    np.testing.assert_allclose(
+        covariance, batch.covariance, rtol=1e-7, atol=1e-9 * np.abs(batch.covariance).max()
+    )
+    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+
+
+def test_infeasible_estimates_leave_feasible(servicer, paper_target, zero_momentum_motion):
+    """The paper's target is on the limit: rounded data put the raw estimate beyond it."""
+    rough = zero_momentum_motion(paper_target, 10, seed=46).rounded(3)
+    identifier = MomentumIdentifier(servicer)
+    context = identifier.CreateDefaultContext()
+    for state in servicer.to_states(rough):
+        take(identifier, context, state)
+    assert not identifier.identification(context).raw().is_feasible()
+    inertia = identifier.GetOutputPort("spatial_inertia").Eval(context)
+    assert inertia.IsPhysicallyValid()
+    assert inertia.get_mass() > 0
+
+
+def test_one_identifier_serves_many_contexts(servicer, motion, skewed_target):
+    """Everything is in the Context: interleaved runs and clones do not disturb each other."""
+    identifier = MomentumIdentifier(servicer)
+    states = servicer.to_states(motion)
+    one, other = identifier.CreateDefaultContext(), identifier.CreateDefaultContext()
+    for state in states[:5]:
+        take(identifier, one, state)
+    paused = one.Clone()
+    take(identifier, other, states[7])
+    for state in states[5:]:
+        take(identifier, one, state)
+    for state in states[5:]:
+        take(identifier, paused, state)
+    np.testing.assert_array_equal(
+        outputs(identifier, one)["parameters"], outputs(identifier, paused)["parameters"]
+    )
+    assert outputs(identifier, other)["diagnostics"][0] == 1
+
+
+@pytest.mark.parametrize(("period", "offset", "count"), [(1.0, 1.0, 4), (0.5, 0.25, 8), (2, 0, 3)])
+def test_samples_are_taken_at_the_given_times(servicer, motion, period, offset, count):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(servicer.to_states(motion)[0]))
+    identifier = MomentumIdentifier.AddToBuilder(
+        builder, servicer, source.get_output_port(), period=period, offset=offset
+    )
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(4.0)
+    simulator.AdvancePendingEvents()
+    context = identifier.GetMyContextFromRoot(simulator.get_context())
+    assert identifier.GetOutputPort("diagnostics").Eval(context)[0] == count
+
+
+def test_wiring_a_port_of_another_size_is_refused(servicer):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(np.zeros(5)))
+    with pytest.raises(InputError, match="5 entries"):
+        MomentumIdentifier.AddToBuilder(builder, servicer, source.get_output_port())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rows": "eq19"}, "eq18, standard"),
+        ({"period": 0.0}, "period"),
+        ({"period": np.nan}, "period"),
+        ({"offset": -1.0}, "offset"),
+    ],
+)
+def test_bad_options_are_refused(servicer, options, message):
+    with pytest.raises(InputError, match=message):
+        MomentumIdentifier(servicer, **options)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_state_that_is_not_finite_is_refused_and_changes_nothing(servicer, motion, bad):
+    state = servicer.to_states(motion)[0]
+    state[20] = bad
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(state))
+    identifier = MomentumIdentifier.AddToBuilder(builder, servicer, source.get_output_port())
+    simulator = Simulator(builder.Build())
+    with pytest.raises(InputError, match=r"not finite at t = 1 s \(entry 20\)"):
+        simulator.AdvanceTo(1.5)
+    context = identifier.GetMyContextFromRoot(simulator.get_context())
+    assert identifier.GetOutputPort("diagnostics").Eval(context)[0] == 0
+
+
+def test_the_identifier_knows_no_target(servicer):
+    """No truth leaks in: its plant has the spacecraft's mass, and no body beyond the model's."""
+    identifier = MomentumIdentifier(servicer)
+    plant = identifier._spacecraft.plant
+    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(1031.0)
+    assert not plant.HasBodyNamed("captured_target")

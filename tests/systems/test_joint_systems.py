@@ -1,0 +1,135 @@
+"""Joint motion source and joint controller: the arms move as told, and momentum stays."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from cpid_drake import (
+    HalfCosine,
+    InputError,
+    JointController,
+    JointMotionSource,
+    load_scenario,
+    make_simulation,
+    shipped_scenario,
+)
+from cpid_drake.momentum import total_momentum
+
+
+def run(knows_target: bool):
+    scenario = load_scenario(shipped_scenario("paper"))
+    scenario.simulation.simulator.accuracy = 1e-8
+    scenario.controller.knows_target = knows_target
+    scenario.controller.nominal_mass = 60.0
+    simulation = make_simulation(scenario)
+    telemetry = simulation.telemetry(simulation.run())
+    desired = simulation.joint_motion.evaluate(telemetry.time)
+    return simulation, telemetry, telemetry.q - desired[:, 0], telemetry.qdot - desired[:, 1]
+
+
+@pytest.fixture(scope="module")
+def informed():
+    return run(knows_target=True)
+
+
+@pytest.fixture(scope="module")
+def blind():
+    return run(knows_target=False)
+
+
+def test_source_gives_the_motion_at_the_contexts_time():
+    motion = HalfCosine([0.0, 1.0], [1.0, -1.0], duration=4.0)
+    source = JointMotionSource(motion)
+    context = source.CreateDefaultContext()
+    for time in (0.0, 1.7, 4.0, 9.0):
+        context.SetTime(time)
+        value = source.GetOutputPort("desired_motion").Eval(context).reshape(3, 2)
+        np.testing.assert_array_equal(value, motion.evaluate(time))
+
+
+def test_with_the_target_in_its_model_the_motion_is_exact(informed):
+    _, _, position_error, rate_error = informed
+    assert np.abs(position_error).max() < 1e-6
+    assert np.abs(rate_error).max() < 1e-6
+
+
+def test_blind_to_the_target_feedback_still_follows(blind):
+    """Within four degrees, though it takes a plate of 100 kg for a sphere of 60 kg."""
+    _, _, position_error, _ = blind
+    assert 1e-4 < np.abs(position_error).max() < np.radians(4.0)
+
+
+@pytest.mark.parametrize("case", ["informed", "blind"])
+def test_momentum_is_conserved_whatever_the_controller_believes(case, request):
+    simulation, telemetry, _, _ = request.getfixturevalue(case)
+    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    assert np.abs(P).max() < 1e-6
+    assert np.abs(L).max() < 1e-6
+
+
+def test_identification_does_not_need_an_informed_controller(blind):
+    simulation, _, _, _ = blind
+    root_context = simulation.run()
+    context = simulation.identifier.GetMyContextFromRoot(root_context)
+    estimate = simulation.identifier.GetOutputPort("parameters").Eval(context)
+    np.testing.assert_allclose(estimate, simulation.truth.to_vector(), rtol=0, atol=1e-5)
+
+
+def test_no_force_acts_on_the_base(servicer, paper_target, random_motion):
+    plant = servicer.make_simulation_plant(paper_target)
+    controller = JointController(servicer, plant)
+    context = controller.CreateDefaultContext()
+    state = servicer.to_states(random_motion(1, seed=51))[0]
+    controller.GetInputPort("state").FixValue(context, state)
+    controller.GetInputPort("desired_motion").FixValue(context, np.ones(36))
+    force = controller.GetOutputPort("generalized_force").Eval(context)
+    assert not force[:6].any()
+    assert force[6:].any()
+
+
+def test_commanded_acceleration_is_what_the_plant_does(servicer, skewed_target, random_motion):
+    """M v̇ + C = τ in the full plant: the joints accelerate as asked, to rounding."""
+    plant = servicer.make_simulation_plant(skewed_target)
+    controller = JointController(servicer, plant, natural_frequency=3.0, damping_ratio=0.7)
+    state = servicer.to_states(random_motion(1, seed=52))[0]
+    desired = np.random.default_rng(53).normal(size=(3, 12))
+    context = controller.CreateDefaultContext()
+    controller.GetInputPort("state").FixValue(context, state)
+    controller.GetInputPort("desired_motion").FixValue(context, desired.ravel())
+    force = controller.GetOutputPort("generalized_force").Eval(context)
+
+    plant_context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(plant_context, state)
+    plant.get_applied_generalized_force_input_port().FixValue(plant_context, force)
+    vdot = plant.EvalTimeDerivatives(plant_context).CopyToVector()[plant.num_positions() :]
+    columns_q, columns_v = servicer.joint_state_columns
+    expected = (
+        desired[2]
+        + 2 * 0.7 * 3.0 * (desired[1] - state[columns_v])
+        + 9.0 * (desired[0] - state[columns_q])
+    )
+    np.testing.assert_allclose(vdot[columns_v - plant.num_positions()], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("gains", [{"natural_frequency": 0.0}, {"damping_ratio": -1.0}])
+def test_gains_that_do_not_stabilize_are_refused(servicer, gains):
+    with pytest.raises(InputError, match="gains must be > 0"):
+        JointController(servicer, servicer.plant, **gains)
+
+
+def test_a_plant_of_other_joints_is_refused(servicer):
+    from pydrake.multibody.plant import MultibodyPlant
+
+    empty = MultibodyPlant(0.0)
+    empty.Finalize()
+    with pytest.raises(InputError, match="not of the spacecraft's joints"):
+        JointController(servicer, empty)
+
+
+def test_both_systems_wire_into_a_diagram(servicer):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(JointMotionSource(HalfCosine(np.zeros(12), np.ones(12), 10.0)))
+    controller = builder.AddSystem(JointController(servicer, servicer.plant))
+    builder.Connect(source.get_output_port(), controller.GetInputPort("desired_motion"))
+    builder.ExportInput(controller.GetInputPort("state"), "state")
+    assert builder.Build().num_input_ports() == 1

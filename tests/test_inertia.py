@@ -1,0 +1,225 @@
+"""The ten parameters: every representation says the same, and feasibility is what physics says."""
+
+import numpy as np
+import pytest
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InertialParameters, InputError
+from cpid_drake.inertia import (
+    EQ18,
+    STANDARD,
+    point_mass_inertia,
+    tensor_to_vector,
+    vector_to_tensor,
+)
+
+
+def random_body(rng: np.random.Generator) -> InertialParameters:
+    """Point masses at random places: a body that certainly exists."""
+    masses, points = rng.uniform(0.5, 20.0, 6), rng.normal(size=(6, 3))
+    com = masses @ points / masses.sum()
+    inertia = sum(point_mass_inertia(m, p - com) for m, p in zip(masses, points, strict=True))
+    return InertialParameters(masses.sum(), com, inertia)
+
+
+@pytest.mark.parametrize("unknowns", [EQ18, STANDARD], ids=lambda unknowns: unknowns.name)
+def test_vectors_and_parameters_convert_both_ways(unknowns):
+    parameters = random_body(np.random.default_rng(1)).to_vector()
+    vector = unknowns.from_parameters(parameters)
+    np.testing.assert_allclose(unknowns.to_parameters(vector), parameters, rtol=1e-13)
+
+
+@pytest.mark.parametrize("unknowns", [EQ18, STANDARD], ids=lambda unknowns: unknowns.name)
+def test_jacobian_is_the_derivative(unknowns):
+    vector = unknowns.from_parameters(random_body(np.random.default_rng(2)).to_vector())
+    step = 1e-6 * np.abs(vector)
+    columns = [
+        (unknowns.to_parameters(vector + h * e) - unknowns.to_parameters(vector - h * e)) / (2 * h)
+        for h, e in zip(step, np.eye(10), strict=True)
+    ]
+    jacobian = unknowns.jacobian(vector)
+    scale = np.abs(jacobian).max(axis=0)
+    assert np.abs((np.stack(columns, axis=1) - jacobian) / scale).max() < 1e-7
+
+
+def test_every_representation_returns_the_same_body():
+    body = random_body(np.random.default_rng(3))
+    for again in (
+        InertialParameters.from_vector(body.to_vector()),
+        InertialParameters.from_eq18_vector(body.to_eq18_vector()),
+        InertialParameters.from_standard_vector(body.to_standard_vector()),
+        InertialParameters.from_pseudo_inertia(body.to_pseudo_inertia()),
+        InertialParameters.from_spatial_inertia(body.to_spatial_inertia()),
+    ):
+        np.testing.assert_allclose(again.to_vector(), body.to_vector(), rtol=1e-12, atol=1e-12)
+
+
+def test_standard_vector_agrees_with_drakes_spatial_inertia():
+    body = random_body(np.random.default_rng(4))
+    M_TCo_C = body.to_spatial_inertia()
+    phi = body.to_standard_vector()
+    np.testing.assert_allclose(phi[1:4], M_TCo_C.CalcComMoment(), rtol=1e-12)
+    J = M_TCo_C.CalcRotationalInertia().CopyToFullMatrix3()
+    np.testing.assert_allclose(vector_to_tensor(phi[4:]), J, rtol=1e-12)
+
+
+def test_pseudo_inertia_is_the_second_moment_of_the_mass():
+    """Point masses: Σ m p pᵀ, Σ m p and Σ m are the blocks (Wensing et al. 2018)."""
+    rng = np.random.default_rng(5)
+    masses, points = rng.uniform(0.5, 2.0, 5), rng.normal(size=(5, 3))
+    homogeneous = np.hstack([points, np.ones((5, 1))])
+    expected = (masses[:, None] * homogeneous).T @ homogeneous
+    com = masses @ points / masses.sum()
+    inertia = sum(point_mass_inertia(m, p - com) for m, p in zip(masses, points, strict=True))
+    body = InertialParameters(masses.sum(), com, inertia)
+    np.testing.assert_allclose(body.to_pseudo_inertia(), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_tensor_vector_order_is_the_papers():
+    """Eqs. 12 and 13: (I11, I12, I13, I22, I23, I33)."""
+    tensor = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]])
+    np.testing.assert_array_equal(tensor_to_vector(tensor), [1, 2, 3, 4, 5, 6])
+    np.testing.assert_array_equal(vector_to_tensor([1, 2, 3, 4, 5, 6]), tensor)
+
+
+def test_the_papers_true_inertia_is_feasible_though_on_the_limit(paper_target):
+    assert paper_target.is_feasible()
+    assert paper_target.to_spatial_inertia().IsPhysicallyValid()
+    assert min(np.linalg.eigvalsh(paper_target.to_pseudo_inertia())) < 1e-9
+
+
+def test_the_papers_identified_inertia_is_no_rigid_body():
+    """Erratum 8: Table 1's inertia violates the triangle inequality; Drake refuses it."""
+    from cpid_drake.studies.paper import PAPER_TABLE_1
+
+    assert not PAPER_TABLE_1.is_feasible()
+    assert "triangle inequality" in PAPER_TABLE_1.infeasibilities()[0]
+    with pytest.raises(InputError, match="nearest_feasible"):
+        PAPER_TABLE_1.to_spatial_inertia()
+    I = PAPER_TABLE_1.I_TTcm_C  # noqa: E741
+    with pytest.raises(RuntimeError):
+        SpatialInertia.MakeFromCentralInertia(
+            PAPER_TABLE_1.mass,
+            PAPER_TABLE_1.p_CTcm_C,
+            RotationalInertia(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
+        )
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"mass": -1.0}, "not positive"),
+        ({"mass": 0.0}, "not positive"),
+        ({"I_TTcm_C": np.diag([-1.0, 1.0, 1.0])}, "negative"),
+        ({"I_TTcm_C": np.diag([1.0, 1.0, 2.1])}, "triangle inequality"),
+    ],
+)
+def test_infeasibility_is_said_in_words(change, reason):
+    values = {"mass": 1.0, "p_CTcm_C": np.zeros(3), "I_TTcm_C": np.eye(3)} | change
+    assert reason in "; ".join(InertialParameters(**values).infeasibilities())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nearest_feasible_is_nearer_than_any_other_feasible_body(seed):
+    """No random feasible body, near or far, beats the projection in the given metric."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(10, 10)) / np.array([1.0] * 4 + [3.0] * 6)
+    information = root.T @ root + 1e-3 * np.eye(10)
+    raw = InertialParameters.from_vector([10.0, 0.1, 0.2, -0.1, 2.0, 1.0, 4.0, 0.3, -0.2, 0.1])
+    assert not raw.is_feasible()
+    nearest = raw.nearest_feasible(information)
+    # The metric lives in the standard vector, where feasibility is convex.
+    jacobian = STANDARD.jacobian(raw.to_standard_vector())
+    metric = jacobian.T @ information @ jacobian
+
+    def distance(body: InertialParameters) -> float:
+        change = body.to_standard_vector() - raw.to_standard_vector()
+        return change @ metric @ change
+
+    least = distance(nearest)
+    assert least > 0
+    mixed = nearest.to_pseudo_inertia()
+    for _ in range(300):
+        other = InertialParameters.from_pseudo_inertia(
+            random_body(rng).to_pseudo_inertia() * rng.uniform(0.01, 1.0)
+        )
+        share = rng.uniform(1e-4, 1.0)
+        blend = (1 - share) * mixed + share * other.to_pseudo_inertia()
+        assert distance(InertialParameters.from_pseudo_inertia(blend)) > least * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("violation", [1e-12, 1e-9, 1e-6, 1e-3, 1.0])
+def test_a_small_violation_costs_a_small_change(paper_target, violation):
+    vector = paper_target.to_vector() + violation * np.array([0, 0, 0, 0, -1, 1, 0, 0, 0, 1])
+    raw = InertialParameters.from_vector(vector)
+    feasible = raw.nearest_feasible()
+    assert feasible.to_spatial_inertia().IsPhysicallyValid()
+    # 1e-12 of the body's size is the margin that keeps rounding out of Drake's own check.
+    assert np.abs(feasible.to_vector() - vector).max() < 2 * violation + 1e-10
+
+
+def test_whatever_is_projected_is_accepted_by_drake():
+    rng = np.random.default_rng(7)
+    for _ in range(100):
+        scale = 10.0 ** rng.uniform(-2, 4)
+        vector = rng.normal(size=10) * np.array([scale] + 3 * [1.0] + 6 * [scale])
+        root = rng.normal(size=(10, 10)) * 10.0 ** rng.uniform(-3, 3, size=10)
+        body = InertialParameters.from_vector(vector).nearest_feasible(root.T @ root)
+        assert body.to_spatial_inertia().IsPhysicallyValid()
+
+
+def test_a_feasible_body_is_its_own_projection():
+    body = random_body(np.random.default_rng(8))
+    assert body.nearest_feasible() is body
+
+
+def test_feasibility_does_not_depend_on_the_frame(paper_target):
+    """A flat body stays feasible, and an impossible one impossible, however it is turned."""
+    impossible = np.diag([20.0, 30.001, 10.0])
+    for R in Rotation.random(50, np.random.default_rng(9)).as_matrix():
+        turned = InertialParameters(
+            100.0, R @ paper_target.p_CTcm_C, R @ paper_target.I_TTcm_C @ R.T
+        )
+        assert turned.is_feasible()
+        assert not InertialParameters(1.0, np.zeros(3), R @ impossible @ R.T).is_feasible()
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((1.0, [0, 0], np.eye(3)), "shape"),
+        ((1.0, [0, 0, 0], np.eye(2)), "shape"),
+        ((np.nan, [0, 0, 0], np.eye(3)), "finite"),
+        ((1.0, [0, np.inf, 0], np.eye(3)), "finite"),
+        ((1.0, [0, 0, 0], [[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "symmetric"),
+        (("heavy", [0, 0, 0], np.eye(3)), "numbers"),
+    ],
+)
+def test_bad_values_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        InertialParameters(*values)
+
+
+@pytest.mark.parametrize(
+    "information",
+    [np.eye(9), np.full((10, 10), np.nan), np.zeros((10, 10)), -np.eye(10), np.triu(np.ones(10))],
+)
+def test_a_metric_that_is_none_is_refused(information):
+    raw = InertialParameters(1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0]))
+    with pytest.raises(InputError, match="information"):
+        raw.nearest_feasible(information)
+
+
+def test_repr_can_be_read_and_evaluated(paper_target):
+    text = repr(paper_target)
+    assert text == (
+        "InertialParameters(mass=100, p_CTcm_C=[0.433013, 0, 0], "
+        "I_TTcm_C=[[20, 0, 0], [0, 30, 0], [0, 0, 10]])"
+    )
+    assert eval(text).mass == 100.0
+
+
+def test_values_cannot_be_changed_behind_the_checks(paper_target):
+    with pytest.raises(ValueError, match="read-only"):
+        paper_target.I_TTcm_C[0, 0] = -1.0

@@ -1,0 +1,79 @@
+"""Eqs. 1-3 against Drake, which computes the same by another road."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.kinematics import axis_rotation, propagate
+
+
+@pytest.fixture(scope="module")
+def both_routes(servicer, random_motion):
+    telemetry = random_motion(20, seed=11)
+    bodies, capture = propagate(servicer.tree, telemetry)
+    plant = servicer.plant
+    context = plant.CreateDefaultContext()
+    drake = {"R": [], "r": [], "w": [], "v": [], "R_WC": [], "p_WC": [], "w_WC": [], "v_WC": []}
+    for state in servicer.to_states(telemetry):
+        plant.SetPositionsAndVelocities(context, state)
+        links = [plant.GetBodyByName(body.name) for body in servicer.tree.bodies]
+        X_WB = [link.EvalPoseInWorld(context) for link in links]
+        V_WB = [link.EvalSpatialVelocityInWorld(context) for link in links]
+        c_W = [
+            X.rotation() @ body.p_BBcm for X, body in zip(X_WB, servicer.tree.bodies, strict=True)
+        ]
+        drake["R"].append([X.rotation().matrix() for X in X_WB])
+        drake["r"].append([X.translation() + c for X, c in zip(X_WB, c_W, strict=True)])
+        drake["w"].append([V.rotational() for V in V_WB])
+        drake["v"].append([V.Shift(c).translational() for V, c in zip(V_WB, c_W, strict=True)])
+        X_WC = servicer.capture_frame.CalcPoseInWorld(context)
+        V_WC = servicer.capture_frame.CalcSpatialVelocityInWorld(context)
+        drake["R_WC"].append(X_WC.rotation().matrix())
+        drake["p_WC"].append(X_WC.translation())
+        drake["w_WC"].append(V_WC.rotational())
+        drake["v_WC"].append(V_WC.translational())
+    return bodies, capture, {name: np.array(values) for name, values in drake.items()}
+
+
+@pytest.mark.parametrize("quantity", ["R", "r", "w", "v"])
+def test_every_body_moves_as_in_drake(both_routes, quantity):
+    """Eqs. 1 (w), 2 (r) and 3 (v) to 1e-12."""
+    bodies, _, drake = both_routes
+    ours = np.swapaxes(getattr(bodies, quantity), 0, 1)
+    np.testing.assert_allclose(ours, drake[quantity], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("quantity", ["R_WC", "p_WC", "w_WC", "v_WC"])
+def test_the_capture_frame_moves_as_in_drake(both_routes, quantity):
+    _, capture, drake = both_routes
+    np.testing.assert_allclose(getattr(capture, quantity), drake[quantity], rtol=0, atol=1e-12)
+
+
+def test_velocities_are_the_derivatives_of_the_positions(servicer, random_motion):
+    """Eq. 3 against differences of Eq. 2 along the motion that the velocities describe."""
+    from dataclasses import replace
+
+    now, step = random_motion(6, seed=12), 1e-6
+    attitude = Rotation.from_quat(now.quaternion_WB, scalar_first=True)
+
+    def moved(h: float):
+        turned = Rotation.from_rotvec(h * now.w_WB) * attitude
+        return replace(
+            now,
+            quaternion_WB=turned.as_quat(scalar_first=True),
+            p_WB=now.p_WB + h * now.v_WB,
+            q=now.q + h * now.qdot,
+        )
+
+    ahead, behind = (propagate(servicer.tree, moved(h))[0].r for h in (step, -step))
+    v = propagate(servicer.tree, now)[0].v
+    np.testing.assert_allclose((ahead - behind) / (2 * step), v, rtol=0, atol=1e-8)
+
+
+def test_axis_rotation_agrees_with_scipy():
+    rng = np.random.default_rng(13)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    angles = rng.uniform(-4, 4, 10)
+    expected = Rotation.from_rotvec(angles[:, None] * axis).as_matrix()
+    np.testing.assert_allclose(axis_rotation(axis, angles), expected, atol=1e-14)

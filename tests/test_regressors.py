@@ -1,0 +1,334 @@
+"""Eqs. 6-18: the rows hold at the truth, the errata matter, and the ranks are what theory says."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InertialParameters
+from cpid_drake.inertia import tensor_to_vector
+from cpid_drake.kinematics import CaptureMotion, propagate, rotate
+from cpid_drake.momentum import MomentumSamples, momentum_samples, target_momentum
+from cpid_drake.regressors import (
+    EQ18_ROWS,
+    ROW_FAMILIES,
+    STANDARD_ROWS,
+    angular_rows,
+    eq18_rows,
+    inertia_operator,
+    instantaneous_rows,
+    linear_rows,
+    skew,
+    standard_rows,
+    unknowns_to_world,
+)
+
+FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
+
+
+def scaled_rank(A, tolerance=1e-9):
+    """Rank of rows with their columns scaled to unit length, rounding left at zero."""
+    A = A.reshape(-1, A.shape[-1])
+    norms = np.linalg.norm(A, axis=0)
+    s = np.linalg.svd(A / np.where(norms > 1e-12 * norms.max(), norms, norms.max()))[1]
+    return int((s > tolerance * s[0]).sum())
+
+
+def free_samples(target, w, v, seed=0) -> MomentumSamples:
+    """Samples in which the known bodies carry just the momentum that cancels the target's."""
+    w, v = np.atleast_2d(w).astype(float), np.atleast_2d(v).astype(float)
+    rng = np.random.default_rng(seed)
+    R_WC = Rotation.random(len(w), rng).as_matrix()
+    p_WC = rng.normal(size=(len(w), 3))
+    motion = CaptureMotion(R_WC, p_WC, rotate(R_WC, w), rotate(R_WC, v))
+    P, L = target_momentum(target, motion)
+    return MomentumSamples(motion, -P, -L)
+
+
+# -- operators ---------------------------------------------------------------------------------
+
+
+def test_skew_is_the_cross_product():
+    """Eq. 8."""
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(7, 3)), rng.normal(size=(7, 3))
+    np.testing.assert_allclose(rotate(skew(a), b), np.cross(a, b), atol=1e-15)
+
+
+def test_inertia_operator_multiplies_a_vector_by_a_tensor():
+    """Eqs. 11-13."""
+    rng = np.random.default_rng(2)
+    tensor, v = rng.normal(size=(3, 3)), rng.normal(size=(7, 3))
+    tensor = tensor + tensor.T
+    product = rotate(inertia_operator(v), tensor_to_vector(tensor))
+    np.testing.assert_allclose(product, v @ tensor, atol=1e-14)
+
+
+# -- the rows hold at the truth ----------------------------------------------------------------
+
+
+@FAMILIES
+def test_rows_hold_at_the_truth(servicer, skewed_target, zero_momentum_motion, family):
+    """Eq. 18 and the standard form, on random states of zero momentum, to 1e-12 of their size."""
+    samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 50, seed=3))
+    A, b = family.rows(samples)
+    truth = family.unknowns.from_parameters(skewed_target.to_vector())
+    size = (np.abs(A) @ np.abs(truth)).max()
+    assert np.abs(A @ truth - b).max() < 1e-12 * size
+
+
+@FAMILIES
+def test_rows_determine_the_truth(servicer, skewed_target, zero_momentum_motion, family):
+    samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 10, seed=4))
+    A, b = family.rows(samples)
+    solution = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
+    found = family.unknowns.to_parameters(solution)
+    np.testing.assert_allclose(found, skewed_target.to_vector(), rtol=0, atol=1e-10)
+
+
+@FAMILIES
+def test_rows_do_not_hold_for_another_target(
+    servicer, skewed_target, paper_target, zero_momentum_motion, family
+):
+    samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 5, seed=5))
+    A, b = family.rows(samples)
+    wrong = family.unknowns.from_parameters(paper_target.to_vector())
+    assert np.abs(A @ wrong - b).max() > 1e-2
+
+
+@FAMILIES
+def test_rows_do_not_depend_on_the_world_frame(servicer, random_motion, family):
+    """Turning and shifting the world leaves every row as it is: they are expressed in C."""
+    from dataclasses import replace
+
+    telemetry, Q = random_motion(6, seed=6), Rotation.from_rotvec([0.3, 1.2, -0.5])
+    attitude = Rotation.from_quat(telemetry.quaternion_WB, scalar_first=True)
+    moved = replace(
+        telemetry,
+        quaternion_WB=(Q * attitude).as_quat(scalar_first=True),
+        p_WB=Q.apply(telemetry.p_WB) + [5.0, -3.0, 2.0],
+        w_WB=Q.apply(telemetry.w_WB),
+        v_WB=Q.apply(telemetry.v_WB),
+    )
+    for ours, theirs in zip(
+        family.rows(momentum_samples(servicer.tree, telemetry)),
+        family.rows(momentum_samples(servicer.tree, moved)),
+        strict=True,
+    ):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-10)
+
+
+@FAMILIES
+def test_one_sample_at_a_time_gives_the_same_rows(servicer, random_motion, family):
+    telemetry = random_motion(5, seed=7)
+    together = family.augmented_rows(momentum_samples(servicer.tree, telemetry))
+    single = [
+        family.augmented_rows(momentum_samples(servicer.tree, telemetry.select([k])))
+        for k in range(5)
+    ]
+    np.testing.assert_allclose(np.vstack(single), together, rtol=0, atol=1e-12)
+
+
+def test_both_families_are_the_same_physics(servicer, skewed_target, random_motion):
+    """m times the top eq18 rows is the top standard row at any momentum, and they differ below by
+    the same top row crossed with c: residuals vanish together, with or without momentum."""
+    samples = momentum_samples(servicer.tree, random_motion(8, seed=8))
+    (A, b), (S, d) = eq18_rows(samples), standard_rows(samples)
+    theta, phi = skewed_target.to_eq18_vector(), skewed_target.to_standard_vector()
+    eq18, standard = A @ theta - b, S @ phi - d
+    top = skewed_target.mass * eq18[:, :3]
+    np.testing.assert_allclose(standard[:, :3], top, rtol=0, atol=1e-10)
+    crossed = np.cross(skewed_target.p_CTcm_C, standard[:, :3])
+    np.testing.assert_allclose(standard[:, 3:], eq18[:, 3:] + crossed, rtol=0, atol=1e-9)
+
+
+# -- the paper's equations one by one ----------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def case(servicer, skewed_target, zero_momentum_motion):
+    telemetry = zero_momentum_motion(skewed_target, 12, seed=9)
+    return telemetry, momentum_samples(servicer.tree, telemetry)
+
+
+def unknowns_in_world(target, R_WC):
+    c_W = rotate(R_WC, target.p_CTcm_C)
+    I_W = R_WC @ target.I_TTcm_C @ np.swapaxes(R_WC, -1, -2)
+    mass = np.full((len(R_WC), 1), 1 / target.mass)
+    return np.hstack([mass, c_W, tensor_to_vector(I_W)])
+
+
+def test_linear_rows_hold_at_every_instant(case, skewed_target):
+    """Eqs. 6 and 7."""
+    _, samples = case
+    A, b = linear_rows(samples)
+    unknowns = unknowns_in_world(skewed_target, samples.motion.R_WC)[:, :4]
+    np.testing.assert_allclose(rotate(A, unknowns), b, rtol=0, atol=1e-12)
+
+
+def test_angular_rows_hold_at_every_instant(case, skewed_target):
+    """Eq. 10 with sums from the base."""
+    _, samples = case
+    A, b = angular_rows(samples)
+    unknowns = unknowns_in_world(skewed_target, samples.motion.R_WC)[:, 1:]
+    np.testing.assert_allclose(rotate(A, unknowns), b, rtol=0, atol=1e-10)
+
+
+def test_eq18_is_eq14_with_the_unknowns_turned_into_C(case):
+    """Eqs. 15-17 carry Eq. 14 over to Eq. 18."""
+    _, samples = case
+    A_W, b_W = instantaneous_rows(samples)
+    R_WC = samples.motion.R_WC
+    to_C = np.zeros((len(samples), 6, 6))
+    to_C[:, :3, :3] = to_C[:, 3:, 3:] = np.swapaxes(R_WC, -1, -2)
+    A, b = eq18_rows(samples)
+    expected = to_C @ A_W @ unknowns_to_world(R_WC)
+    np.testing.assert_allclose(A, expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(b, rotate(to_C, b_W), rtol=0, atol=1e-11)
+
+
+# -- errata --------------------------------------------------------------------------------------
+
+
+def without_base(servicer, telemetry) -> MomentumSamples:
+    """The paper's sums taken literally: i = 1, the base left out."""
+    bodies, capture = propagate(servicer.tree, telemetry)
+    P, L = np.zeros_like(capture.p_WC), np.zeros_like(capture.p_WC)
+    for k, body in enumerate(servicer.tree.bodies):
+        if k == 0:
+            continue
+        v, r, R = bodies.v[k], bodies.r[k], bodies.R[k]
+        I_W = R @ body.I_BBcm @ np.swapaxes(R, -1, -2)
+        P += body.mass * v
+        L += rotate(I_W, bodies.w[k]) + body.mass * np.cross(r - capture.p_WC, v)
+    return MomentumSamples(capture, P, L)
+
+
+def test_erratum_sums_from_one_give_a_negative_mass(servicer, paper_scenario):
+    """Errata 1: without the base, the paper's own case has a negative mass."""
+    from cpid_drake import make_simulation
+    from cpid_drake.studies.paper import sampling_times
+
+    paper_scenario.simulation.simulator.accuracy = 1e-6
+    simulation = make_simulation(paper_scenario)
+    telemetry = simulation.telemetry(simulation.run()).at(sampling_times(paper_scenario))
+    masses = []
+    for samples in (without_base(servicer, telemetry), momentum_samples(servicer.tree, telemetry)):
+        A, b = eq18_rows(samples)
+        theta = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
+        masses.append(1 / theta[0])
+    assert masses[0] < 0
+    assert masses[1] == pytest.approx(100.0, rel=1e-6)
+
+
+def test_erratum_right_hand_side_is_the_capture_points_velocity(case, skewed_target):
+    """Errata 2: with the target's own v_n, ω_n and b_n = −c_n, Eq. 14 does not hold."""
+    _, samples = case
+    motion = samples.motion
+    A, _ = linear_rows(samples)
+    unknowns = unknowns_in_world(skewed_target, motion.R_WC)[:, :4]
+    c_W = rotate(motion.R_WC, skewed_target.p_CTcm_C)
+    v_n = motion.v_WC + np.cross(motion.w_WC, c_W)
+    assert np.abs(rotate(A, unknowns) + v_n).max() > 1e-2
+
+
+def test_erratum_angular_momentum_is_about_the_capture_point(servicer, case, skewed_target):
+    """Errata 3: about a link's centroid instead of the capture point the rows fail."""
+    telemetry, samples = case
+    bodies, capture = propagate(servicer.tree, telemetry)
+    names = [body.name for body in servicer.tree.bodies]
+    centroid = bodies.r[names.index("capture_arm_gripper")]
+    L = samples.L + np.cross(capture.p_WC - centroid, samples.P)
+    A, b = eq18_rows(MomentumSamples(capture, samples.P, L))
+    assert np.abs(A @ skewed_target.to_eq18_vector() - b).max() > 1e-2
+
+
+def test_erratum_rigid_grasp_is_assumed(servicer, case, skewed_target):
+    """Errata 4: a target that turns in the grasp violates the rows."""
+    _, samples = case
+    motion = samples.motion
+    slipping = CaptureMotion(motion.R_WC, motion.p_WC, motion.w_WC + [0.1, 0, 0], motion.v_WC)
+    P, L = target_momentum(skewed_target, slipping)
+    A, b = eq18_rows(MomentumSamples(motion, -P, -L))
+    assert np.abs(A @ skewed_target.to_eq18_vector() - b).max() > 1e-2
+
+
+def test_erratum_world_frame_rows_cannot_be_stacked(case, skewed_target):
+    """Errata 5: c and I change in W; stacked over time Eq. 14 finds a wrong target."""
+    _, samples = case
+    A, b = instantaneous_rows(samples)
+    stacked = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
+    assert abs(1 / stacked[0] - skewed_target.mass) > 1.0
+    A, b = eq18_rows(samples)
+    stacked = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
+    assert 1 / stacked[0] == pytest.approx(skewed_target.mass, rel=1e-9)
+
+
+def test_erratum_two_samples_leave_one_combination_open(skewed_target):
+    """Errata 6: with n = ω1 × ω2, the inertia n nᵀ can be added without any row noticing."""
+    rng = np.random.default_rng(10)
+    w, v = rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
+    A, _ = eq18_rows(free_samples(skewed_target, w, v))
+    n = np.cross(w[0], w[1])
+    null = np.concatenate([np.zeros(4), tensor_to_vector(np.outer(n, n))])
+    assert np.abs(A @ null).max() < 1e-12 * np.abs(A).max() * np.abs(null).max()
+
+
+# -- ranks ---------------------------------------------------------------------------------------
+
+
+@FAMILIES
+@pytest.mark.parametrize(("n", "rank"), [(1, 6), (2, 9), (3, 10), (4, 10), (10, 10)])
+def test_rank_of_generic_samples(servicer, skewed_target, zero_momentum_motion, family, n, rank):
+    samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, n, seed=14))
+    assert scaled_rank(family.rows(samples)[0]) == rank
+
+
+@FAMILIES
+def test_rank_of_coplanar_angular_velocities_is_nine(skewed_target, family):
+    rng = np.random.default_rng(15)
+    w = rng.normal(size=(20, 2)) @ rng.normal(size=(2, 3))
+    samples = free_samples(skewed_target, w, rng.normal(size=(20, 3)))
+    assert scaled_rank(family.rows(samples)[0]) == 9
+
+
+@FAMILIES
+def test_rank_about_a_constant_axis_is_seven(skewed_target, family):
+    rng = np.random.default_rng(16)
+    w = rng.normal(size=(20, 1)) * [0.3, -0.5, 0.8]
+    samples = free_samples(skewed_target, w, rng.normal(size=(20, 3)))
+    assert scaled_rank(family.rows(samples)[0]) == 7
+
+
+@FAMILIES
+def test_rank_of_planar_motion_is_seven(skewed_target, family):
+    rng = np.random.default_rng(17)
+    w = rng.normal(size=(20, 1)) * [0.0, 0.0, 1.0]
+    v = rng.normal(size=(20, 3)) * [1.0, 1.0, 0.0]
+    assert scaled_rank(family.rows(free_samples(skewed_target, w, v))[0]) == 7
+
+
+@FAMILIES
+def test_rank_of_translation_alone_is_four(skewed_target, family):
+    v = np.random.default_rng(18).normal(size=(20, 3))
+    samples = free_samples(skewed_target, np.zeros((20, 3)), v)
+    assert scaled_rank(family.rows(samples)[0]) == 4
+
+
+@FAMILIES
+def test_at_rest_nothing_is_seen(skewed_target, family):
+    A, b = family.rows(free_samples(skewed_target, np.zeros((5, 3)), np.zeros((5, 3))))
+    assert not A.any()
+    assert not b.any()
+
+
+def test_families_are_known_by_name():
+    assert ROW_FAMILIES == {"eq18": EQ18_ROWS, "standard": STANDARD_ROWS}
+
+
+def test_a_spacecraft_that_holds_nothing_shows_no_mass(servicer, zero_momentum_motion):
+    """An empty gripper: the known momentum is zero by itself, so the standard rows find m = 0."""
+    nothing = InertialParameters(0.0, np.zeros(3), np.zeros((3, 3)))
+    samples = momentum_samples(servicer.tree, zero_momentum_motion(nothing, 10, seed=19))
+    A, b = standard_rows(samples)
+    phi = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
+    assert np.abs(phi).max() < 1e-9
