@@ -152,7 +152,7 @@ def _draw_configurations(study: PaperStudy, path: Path) -> None:
     states = study.simulation.spacecraft.to_states(study.telemetry.select([0, -1]))
     pictures = render_scenario(study.simulation.scenario, list(states))
     times = study.telemetry.time[[0, -1]]
-    with saved_figure(path, 11.0, 4.2) as figure:
+    with saved_figure(path, 11.0, 4.4) as figure:
         panels = figure.subplots(1, 2)
         for axes, picture, time, name in zip(panels, pictures, times, "AB", strict=True):
             axes.imshow(picture)
@@ -202,20 +202,20 @@ def _draw_errors(study: PaperStudy, path: Path) -> None:
     time = study.telemetry.time
     with saved_figure(path, 9.5, 3.6) as figure:
         panels = figure.subplots(1, 2)
-        attitude = np.degrees(np.abs(study.attitude_error))
+        attitude = 1e3 * np.degrees(np.abs(study.attitude_error))
         _draw_axes(panels[0], time, attitude, ("yaw", "pitch", "roll"))
         label_axes(
             panels[0],
             f"(A) Attitude error, {study.max_attitude_relative_error:.4%} of the motion at most",
             _TIME,
-            "|error| [deg]",
+            "|error| [mdeg]",
         )
-        _draw_axes(panels[1], time, 1e3 * np.abs(study.position_error), "xyz")
+        _draw_axes(panels[1], time, 1e6 * np.abs(study.position_error), "xyz")
         label_axes(
             panels[1],
             f"(B) Position error, {study.max_position_relative_error:.4%} of the motion at most",
             _TIME,
-            "|error| [mm]",
+            "|error| [µm]",
         )
 
 
@@ -253,7 +253,7 @@ def _draw_digits(study: PaperStudy, path: Path) -> None:
 def _draw_convergence(study: PaperStudy, path: Path) -> None:
     time = study.telemetry.time
     errors = np.array([parameter_errors(row, study.truth) for row in study.online_parameters])
-    groups = (("m", [0]), ("c", [1, 2, 3]), ("I", [4, 5, 6, 7, 8, 9]))
+    groups = (("mass", [0]), ("centre of mass", [1, 2, 3]), ("inertia", [4, 5, 6, 7, 8, 9]))
     with saved_figure(path, 6.5, 3.8) as figure:
         axes = figure.subplots()
         for (name, columns), color in zip(groups, COLORS, strict=False):
@@ -273,4 +273,4 @@ def _draw_convergence(study: PaperStudy, path: Path) -> None:
         )
         label_axes(axes, "Online estimate from exact samples", _TIME, "largest relative error")
         axes.set_xlim(time[0], time[-1])
-        axes.legend(title="of", title_fontsize=8, ncols=3)
+        axes.legend()

@@ -31,8 +31,8 @@ def render_scenario(
     *,
     size: tuple[int, int] = (900, 640),
     eye: ArrayLike = (5.6, -4.4, 2.3),
-    look_at: ArrayLike = (1.0, 0.0, -0.35),
-    field_of_view: float = 0.72,
+    look_at: ArrayLike = (1.0, 0.0, -0.45),
+    field_of_view: float = 0.78,
 ) -> list[NDArray[np.uint8]]:
     """Render the scenario's spacecraft with its target in several states.
 
