@@ -1,4 +1,4 @@
-# Both set-up commands make their own environment: `make demo` runs the paper's study, `make test` the
+# Each set-up command makes its own environment: `make demo` runs the paper's study, `make test` the
 # tests. PYTHON chooses the interpreter, VENV the folder.
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,21 +9,25 @@ OUT ?= out/paper
 demo: $(VENV)/installed
 	$(VENV)/bin/cpid paper --out $(OUT)
 
-test: $(VENV)/installed
+test: $(VENV)/installed-dev
 	$(VENV)/bin/python -m pytest
 
-lint: $(VENV)/installed
+lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 
-benchmark: $(VENV)/installed
+benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmarks/identifier_update.py
 
 $(VENV)/installed: pyproject.toml
-	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'
 	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/installed-dev: $(VENV)/installed
 	$(VENV)/bin/python -m pip install --quiet --editable '.[dev]'
 	touch $@
 
 clean:
-	rm -rf $(VENV) out build dist
+	rm -rf $(VENV) $(VENV)-3.* out build dist

@@ -52,7 +52,7 @@ def add_target_appearance(
     try:
         Parser(model).AddModels(str(visual_model))
         model.Finalize()
-    except (RuntimeError, SystemExit) as error:
+    except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(f"{visual_model}: {' '.join(str(error).split())}") from error
     if model.num_velocities() > 6:
         raise InputError(f"{visual_model}: a target is one rigid body, but this model has joints")

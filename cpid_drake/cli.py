@@ -43,7 +43,7 @@ def paper(
     from cpid_drake.studies.paper import run_paper_study, summarize
 
     _make_folder(out)
-    log = Console(stderr=True, quiet=quiet)
+    log = Console(stderr=True, quiet=quiet, markup=False)
     with log.status("reading the scenario") as status:
 
         def progress(step: str) -> None:
@@ -56,7 +56,7 @@ def paper(
     summary = summarize(study, time.perf_counter() - start)
     files[-1].write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     if not quiet:
-        print_tables(study, Console())
+        print_tables(study, Console(markup=False))
     log.print(f"\n{len(files)} files in {out}, {summary['wall_seconds']:.1f} s", highlight=False)
 
 
@@ -73,6 +73,8 @@ def main() -> None:
         code = app(standalone_mode=False)
     except InputError as error:
         code = _fail(str(error))
+    except OSError as error:
+        code = _fail(f"{error.filename or 'file'}: {error.strerror or error}")
     except KeyboardInterrupt:
         code = 130
     except Exception as error:

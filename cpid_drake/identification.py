@@ -24,6 +24,9 @@ from cpid_drake.telemetry import Telemetry
 class Identification:
     """What some samples say about the target.
 
+    All rows weigh the same, as in Ning et al. 2016. Rows of Eq. 18 are in m/s and N·m·s, so that
+    their covariance is rough (σ of the mass up to 25 times too large); standard rows do better.
+
     Attributes:
         family: the rows that were used.
         solution: their least-squares solution, in the family's own unknowns.

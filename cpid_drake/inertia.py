@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.multibody.tree import RotationalInertia, SpatialInertia
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from cpid_drake.errors import InputError
@@ -197,9 +197,7 @@ class InertialParameters:
     @classmethod
     def from_vector(cls, parameters: ArrayLike) -> "InertialParameters":
         """Make it from π (10,) = (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz)."""
-        parameters = np.asarray(parameters, dtype=float)
-        if parameters.shape != (10,):
-            raise InputError(f"a parameter vector has ten entries, not shape {parameters.shape}")
+        parameters = _ten(parameters, "a parameter vector")
         inertia = vector_to_tensor(parameters[4:][_TENSOR_ORDER])
         return cls(parameters[0], parameters[1:4], inertia)
 
@@ -211,7 +209,7 @@ class InertialParameters:
     @classmethod
     def from_eq18_vector(cls, theta: ArrayLike) -> "InertialParameters":
         """Make it from θ (10,) = (1/m, c, I11, I12, I13, I22, I23, I33); 1/m must not be zero."""
-        return cls.from_vector(eq18_to_parameters(theta))
+        return cls.from_vector(eq18_to_parameters(_ten(theta, "an Eq. 18 vector")))
 
     def to_eq18_vector(self) -> NDArray[np.float64]:
         """Return θ (10,), the unknowns of Ning et al. 2016, Eq. 18; the mass must not be zero."""
@@ -222,14 +220,14 @@ class InertialParameters:
     @classmethod
     def from_standard_vector(cls, phi: ArrayLike) -> "InertialParameters":
         """Make it from φ (10,) = (m, m c, inertia about C's origin); m must not be zero."""
-        return cls.from_vector(standard_to_parameters(phi))
+        return cls.from_vector(standard_to_parameters(_ten(phi, "a standard vector")))
 
     def to_standard_vector(self) -> NDArray[np.float64]:
         """Return φ (10,) = (m, m c, J11, J12, J13, J22, J23, J33), J about C's origin."""
         return parameters_to_standard(self.to_vector())
 
     def to_pseudo_inertia(self) -> NDArray[np.float64]:
-        """Return the (4, 4) pseudo-inertia [½tr(J)1 − J, h; hᵀ, m] (Wensing et al. 2018, Eq. 13).
+        """Return the (4, 4) pseudo-inertia [½tr(J)1 − J, h; hᵀ, m] (Wensing et al. 2018).
 
         A rigid body has these parameters exactly when this matrix is positive semidefinite.
         """
@@ -241,6 +239,8 @@ class InertialParameters:
         pseudo = np.asarray(pseudo, dtype=float)
         if pseudo.shape != (4, 4):
             raise InputError(f"a pseudo-inertia has shape (4, 4), not {pseudo.shape}")
+        if np.abs(pseudo - pseudo.T).max() > 1e-12 * np.abs(pseudo).max():
+            raise InputError("a pseudo-inertia must be symmetric")
         second_moment = pseudo[:3, :3]
         inertia = np.trace(second_moment) * np.eye(3) - second_moment
         phi = np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor_to_vector(inertia)])
@@ -256,6 +256,9 @@ class InertialParameters:
     def to_spatial_inertia(self) -> SpatialInertia:
         """Return Drake's spatial inertia about C's origin, in C.
 
+        Of a flat body far from C, whose limits rounding would overstep about C's origin, the
+        inertia is moved inside them by 1e-12 of its size.
+
         Raises:
             InputError: no rigid body has these parameters; `nearest_feasible()` gives some.
 
@@ -265,11 +268,22 @@ class InertialParameters:
             raise InputError(
                 f"not a rigid body: {'; '.join(problems)}. Use nearest_feasible() first"
             )
-        I = self.I_TTcm_C  # noqa: E741
-        return SpatialInertia.MakeFromCentralInertia(
+        M_TCo_C = self._unchecked_spatial_inertia()
+        return (
+            M_TCo_C
+            if M_TCo_C.IsPhysicallyValid()
+            else self._inside_the_limits()._unchecked_spatial_inertia()
+        )
+
+    def _unchecked_spatial_inertia(self) -> SpatialInertia:
+        # Unit inertia about C's origin; the check is the caller's.
+        phi = self.to_standard_vector()
+        G = vector_to_tensor(phi[4:]) / self.mass
+        return SpatialInertia(
             self.mass,
             self.p_CTcm_C,
-            RotationalInertia(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
+            UnitInertia(G[0, 0], G[1, 1], G[2, 2], G[0, 1], G[0, 2], G[1, 2]),
+            skip_validity_check=True,
         )
 
     # -- feasibility -------------------------------------------------------------------------
@@ -314,14 +328,17 @@ class InertialParameters:
                 count alike once each is divided by its own size.
 
         Raises:
-            InputError: `information` is not a finite, symmetric, positive definite matrix.
+            InputError: `information` is not a finite, symmetric, positive definite matrix, or the
+                mass is exactly zero.
             RuntimeError: the solver failed.
 
         """
         if self.is_feasible():
             return self
+        if self.mass == 0:
+            raise InputError("parameters of zero mass have no nearest body: c = h/m is undefined")
         center = self.to_standard_vector()
-        mass_scale = max(abs(self.mass), np.finfo(float).tiny)
+        mass_scale = abs(self.mass)
         length = np.sqrt(max(np.abs(center[4:]).max(), np.abs(center[1:4]).max() ** 2) / mass_scale)
         length = max(length, 1e-6)
         scale = mass_scale * np.concatenate([[1.0], 3 * [length], 6 * [length**2]])
@@ -335,23 +352,12 @@ class InertialParameters:
         values, axes = np.linalg.eigh(_pseudo_inertia(center / scale))
         violation = max(-values[0], 1e-14 * np.abs(values).max())
         congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
-        program = MathematicalProgram()
-        change = program.NewContinuousVariables(10, "change")
         directions = [center / scale, *(violation * np.eye(10))]
         matrices = [congruence.T @ _pseudo_inertia(phi) @ congruence for phi in directions]
-        symmetric = [(matrix + matrix.T) / 2 for matrix in matrices]
-        program.AddLinearMatrixInequalityConstraint(symmetric, change)
-        program.AddL2NormCostUsingConicConstraint(root, np.zeros(10), change)
-        if self.mass <= 0:
-            # A body to be simulated has some mass: a thousandth of the estimate's magnitude.
-            least_change = (1e-3 - center[0] / scale[0]) / violation
-            program.AddBoundingBoxConstraint(least_change, np.inf, change[0])
-        result = ClarabelSolver().Solve(program)
-        if not result.is_success():
-            raise RuntimeError(
-                f"Clarabel found no feasible parameters: {result.get_solution_result()}"
-            )
-        solution = center + scale * violation * result.GetSolution(change)
+        # A body to be simulated has some mass: a thousandth of the estimate's magnitude.
+        least = (1e-3 - center[0] / scale[0]) / violation if self.mass < 0 else -np.inf
+        change = _least_change(root, [(matrix + matrix.T) / 2 for matrix in matrices], least)
+        solution = center + scale * violation * change
         return InertialParameters.from_standard_vector(solution)._inside_the_limits()
 
     def _inside_the_limits(self) -> "InertialParameters":
@@ -375,6 +381,42 @@ class InertialParameters:
             f"InertialParameters(mass={self.mass:.6g}, p_CTcm_C={row(self.p_CTcm_C)}, "
             f"I_TTcm_C=[{inertia}])"
         )
+
+
+def _ten(vector: ArrayLike, what: str) -> NDArray[np.float64]:
+    try:
+        vector = np.asarray(vector, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must be of numbers: {error}") from error
+    if vector.shape != (10,):
+        raise InputError(f"{what} has ten entries, not shape {vector.shape}")
+    return vector
+
+
+def _least_change(
+    root: NDArray[np.float64], matrices: list[NDArray[np.float64]], least: float
+) -> NDArray[np.float64]:
+    """Minimize |root z| over z (10,) with F0 + Σ z_i F_i ⪰ 0 and z_0 ≥ least, by Clarabel.
+
+    The norm is the better scaled cost; where Clarabel cannot reach its tolerance with it, its
+    square has the same minimum.
+    """
+    for squared in (False, True):
+        program = MathematicalProgram()
+        z = program.NewContinuousVariables(10, "z")
+        program.AddLinearMatrixInequalityConstraint(matrices, z)
+        if np.isfinite(least):
+            program.AddBoundingBoxConstraint(least, np.inf, z[0])
+        if squared:
+            program.AddQuadraticCost(2 * root.T @ root, np.zeros(10), z, is_convex=True)
+        else:
+            program.AddL2NormCostUsingConicConstraint(root, np.zeros(10), z)
+        result = ClarabelSolver().Solve(program)
+        if result.is_success():
+            return result.GetSolution(z)
+    raise RuntimeError(
+        f"Clarabel found no physically possible parameters: {result.get_solution_result()}"
+    )
 
 
 def _pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:

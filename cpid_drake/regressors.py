@@ -28,7 +28,6 @@ from cpid_drake.inertia import (
     tensor_to_vector,
     vector_to_tensor,
 )
-from cpid_drake.kinematics import rotate
 from cpid_drake.momentum import MomentumSamples
 
 Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -181,11 +180,3 @@ def eq18_rows(samples: MomentumSamples) -> Rows:
 def standard_rows(samples: MomentumSamples) -> Rows:
     """Return rows A (N, 6, 10), b (N, 6) in φ = (m, m c, inertia about C's origin)."""
     return STANDARD_ROWS.rows(samples)
-
-
-def truth_residual(
-    family: RowFamily, samples: MomentumSamples, unknowns: ArrayLike
-) -> NDArray[np.float64]:
-    """Return A θ − b (N, 6) at given unknowns (10,)."""
-    A, b = family.rows(samples)
-    return rotate(A, unknowns) - b

@@ -23,11 +23,16 @@ INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "rad
 
 @dataclass
 class SpacecraftConfig:
-    """The known spacecraft: model file (path or package:// URI), base body and capture frame."""
+    """The known spacecraft: model file, base body and capture frame.
+
+    Files are package:// URIs or paths, which start at the scenario's own folder; `packages` gives
+    the folders of further packages by name.
+    """
 
     model: str = ""
     base: str = ""
     capture_frame: str = ""
+    packages: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -53,7 +58,8 @@ class HalfCosineMotion:
 class ControllerConfig:
     """The joint controller: what its model holds at C, and its feedback gains [rad/s, 1].
 
-    If it does not know the target, it takes it for a solid sphere about C's origin [kg, m].
+    If it does not know the target, it takes it for a solid sphere about C's origin [kg, m], whose
+    mass must then be given: half or double the true one will do.
     """
 
     knows_target: bool = True
@@ -104,7 +110,12 @@ class Scenario:
 
         """
         config = self.spacecraft
-        return Spacecraft(config.model, base=config.base, capture_frame=config.capture_frame)
+        return Spacecraft(
+            config.model,
+            base=config.base,
+            capture_frame=config.capture_frame,
+            packages=config.packages,
+        )
 
     def target_truth(self) -> InertialParameters:
         """Return the true target.
@@ -170,11 +181,30 @@ def load_scenario(path: str | Path) -> Scenario:
         scenario = yaml_load_typed(schema=Scenario, filename=str(file), defaults=Scenario())
     except yaml.YAMLError as error:
         raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
-    except (RuntimeError, ValueError, TypeError, AttributeError, KeyError, OSError) as error:
+    except (
+        RuntimeError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        AssertionError,
+    ) as error:
         # What Drake's reader raises for values that do not fit the schema.
         raise InputError(f"{path}: {' '.join(str(error).split())}") from error
     _check(scenario, str(path))
+    spacecraft, target = scenario.spacecraft, scenario.target
+    spacecraft.model = _from_folder(file.parent, spacecraft.model)
+    spacecraft.packages = {
+        name: _from_folder(file.parent, folder) for name, folder in spacecraft.packages.items()
+    }
+    if target.visual_model is not None:
+        target.visual_model = _from_folder(file.parent, target.visual_model)
     return scenario
+
+
+def _from_folder(folder: Path, path: str) -> str:
+    """Return a path that the scenario's author wrote, seen from the scenario's folder."""
+    return path if "://" in path else str(folder / Path(path).expanduser())
 
 
 def _check(scenario: Scenario, where: str) -> None:
@@ -196,9 +226,13 @@ def _check(scenario: Scenario, where: str) -> None:
         "identification.period": scenario.identification.period,
         "controller.nominal_radius": scenario.controller.nominal_radius,
     }
+    if not scenario.controller.knows_target:
+        positive["controller.nominal_mass"] = scenario.controller.nominal_mass
     for name, value in positive.items():
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{where}: {name} must be a number > 0, not {value}")
+    if config.simulator.accuracy < 1e-13:
+        raise InputError(f"{where}: simulation.simulator.accuracy is below rounding; give >= 1e-13")
     scheme = config.simulator.integration_scheme
     if scheme not in INTEGRATION_SCHEMES:
         raise InputError(

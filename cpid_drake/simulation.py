@@ -1,9 +1,10 @@
 """A scenario becomes a Drake Diagram, and a run of it becomes telemetry."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
@@ -11,6 +12,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.inertia import InertialParameters
+from cpid_drake.model_files import package_map, resolve_model
 from cpid_drake.momentum import zero_momentum_base_twist
 from cpid_drake.motion.joint_motion import JointMotion
 from cpid_drake.scenario import Scenario
@@ -63,10 +65,22 @@ class Simulation:
 
     def run(self) -> Context:
         """Simulate the scenario's duration; the root Context returned holds logs and estimate."""
+        return self._run_to([self.scenario.simulation.duration])[0]
+
+    def run_sampled(self, times: ArrayLike) -> tuple[Context, Telemetry]:
+        """Simulate as `run`, and return also the telemetry at these increasing times (N,) [s]."""
+        context, states = self._run_to([*times, self.scenario.simulation.duration])
+        return context, self.spacecraft.to_telemetry(times, states[:-1])
+
+    def _run_to(self, times: Sequence[float]) -> tuple[Context, list[NDArray[np.float64]]]:
         simulator = self.make_simulator()
-        simulator.AdvanceTo(self.scenario.simulation.duration)
+        context = self.plant.GetMyContextFromRoot(simulator.get_context())
+        states = []
+        for time in times:
+            simulator.AdvanceTo(time)
+            states.append(self.plant.GetPositionsAndVelocities(context).copy())
         simulator.AdvancePendingEvents()  # the sample that is due at the very end
-        return simulator.get_context().Clone()
+        return simulator.get_context().Clone(), states
 
     def telemetry(self, root_context: Context) -> Telemetry:
         """Return the logged motion of a run."""
@@ -116,6 +130,8 @@ def make_simulation(
 
     """
     spacecraft = scenario.make_spacecraft()
+    if scenario.target.visual_model is not None:  # else missed only when something is drawn
+        resolve_model(scenario.target.visual_model, package_map(scenario.spacecraft.packages))
     truth = target or scenario.target_truth()
     motion = scenario.make_joint_motion(spacecraft)
 
@@ -185,16 +201,13 @@ def _make_controller(
     scenario: Scenario, spacecraft: Spacecraft, truth: InertialParameters
 ) -> JointController:
     config = scenario.controller
-    believed = spacecraft.plant
-    if config.knows_target:
-        believed = spacecraft.make_simulation_plant(truth)
-    elif config.nominal_mass > 0:
+    held = truth
+    if not config.knows_target:
         inertia = 0.4 * config.nominal_mass * config.nominal_radius**2 * np.eye(3)
-        nominal = InertialParameters(config.nominal_mass, np.zeros(3), inertia)
-        believed = spacecraft.make_simulation_plant(nominal)
+        held = InertialParameters(config.nominal_mass, np.zeros(3), inertia)
     return JointController(
         spacecraft,
-        believed,
+        spacecraft.make_simulation_plant(held),
         natural_frequency=config.natural_frequency,
         damping_ratio=config.damping_ratio,
     )

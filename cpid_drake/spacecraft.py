@@ -38,6 +38,21 @@ TARGET_NAME = "captured_target"
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
 
+# What Drake's parser only warns of, and then goes on with another spacecraft than the file's: parts
+# of its warnings, and what they mean here.
+_SILENT_REPAIRS = {
+    "While parsing inertia matrix": "a body's inertia is not physically possible",
+    "While re-expressing as central inertia": "a body's mass or inertia is not possible",
+    "has invalid inertia": "a body's inertia is not physically possible",
+    "found as a child of 'equality'": "an equality constraint closes a loop or couples joints",
+    "The attribute 'settotalmass'": "masses other than the bodies' own",
+    "The attribute 'boundmass'": "masses other than the bodies' own",
+    "The attribute 'boundinertia'": "inertias other than the bodies' own",
+    "The attribute 'balanceinertia'": "inertias other than the bodies' own",
+    "The attribute 'inertiagrouprange'": "inertias other than the bodies' own",
+}
+
+
 class Spacecraft:
     """The known spacecraft, without the target: what an identifier is allowed to know.
 
@@ -140,6 +155,8 @@ class Spacecraft:
         if plant.is_finalized() or plant.num_bodies() != 1 or plant.time_step() != 0.0:
             raise InputError("the plant must be empty, not finalized, and continuous (time_step=0)")
         M_TCo_C = target.to_spatial_inertia()
+        if self.plant.HasModelInstanceNamed(TARGET_NAME):
+            raise self._error(f"rename its model instance '{TARGET_NAME}': the target is called so")
         self._parse_into(plant)
         body = plant.AddRigidBody(TARGET_NAME, plant.AddModelInstance(TARGET_NAME), M_TCo_C)
         plant.WeldFrames(self._find_frame(plant, self._capture_name), body.body_frame())
@@ -176,6 +193,11 @@ class Spacecraft:
         for name, columns in self._columns.items():
             states[:, columns] = getattr(telemetry, name)
         return states
+
+    @property
+    def quaternion_columns(self) -> NDArray[np.intp]:
+        """Columns (4,) of the plant state x = [q; v] that hold the base's quaternion."""
+        return self._columns["quaternion_WB"]
 
     @property
     def joint_state_columns(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -240,12 +262,12 @@ class Spacecraft:
         try:
             with _parser_warnings() as warnings:
                 parser.AddModels(str(self._path))
-        except (RuntimeError, SystemExit) as error:
+        except (RuntimeError, ValueError, SystemExit) as error:
             raise self._error(_one_line(error)) from error
         for warning in warnings:
-            # Drake replaces an impossible inertia by another one and only warns.
-            if "inertia" in warning.lower():
-                raise self._error(f"a body's inertia is not physically possible: {warning}")
+            for phrase, problem in _SILENT_REPAIRS.items():
+                if phrase in warning:
+                    raise self._error(f"{problem}: {warning}")
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
     def _finalize(self, plant: MultibodyPlant) -> None:
@@ -452,11 +474,16 @@ def _parser_warnings() -> Iterator[list[str]]:
             messages.append(_one_line(record.getMessage()))
 
     logger, collector = logging.getLogger("drake"), Collector(level=logging.WARNING)
+    level, disabled = logger.level, logger.disabled
+    logger.setLevel(min(level, logging.WARNING) or logging.WARNING)
+    logger.disabled = False
     logger.addHandler(collector)
     try:
         yield messages
     finally:
         logger.removeHandler(collector)
+        logger.setLevel(level)
+        logger.disabled = disabled
 
 
 def _one_line(message: object) -> str:

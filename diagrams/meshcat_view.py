@@ -41,6 +41,7 @@ def main() -> None:
     simulator = simulation.make_simulator()
     simulator.set_target_realtime_rate(0.0 if args.html else args.rate)
     simulator.AdvanceTo(simulation.scenario.simulation.duration)
+    simulator.AdvancePendingEvents()
     meshcat.StopRecording()
     meshcat.PublishRecording()
 

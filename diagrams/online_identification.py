@@ -29,8 +29,8 @@ def main() -> None:
     parser.add_argument("--rows", choices=["eq18", "standard"], default="eq18", help="row family")
     parser.add_argument("--period", type=float, default=0.5, help="sampling period [s]")
     args = parser.parse_args()
-    if not args.period > 0:
-        parser.exit(2, f"{parser.prog}: error: --period must be > 0\n")
+    if not 0 < args.period <= 10:
+        parser.exit(2, f"{parser.prog}: error: --period must be > 0 and at most 10 s\n")
 
     # What is known: the spacecraft. What is to be found: a target, here a tank of 60 kg.
     spacecraft = Spacecraft(MODEL, base="bus", capture_frame="capture_point")

@@ -29,7 +29,10 @@ def main() -> None:
     except InputError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
     if args.graph:
-        Path(args.graph).write_text(simulation.diagram.GetGraphvizString(), encoding="utf-8")
+        try:
+            Path(args.graph).write_text(simulation.diagram.GetGraphvizString(), encoding="utf-8")
+        except OSError as error:
+            parser.exit(2, f"{parser.prog}: error: --graph {args.graph}: {error.strerror}\n")
 
     root_context = simulation.run()
 

@@ -30,7 +30,7 @@ class LeastSquaresSolution:
         unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
             the unknowns can change without any row noticing.
         residual_rms: root mean square of A x − b; NaN without rows.
-        row_count: number of scalar rows used.
+        row_count: number of scalar rows used; rows of zeros do not count.
 
     """
 
@@ -56,6 +56,8 @@ def solve_least_squares(
 ) -> LeastSquaresSolution:
     """Solve rows A (..., n), b (...) for the n unknowns, all rows weighted alike.
 
+    Rows that are zero throughout (a sample at rest) say nothing and are not counted.
+
     Raises:
         ValueError: the shapes do not fit, or an entry is not finite.
 
@@ -65,7 +67,9 @@ def solve_least_squares(
         raise ValueError(f"rows of shape {A.shape} do not fit right-hand sides of shape {b.shape}")
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         raise ValueError("rows and right-hand sides must be finite")
-    return solve_compressed(A.reshape(-1, A.shape[-1]), b.ravel(), 0.0, b.size, rank_tolerance)
+    A, b = A.reshape(-1, A.shape[-1]), b.ravel()
+    row_count = np.count_nonzero(A.any(axis=1) | (b != 0))
+    return solve_compressed(A, b, 0.0, row_count, rank_tolerance)
 
 
 def solve_compressed(

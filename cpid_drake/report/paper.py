@@ -254,7 +254,7 @@ def _draw_convergence(study: PaperStudy, path: Path) -> None:
     time = study.telemetry.time
     errors = np.array([parameter_errors(row, study.truth) for row in study.online_parameters])
     groups = (("mass", [0]), ("centre of mass", [1, 2, 3]), ("inertia", [4, 5, 6, 7, 8, 9]))
-    with saved_figure(path, 6.5, 3.8) as figure:
+    with saved_figure(path, 7.0, 3.8) as figure:
         axes = figure.subplots()
         for (name, columns), color in zip(groups, COLORS, strict=False):
             worst = np.abs(errors[:, columns]).max(axis=1)
@@ -271,6 +271,11 @@ def _draw_convergence(study: PaperStudy, path: Path) -> None:
             va="center",
             fontsize=8,
         )
-        label_axes(axes, "Online estimate from exact samples", _TIME, "largest relative error")
+        label_axes(
+            axes,
+            "Online estimate from exact samples: what is left is integration error",
+            _TIME,
+            "largest relative error",
+        )
         axes.set_xlim(time[0], time[-1])
         axes.legend()

@@ -30,8 +30,8 @@ def render_scenario(
     states: Sequence[ArrayLike],
     *,
     size: tuple[int, int] = (900, 640),
-    eye: ArrayLike = (5.6, -4.4, 2.3),
-    look_at: ArrayLike = (1.0, 0.0, -0.45),
+    eye: ArrayLike = (6.6, -4.2, 3.4),
+    look_at: ArrayLike = (0.8, -0.1, -0.35),
     field_of_view: float = 0.78,
 ) -> list[NDArray[np.uint8]]:
     """Render the scenario's spacecraft with its target in several states.

@@ -20,6 +20,7 @@ from cpid_drake.estimators.least_squares import DEFAULT_RANK_TOLERANCE
 from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
 from cpid_drake.identification import Identification, row_family
 from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.systems.plant_scratch import PlantScratch
 
 DIAGNOSTICS = ("samples", "rank", "condition", "residual")
 """Entries of the `diagnostics` output, in order."""
@@ -46,11 +47,15 @@ class MomentumIdentifier(LeafSystem):
     - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds nothing).
     - `parameters` (10): m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg, m, kg·m²] as estimated; see
       `inertia.PARAMETER_NAMES`. An entry is NaN until it is observable.
-    - `covariance` (100): of the parameters, row by row; NaN until all are observable.
+    - `covariance` (100): of the parameters, row by row, from the residuals of rows that all weigh
+      the same; NaN until all are observable. Rough: Eq. 18 mixes rows in m/s with rows in N·m·s, so
+      that its σ of the mass can be 25 times too large; with standard rows every σ is good to
+      about 1.5 times on rounded data.
     - `spatial_inertia` (abstract `SpatialInertia`): the nearest physically possible estimate, about
       C's origin, in C; NaN until all are observable.
     - `diagnostics` (4): number of samples, rank (10 when all is observable), condition number of
-      the scaled rows (infinite below rank 10), residual RMS. See `DIAGNOSTICS`.
+      the scaled rows (infinite below rank 10), residual RMS over all rows, whatever their units
+      (Eq. 18: m/s and N·m·s; standard: N·s and N·m·s). See `DIAGNOSTICS`.
 
     `identification(context)` gives the same, with `explain()` saying in words what is missing.
 
@@ -62,8 +67,9 @@ class MomentumIdentifier(LeafSystem):
         rank_tolerance: see `estimators.least_squares.DEFAULT_RANK_TOLERANCE`.
 
     Raises:
-        InputError: no such rows, a period that is not positive, or a negative offset; and, when a
-            sample is taken, a state that is not finite.
+        InputError: no such rows, a period that is not positive, a negative offset, or a tolerance
+            not between 0 and 1; and, when a sample is taken, a state that is not finite or whose
+            quaternion is not of unit norm (to 1e-3).
 
     """
 
@@ -78,19 +84,21 @@ class MomentumIdentifier(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("momentum_identifier")
-        if not (np.isfinite(period) and period > 0):
-            raise InputError(f"identification period must be > 0 s, not {period:g}")
-        if not (np.isfinite(offset) and offset >= 0):
-            raise InputError(f"identification offset must be >= 0 s, not {offset:g}")
+        if not (_is_number(period) and period > 0):
+            raise InputError(f"identification period must be > 0 s, not {period}")
+        if not (_is_number(offset) and offset >= 0):
+            raise InputError(f"identification offset must be >= 0 s, not {offset}")
+        if not (_is_number(rank_tolerance) and 0 < rank_tolerance < 1):
+            raise InputError(f"rank_tolerance must be between 0 and 1, not {rank_tolerance}")
         self._spacecraft = spacecraft
         self._family = row_family(rows)
         self._rank_tolerance = rank_tolerance
-        # Scratch for kinematics, overwritten by every sample: nothing is remembered in it.
-        self._plant_context = spacecraft.plant.CreateDefaultContext()
+        self._quaternion = spacecraft.quaternion_columns
+        self._scratch = PlantScratch(spacecraft.plant)
 
         self.DeclareVectorInputPort("spacecraft_state", spacecraft.plant.num_multibody_states())
         self._root_index = self.DeclareDiscreteState(empty_root().ravel())
-        self._count_index = self.DeclareDiscreteState([0.0])
+        self._count_index = self.DeclareDiscreteState([0.0, 0.0])  # samples, and rows not zero
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=offset, update=self._take_sample
         )
@@ -154,29 +162,47 @@ class MomentumIdentifier(LeafSystem):
 
     def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the square root (11, 11) with one sample x = [q; v] folded into `root`."""
-        plant, context = self._spacecraft.plant, self._plant_context
-        plant.SetPositionsAndVelocities(context, state)
+        return update_root(root, self.rows(state))
+
+    def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rows [A | b] (6, 11) of one sample x = [q; v]."""
+        context = self._scratch.context
+        self._spacecraft.plant.SetPositionsAndVelocities(context, state)
         sample = self._spacecraft.momentum_sample(context)
-        return update_root(root, self._family.augmented_rows(sample))
+        return self._family.augmented_rows(sample)
 
     def _take_sample(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         state = self.GetInputPort("spacecraft_state").Eval(context)
-        if not np.isfinite(state).all():
-            raise InputError(
-                f"{self.GetSystemPathname()}: spacecraft_state is not finite at "
-                f"t = {context.get_time():g} s (entry {int((~np.isfinite(state)).argmax())})"
-            )
+        rows = self._checked_rows(state, context.get_time())
         root = context.get_discrete_state(self._root_index).value().reshape(11, 11)
-        discrete_state.set_value(self._root_index, self.update(root, state).ravel())
-        count = context.get_discrete_state(self._count_index)[0] + 1
-        discrete_state.set_value(self._count_index, [count])
+        discrete_state.set_value(self._root_index, update_root(root, rows).ravel())
+        samples, row_count = context.get_discrete_state(self._count_index).value()
+        # A sample at rest says nothing: counting its zero rows would make the rest look better.
+        row_count += np.count_nonzero(rows.any(axis=1))
+        discrete_state.set_value(self._count_index, [samples + 1, row_count])
         return EventStatus.Succeeded()
+
+    def _checked_rows(self, state: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+        problem = None
+        norm = np.linalg.norm(state[self._quaternion])
+        if not np.isfinite(state).all():
+            problem = f"not finite (entry {int((~np.isfinite(state)).argmax())})"
+        elif abs(norm - 1) > 1e-3:
+            problem = f"no attitude: its quaternion has norm {norm:.3g}"
+        else:
+            rows = self.rows(state)
+            if np.isfinite(rows).all():
+                return rows
+            problem = "out of all bounds: its momentum is not finite"
+        raise InputError(
+            f"{self.GetSystemPathname()}: spacecraft_state at t = {time:g} s is {problem}"
+        )
 
     def _solve(self, context: Context, value: AbstractValue) -> None:
         root = context.get_discrete_state(self._root_index).value().reshape(11, 11)
-        count = int(context.get_discrete_state(self._count_index)[0])
-        solution = solve_root(root, 6 * count, rank_tolerance=self._rank_tolerance)
-        value.set_value(Identification(self._family, solution, count))
+        samples, row_count = context.get_discrete_state(self._count_index).value()
+        solution = solve_root(root, int(row_count), rank_tolerance=self._rank_tolerance)
+        value.set_value(Identification(self._family, solution, int(samples)))
 
     def _calc_parameters(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.identification(context).parameters)
@@ -193,3 +219,7 @@ class MomentumIdentifier(LeafSystem):
         output.SetFromVector(
             [result.sample_count, solution.rank, solution.condition_number, solution.residual_rms]
         )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.number)) and bool(np.isfinite(value))

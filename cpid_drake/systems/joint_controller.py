@@ -7,6 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.systems.plant_scratch import PlantScratch
 
 
 class JointController(LeafSystem):
@@ -67,8 +68,7 @@ class JointController(LeafSystem):
                 f"{natural_frequency:g}, damping_ratio {damping_ratio:g}"
             )
         self._plant = plant
-        self._plant_context = plant.CreateDefaultContext()  # scratch, overwritten at every call
-        self._forces = MultibodyForces(plant)
+        self._scratch = PlantScratch(plant)
         self._stiffness = natural_frequency**2
         self._damping = 2 * damping_ratio * natural_frequency
         self._q_columns, self._v_columns = spacecraft.joint_state_columns
@@ -87,7 +87,7 @@ class JointController(LeafSystem):
     def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
         state = self.GetInputPort("state").Eval(context)
         q_d, qdot_d, qddot_d = self.GetInputPort("desired_motion").Eval(context).reshape(3, -1)
-        plant, model = self._plant, self._plant_context
+        plant, model = self._plant, self._scratch.context
         plant.SetPositionsAndVelocities(model, state)
         a_J = (
             qddot_d
@@ -95,8 +95,9 @@ class JointController(LeafSystem):
             + self._stiffness * (q_d - state[self._q_columns])
         )
         M = plant.CalcMassMatrix(model)
-        plant.CalcForceElementsContribution(model, self._forces)
-        bias = plant.CalcBiasTerm(model) - plant.CalcGeneralizedForces(model, self._forces)
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(model, forces)
+        bias = plant.CalcBiasTerm(model) - plant.CalcGeneralizedForces(model, forces)
         B, J = self._B, self._J
         M_BB, M_BJ, M_JJ = M[np.ix_(B, B)], M[np.ix_(B, J)], M[np.ix_(J, J)]
         a_B = np.linalg.solve(M_BB, -bias[B] - M_BJ @ a_J)

@@ -164,7 +164,7 @@ def test_a_state_that_is_not_finite_is_refused_and_changes_nothing(servicer, mot
     source = builder.AddSystem(ConstantVectorSource(state))
     identifier = MomentumIdentifier.AddToBuilder(builder, servicer, source.get_output_port())
     simulator = Simulator(builder.Build())
-    with pytest.raises(InputError, match=r"not finite at t = 1 s \(entry 20\)"):
+    with pytest.raises(InputError, match=r"at t = 1 s is not finite \(entry 20\)"):
         simulator.AdvanceTo(1.5)
     context = identifier.GetMyContextFromRoot(simulator.get_context())
     assert identifier.GetOutputPort("diagnostics").Eval(context)[0] == 0
@@ -176,3 +176,65 @@ def test_the_identifier_knows_no_target(servicer):
     plant = identifier._spacecraft.plant
     assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(1031.0)
     assert not plant.HasBodyNamed("captured_target")
+
+
+def test_samples_at_rest_do_not_make_it_more_certain(servicer, skewed_target, motion):
+    identifier = MomentumIdentifier(servicer)
+    context = identifier.CreateDefaultContext()
+    for state in servicer.to_states(motion.rounded(4)):
+        take(identifier, context, state)
+    before = outputs(identifier, context)
+    still = servicer.to_states(motion)[0]
+    still[servicer.plant.num_positions() :] = 0.0
+    for _ in range(20):
+        take(identifier, context, still)
+    after = outputs(identifier, context)
+    assert after["diagnostics"][0] == 30
+    np.testing.assert_allclose(after["parameters"], before["parameters"], rtol=1e-12)
+    np.testing.assert_allclose(after["covariance"], before["covariance"], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ((slice(0, 4), 0.0), "quaternion has norm 0"),
+        ((slice(0, 4), 0.3), "quaternion has norm 0.6"),
+        ((slice(19, 25), 1e308), "not finite"),
+    ],
+)
+def test_states_that_mean_nothing_are_refused(servicer, motion, change, message):
+    state = servicer.to_states(motion)[0]
+    state[change[0]] = change[1]
+    identifier = MomentumIdentifier(servicer)
+    with pytest.raises(InputError, match=message), np.errstate(all="ignore"):
+        take(identifier, identifier.CreateDefaultContext(), state)
+
+
+def test_contexts_in_two_threads_do_not_disturb_each_other(servicer, skewed_target, motion):
+    """One identifier, two Contexts, two threads that switch as often as they can."""
+    import sys
+    import threading
+
+    identifier, states = MomentumIdentifier(servicer), servicer.to_states(motion)
+    roots = {}
+
+    def accumulate(name, order):
+        root = np.zeros((11, 11))
+        for _ in range(30):
+            for k in order:
+                root = identifier.update(root, states[k])
+        roots[name] = root
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        orders = {"up": range(10), "down": range(9, -1, -1)}
+        threads = [threading.Thread(target=accumulate, args=item) for item in orders.items()]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+    up, down = roots["up"], roots["down"]
+    np.testing.assert_allclose(up.T @ up, down.T @ down, rtol=1e-10, atol=1e-8)

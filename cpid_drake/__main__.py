@@ -1,0 +1,5 @@
+"""`python -m cpid_drake` is `cpid`."""
+
+from cpid_drake.cli import main
+
+main()
