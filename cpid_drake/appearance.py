@@ -58,6 +58,8 @@ def add_target_appearance(
         raise InputError(f"{visual_model}: a target is one rigid body, but this model has joints")
     context = model.CreateDefaultContext()
     bodies = [model.get_body(BodyIndex(k)) for k in range(1, model.num_bodies())]
+    if not bodies:
+        raise InputError(f"{visual_model}: no body in it")
     X_RW = model.EvalBodyPoseInWorld(context, bodies[0]).inverse()
     inspector = scene_graph.model_inspector()
     for part in bodies:
@@ -66,5 +68,6 @@ def add_target_appearance(
         for geometry in inspector.GetGeometries(frame, Role.kIllustration):
             instance = inspector.CloneGeometryInstance(geometry)
             instance.set_pose(X_RP @ inspector.GetPoseInFrame(geometry))
-            instance.set_name(inspector.GetName(geometry).rpartition("::")[2])
+            name = inspector.GetName(geometry).rpartition("::")[2]
+            instance.set_name(f"{part.name()}_{name}")
             plant.RegisterVisualGeometry(body, instance)

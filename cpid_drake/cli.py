@@ -2,6 +2,7 @@
 
 import json
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Annotated
@@ -29,7 +30,8 @@ def _common() -> None:
 def paper(
     out: Annotated[Path, typer.Option(help="Folder for figures and summary.json; made if needed.")],
     scenario: Annotated[
-        Path | None, typer.Option(help="Scenario to run instead of the paper's own.")
+        str | None,
+        typer.Option(metavar="FILE", help="Scenario to run instead of the paper's own."),
     ] = None,
     quiet: Annotated[
         bool, typer.Option("--quiet", help="Print no tables and no progress.")
@@ -63,8 +65,10 @@ def paper(
 def _make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass  # a folder that cannot be written to is found out now, not after the work
     except OSError as error:
-        raise InputError(f"--out {path}: cannot make this folder: {error.strerror}") from error
+        raise InputError(f"--out {path}: cannot write there: {error.strerror}") from error
 
 
 def main() -> None:

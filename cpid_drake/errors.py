@@ -7,3 +7,6 @@ class InputError(ValueError):
     The message is one line that says what was wrong, where, and what to do. The command line
     prints it as it stands and exits with code 2.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.split()))

@@ -44,7 +44,12 @@ def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:
     """
     text = str(uri)
     packages = packages or package_map()
-    path = Path(text).expanduser()
+    path = Path(text)
+    if text.startswith("~"):
+        try:
+            path = path.expanduser()
+        except RuntimeError as error:
+            raise InputError(f"{text}: {error}") from error
     if "://" in text:
         scheme, _, rest = text.partition("://")
         name, _, relative = rest.partition("/")
@@ -54,7 +59,11 @@ def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:
             known = ", ".join(packages.GetPackageNames())
             raise InputError(f"{text}: unknown package '{name}' (known: {known})")
         path = Path(packages.GetPath(name)) / relative
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "no such file"
+    try:
+        is_file, is_folder = path.is_file(), path.is_dir()
+    except OSError as error:
+        raise InputError(f"{text[:200]}: {error.strerror}") from error
+    if not is_file:
+        found = "a folder" if is_folder else "no such file"
         raise InputError(f"{text}: {found}" + ("" if path == Path(text) else f" ({path})"))
     return path.resolve()

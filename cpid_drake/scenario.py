@@ -3,7 +3,7 @@
 Its values are numbers and names; `cpid_drake.simulation` turns them into a Drake Diagram.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -178,9 +178,15 @@ def load_scenario(path: str | Path) -> Scenario:
     """
     file = resolve_model(path)
     try:
-        scenario = yaml_load_typed(schema=Scenario, filename=str(file), defaults=Scenario())
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+        text = file.read_text(encoding="utf-8-sig")
+        _check_structure(yaml.load(text, _StrictLoader), Scenario, str(path), "")
+        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not YAML: {error}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deeply") from error
+    except InputError:
+        raise
     except (
         RuntimeError,
         ValueError,
@@ -190,7 +196,7 @@ def load_scenario(path: str | Path) -> Scenario:
         AssertionError,
     ) as error:
         # What Drake's reader raises for values that do not fit the schema.
-        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+        raise InputError(f"{path}: a value does not fit: {error}") from error
     _check(scenario, str(path))
     spacecraft, target = scenario.spacecraft, scenario.target
     spacecraft.model = _from_folder(file.parent, spacecraft.model)
@@ -205,6 +211,32 @@ def load_scenario(path: str | Path) -> Scenario:
 def _from_folder(folder: Path, path: str) -> str:
     """Return a path that the scenario's author wrote, seen from the scenario's folder."""
     return path if "://" in path else str(folder / Path(path).expanduser())
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML in which a key that is given twice is an error, not the end of the first one."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if key.value in seen:
+                line = key.start_mark.line + 1
+                raise yaml.YAMLError(f"the key '{key.value}' is given twice (line {line})")
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def _check_structure(data: object, schema: type, where: str, section: str) -> None:
+    """Refuse sections that are no mappings, and keys that the schema does not have."""
+    if not isinstance(data, dict):
+        raise InputError(f"{where}: {section or 'a scenario'} must be a mapping, not {data!r:.60}")
+    known = {entry.name: entry.type for entry in fields(schema)}
+    for name, value in data.items():
+        key = f"{section}.{name}" if section else str(name)
+        if name not in known:
+            raise InputError(f"{where}: unknown key '{key}'; choose from {', '.join(known)}")
+        if is_dataclass(known[name]):
+            _check_structure(value, known[name], where, key)
 
 
 def _check(scenario: Scenario, where: str) -> None:
@@ -231,6 +263,9 @@ def _check(scenario: Scenario, where: str) -> None:
     for name, value in positive.items():
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{where}: {name} must be a number > 0, not {value}")
+    offset = scenario.identification.offset
+    if not (np.isfinite(offset) and offset >= 0):
+        raise InputError(f"{where}: identification.offset must be a number >= 0, not {offset}")
     if config.simulator.accuracy < 1e-13:
         raise InputError(f"{where}: simulation.simulator.accuracy is below rounding; give >= 1e-13")
     scheme = config.simulator.integration_scheme

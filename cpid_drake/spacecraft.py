@@ -33,7 +33,7 @@ from cpid_drake.momentum import MomentumSamples
 from cpid_drake.telemetry import Telemetry
 
 TARGET_NAME = "captured_target"
-"""Name of the target's body, and of its model instance, in a simulation plant."""
+"""Name of the target's body and model instance in a simulation plant (with _ if it is taken)."""
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
@@ -154,11 +154,14 @@ class Spacecraft:
         """
         if plant.is_finalized() or plant.num_bodies() != 1 or plant.time_step() != 0.0:
             raise InputError("the plant must be empty, not finalized, and continuous (time_step=0)")
+        if scene_graph is not None and not plant.geometry_source_is_registered():
+            raise InputError("the plant is not registered with the scene graph")
         M_TCo_C = target.to_spatial_inertia()
-        if self.plant.HasModelInstanceNamed(TARGET_NAME):
-            raise self._error(f"rename its model instance '{TARGET_NAME}': the target is called so")
         self._parse_into(plant)
-        body = plant.AddRigidBody(TARGET_NAME, plant.AddModelInstance(TARGET_NAME), M_TCo_C)
+        name = TARGET_NAME
+        while plant.HasModelInstanceNamed(name):
+            name += "_"
+        body = plant.AddRigidBody(name, plant.AddModelInstance(name), M_TCo_C)
         plant.WeldFrames(self._find_frame(plant, self._capture_name), body.body_frame())
         if scene_graph is not None:
             look = target_visual_model and resolve_model(target_visual_model, self._packages)
@@ -259,6 +262,8 @@ class Spacecraft:
     def _parse_into(self, plant: MultibodyPlant) -> None:
         parser = Parser(plant)
         parser.package_map().AddMap(self._packages)
+        if self._path.suffix == ".sdf" and b"<mimic" in self._path.read_bytes():
+            raise self._error("a mimic joint couples joints; Drake's SDF reader would ignore it")
         try:
             with _parser_warnings() as warnings:
                 parser.AddModels(str(self._path))
@@ -268,6 +273,7 @@ class Spacecraft:
             for phrase, problem in _SILENT_REPAIRS.items():
                 if phrase in warning:
                     raise self._error(f"{problem}: {warning}")
+            logging.getLogger("drake").warning(warning)
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
     def _finalize(self, plant: MultibodyPlant) -> None:
@@ -308,8 +314,11 @@ class Spacecraft:
         matches = [
             candidate
             for candidate in candidates
-            if candidate.name() == bare
-            and scope in ("", plant.GetModelInstanceName(candidate.model_instance()))
+            if candidate.name() == name
+            or (
+                candidate.name() == bare
+                and scope == plant.GetModelInstanceName(candidate.model_instance())
+            )
         ]
         if not matches:
             names = _listed([candidate.name() for candidate in candidates])
@@ -466,24 +475,27 @@ def _exclude_all_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None
 
 @contextmanager
 def _parser_warnings() -> Iterator[list[str]]:
-    """Collect what Drake's parser warns of; it goes to Drake's logger and nowhere else."""
+    """Collect what Drake's parser warns of (it tells nobody but its logger), and log it after."""
     messages: list[str] = []
 
     class Collector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             messages.append(_one_line(record.getMessage()))
 
-    logger, collector = logging.getLogger("drake"), Collector(level=logging.WARNING)
-    level, disabled = logger.level, logger.disabled
-    logger.setLevel(min(level, logging.WARNING) or logging.WARNING)
-    logger.disabled = False
-    logger.addHandler(collector)
+    # However quiet the caller has made the log: nothing that it hides may be missed here.
+    logger, manager = logging.getLogger("drake"), logging.root.manager
+    names = ("level", "disabled", "handlers", "filters", "propagate")
+    saved, switch = {name: getattr(logger, name) for name in names}, manager.disable
+    logger.setLevel(logging.WARNING)
+    logger.disabled, manager.disable = False, 0
+    logger.handlers, logger.filters, logger.propagate = [Collector()], [], False
     try:
         yield messages
     finally:
-        logger.removeHandler(collector)
-        logger.setLevel(level)
-        logger.disabled = disabled
+        for name, value in saved.items():
+            setattr(logger, name, value)
+        logger.setLevel(saved["level"])  # not an attribute alone: it is cached elsewhere
+        manager.disable = switch
 
 
 def _one_line(message: object) -> str:

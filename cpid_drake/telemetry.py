@@ -40,22 +40,28 @@ class Telemetry:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
-        time = np.array(self.time, dtype=float)
-        if time.ndim != 1:
-            raise InputError(f"telemetry: 'time' must have one dimension, not {time.ndim}")
         widths = {"quaternion_WB": 4, "p_WB": 3, "w_WB": 3, "v_WB": 3}
         widths |= dict.fromkeys(("q", "qdot"), len(self.joint_names))
-        object.__setattr__(self, "time", time)
-        for name, width in widths.items():
-            values = np.array(getattr(self, name), dtype=float)
-            if values.shape != (time.size, width):
+        for name in ("time", *widths):
+            try:
+                values = np.array(getattr(self, name), dtype=float)
+            except (TypeError, ValueError) as error:
                 raise InputError(
-                    f"telemetry: '{name}' must have shape {(time.size, width)}, not {values.shape}"
-                )
+                    f"telemetry: '{name}' must be an array of numbers: {error}"
+                ) from None
             object.__setattr__(self, name, values)
+        time = self.time
+        if time.ndim != 1:
+            raise InputError(f"telemetry: 'time' must have one dimension, not {time.ndim}")
+        for name, width in widths.items():
+            shape = getattr(self, name).shape
+            if shape != (time.size, width):
+                raise InputError(
+                    f"telemetry: '{name}' must have shape {(time.size, width)}, not {shape}"
+                )
         for name in ("time", *widths):
             values = getattr(self, name)
-            bad = ~np.isfinite(values.reshape(time.size, -1)).all(axis=1)
+            bad = ~(np.isfinite(values) if name == "time" else np.isfinite(values).all(axis=1))
             if bad.any():
                 raise InputError(f"telemetry: '{name}' is not finite in sample {bad.argmax()}")
         backwards = np.diff(time) <= 0
@@ -84,7 +90,9 @@ class Telemetry:
 
     def select(self, samples: ArrayLike | slice) -> "Telemetry":
         """Return the samples with these indices, in this slice, or where this (N,) mask is true."""
-        samples = samples if isinstance(samples, slice) else np.asarray(samples)
+        if not isinstance(samples, slice):
+            samples = np.asarray(samples)
+            samples = samples if samples.size else samples.astype(int)
         names = ("time", "quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
         return replace(self, **{name: getattr(self, name)[samples] for name in names})
 
@@ -101,7 +109,7 @@ class Telemetry:
         """
         times = np.atleast_1d(np.asarray(times, dtype=float))
         nearest = np.abs(self.time[:, None] - times).argmin(axis=0)
-        missing = np.abs(self.time[nearest] - times) > 1e-6
+        missing = ~(np.abs(self.time[nearest] - times) <= 1e-6)
         if missing.any():
             raise InputError(f"telemetry: no sample at t = {times[missing][0]:g} s")
         return self.select(nearest)

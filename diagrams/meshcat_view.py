@@ -21,11 +21,14 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=1.0, help="real-time rate; 0: full speed")
     parser.add_argument("--html", metavar="FILE", help="write the recording here and stop")
     args = parser.parse_args()
-    if args.html and not Path(args.html).absolute().parent.is_dir():
-        parser.exit(2, f"{parser.prog}: error: --html {args.html}: no such folder\n")
+    html = Path(args.html).absolute() if args.html else None
+    if html and (html.is_dir() or not html.parent.is_dir()):
+        parser.exit(2, f"{parser.prog}: error: --html {args.html}: not a file in a folder\n")
     try:
+        scenario = load_scenario(args.scenario)
+        make_simulation(scenario)  # complains, if it does, before a browser is opened
         meshcat = StartMeshcat()
-        simulation = make_simulation(load_scenario(args.scenario), meshcat=meshcat)
+        simulation = make_simulation(scenario, meshcat=meshcat)
     except InputError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
     meshcat.SetProperty("/Background/<object>", "top_color", [0.02, 0.02, 0.06])
@@ -49,7 +52,7 @@ def main() -> None:
     context = identifier.GetMyContextFromRoot(simulator.get_context())
     print(identifier.identification(context).explain())
     if args.html:
-        Path(args.html).write_text(meshcat.StaticHtml(), encoding="utf-8")
+        html.write_text(meshcat.StaticHtml(), encoding="utf-8")
         return
     print("The recording plays in the browser; press Stop (Escape) there to end.", file=sys.stderr)
     while meshcat.GetButtonClicks("Stop") == 0:

@@ -220,6 +220,11 @@ def run_paper_study(
 def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
     """Return the instants at which the scenario's identifier takes its samples [s]."""
     config, duration = scenario.identification, scenario.simulation.duration
+    if not (np.isfinite(config.offset) and config.offset >= 0 and 0 < config.period < np.inf):
+        raise InputError(
+            f"identification needs a period > 0 and an offset >= 0, not {config.period} and "
+            f"{config.offset}"
+        )
     count = int(np.floor((duration - config.offset) / config.period + 1e-9)) + 1
     if count < 1:
         raise InputError(

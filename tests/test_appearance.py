@@ -1,0 +1,140 @@
+"""How a target looks: its inertia's ellipsoid, or the geometry of a model file."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Box, Ellipsoid, Role
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
+
+from cpid_drake import InertialParameters, InputError
+from cpid_drake.appearance import inertia_ellipsoid
+
+PAPER_LOOK = "package://cpid_drake_models/paper_target/paper_target.urdf"
+VISUAL = '<visual name="{}"><origin xyz="{}"/><geometry><box size="{}"/></geometry></visual>'
+JOINT = (
+    '<joint name="j" type="{}"><parent link="a"/><child link="b"/><origin xyz="0 0 1" '
+    'rpy="0 0 1.5707963267948966"/><axis xyz="0 0 1"/></joint>'
+)
+
+
+@pytest.fixture
+def draw(servicer):
+    """Return a function (target, look) -> [(shape, X_CG)] of the target's visual geometry."""
+
+    def make(target, look=None):
+        builder = DiagramBuilder()
+        plant = MultibodyPlant(time_step=0.0)
+        _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
+        body = servicer.add_to(plant, target, scene_graph=scene_graph, target_visual_model=look)
+        inspector = scene_graph.model_inspector()
+        frame = plant.GetBodyFrameIdOrThrow(body.index())
+        assert not plant.GetCollisionGeometriesForBody(body)
+        return [
+            (inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry))
+            for geometry in inspector.GetGeometries(frame, Role.kIllustration)
+        ]
+
+    return make
+
+
+@pytest.fixture
+def model(tmp_path):
+    """Return a function that writes a URDF of these parts and returns its path."""
+
+    def make(*parts, ending=".urdf"):
+        path = tmp_path / f"look{ending}"
+        path.write_text(f'<robot name="look">{"".join(parts)}</robot>')
+        return path
+
+    return make
+
+
+def test_the_ellipsoid_of_a_solid_ellipsoid_is_itself():
+    X_CE = RigidTransform(RollPitchYaw(0.3, -0.5, 0.8), [0.4, -0.1, 0.2])
+    M_E = SpatialInertia.SolidEllipsoidWithMass(12.0, 0.9, 0.5, 0.3)
+    M_C = M_E.ReExpress(X_CE.rotation()).Shift(-X_CE.translation())
+    found, X_CF = inertia_ellipsoid(M_C)
+    np.testing.assert_allclose(np.sort(found), [0.3, 0.5, 0.9], rtol=1e-10)
+    np.testing.assert_allclose(X_CF.translation(), X_CE.translation(), atol=1e-12)
+    shape = (X_CF.rotation().matrix() * found**2) @ X_CF.rotation().matrix().T
+    R = X_CE.rotation().matrix()
+    np.testing.assert_allclose(shape, R @ np.diag([0.81, 0.25, 0.09]) @ R.T, atol=1e-10)
+
+
+def test_a_flat_body_can_be_seen(paper_target):
+    """The paper's target is a plate without thickness; it is drawn with 2 % of its size."""
+    semi_diameters, _ = inertia_ellipsoid(paper_target.to_spatial_inertia())
+    assert semi_diameters.min() == pytest.approx(0.02 * semi_diameters.max())
+
+
+def test_a_point_mass_can_be_seen():
+    point = InertialParameters(5.0, [0.1, 0.0, 0.0], np.zeros((3, 3)))
+    semi_diameters, X_CE = inertia_ellipsoid(point.to_spatial_inertia())
+    assert (semi_diameters > 0).all()
+    np.testing.assert_allclose(X_CE.translation(), [0.1, 0.0, 0.0])
+
+
+def test_a_target_without_visual_model_is_drawn_as_its_ellipsoid(draw, skewed_target):
+    ((shape, X_CG),) = draw(skewed_target)
+    assert isinstance(shape, Ellipsoid)
+    np.testing.assert_allclose(X_CG.translation(), skewed_target.p_CTcm_C, atol=1e-12)
+    semi_diameters, _ = inertia_ellipsoid(skewed_target.to_spatial_inertia())
+    np.testing.assert_allclose([shape.a(), shape.b(), shape.c()], semi_diameters)
+
+
+def test_a_visual_model_is_drawn_with_its_frame_on_c(draw, model, paper_target):
+    """Every piece of the file, where the file has it; its own inertia plays no part."""
+    look = model(f'<link name="a">{VISUAL.format("v", "0.1 0.2 0.3", "1 2 3")}</link>')
+    ((shape, X_CG),) = draw(paper_target, look)
+    assert isinstance(shape, Box)
+    np.testing.assert_allclose(shape.size(), [1, 2, 3])
+    assert X_CG.IsNearlyEqualTo(RigidTransform([0.1, 0.2, 0.3]), 1e-14)
+
+
+def test_the_papers_target_is_drawn_in_full(draw, paper_target):
+    from cpid_drake.model_files import resolve_model
+
+    count = resolve_model(PAPER_LOOK).read_text().count("<visual>")
+    assert len(draw(paper_target, PAPER_LOOK)) == count > 10
+
+
+def test_parts_that_are_fixed_to_each_other_are_drawn_in_place(draw, model, paper_target):
+    """The second body stands 1 m up and turned by a quarter; equal names are no problem."""
+    parts = [
+        f'<link name="{name}">{VISUAL.format("v", "0.5 0 0", "1 1 1")}</link>' for name in "ab"
+    ]
+    poses = [X_CG for _, X_CG in draw(paper_target, model(*parts, JOINT.format("fixed")))]
+    places = sorted(np.round(X_CG.translation(), 9).tolist() for X_CG in poses)
+    assert places == [[0.0, 0.5, 1.0], [0.5, 0.0, 0.0]]
+
+
+def refusal(draw, *args) -> str:
+    with pytest.raises(InputError) as caught:
+        draw(*args)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_a_look_that_can_move_is_refused(draw, model, paper_target):
+    look = model('<link name="a"/><link name="b"/>', JOINT.format("continuous"))
+    assert "one rigid body" in refusal(draw, paper_target, look)
+
+
+def test_a_look_of_two_loose_bodies_is_refused(draw, model, paper_target):
+    look = model('<link name="a"/><link name="b"/>')
+    assert "one rigid body" in refusal(draw, paper_target, look)
+
+
+@pytest.mark.parametrize("parts", ["", '<link name="world"/>'])
+def test_a_look_without_bodies_is_refused(draw, model, paper_target, parts):
+    assert "look.urdf" in refusal(draw, paper_target, model(parts))
+
+
+def test_a_look_that_cannot_be_read_is_refused(draw, model, paper_target):
+    bad_number = model(f'<link name="a">{VISUAL.format("v", "0 0 0", "1 one 1")}</link>')
+    assert "look.urdf" in refusal(draw, paper_target, bad_number)
+    assert "look.txt" in refusal(draw, paper_target, model(ending=".txt"))
+    assert "no such file" in refusal(draw, paper_target, "nowhere.urdf")

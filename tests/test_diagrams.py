@@ -1,0 +1,141 @@
+"""The scripts in diagrams/ run from anywhere, and fail in one line."""
+
+import os
+import re
+import subprocess
+import sys
+from base64 import b64decode
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "diagrams"
+SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py"))
+PATHS = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+
+
+def start(script, *arguments, cwd) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, str(FOLDER / script), *map(str, arguments)],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": PATHS},
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+def finish(process) -> subprocess.CompletedProcess:
+    stdout, stderr = process.communicate(timeout=120)
+    return subprocess.CompletedProcess(process.args, process.returncode, stdout, stderr)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Every script for real, side by side, in a folder of its own."""
+    folder = tmp_path_factory.mktemp("elsewhere")
+    processes = {
+        "paper_case.py": start("paper_case.py", "--graph", "diagram.dot", cwd=folder),
+        "online_identification.py": start("online_identification.py", cwd=folder),
+        "meshcat_view.py": start("meshcat_view.py", "--html", "view.html", cwd=folder),
+    }
+    return folder, {name: finish(process) for name, process in processes.items()}
+
+
+def test_every_script_is_tested(runs):
+    assert list(SCRIPTS) == sorted(runs[1])
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_help_says_what_it_does(script, tmp_path):
+    run = finish(start(script, "--help", cwd=tmp_path))
+    assert run.returncode == 0
+    assert run.stderr == ""
+    first_line = re.search(r'"""(.+)', (FOLDER / script).read_text())[1]
+    assert first_line in " ".join(run.stdout.split())
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_it_identifies_all_ten_parameters(runs, script):
+    run = runs[1][script]
+    assert run.returncode == 0, run.stderr
+    assert "determine 10 of 10 parameters" in run.stdout
+    assert "Traceback" not in run.stderr
+
+
+def test_the_paper_case_prints_estimate_deviation_and_truth(runs):
+    rows = re.findall(
+        r"^(\S+) \[\S+\] +(\S+) +(\S+) +(\S+)$", runs[1]["paper_case.py"].stdout, re.M
+    )
+    assert len(rows) == 10
+    for name, estimate, deviation, truth in rows:
+        assert float(estimate) == pytest.approx(float(truth), abs=1e-6), name
+        assert 0 < float(deviation) < 1e-6
+
+
+def test_the_paper_case_draws_its_diagram(runs):
+    text = (runs[0] / "diagram.dot").read_text()
+    assert text.startswith("digraph")
+    for system in ("plant", "momentum_identifier", "joint_controller"):
+        assert system in text
+
+
+def test_the_online_estimate_converges_to_the_tank(runs):
+    """From the third sample on the rank is 10; at the end it is the tank of 60 kg."""
+    rows = re.findall(
+        r"^ +(\d+\.\d+) +(\d+) +(\S+) ", runs[1]["online_identification.py"].stdout, re.M
+    )
+    assert [float(time) for time, _, _ in rows] == [0.5 * k for k in range(1, 21)]
+    assert [int(rank) for _, rank, _ in rows] == [6, 9] + 18 * [10]
+    assert float(rows[-1][2]) == pytest.approx(60.0, abs=1e-4)
+
+
+def test_the_recording_is_one_self_contained_file(runs):
+    """Whoever gets it needs no network, and it is small enough to send."""
+    path = runs[0] / "view.html"
+    text = path.read_text(encoding="utf-8")
+    assert path.stat().st_size < 10e6
+    assert re.search(r"""<(?:script|img|link|iframe)[^>]*=\s*["']?https?://""", text) is None
+    assert 'src="http' not in text
+    assert "<html" in text
+    recorded = map(b64decode, re.findall(r"base64,([A-Za-z0-9+/=]{100,})", text))
+    commands = b"".join(recorded)
+    assert b"captured_target" in commands
+    assert b"set_animation" in commands
+
+
+def test_the_recording_has_every_sample(runs):
+    """The sample that is due at the very end is taken too."""
+    assert "10 samples determine" in runs[1]["meshcat_view.py"].stdout
+
+
+@pytest.mark.parametrize("script", ["paper_case.py", "meshcat_view.py"])
+@pytest.mark.parametrize("text", [None, "target: 3", "spacecraft: {base: 'a\n\n  b'}"])
+def test_a_bad_scenario_is_one_line_and_exit_code_2(script, text, tmp_path):
+    if text is not None:
+        (tmp_path / "bad.yaml").write_text(text)
+    run = finish(start(script, "--scenario", "bad.yaml", cwd=tmp_path))
+    assert run.returncode == 2
+    assert run.stdout == ""
+    assert run.stderr.startswith(f"{script}: error: bad.yaml: ")
+    assert run.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments"),
+    [
+        ("meshcat_view.py", ["--html", "nowhere/view.html"]),
+        ("meshcat_view.py", ["--html", "."]),
+        ("paper_case.py", ["--graph", "nowhere/diagram.dot"]),
+        ("online_identification.py", ["--period", "0"]),
+        ("online_identification.py", ["--period", "nan"]),
+        ("online_identification.py", ["--period", "inf"]),
+    ],
+)
+def test_what_cannot_work_is_one_line_and_exit_code_2(script, arguments, tmp_path):
+    run = finish(start(script, *arguments, cwd=tmp_path))
+    assert run.returncode == 2
+    assert run.stdout == ""
+    assert run.stderr.startswith(f"{script}: error: ")
+    assert run.stderr.count("\n") == 1

@@ -1,0 +1,308 @@
+"""Scenarios: YAML in, one line of complaint out where it cannot be built."""
+
+import copy
+
+import numpy as np
+import pytest
+import yaml
+
+from cpid_drake import InputError, load_scenario, make_simulation, shipped_scenario
+from cpid_drake.studies.paper import sampling_times
+
+
+@pytest.fixture(scope="module")
+def paper_yaml() -> dict:
+    return yaml.safe_load(shipped_scenario("paper").read_text())
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes text, bytes or a mapping to a scenario file."""
+
+    def make(content):
+        path = tmp_path / "scenario.yaml"
+        if not isinstance(content, (str, bytes)):
+            content = yaml.safe_dump(content)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return make
+
+
+@pytest.fixture
+def edited(paper_yaml):
+    """Return a function (key path, value) -> the paper's scenario with one value changed."""
+
+    def make(key, value):
+        scenario = copy.deepcopy(paper_yaml)
+        *sections, last = key.split(".")
+        inner = scenario
+        for section in sections:
+            inner = inner[section]
+        inner[last] = value
+        return scenario
+
+    return make
+
+
+def refusal(call, *args) -> str:
+    with pytest.raises(InputError) as caught:
+        call(*args)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def build(path):
+    scenario = load_scenario(path)
+    sampling_times(scenario)
+    return make_simulation(scenario)
+
+
+# -- reading -------------------------------------------------------------------------------------
+
+
+def test_a_path_and_a_package_uri_give_the_same_scenario():
+    by_path = load_scenario(shipped_scenario("paper"))
+    by_uri = load_scenario("package://cpid_drake_models/scenarios/paper.yaml")
+    assert repr(by_path) == repr(by_uri)
+
+
+def test_every_value_of_the_file_arrives(paper_yaml, paper_scenario):
+    assert paper_scenario.target.mass == paper_yaml["target"]["mass"]
+    np.testing.assert_array_equal(paper_scenario.target.p_CTcm_C, [0.4330127, 0.0, 0.0])
+    np.testing.assert_array_equal(paper_scenario.target.I_TTcm_C, np.diag([20.0, 30.0, 10.0]))
+    assert paper_scenario.joint_motion.final == paper_yaml["joint_motion"]["final"]
+    simulator = paper_yaml["simulation"]["simulator"]
+    assert paper_scenario.simulation.simulator.accuracy == float(simulator["accuracy"])
+    assert paper_scenario.identification.rows == "eq18"
+
+
+def test_keys_left_out_keep_their_defaults(paper_yaml, write):
+    """Spacecraft and target are enough."""
+    short = {key: paper_yaml[key] for key in ("spacecraft", "target")}
+    scenario = load_scenario(write(short))
+    assert scenario.identification.period == 1.0
+    assert scenario.simulation.duration == 10.0
+    assert scenario.simulation.simulator.integration_scheme == "runge_kutta3"
+    make_simulation(scenario)
+
+
+def test_numbers_may_be_written_as_yaml_1_1_strings(paper_yaml, write):
+    """`1e3` is a string to a YAML 1.1 reader, and a number to everybody else."""
+    text = yaml.safe_dump(paper_yaml).replace("mass: 100.0", "mass: 1e2")
+    assert load_scenario(write(text)).target.mass == 100.0
+
+
+def test_windows_line_ends_and_a_byte_order_mark_do_not_matter(paper_yaml, write):
+    text = yaml.safe_dump(paper_yaml).replace("\n", "\r\n")
+    assert load_scenario(write("\ufeff" + text)).target.mass == 100.0
+
+
+def test_reading_twice_gives_independent_scenarios():
+    first, second = (load_scenario(shipped_scenario("paper")) for _ in range(2))
+    first.joint_motion.initial["capture_arm_joint1"] = 9.0
+    first.target.p_CTcm_C[0] = 9.0
+    assert second.joint_motion.initial["capture_arm_joint1"] == 0.2
+    assert second.target.p_CTcm_C[0] == 0.4330127
+
+
+# -- what is no scenario -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "# nothing\n",
+        "null",
+        "3",
+        "words",
+        "- a\n- list\n",
+        "a: [1",
+        "a: b: c",
+        "\tx: 1",
+        "---\na: 1\n---\nb: 2\n",
+        "? [a]\n: 1",
+        "spacecraft: !Other {}",
+        bytes(range(256)),
+        b"spacecraft:\0",
+        "spacecraft: {model: \u00e9}".encode("latin-1"),
+        "a: " + 3000 * "[" + 3000 * "]",
+    ],
+    ids=range(16),
+)
+def test_what_is_no_scenario_is_refused(write, content):
+    assert "scenario.yaml" in refusal(load_scenario, write(content))
+
+
+@pytest.mark.parametrize(
+    "path", ["nowhere.yaml", "", ".", "package://nobody/a.yaml", "https://example.org/a.yaml"]
+)
+def test_what_is_no_file_is_refused(path):
+    refusal(load_scenario, path)
+
+
+def test_an_unknown_shipped_scenario_is_answered_with_the_names():
+    assert "choose from paper" in refusal(shipped_scenario, "nothing")
+
+
+@pytest.mark.parametrize(
+    "key", ["massive", "target.weight", "joint_motion.speed", "simulation.simulator.tolerance"]
+)
+def test_an_unknown_key_is_refused_by_name(write, edited, key):
+    assert key.rpartition(".")[2] in refusal(load_scenario, write(edited(key, 1.0)))
+
+
+def test_a_key_given_twice_is_refused(paper_yaml, write):
+    """Which of the two was meant cannot be known."""
+    text = yaml.safe_dump(paper_yaml).replace("mass: 100.0", "mass: 100.0\n  mass: 7.0")
+    assert "mass" in refusal(load_scenario, write(text))
+
+
+SECTIONS = ("spacecraft", "target", "joint_motion", "controller", "identification", "simulation")
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize("value", [None, 3, "word", [1, 2]])
+def test_a_section_that_is_no_mapping_is_refused(write, edited, section, value):
+    assert section in refusal(load_scenario, write(edited(section, value)))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("target.mass", "heavy"),
+        ("target.mass", None),
+        ("target.mass", True),
+        ("target.mass", [100.0]),
+        ("target.p_CTcm_C", "here"),
+        ("target.p_CTcm_C", ["a", "b", "c"]),
+        ("target.p_CTcm_C", {"x": 1.0}),
+        ("target.I_TTcm_C", [[1, 2, 3], [1, 2], [1]]),
+        ("target.visual_model", 3),
+        ("spacecraft.model", 3),
+        ("spacecraft.base", None),
+        ("joint_motion.initial", None),
+        ("joint_motion.initial", [0.1]),
+        ("joint_motion.initial", {"capture_arm_joint1": "far"}),
+        ("controller.knows_target", "maybe"),
+        ("controller.knows_target", 1),
+        ("identification.rows", 18),
+        ("simulation.simulator.use_error_control", "no"),
+    ],
+)
+def test_a_value_of_the_wrong_type_is_refused(write, edited, key, value):
+    assert "scenario.yaml" in refusal(load_scenario, write(edited(key, value)))
+
+
+# -- what cannot be built ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", ["model", "base", "capture_frame"])
+def test_a_spacecraft_that_is_not_given_is_refused(write, edited, paper_yaml, key):
+    message = f"spacecraft.{key} is missing"
+    assert message in refusal(load_scenario, write(edited(f"spacecraft.{key}", "")))
+    without = copy.deepcopy(paper_yaml)
+    del without["spacecraft"][key]
+    assert message in refusal(load_scenario, write(without))
+
+
+def test_a_target_that_is_not_given_is_refused(write, paper_yaml):
+    without = {key: value for key, value in paper_yaml.items() if key != "target"}
+    assert "target.mass" in refusal(load_scenario, write(without))
+
+
+POSITIVE = (
+    "simulation.duration",
+    "simulation.log_period",
+    "simulation.simulator.max_step_size",
+    "simulation.simulator.accuracy",
+    "joint_motion.duration",
+    "identification.period",
+    "controller.natural_frequency",
+    "controller.damping_ratio",
+    "controller.nominal_radius",
+    "target.mass",
+)
+
+
+@pytest.mark.parametrize("key", POSITIVE)
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, -np.inf])
+def test_what_must_be_positive_is_refused_otherwise(write, edited, key, value):
+    message = refusal(build, write(edited(key, value)))
+    words = key.rpartition(".")[2].split("_")
+    assert any(word in message for word in words)
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf, -np.inf, 10.5, 1e300])
+def test_an_offset_outside_the_simulation_is_refused(write, edited, value):
+    refusal(build, write(edited("identification.offset", value)))
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+def test_a_nominal_mass_that_is_none_is_refused(write, edited, value):
+    """Or the controller would quietly take another model."""
+    scenario = edited("controller.nominal_mass", value)
+    scenario["controller"]["knows_target"] = False
+    refusal(build, write(scenario))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "cause"),
+    [
+        ("target.p_CTcm_C", [1.0, 2.0], "3"),
+        ("target.p_CTcm_C", [np.nan, 0.0, 0.0], "finite"),
+        ("target.I_TTcm_C", [20.0, 30.0, 10.0], "3x3"),
+        ("target.I_TTcm_C", [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]], "symmetric"),
+        ("target.I_TTcm_C", [[1, 0, 0], [0, 1, 0], [0, 0, 9]], "triangle inequality"),
+        ("target.I_TTcm_C", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]], "negative"),
+        ("spacecraft.model", "nowhere.urdf", "no such file"),
+        ("spacecraft.base", "hull", "no body 'hull'; choose from: bus"),
+        ("spacecraft.capture_frame", "claw", "no frame 'claw'; choose from: "),
+        ("identification.rows", "eq99", "no row family 'eq99'; choose from eq18"),
+        ("simulation.simulator.integration_scheme", "leapfrog", "must be one of runge_kutta3"),
+        ("simulation.simulator.integration_scheme", "explicit_euler", "not 'explicit_euler'"),
+        ("joint_motion.initial", {"elbow": 0.1}, "no joint 'elbow'; joints are capture_arm_joint1"),
+        ("joint_motion.final", {"capture_arm_joint1": 3.2}, r"= 3.2 is outside [-3.1, 3.1]"),
+        ("joint_motion.final", {"capture_arm_joint1": np.nan}, "outside"),
+        ("joint_motion.duration", 1.0, "above its limit 0.4 rad/s; give a longer duration"),
+    ],
+)
+def test_a_scenario_that_cannot_be_built_is_refused_with_the_cause(
+    write, edited, key, value, cause
+):
+    assert cause in refusal(build, write(edited(key, value)))
+
+
+def test_a_visual_model_that_does_not_exist_is_refused_when_drawn(write, edited):
+    from pydrake.geometry import Meshcat
+
+    scenario = load_scenario(write(edited("target.visual_model", "nowhere.urdf")))
+    assert "no such file" in refusal(lambda: make_simulation(scenario, meshcat=Meshcat()))
+
+
+# -- sampling ------------------------------------------------------------------------------------
+
+
+def test_the_paper_is_sampled_every_second(paper_scenario):
+    np.testing.assert_array_equal(sampling_times(paper_scenario), np.arange(1.0, 10.5))
+
+
+@pytest.mark.parametrize(
+    ("period", "offset", "count"),
+    [(0.1, 0.1, 100), (0.1, 0.0, 101), (3.0, 1.0, 4), (20.0, 10.0, 1)],
+)
+def test_samples_at_the_very_end_count(paper_scenario, period, offset, count):
+    """Decimal periods do not lose the last sample to rounding."""
+    paper_scenario.identification.period = period
+    paper_scenario.identification.offset = offset
+    times = sampling_times(paper_scenario)
+    assert len(times) == count
+    assert times[0] == offset
+    assert times[-1] <= 10.0 + 1e-9
+
+
+def test_an_offset_after_the_end_is_refused(paper_scenario):
+    paper_scenario.identification.offset = 10.5
+    assert "10.5 s, after the simulation's end" in refusal(sampling_times, paper_scenario)

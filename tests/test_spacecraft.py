@@ -1,0 +1,757 @@
+"""Model files as spacecraft: any tree on a free base is read right, and all else is refused."""
+
+import logging
+
+import numpy as np
+import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InertialParameters, InputError, Spacecraft, Telemetry
+from cpid_drake.momentum import momentum_samples
+
+# -- models --------------------------------------------------------------------------------------
+
+INERTIA = {"ixx": 2.0, "iyy": 3.0, "izz": 4.0, "ixy": 0.1, "ixz": -0.2, "iyz": 0.3}
+RPY = (0.3, -0.2, 0.4)
+
+
+def entries(**changes) -> str:
+    return " ".join(f'{key}="{value}"' for key, value in (INERTIA | changes).items())
+
+
+def u_link(name, mass=10.0, inner="", **inertia) -> str:
+    return (
+        f'<link name="{name}"><inertial><origin xyz="0.1 -0.2 0.3" rpy="0.2 0.1 -0.3"/>'
+        f'<mass value="{mass}"/><inertia {entries(**inertia)}/></inertial>{inner}</link>'
+    )
+
+
+def u_joint(name, parent, child, kind="revolute", axis="0.6 0 0.8", inner="") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0.5 -0.1 0.2" rpy="0.3 -0.2 0.4"/><axis xyz="{axis}"/>'
+        f'<limit lower="-2" upper="2.5" effort="10" velocity="0.7"/>{inner}</joint>'
+    )
+
+
+def urdf(*parts, name="two") -> str:
+    return f'<?xml version="1.0"?><robot name="{name}">{"".join(parts)}</robot>'
+
+
+TWO_LINKS = urdf(u_link("base", 50.0), u_link("arm"), u_joint("j", "base", "arm"))
+
+
+def s_link(name, mass=10.0, pose="0 0 0 0 0 0", **inertia) -> str:
+    values = "".join(f"<{key}>{value}</{key}>" for key, value in (INERTIA | inertia).items())
+    return (
+        f'<link name="{name}"><pose>{pose}</pose><inertial><pose>0.1 -0.2 0.3 0.2 0.1 -0.3</pose>'
+        f"<mass>{mass}</mass><inertia>{values}</inertia></inertial></link>"
+    )
+
+
+def s_joint(name, parent, child, kind="revolute", axis="0.6 0 0.8", inner="") -> str:
+    body = "" if kind == "fixed" else f"<axis><xyz>{axis}</xyz></axis>"
+    return (
+        f'<joint name="{name}" type="{kind}"><pose>0.05 0.1 -0.2 0.1 0.2 0.3</pose>'
+        f"<parent>{parent}</parent><child>{child}</child>{body}{inner}</joint>"
+    )
+
+
+def sdf(*parts) -> str:
+    return (
+        '<?xml version="1.0"?><sdf version="1.9" xmlns:drake="http://drake.mit.edu">'
+        f'<model name="two">{"".join(parts)}</model></sdf>'
+    )
+
+
+ARM_POSE = "0.5 -0.1 0.2 0.3 -0.2 0.4"
+HAND_POSE = "0.9 0.3 0.1 -0.5 0.6 0.2"
+
+
+def mjcf(free="<freejoint/>", joint='<joint name="j" type="hinge" axis="0.6 0 0.8"/>', rest=""):
+    def quaternion(rpy):
+        w, x, y, z = Rotation.from_euler("xyz", rpy).as_quat(scalar_first=True)
+        return f"{w:.17g} {x:.17g} {y:.17g} {z:.17g}"
+
+    R = Rotation.from_euler("xyz", (0.2, 0.1, -0.3)).as_matrix()
+    values = [INERTIA[key] for key in ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz")]
+    tensor = R @ np.reshape([*values, INERTIA["izz"]], (3, 3)) @ R.T
+    full = " ".join(f"{tensor[i]:.17g}" for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    inertial = '<inertial pos="0.1 -0.2 0.3" mass="{mass}" fullinertia="{full}"/>'
+    return (
+        f'<mujoco model="two"><worldbody><body name="base">{free}'
+        f"{inertial.format(mass=50, full=full)}"
+        f'<body name="arm" pos="0.5 -0.1 0.2" quat="{quaternion(RPY)}">{joint}'
+        f"{inertial.format(mass=10, full=full)}"
+        '<body name="hand" pos="0.3 0 0"><joint name="k" type="hinge" axis="0 1 0"/>'
+        '<inertial pos="0.1 0 0" mass="1" diaginertia="1 1 1"/></body>'
+        f"</body></body></worldbody>{rest}</mujoco>"
+    )
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Return a function (text, ending, ...) -> Spacecraft of a file with this text."""
+
+    def make(text, ending=".urdf", *, base="base", capture_frame="arm", **options):
+        path = tmp_path / f"model{ending}"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return Spacecraft(path, base=base, capture_frame=capture_frame, **options)
+
+    return make
+
+
+@pytest.fixture
+def refusal(load):
+    """Return a function that loads what must be refused, and gives the message."""
+
+    def make(*args, **options) -> str:
+        with pytest.raises(InputError) as caught:
+            load(*args, **options)
+        message = str(caught.value)
+        assert "\n" not in message
+        return message
+
+    return make
+
+
+def random_telemetry(joint_names, n=8, seed=0) -> Telemetry:
+    rng = np.random.default_rng(seed)
+    return Telemetry(
+        joint_names,
+        np.arange(n, dtype=float),
+        quaternion_WB=Rotation.random(n, rng).as_quat(scalar_first=True),
+        p_WB=rng.normal(size=(n, 3)),
+        w_WB=rng.normal(size=(n, 3)),
+        v_WB=rng.normal(size=(n, 3)),
+        q=rng.uniform(-2, 2, size=(n, len(joint_names))),
+        qdot=rng.normal(size=(n, len(joint_names))),
+    )
+
+
+def assert_close(ours, theirs):
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * max(1.0, np.abs(theirs).max()))
+
+
+def assert_drake_agrees(spacecraft):
+    """The NumPy recursion and Drake's kinematics give the same momentum and the same motion."""
+    telemetry = random_telemetry(spacecraft.joint_names)
+    ours = momentum_samples(spacecraft.tree, telemetry)
+    context = spacecraft.plant.CreateDefaultContext()
+    for k, state in enumerate(spacecraft.to_states(telemetry)):
+        spacecraft.plant.SetPositionsAndVelocities(context, state)
+        theirs = spacecraft.momentum_sample(context)
+        assert_close(ours.P[k], theirs.P[0])
+        assert_close(ours.L[k], theirs.L[0])
+        for name in ("R_WC", "p_WC", "w_WC", "v_WC"):
+            assert_close(getattr(ours.motion, name)[k], getattr(theirs.motion, name)[0])
+
+
+# -- what can be read ----------------------------------------------------------------------------
+
+
+def test_the_servicer_agrees_with_drake(servicer):
+    assert_drake_agrees(servicer)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+def test_joints_of_one_freedom_agree_with_drake(load, kind):
+    """Offset and turned joint frame, skew axis, products of inertia."""
+    parts = [u_link("base", 50.0), u_link("arm"), u_joint("j", "base", "arm", kind)]
+    assert_drake_agrees(load(urdf(*parts)))
+
+
+def test_an_axis_need_not_be_a_unit_vector(load):
+    short = load(TWO_LINKS)
+    long = load(TWO_LINKS.replace("0.6 0 0.8", "6 0 8"))
+    telemetry = random_telemetry(short.joint_names)
+    assert_close(
+        momentum_samples(long.tree, telemetry).L, momentum_samples(short.tree, telemetry).L
+    )
+
+
+def test_fixed_joints_and_massless_bodies_agree_with_drake(load):
+    parts = [
+        u_link("base", 50.0),
+        u_link("panel", 5.0),
+        '<link name="bracket"/>',
+        u_link("arm"),
+        '<link name="tip"/>',
+        u_joint("f", "base", "panel", "fixed"),
+        u_joint("g", "base", "bracket", "fixed"),
+        u_joint("j", "bracket", "arm"),
+        u_joint("h", "arm", "tip", "fixed"),
+    ]
+    spacecraft = load(urdf(*parts), capture_frame="tip")
+    assert spacecraft.joint_names == ("j",)
+    assert spacecraft.mass == pytest.approx(65.0)
+    assert_drake_agrees(spacecraft)
+
+
+def test_a_branched_tree_agrees_with_drake(load):
+    """Two arms, one of them with a sliding joint; C is on the second."""
+    parts = [u_link("base", 50.0)]
+    parent = {"a": "base", "b": "a", "c": "base", "d": "c", "e": "c"}
+    for k, (name, inboard) in enumerate(parent.items()):
+        kind = "prismatic" if name in "bd" else "revolute"
+        parts += [u_link(name, 3.0 + k), u_joint(f"j_{name}", inboard, name, kind)]
+    spacecraft = load(urdf(*parts), capture_frame="d")
+    assert set(spacecraft.joint_names) == {f"j_{name}" for name in parent}
+    assert_drake_agrees(spacecraft)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "fixed"])
+def test_a_joint_that_points_towards_the_base_agrees_with_drake(load, kind):
+    """In the file the hand is the arm's parent; seen from the base it is its child."""
+    parts = [
+        s_link("base", 50.0),
+        s_link("arm", pose=ARM_POSE),
+        s_link("hand", pose=HAND_POSE),
+        s_joint("j", "base", "arm"),
+        s_joint("k", "hand", "arm", kind, axis="0 0.6 -0.8"),
+    ]
+    assert_drake_agrees(load(sdf(*parts), ".sdf", capture_frame="hand"))
+
+
+def test_a_base_that_is_a_child_in_the_file_is_not_the_floating_one(load, refusal):
+    """Drake lets the parent float: the message says so, and named as base it is read right."""
+    text = sdf(s_link("base"), s_link("arm", pose=ARM_POSE), s_joint("j", "arm", "base"))
+    message = refusal(text, ".sdf")
+    assert "'base' is not the floating base" in message
+    assert message.endswith("arm")
+    assert_drake_agrees(load(text, ".sdf", base="arm", capture_frame="base"))
+
+
+def test_a_capture_frame_with_an_offset_pose_agrees_with_drake(load):
+    frame = f'<frame name="grip" attached_to="arm"><pose>{HAND_POSE}</pose></frame>'
+    parts = [s_link("base"), s_link("arm", pose=ARM_POSE), s_joint("j", "base", "arm"), frame]
+    spacecraft = load(sdf(*parts), ".sdf", capture_frame="grip")
+    assert spacecraft.capture_frame.name() == "grip"
+    np.testing.assert_allclose(spacecraft.tree.p_BC, [0.9, 0.3, 0.1])
+    assert_drake_agrees(spacecraft)
+
+
+def test_two_joints_of_one_mjcf_body_agree_with_drake(load):
+    joints = '<joint name="j" type="slide" axis="0 1 0"/><joint name="i" axis="0 0 1"/>'
+    spacecraft = load(mjcf(joint=joints), ".xml")
+    assert set(spacecraft.joint_names) == {"i", "j", "k"}
+    assert_drake_agrees(spacecraft)
+
+
+def test_an_mjcf_base_with_a_pose_and_a_named_freejoint_agrees_with_drake(load):
+    text = mjcf('<freejoint name="free"/>').replace(
+        '<body name="base">', '<body name="base" pos="1 2 3" euler="10 20 30">'
+    )
+    assert_drake_agrees(load(text, ".xml"))
+
+
+def test_the_same_spacecraft_from_every_format_is_the_same(load, tmp_path):
+    """URDF, SDF, MJCF and model directives give equal momentum and motion of C."""
+    hand = (
+        '<link name="hand"><inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="1" '
+        'iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="k" '
+        'type="revolute"><parent link="arm"/><child link="hand"/><origin xyz="0.3 0 0"/>'
+        '<axis xyz="0 1 0"/></joint>'
+    )
+    urdf_text = TWO_LINKS.replace("</robot>", hand + "</robot>")
+    hand_sdf = (
+        '<link name="hand"><pose relative_to="arm">0.3 0 0 0 0 0</pose><inertial><pose>0.1 0 0 '
+        "0 0 0</pose><mass>1</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia>"
+        '</inertial></link><joint name="k" type="revolute"><parent>arm</parent><child>hand'
+        "</child><axis><xyz>0 1 0</xyz></axis></joint>"
+    )
+    joint = s_joint("j", "base", "arm").replace("0.05 0.1 -0.2 0.1 0.2 0.3", "0 0 0 0 0 0")
+    sdf_text = sdf(s_link("base", 50.0), s_link("arm", pose=ARM_POSE), joint, hand_sdf)
+    reference = load(urdf_text)
+    directives = "directives:\n- add_model:\n    name: craft\n    file: package://mine/model.urdf\n"
+    others = {
+        "sdf": load(sdf_text, ".sdf"),
+        "mjcf": load(mjcf(), ".xml"),
+        "directives": load(directives, ".dmd.yaml", packages={"mine": tmp_path}),
+    }
+    telemetry = random_telemetry(("j", "k"))
+    expected = momentum_samples(reference.tree, telemetry)
+    for name, spacecraft in others.items():
+        assert spacecraft.joint_names == ("j", "k"), name
+        assert spacecraft.mass == pytest.approx(61.0)
+        samples = momentum_samples(spacecraft.tree, telemetry)
+        assert_close(samples.P, expected.P)
+        assert_close(samples.L, expected.L)
+        assert_close(samples.motion.p_WC, expected.motion.p_WC)
+        assert_close(samples.motion.R_WC, expected.motion.R_WC)
+
+
+TWO_ARMS = """directives:
+- add_model: {name: bus, file: package://mine/model.urdf}
+- add_model: {name: left, file: package://mine/arm.urdf}
+- add_model: {name: right, file: package://mine/arm.urdf}
+- add_weld: {parent: "bus::arm", child: "left::root"}
+- add_weld: {parent: "bus::base", child: "right::root"}
+"""
+
+
+@pytest.fixture
+def two_arms(load, tmp_path):
+    """Return a function that loads two instances of one arm model on one bus."""
+    arm = urdf(u_link("root", 1.0), u_link("tip", 2.0), u_joint("turn", "root", "tip"), name="arm")
+    (tmp_path / "arm.urdf").write_text(arm)
+    (tmp_path / "model.urdf").write_text(TWO_LINKS)
+
+    def make(**names):
+        return load(TWO_ARMS, ".dmd.yaml", packages={"mine": tmp_path}, **names)
+
+    return make
+
+
+def test_two_instances_of_an_arm_have_scoped_joint_names(two_arms):
+    spacecraft = two_arms(capture_frame="right::tip")
+    assert set(spacecraft.joint_names) == {"j", "left::turn", "right::turn"}
+    assert_drake_agrees(spacecraft)
+
+
+def test_a_name_that_is_not_unique_must_be_scoped(two_arms):
+    with pytest.raises(InputError, match="say instance::name"):
+        two_arms(capture_frame="tip")
+
+
+def test_a_scope_that_does_not_exist_is_refused(two_arms):
+    with pytest.raises(InputError, match="no frame 'middle::tip'"):
+        two_arms(capture_frame="middle::tip")
+
+
+@pytest.mark.parametrize("name", ["ärm 1", "a<b>", "arm'[0]/{x}", "arm.1-2"])
+def test_names_of_odd_characters_are_found(load, name):
+    escaped = name.replace("<", "&lt;").replace(">", "&gt;")
+    parts = [u_link("base"), u_link(escaped), u_joint("joint, 1", "base", escaped)]
+    spacecraft = load(urdf(*parts), capture_frame=name)
+    assert spacecraft.joint_names == ("joint, 1",)
+    assert_drake_agrees(spacecraft)
+
+
+def test_missing_meshes_do_not_matter(load):
+    """Geometry is not needed to know the spacecraft."""
+    mesh = '<geometry><mesh filename="package://nowhere/{}.stl"/></geometry>'
+    inner = f"<visual>{mesh.format('a')}</visual><collision>{mesh.format('b')}</collision>"
+    parts = [u_link("base", inner=inner), u_link("arm"), u_joint("j", "base", "arm")]
+    assert_drake_agrees(load(urdf(*parts)))
+
+
+def test_limits_are_read(load):
+    spacecraft = load(TWO_LINKS)
+    np.testing.assert_array_equal(spacecraft.velocity_limits, [0.7])
+    np.testing.assert_array_equal(spacecraft.configuration({"j": 2.5}, "here"), [2.5])
+    np.testing.assert_array_equal(spacecraft.configuration({}, "here"), [0.0])
+    for value in (2.6, -2.1, np.nan, np.inf):
+        with pytest.raises(InputError, match=r"^here: j = .* is outside \[-2, 2.5\]$"):
+            spacecraft.configuration({"j": value}, "here")
+    with pytest.raises(InputError, match=r"^here: no joint 'elbow'; joints are j$"):
+        spacecraft.configuration({"elbow": 0.0}, "here")
+
+
+def test_without_limits_joints_are_unlimited(load):
+    parts = [s_link("base"), s_link("arm", pose=ARM_POSE), s_joint("j", "base", "arm")]
+    spacecraft = load(sdf(*parts), ".sdf")
+    assert np.isinf(spacecraft.velocity_limits).all()
+    np.testing.assert_array_equal(spacecraft.configuration({"j": 1e3}, "here"), [1e3])
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", [".urdf", ".sdf", ".xml", ".dmd.yaml"])
+@pytest.mark.parametrize("text", ["", TWO_LINKS[:200], bytes(range(256)), "- no\n- model\n"])
+def test_a_broken_file_is_refused(refusal, ending, text):
+    assert f"model{ending}" in refusal(text, ending)
+
+
+@pytest.mark.parametrize("ending", [".txt", "", ".urdf.bak", ".yaml", ".stl"])
+def test_another_kind_of_file_is_refused_with_the_kinds_there_are(refusal, ending):
+    assert "must end in .urdf, .sdf, .xml, .dmd.yaml" in refusal(TWO_LINKS, ending)
+
+
+@pytest.mark.parametrize(
+    ("model", "cause"),
+    [
+        ("nowhere.urdf", "no such file"),
+        ("package://nobody/a.urdf", "unknown package 'nobody'"),
+        ("https://example.org/a.urdf", "not https://"),
+        ("package://cpid_drake_models/dual_arm_servicer", "a folder"),
+    ],
+)
+def test_a_file_that_cannot_be_found_is_refused(model, cause):
+    with pytest.raises(InputError, match=cause):
+        Spacecraft(model, base="bus", capture_frame="capture_point")
+
+
+@pytest.mark.parametrize("name", ["hull", "", "::", "two::", "world", "BASE", "base\nx"])
+def test_an_unknown_base_is_refused_with_the_choices(refusal, name):
+    assert "choose from: arm, base" in refusal(TWO_LINKS, base=name)
+
+
+@pytest.mark.parametrize("name", ["grip", "", "::", "two::", "world", "no::arm"])
+def test_an_unknown_capture_frame_is_refused_with_the_choices(refusal, name):
+    assert "choose from: arm, base" in refusal(TWO_LINKS, capture_frame=name)
+
+
+FLOATING_BALL = (
+    '<drake:joint name="b" type="{}"><parent link="arm"/><child link="x"/></drake:joint>'
+)
+DRAKE = 'xmlns:drake="http://drake.mit.edu"'
+
+
+@pytest.mark.parametrize(
+    ("text", "ending"),
+    [
+        (
+            urdf(
+                '<link name="world"/>',
+                u_link("base"),
+                u_link("arm"),
+                u_joint("w", "world", "base", "fixed"),
+                u_joint("j", "base", "arm"),
+            ),
+            ".urdf",
+        ),
+        (
+            sdf(
+                s_link("base"),
+                s_link("arm", pose=ARM_POSE),
+                s_joint("w", "world", "base", "fixed"),
+                s_joint("j", "base", "arm"),
+            ),
+            ".sdf",
+        ),
+        (mjcf(free=""), ".xml"),
+    ],
+    ids=["urdf", "sdf", "mjcf"],
+)
+def test_a_base_welded_to_the_world_is_refused(refusal, text, ending):
+    assert "'base' is welded to the world" in refusal(text, ending)
+
+
+def test_a_base_on_a_joint_to_the_world_is_refused(refusal):
+    parts = [u_link("base"), u_link("arm"), u_joint("w", "world", "base"), '<link name="world"/>']
+    message = refusal(urdf(*parts, u_joint("j", "base", "arm")))
+    assert "'base' is not the floating base; free bodies are: none" in message
+
+
+def test_a_base_that_is_not_the_floating_body_is_refused(refusal):
+    message = refusal(TWO_LINKS, base="arm", capture_frame="base")
+    assert "'arm' is not the floating base; free bodies are: base" in message
+
+
+def test_bodies_that_are_not_connected_are_refused(refusal):
+    parts = [u_link("base"), u_link("arm"), u_link("debris"), u_joint("j", "base", "arm")]
+    assert "not connected to the base 'base': debris" in refusal(urdf(*parts))
+
+
+def test_a_capture_frame_on_the_base_is_refused(refusal):
+    assert "'base' is on the base" in refusal(TWO_LINKS, capture_frame="base")
+
+
+def test_a_capture_frame_welded_to_the_base_is_refused(refusal):
+    parts = [u_link("base"), u_link("arm"), u_link("panel"), u_joint("j", "base", "arm")]
+    text = urdf(*parts, u_joint("w", "base", "panel", "fixed"))
+    message = refusal(text, capture_frame="panel")
+    assert "capture frame 'panel' is on the base" in message
+
+
+def test_a_spacecraft_without_mass_is_refused(refusal):
+    text = urdf('<link name="base"/>', '<link name="arm"/>', u_joint("j", "base", "arm"))
+    assert "no mass" in refusal(text)
+
+
+def test_a_spacecraft_that_cannot_move_is_refused(refusal):
+    refusal(urdf(u_link("base"), u_link("arm"), u_joint("j", "base", "arm", "fixed")))
+
+
+@pytest.mark.parametrize(("parent", "child"), [("base", "hand"), ("hand", "base")])
+@pytest.mark.parametrize("kind", ["revolute", "fixed"])
+def test_a_closed_loop_is_refused(refusal, parent, child, kind):
+    parts = [
+        s_link("base"),
+        s_link("arm", pose=ARM_POSE),
+        s_link("hand", pose=HAND_POSE),
+        s_joint("j", "base", "arm"),
+        s_joint("k", "arm", "hand"),
+        s_joint("l", parent, child, kind),
+    ]
+    assert "closed loop" in refusal(sdf(*parts), ".sdf")
+
+
+def test_a_mimic_joint_is_refused(refusal):
+    mimic = '<mimic joint="j" multiplier="2" offset="0"/>'
+    parts = [u_link("base"), u_link("arm"), u_link("hand"), u_joint("j", "base", "arm")]
+    text = urdf(*parts, u_joint("k", "arm", "hand", inner=mimic))
+    assert "mimic" in refusal(text)
+
+
+def test_a_mimic_joint_of_drake_in_sdf_is_refused(refusal):
+    mimic = '<drake:mimic joint="j" multiplier="2" offset="0"/>'
+    parts = [s_link("base"), s_link("arm", pose=ARM_POSE), s_link("hand", pose=HAND_POSE)]
+    joints = [s_joint("j", "base", "arm"), s_joint("k", "arm", "hand", inner=mimic)]
+    assert "mimic" in refusal(sdf(*parts, *joints), ".sdf")
+
+
+@pytest.mark.parametrize(
+    "equality",
+    [
+        '<connect body1="base" body2="hand" anchor="0 0 0"/>',
+        '<joint joint1="j" joint2="k"/>',
+        '<weld body1="base" body2="hand"/>',
+    ],
+    ids=["connect", "joint", "weld"],
+)
+def test_an_equality_constraint_is_refused(refusal, equality):
+    """Those that Drake does not read too: it only warns that it leaves them out."""
+    assert "equality" in refusal(mjcf(rest=f"<equality>{equality}</equality>"), ".xml")
+
+
+@pytest.mark.parametrize("kind", ["ball", "universal"])
+def test_a_joint_of_two_or_three_freedoms_is_refused(refusal, kind):
+    parts = [u_link("base"), u_link("arm"), u_link("x"), u_joint("j", "base", "arm")]
+    text = urdf(*parts, FLOATING_BALL.format(kind)).replace("<robot ", f"<robot {DRAKE} ")
+    message = refusal(text)
+    assert "joint 'b' is of type" in message
+    assert "only revolute, prismatic and fixed" in message
+
+
+def test_a_planar_joint_is_refused(refusal):
+    parts = [u_link("base"), u_link("arm"), u_link("x"), u_joint("j", "base", "arm")]
+    message = refusal(urdf(*parts, u_joint("p", "arm", "x", "planar", axis="0 0 1")))
+    assert "joint 'p' is of type planar" in message
+
+
+def test_a_floating_joint_inside_is_refused(refusal):
+    parts = [u_link("base"), u_link("arm"), u_link("x"), u_joint("j", "base", "arm")]
+    assert "not connected" in refusal(urdf(*parts, u_joint("f", "arm", "x", "floating")))
+
+
+IMPOSSIBLE = {
+    "triangle inequality": {"ixx": 90.0},
+    "negative moment": {"ixx": -1.0, "iyy": -1.0, "izz": -1.0},
+    "product too large": {"ixy": 9.0},
+    "negative mass": {"mass": -5.0},
+    "no mass but inertia": {"mass": 0.0},
+}
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_an_inertia_that_no_body_has_is_refused(refusal, name):
+    """Drake puts another inertia in its place and only warns; the answer would be wrong."""
+    changes = IMPOSSIBLE[name]
+    message = refusal(urdf(u_link("base"), u_link("arm", **changes), u_joint("j", "base", "arm")))
+    assert "inertia" in message
+    parts = [s_link("base"), s_link("arm", pose=ARM_POSE, **changes), s_joint("j", "base", "arm")]
+    assert "inertia" in refusal(sdf(*parts), ".sdf")
+
+
+@pytest.mark.parametrize("quiet", ["level", "disabled", "disable"])
+def test_it_is_refused_too_where_the_log_is_quiet(refusal, quiet):
+    """What an application does with Drake's log must not decide what is right."""
+    text = urdf(u_link("base"), u_link("arm", ixx=90.0), u_joint("j", "base", "arm"))
+    logger = logging.getLogger("drake")
+    level = logger.level
+    try:
+        if quiet == "level":
+            logger.setLevel(logging.CRITICAL)
+        elif quiet == "disabled":  # logging.config.dictConfig does so by default
+            logger.disabled = True
+        else:
+            logging.disable(logging.CRITICAL)
+        assert "inertia" in refusal(text)
+    finally:
+        logger.setLevel(level)
+        logger.disabled = False
+        logging.disable(logging.NOTSET)
+
+
+def test_a_harmless_warning_is_no_reason_to_refuse(tmp_path):
+    """Even where the file's own path has "inertia" in it."""
+    parts = sdf(s_link("base"), s_link("arm", pose=ARM_POSE), s_joint("j", "base", "arm"))
+    world = parts.replace("<model", '<world name="w"><gravity>0 0 -5</gravity><model').replace(
+        "</model>", "</model></world>"
+    )
+    folder = tmp_path / "inertia"
+    folder.mkdir()
+    (folder / "model.sdf").write_text(world)
+    spacecraft = Spacecraft(folder / "model.sdf", base="base", capture_frame="arm")
+    assert spacecraft.plant.gravity_field().gravity_vector().tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("axis", ["0 0 0", "nan 0 0", "inf 0 0", "a b c", "1 0", ""])
+def test_an_axis_that_is_none_is_refused(refusal, axis):
+    refusal(urdf(u_link("base"), u_link("arm"), u_joint("j", "base", "arm", axis=axis)))
+
+
+@pytest.mark.parametrize("mass", ["nan", "inf", "ten", ""])
+def test_a_mass_that_is_no_number_is_refused(refusal, mass):
+    refusal(urdf(u_link("base", mass), u_link("arm"), u_joint("j", "base", "arm")))
+
+
+def test_names_that_are_taken_twice_are_refused(refusal):
+    refusal(urdf(u_link("base"), u_link("base"), u_link("arm"), u_joint("j", "base", "arm")))
+
+
+# -- states --------------------------------------------------------------------------------------
+
+
+def test_states_and_telemetry_are_the_same_thing(servicer):
+    telemetry = random_telemetry(servicer.joint_names)
+    states = servicer.to_states(telemetry)
+    again = servicer.to_telemetry(telemetry.time, states)
+    for name in ("time", "quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(telemetry, name))
+    np.testing.assert_array_equal(servicer.to_states(again), states)
+    assert states.shape == (8, servicer.plant.num_multibody_states())
+
+
+def test_states_mean_what_drake_takes_them_for(servicer):
+    telemetry = random_telemetry(servicer.joint_names, n=1)
+    context = servicer.plant.CreateDefaultContext()
+    servicer.plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[0])
+    base = servicer.base
+    X_WB = servicer.plant.EvalBodyPoseInWorld(context, base)
+    V_WB = servicer.plant.EvalBodySpatialVelocityInWorld(context, base)
+    np.testing.assert_allclose(X_WB.rotation().matrix(), telemetry.R_WB[0], atol=1e-14)
+    np.testing.assert_allclose(X_WB.translation(), telemetry.p_WB[0], atol=1e-14)
+    np.testing.assert_allclose(V_WB.rotational(), telemetry.w_WB[0], atol=1e-14)
+    np.testing.assert_allclose(V_WB.translational(), telemetry.v_WB[0], atol=1e-14)
+    for k, name in enumerate(servicer.joint_names):
+        joint = servicer.plant.GetJointByName(name)
+        assert joint.get_angle(context) == telemetry.q[0, k]
+        assert joint.get_angular_rate(context) == telemetry.qdot[0, k]
+
+
+def test_telemetry_of_other_joints_is_refused(servicer):
+    reordered = random_telemetry(servicer.joint_names[::-1])
+    with pytest.raises(InputError, match="not of this spacecraft"):
+        servicer.to_states(reordered)
+
+
+# -- plants with a target ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("flaw", ["discrete", "occupied", "finalized"])
+def test_a_plant_that_cannot_be_used_is_refused(servicer, paper_target, flaw):
+    plant = MultibodyPlant(time_step=0.01 if flaw == "discrete" else 0.0)
+    if flaw == "occupied":
+        servicer_file = "package://cpid_drake_models/paper_target/paper_target.urdf"
+        parser = Parser(plant)
+        parser.package_map().Add(
+            "cpid_drake_models", servicer._packages.GetPath("cpid_drake_models")
+        )
+        parser.AddModels(url=servicer_file)
+    if flaw == "finalized":
+        plant.Finalize()
+    with pytest.raises(InputError, match="empty, not finalized, and continuous"):
+        servicer.add_to(plant, paper_target)
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments"), [(10.0, (1, 1, 9)), (-1.0, (1, 1, 1)), (0.0, (0, 0, 0))]
+)
+def test_a_target_that_is_no_rigid_body_is_refused(servicer, mass, moments):
+    target = InertialParameters(mass, np.zeros(3), np.diag(moments))
+    with pytest.raises(InputError, match="not a rigid body"):
+        servicer.make_simulation_plant(target)
+
+
+def test_the_target_leaves_the_state_layout_as_it_is(servicer, paper_target):
+    plant = servicer.make_simulation_plant(paper_target)
+    assert plant.GetStateNames() == servicer.plant.GetStateNames()
+
+
+def test_total_mass_is_spacecraft_and_target(servicer, paper_target):
+    plant = servicer.make_simulation_plant(paper_target)
+    context = plant.CreateDefaultContext()
+    assert plant.CalcTotalMass(context) == pytest.approx(servicer.mass + paper_target.mass)
+    context = servicer.plant.CreateDefaultContext()
+    assert servicer.plant.CalcTotalMass(context) == pytest.approx(servicer.mass)
+
+
+def test_the_target_sits_on_the_capture_frame(servicer, skewed_target):
+    """Its body frame is C, with the target's centre of mass and inertia in it."""
+    plant = MultibodyPlant(time_step=0.0)
+    body = servicer.add_to(plant, skewed_target)
+    context = plant.CreateDefaultContext()
+    state = servicer.to_states(random_telemetry(servicer.joint_names, n=1))[0]
+    plant.SetPositionsAndVelocities(context, state)
+    X_CT = body.body_frame().CalcPose(context, plant.GetFrameByName("capture_point"))
+    assert X_CT.IsNearlyIdentity(1e-14)
+    held = InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
+    np.testing.assert_allclose(held.to_vector(), skewed_target.to_vector(), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["captured_target", "world_of_things"])
+def test_the_spacecraft_may_be_called_anything(load, paper_target, name):
+    """Its names do not collide with the names that the simulation plant adds."""
+    arm = u_link(name)
+    text = urdf(u_link("base"), arm, u_joint("j", "base", name), name=name)
+    spacecraft = load(text, capture_frame=name)
+    plant = spacecraft.make_simulation_plant(paper_target)
+    assert plant.num_positions() == spacecraft.plant.num_positions()
+
+
+def test_gravity_is_off_everywhere(load, paper_target):
+    """At rest nothing accelerates, whatever the model file says of gravity."""
+    model = sdf(s_link("base"), s_link("arm", pose=ARM_POSE), s_joint("j", "base", "arm"))
+    text = model.replace("<model", '<world name="w"><gravity>0 0 -5</gravity><model').replace(
+        "</model>", "</model></world>"
+    )
+    spacecraft = load(text, ".sdf")
+    at_rest = random_telemetry(("j",), n=1)
+    zero = np.zeros((1, 3))
+    state = spacecraft.to_states(at_rest.with_base_twist(zero, zero))[0]
+    for plant in (spacecraft.plant, spacecraft.make_simulation_plant(paper_target)):
+        context = plant.CreateDefaultContext()
+        plant.SetPositionsAndVelocities(context, state)
+        plant.SetVelocities(context, np.zeros(plant.num_velocities()))
+        vdot = plant.EvalTimeDerivatives(context).get_generalized_velocity().CopyToVector()
+        assert np.abs(vdot).max() < 1e-12
+        plant.SetVelocities(context, state[plant.num_positions() :])
+        vdot = plant.EvalTimeDerivatives(context).get_generalized_velocity().CopyToVector()
+        assert np.abs(vdot).max() > 1e-3  # moving joints do accelerate
+
+
+BOX = '<collision><geometry><box size="2 2 2"/></geometry></collision>'
+OVERLAPPING = urdf(
+    u_link("base", inner=BOX),
+    u_link("arm"),
+    u_link("hand", inner=BOX),
+    u_joint("j", "base", "arm"),
+    u_joint("k", "arm", "hand"),
+)
+
+
+def contact_force(plant, diagram) -> float:
+    context = plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    forces = [
+        np.abs(plant.get_generalized_contact_forces_output_port(instance).Eval(context))
+        for instance in {plant.get_body(k).model_instance() for k in plant.GetFloatingBaseBodies()}
+    ]
+    return float(np.max(forces))
+
+
+def test_bodies_that_overlap_push_without_our_filter(tmp_path):
+    """The control: this model's collision geometry does make contact forces in Drake."""
+    (tmp_path / "model.urdf").write_text(OVERLAPPING)
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    Parser(plant).AddModels(str(tmp_path / "model.urdf"))
+    plant.Finalize()
+    assert contact_force(plant, builder.Build()) > 1.0
+
+
+def test_contact_is_off_in_a_plant_with_geometry(load, paper_target):
+    """A gripped target touches the gripper; contact forces on top of the weld would be wrong."""
+    spacecraft = load(OVERLAPPING, capture_frame="hand")
+    builder = DiagramBuilder()
+    plant = MultibodyPlant(time_step=0.0)
+    _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
+    spacecraft.add_to(plant, paper_target, scene_graph=scene_graph)
+    assert plant.num_collision_geometries() == 2
+    assert contact_force(plant, builder.Build()) == 0.0
