@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Wire an identifier into a Diagram of your own and watch the estimate converge.
 
-joint motion -> joint controller -> plant (zero gravity) -> identifier, one AddSystem at a time.
+joint motion -> joint controller -> plant (zero gravity) -> sensors -> identifier, one by one.
+The sensors are the simplest that can be: they round the state to so many decimals.
 """
 
 import argparse
@@ -9,7 +10,7 @@ import argparse
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, VectorSystem
 
 from cpid_drake import (
     HalfCosine,
@@ -24,11 +25,25 @@ from cpid_drake import (
 MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
 
 
+class RoundingSensors(VectorSystem):
+    """Passes on the spacecraft's state [q; v] rounded to so many decimals, in SI units."""
+
+    def __init__(self, size: int, decimals: int) -> None:
+        super().__init__(size, size, direct_feedthrough=True)
+        self._decimals = decimals
+
+    def DoCalcVectorOutput(self, context, u, x, y) -> None:  # noqa: D102
+        y[:] = np.round(u, self._decimals)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", choices=["eq18", "standard"], default="eq18", help="row family")
     parser.add_argument("--period", type=float, default=0.5, help="sampling period [s]")
+    parser.add_argument("--decimals", type=int, default=5, help="of the measured state")
     args = parser.parse_args()
+    if not 3 <= args.decimals <= 15:
+        parser.exit(2, f"{parser.prog}: error: --decimals must be 3 to 15\n")
     if not 0 < args.period <= 10:
         parser.exit(2, f"{parser.prog}: error: --period must be > 0 and at most 10 s\n")
 
@@ -53,8 +68,15 @@ def main() -> None:
     builder.Connect(state, controller.GetInputPort("state"))
     builder.Connect(controller.get_output_port(), plant.get_applied_generalized_force_input_port())
 
+    sensors = builder.AddSystem(RoundingSensors(state.size(), args.decimals))
+    builder.Connect(state, sensors.get_input_port())
     identifier = MomentumIdentifier.AddToBuilder(
-        builder, spacecraft, state, rows=args.rows, period=args.period, offset=args.period
+        builder,
+        spacecraft,
+        sensors.get_output_port(),
+        rows=args.rows,
+        period=args.period,
+        offset=args.period,
     )
     diagram = builder.Build()
 
@@ -65,7 +87,7 @@ def main() -> None:
     plant.SetPositionsAndVelocities(plant_context, initial_state(spacecraft, tank, motion))
     context = identifier.GetMyContextFromRoot(root_context)
 
-    print("time [s]  rank     m [kg]                 c [m]     Ixx, Iyy, Izz [kg·m²]")
+    print("time [s]  rank     m [kg]                   c [m]       Ixx, Iyy, Izz [kg·m²]")
     for time in np.arange(args.period, 10.0 + 1e-9, args.period):
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
