@@ -82,7 +82,7 @@ def test_the_paper_case_draws_its_diagram(runs):
 
 
 def test_the_online_estimate_converges_to_the_tank(runs):
-    """From the third sample on the rank is 10; at the end, from five decimals, it is the tank of 60 kg."""
+    """Rank 10 from the third sample on; at the end, from five decimals, the tank of 60 kg."""
     rows = re.findall(
         r"^ +(\d+\.\d+) +(\d+) +(\S+) ", runs[1]["online_identification.py"].stdout, re.M
     )
