@@ -1,4 +1,4 @@
-"""Momentum of the known bodies, and the base motion that conserves it (Ning et al. 2016, Eqs. 4-9).
+"""Momentum of the known bodies and of the target (Ning et al. 2016, Eqs. 4-9).
 
 Sums over the known bodies start at the base, i = 0, in every equation. (The paper's Eqs. 4, 10, 14
 and 18 print i = 1; taken literally the base is left out, and the paper's case gives a negative
@@ -95,45 +95,3 @@ def total_momentum(
     P_T, L_T = target_momentum(target, samples.motion)
     P = samples.P + P_T
     return P, samples.L + L_T + np.cross(samples.motion.p_WC, P)
-
-
-def zero_momentum_base_twist(
-    tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the base's (w_WB, v_WB), (N, 3) each in W, for which the total momentum is zero.
-
-    The momentum is linear in the base twist: h(q, q̇) + M V = 0, with h the momentum of the same
-    joint motion on a base at rest. The base velocities in `telemetry` are not used. A simulation
-    whose joints already move at its start must start with this twist, or it starts with momentum.
-
-    Args:
-        target: what is held; for the spacecraft alone, one of zero mass and inertia.
-
-    """
-    N = len(telemetry)
-    columns = np.empty((N, 6, 7))
-    unit_twists = np.vstack([np.zeros(6), np.eye(6)])
-    for j, twist in enumerate(unit_twists):
-        moved = Telemetry(
-            telemetry.joint_names,
-            telemetry.time,
-            telemetry.quaternion_WB,
-            telemetry.p_WB,
-            np.broadcast_to(twist[:3], (N, 3)),
-            np.broadcast_to(twist[3:], (N, 3)),
-            telemetry.q,
-            telemetry.qdot if j == 0 else np.zeros_like(telemetry.qdot),
-        )
-        columns[:, :, j] = np.hstack(_momentum_about_base(tree, target, moved))
-    twist = np.linalg.solve(columns[:, :, 1:], -columns[:, :, :1])[..., 0]
-    return twist[:, :3], twist[:, 3:]
-
-
-def _momentum_about_base(
-    tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(P, L) of spacecraft and target, L about B's origin: well scaled wherever B is."""
-    samples = momentum_samples(tree, telemetry)
-    P_T, L_T = target_momentum(target, samples.motion)
-    P = samples.P + P_T
-    return P, samples.L + L_T + np.cross(samples.motion.p_WC - telemetry.p_WB, P)

@@ -11,9 +11,9 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
+from cpid_drake.base_motion import propagate_base
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.model_files import package_map, resolve_model
-from cpid_drake.momentum import zero_momentum_base_twist
 from cpid_drake.motion.joint_motion import JointMotion
 from cpid_drake.scenario import Scenario
 from cpid_drake.spacecraft import Spacecraft
@@ -90,26 +90,38 @@ class Simulation:
 
 
 def initial_state(
-    spacecraft: Spacecraft, target: InertialParameters, motion: JointMotion
+    spacecraft: Spacecraft,
+    target: InertialParameters,
+    motion: JointMotion,
+    momentum_W: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
-    """Return the plant state (nx,) at t = 0 with B at W and zero total momentum.
+    """Return the plant state (nx,) at t = 0 with B at W and the given total momentum.
 
-    Joints that already move at t = 0 push the base: unless the base is given the twist that cancels
-    their momentum, the simulation starts with momentum and the rows do not hold.
+    Joints that already move at t = 0 push the base: unless the base is given the twist that makes
+    up for it, the simulation starts with another momentum than is meant.
+
+    Args:
+        spacecraft: the known spacecraft.
+        target: what it holds.
+        motion: of its joints.
+        momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: none.
+
     """
+    start = propagate_base(
+        spacecraft.tree, motion, target.to_standard_vector(), [0.0], momentum_W=momentum_W
+    )
     q, qdot, _ = motion.evaluate(0.0)
-    at_rest = Telemetry(
+    telemetry = Telemetry(
         spacecraft.joint_names,
         time=np.zeros(1),
-        quaternion_WB=[[1.0, 0.0, 0.0, 0.0]],
-        p_WB=np.zeros((1, 3)),
-        w_WB=np.zeros((1, 3)),
-        v_WB=np.zeros((1, 3)),
+        quaternion_WB=start.quaternion_WB,
+        p_WB=start.p_WB,
+        w_WB=start.w_WB,
+        v_WB=start.v_WB,
         q=q[None],
         qdot=qdot[None],
     )
-    w_WB, v_WB = zero_momentum_base_twist(spacecraft.tree, target, at_rest)
-    return spacecraft.to_states(at_rest.with_base_twist(w_WB, v_WB))[0]
+    return spacecraft.to_states(telemetry)[0]
 
 
 def make_simulation(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.base_motion import zero_momentum_base_twist
 from cpid_drake.kinematics import propagate, rotate
 from cpid_drake.momentum import (
     angular_momentum,
@@ -13,7 +14,6 @@ from cpid_drake.momentum import (
     momentum_samples,
     target_momentum,
     total_momentum,
-    zero_momentum_base_twist,
 )
 
 

@@ -23,10 +23,10 @@ import numpy as np
 import pinocchio as pin
 
 from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Spacecraft, Telemetry
+from cpid_drake.base_motion import zero_momentum_base_twist
 from cpid_drake.estimators.recursive import empty_root, solve_root
 from cpid_drake.inertia import STANDARD
 from cpid_drake.model_files import resolve_model
-from cpid_drake.momentum import zero_momentum_base_twist
 
 MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
 
