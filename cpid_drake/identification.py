@@ -13,7 +13,8 @@ from cpid_drake.estimators.least_squares import (
     solve_least_squares,
 )
 from cpid_drake.estimators.observability import describe_unobservable
-from cpid_drake.inertia import InertialParameters
+from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
+from cpid_drake.inertia import InertialParameters, UnknownVector
 from cpid_drake.momentum import momentum_samples
 from cpid_drake.regressors import ROW_FAMILIES, RowFamily
 from cpid_drake.spacecraft import Spacecraft
@@ -28,13 +29,13 @@ class Identification:
     their covariance is rough (σ of the mass up to 25 times too large); standard rows do better.
 
     Attributes:
-        family: the rows that were used.
-        solution: their least-squares solution, in the family's own unknowns.
+        unknowns: what the rows are linear in.
+        solution: their least-squares solution for these unknowns.
         sample_count: number of samples used.
 
     """
 
-    family: RowFamily
+    unknowns: UnknownVector
     solution: LeastSquaresSolution
     sample_count: int
 
@@ -46,14 +47,14 @@ class Identification:
     @property
     def parameters(self) -> NDArray[np.float64]:
         """(10,) m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz as estimated; NaN where not observable."""
-        return self.family.unknowns.to_parameters(self.solution.estimate)
+        return self.unknowns.to_parameters(self.solution.estimate)
 
     @property
     def covariance(self) -> NDArray[np.float64]:
         """(10, 10) covariance of `parameters`, to first order; NaN until all are observable."""
         if not self.is_observable:
             return np.full((10, 10), np.nan)
-        jacobian = self.family.unknowns.jacobian(self.solution.estimate)
+        jacobian = self.unknowns.jacobian(self.solution.estimate)
         return jacobian @ self.solution.covariance @ jacobian.T
 
     def raw(self) -> InertialParameters:
@@ -75,7 +76,7 @@ class Identification:
 
         """
         raw = self.raw()
-        inverse = np.linalg.inv(self.family.unknowns.jacobian(self.solution.estimate))
+        inverse = np.linalg.inv(self.unknowns.jacobian(self.solution.estimate))
         return raw.nearest_feasible(inverse.T @ self.solution.information @ inverse)
 
     def spatial_inertia(self) -> SpatialInertia:
@@ -89,21 +90,25 @@ class Identification:
         known = f"{self.sample_count} samples determine {self.solution.rank} of 10"
         if self.is_observable:
             return f"{known} parameters (condition {self.solution.condition_number:.3g})"
-        gap = describe_unobservable(self.solution.unobservable, self.family.unknowns.entries)
+        gap = describe_unobservable(self.solution.unobservable, self.unknowns.entries)
         advice = "turn the target about further axes, or wait for more samples"
         return f"{known}: {gap or 'no motion seen'}; {advice}"
 
 
-def row_family(name: str) -> RowFamily:
+def row_family(name: str, unknown_momentum: bool = False) -> RowFamily:
     """Return the row family of this name.
 
     Raises:
-        InputError: there is none.
+        InputError: there is none, or it is not linear in an unknown momentum that is asked for.
 
     """
     if name not in ROW_FAMILIES:
         raise InputError(f"no row family '{name}'; choose from {', '.join(ROW_FAMILIES)}")
-    return ROW_FAMILIES[name]
+    family = ROW_FAMILIES[name]
+    if unknown_momentum and family.momentum_columns is None:
+        others = ", ".join(n for n, other in ROW_FAMILIES.items() if other.momentum_columns)
+        raise InputError(f"rows '{name}' need zero momentum; with an unknown one use {others}")
+    return family
 
 
 def identify(
@@ -111,26 +116,38 @@ def identify(
     telemetry: Telemetry,
     *,
     rows: str = "eq18",
+    unknown_momentum: bool = False,
     rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
 ) -> Identification:
     """Identify the target held by a spacecraft from telemetry, by batch least squares.
 
     Args:
         spacecraft: the known spacecraft.
-        telemetry: N samples of its motion at zero total momentum.
-        rows: "eq18" (Ning et al. 2016, Eq. 18) or "standard".
+        telemetry: N samples of its motion.
+        rows: "eq18" (Ning et al. 2016, Eq. 18), "standard", or "relative" (attitude and joints
+            only: base position and velocity are not used).
+        unknown_momentum: whether the total momentum is constant and unknown, as after the capture
+            of a tumbling target, instead of zero; not with "eq18".
         rank_tolerance: see `estimators.least_squares.DEFAULT_RANK_TOLERANCE`.
 
     Raises:
-        InputError: no such rows, or telemetry of other joints.
+        InputError: no such rows, rows that cannot have an unknown momentum, or telemetry of other
+            joints.
 
     """
-    family = row_family(rows)
+    family = row_family(rows, unknown_momentum)
     if telemetry.joint_names != spacecraft.joint_names:
         raise InputError(
             f"telemetry of joints {', '.join(telemetry.joint_names)} is not of this spacecraft, "
             f"whose joints are {', '.join(spacecraft.joint_names)}"
         )
-    A, b = family.rows(momentum_samples(spacecraft.tree, telemetry))
-    solution = solve_least_squares(A, b, rank_tolerance=rank_tolerance)
-    return Identification(family, solution, len(telemetry))
+    samples = momentum_samples(spacecraft.tree, telemetry)
+    if unknown_momentum:
+        rows_ = family.full_rows(samples, unknown_momentum)
+        root = update_root(empty_root(rows_.shape[1] - 1), rows_)
+        solution = solve_root(
+            root, len(rows_), eliminated=family.momentum_size, rank_tolerance=rank_tolerance
+        )
+    else:
+        solution = solve_least_squares(*family.rows(samples), rank_tolerance=rank_tolerance)
+    return Identification(family.unknowns(spacecraft.mass), solution, len(telemetry))

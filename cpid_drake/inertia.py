@@ -149,6 +149,33 @@ STANDARD = UnknownVector(
 )
 
 
+def relative_unknowns(known_mass: float) -> UnknownVector:
+    """Return the unknowns (μ, μc, I_*) of the relative rows, for known bodies of this mass [kg].
+
+    μ = m_k m/(m_k + m) is the reduced mass and I_* = I + μ (|c|² 1 − c cᵀ): the standard vector of
+    a body of mass μ in the target's place.
+    """
+
+    def to_parameters(psi: ArrayLike) -> NDArray[np.float64]:
+        parameters = standard_to_parameters(psi)
+        with np.errstate(divide="ignore"):
+            parameters[0] *= known_mass / (known_mass - parameters[0])
+        return parameters
+
+    def from_parameters(parameters: ArrayLike) -> NDArray[np.float64]:
+        parameters = np.array(parameters, dtype=float)
+        parameters[0] *= known_mass / (known_mass + parameters[0])
+        return parameters_to_standard(parameters)
+
+    def jacobian(psi: ArrayLike) -> NDArray[np.float64]:
+        result = standard_jacobian(psi)
+        result[0] *= (known_mass / (known_mass - np.asarray(psi)[0])) ** 2
+        return result
+
+    entries = ("μ", "μ·cx", "μ·cy", "μ·cz", *("I*" + ij for ij in _TENSOR_ENTRIES))
+    return UnknownVector("relative", entries, to_parameters, from_parameters, jacobian)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class InertialParameters:
     """Mass, centre of mass and inertia of one body, the target, in its capture frame C.

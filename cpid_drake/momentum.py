@@ -23,12 +23,16 @@ class MomentumSamples:
         motion: pose and velocity of the capture frame C.
         P: (N, 3) linear momentum of the known bodies, in W [N·s].
         L: (N, 3) their angular momentum about C's origin, in W [N·m·s].
+        p_WKcm: (N, 3) their centre of mass, in W [m].
+        mass: their mass [kg].
 
     """
 
     motion: CaptureMotion
     P: NDArray[np.float64]
     L: NDArray[np.float64]
+    p_WKcm: NDArray[np.float64]
+    mass: float
 
     def __len__(self) -> int:
         return len(self.P)
@@ -77,10 +81,13 @@ def target_momentum(
 def momentum_samples(tree: KinematicTree, telemetry: Telemetry) -> MomentumSamples:
     """Return the momentum samples of N telemetry samples."""
     bodies, capture = propagate(tree, telemetry)
+    masses = np.array([body.mass for body in tree.bodies])
     return MomentumSamples(
         capture,
         linear_momentum(tree, bodies),
         angular_momentum(tree, bodies, capture.p_WC),
+        np.einsum("k,kni->ni", masses, bodies.r) / masses.sum(),
+        masses.sum(),
     )
 
 

@@ -1,7 +1,8 @@
 """Row families: what momentum conservation says about the target, linear in ten unknowns.
 
-Each family turns momentum samples into rows A θ = b, six a sample, stacked or online, from one
-place. Both assume that the total momentum is zero, a rigid grasp (ω_n = ω_C) and no external force.
+Each family turns momentum samples into rows A θ = b, stacked or online, from one place. All assume
+a rigid grasp (ω_n = ω_C) and no external force, and a total momentum that is zero, or constant and
+unknown where its columns are added.
 
 Corrections of the paper (Ning et al. 2016) that these rows contain:
 
@@ -25,6 +26,7 @@ from cpid_drake.inertia import (
     EQ18,
     STANDARD,
     UnknownVector,
+    relative_unknowns,
     tensor_to_vector,
     vector_to_tensor,
 )
@@ -127,48 +129,113 @@ def _standard(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.floa
     return rows
 
 
+def _constant_block(block: Callable[..., NDArray]) -> Callable[[MomentumSamples], NDArray]:
+    """Turn a block that is linear in (v, ω, P, L) into a function of N samples.
+
+    A linear block is one constant matrix: its values at unit vectors. So any number of samples is
+    a single product.
+    """
+    unit = np.eye(12).reshape(12, 4, 3)
+    coefficients = np.stack([block(*vectors).ravel() for vectors in unit])
+
+    def augmented_rows(samples: MomentumSamples) -> NDArray[np.float64]:
+        motion = samples.motion
+        vectors_W = np.stack([motion.v_WC, motion.w_WC, samples.P, samples.L], axis=1)
+        vectors_C = vectors_W @ motion.R_WC  # row vectors: (R_WCᵀ v)ᵀ = vᵀ R_WC
+        return (vectors_C.reshape(-1, 12) @ coefficients).reshape(-1, 11)
+
+    return augmented_rows
+
+
+def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
+    """[s×ṡ  s̃ω̃ − ṡ̃  [#ω] | −L_K] (3 N, 11), all in C, s = p_C − r_k.
+
+    Angular momentum about the system's centre of mass: with L_K the known bodies' about their own,
+    L_K + μ s × ṡ + μ (s × (ω × c) + c × ṡ) + I_* ω = 0, in which neither the base's position nor
+    any constant velocity has a part.
+    """
+    motion = samples.motion
+    s = motion.p_WC - samples.p_WKcm
+    sdot = motion.v_WC - samples.P / samples.mass
+    L_K = samples.L + np.cross(s, samples.P)
+    vectors = np.stack([np.cross(s, sdot), s, sdot, motion.w_WC, L_K], axis=1) @ motion.R_WC
+    cross, s, sdot, w, L_K = np.moveaxis(vectors, 1, 0)
+    rows = np.concatenate(
+        [
+            cross[:, :, None],
+            skew(s) @ skew(w) - skew(sdot),
+            inertia_operator(w),
+            -L_K[:, :, None],
+        ],
+        axis=2,
+    )
+    return rows.reshape(-1, 11)
+
+
+def _momentum_columns(samples: MomentumSamples) -> NDArray[np.float64]:
+    """Columns (6 N, 6) of an unknown momentum [L0; P0] about W's origin, for the standard rows.
+
+    The rows' residual is the total momentum seen from C: [R_WCᵀ P0; R_WCᵀ (L0 − p_WC × P0)].
+    """
+    R_CW = np.swapaxes(samples.motion.R_WC, -1, -2)
+    columns = np.zeros((len(samples), 6, 6))
+    columns[:, :3, 3:] = columns[:, 3:, :3] = -R_CW
+    columns[:, 3:, 3:] = R_CW @ skew(samples.motion.p_WC)
+    return columns.reshape(-1, 6)
+
+
+def _relative_momentum_columns(samples: MomentumSamples) -> NDArray[np.float64]:
+    """Columns (3 N, 3) of an unknown angular momentum about the system's centre of mass, in W."""
+    return -np.swapaxes(samples.motion.R_WC, -1, -2).reshape(-1, 3)
+
+
 @dataclass(frozen=True)
 class RowFamily:
     """A way to write momentum conservation as rows, and the unknowns it is linear in.
 
     Attributes:
         name: as in scenarios and on the command line.
-        unknowns: what the ten columns stand for.
+        rows_per_sample: 6, or 3 where only angular momentum is used.
+        unknowns: what the ten columns stand for, given the known bodies' mass [kg].
+        augmented_rows: [A | b] stacked over the samples, (rows_per_sample · N, 11), in C.
+        momentum_size: number of unknowns that a constant total momentum adds; 0 where the rows are
+            not linear in it.
+        momentum_columns: their columns (rows_per_sample · N, momentum_size), or None.
 
     """
 
     name: str
-    unknowns: UnknownVector
-    _coefficients: NDArray[np.float64]
-
-    @classmethod
-    def _make(cls, unknowns: UnknownVector, block: Callable[..., NDArray]) -> "RowFamily":
-        # Every entry is linear in (v, ω, P, L), so the family *is* one constant matrix: batched
-        # evaluation is a single product, whatever the number of samples.
-        unit = np.eye(12).reshape(12, 4, 3)
-        coefficients = np.stack([block(*vectors).ravel() for vectors in unit])
-        return cls(unknowns.name, unknowns, coefficients)
-
-    def augmented_rows(self, samples: MomentumSamples) -> NDArray[np.float64]:
-        """Return [A | b] stacked over the samples, (6 N, 11), expressed in C."""
-        motion = samples.motion
-        vectors_W = np.stack([motion.v_WC, motion.w_WC, samples.P, samples.L], axis=1)
-        vectors_C = vectors_W @ motion.R_WC  # row vectors: (R_WCᵀ v)ᵀ = vᵀ R_WC
-        return (vectors_C.reshape(-1, 12) @ self._coefficients).reshape(-1, 11)
+    rows_per_sample: int
+    unknowns: Callable[[float], UnknownVector]
+    augmented_rows: Callable[[MomentumSamples], NDArray[np.float64]]
+    momentum_size: int = 0
+    momentum_columns: Callable[[MomentumSamples], NDArray[np.float64]] | None = None
 
     def rows(self, samples: MomentumSamples) -> Rows:
-        """Return A (N, 6, 10) and b (N, 6), expressed in C."""
-        augmented = self.augmented_rows(samples).reshape(-1, 6, 11)
+        """Return A (N, rows_per_sample, 10) and b (N, rows_per_sample), expressed in C."""
+        augmented = self.augmented_rows(samples).reshape(-1, self.rows_per_sample, 11)
         return augmented[..., :10], augmented[..., 10]
 
+    def full_rows(self, samples: MomentumSamples, unknown_momentum: bool) -> NDArray[np.float64]:
+        """Return [N | A | b]: the columns of an unknown momentum, if any, before all others."""
+        rows = self.augmented_rows(samples)
+        return np.hstack([self.momentum_columns(samples), rows]) if unknown_momentum else rows
 
-EQ18_ROWS = RowFamily._make(EQ18, _eq18)
+
+EQ18_ROWS = RowFamily("eq18", 6, lambda known_mass: EQ18, _constant_block(_eq18))
 """Ning et al. 2016, Eq. 18, top rows in C instead of W (the same equations, rotated)."""
 
-STANDARD_ROWS = RowFamily._make(STANDARD, _standard)
+STANDARD_ROWS = RowFamily(
+    "standard", 6, lambda known_mass: STANDARD, _constant_block(_standard), 6, _momentum_columns
+)
 """The same physics in (m, m c, I about C): the measured momentum stands on the right only."""
 
-ROW_FAMILIES = {family.name: family for family in (EQ18_ROWS, STANDARD_ROWS)}
+RELATIVE_ROWS = RowFamily(
+    "relative", 3, relative_unknowns, _relative, 3, _relative_momentum_columns
+)
+"""Attitude and joints only: independent of the base's position and of linear momentum."""
+
+ROW_FAMILIES = {family.name: family for family in (EQ18_ROWS, STANDARD_ROWS, RELATIVE_ROWS)}
 """The row families by name."""
 
 
@@ -180,3 +247,19 @@ def eq18_rows(samples: MomentumSamples) -> Rows:
 def standard_rows(samples: MomentumSamples) -> Rows:
     """Return rows A (N, 6, 10), b (N, 6) in φ = (m, m c, inertia about C's origin)."""
     return STANDARD_ROWS.rows(samples)
+
+
+def relative_rows(samples: MomentumSamples) -> Rows:
+    """Return rows A (N, 3, 10), b (N, 3) in (μ, μc, I_*); see `inertia.relative_unknowns`."""
+    return RELATIVE_ROWS.rows(samples)
+
+
+def com_position_rows(samples: MomentumSamples) -> Rows:
+    """Return rows A (N − 1, 3, 4), b (N − 1, 3) in (m, m c): the centre of mass does not move.
+
+    [p_WC − p_WC(0)   R_WC − R_WC(0)] (m, m c) = −m_k (r_k − r_k(0)), in W, against the first
+    sample. No velocities are used; the total linear momentum must be zero.
+    """
+    p_WC, R_WC, r = samples.motion.p_WC, samples.motion.R_WC, samples.p_WKcm
+    A = np.concatenate([(p_WC[1:] - p_WC[0])[:, :, None], R_WC[1:] - R_WC[0]], axis=2)
+    return A, -samples.mass * (r[1:] - r[0])

@@ -71,18 +71,23 @@ class ControllerConfig:
 
 @dataclass
 class IdentificationConfig:
-    """The identifier: row family, sampling period and time of the first sample [s]."""
+    """The identifier: rows, whether the momentum is unknown, period and first sample [s]."""
 
     rows: str = "eq18"
+    unknown_momentum: bool = False
     period: float = 1.0
     offset: float = 1.0
 
 
 @dataclass
 class SimulationConfig:
-    """How long to simulate and how often to log [s], and Drake's simulator settings."""
+    """How long to simulate and how often to log [s], and Drake's simulator settings.
+
+    `momentum_W` is the total momentum [L; P] about W's origin, in W: a tumbling capture's.
+    """
 
     duration: float = 10.0
+    momentum_W: np.ndarray = field(default_factory=lambda: np.zeros(6))
     log_period: float = 0.0625
     simulator: SimulatorConfig = field(
         default_factory=lambda: SimulatorConfig(
@@ -247,6 +252,9 @@ def _check(scenario: Scenario, where: str) -> None:
             raise InputError(f"{where}: spacecraft.{name} is missing")
     if np.shape(scenario.target.p_CTcm_C) != (3,) or np.shape(scenario.target.I_TTcm_C) != (3, 3):
         raise InputError(f"{where}: target needs p_CTcm_C of 3 and I_TTcm_C of 3x3 numbers")
+    momentum = config.momentum_W
+    if np.shape(momentum) != (6,) or not np.isfinite(momentum).all():
+        raise InputError(f"{where}: simulation.momentum_W needs 6 finite numbers: L, then P")
     if not np.isfinite(scenario.target.mass):
         raise InputError(f"{where}: target.mass is missing or not finite")
     positive = {

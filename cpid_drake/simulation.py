@@ -58,7 +58,8 @@ class Simulation:
         simulator = Simulator(self.diagram)
         ApplySimulatorConfig(self.scenario.simulation.simulator, simulator)
         context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        state = initial_state(self.spacecraft, self.truth, self.joint_motion)
+        momentum_W = self.scenario.simulation.momentum_W
+        state = initial_state(self.spacecraft, self.truth, self.joint_motion, momentum_W)
         self.plant.SetPositionsAndVelocities(context, state)
         simulator.Initialize()
         return simulator
@@ -176,7 +177,13 @@ def make_simulation(
 
     config = scenario.identification
     identifier = MomentumIdentifier.AddToBuilder(
-        builder, spacecraft, state, rows=config.rows, period=config.period, offset=config.offset
+        builder,
+        spacecraft,
+        state,
+        rows=config.rows,
+        unknown_momentum=config.unknown_momentum,
+        period=config.period,
+        offset=config.offset,
     )
     state_log = LogVectorOutput(state, builder, scenario.simulation.log_period)
     parameter_log = LogVectorOutput(

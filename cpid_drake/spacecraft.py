@@ -252,7 +252,13 @@ class Spacecraft:
             V_WC.rotational()[None],
             V_WC.translational()[None],
         )
-        return MomentumSamples(motion, L_WC.translational()[None], L_WC.rotational()[None])
+        return MomentumSamples(
+            motion,
+            L_WC.translational()[None],
+            L_WC.rotational()[None],
+            self.plant.CalcCenterOfMassPositionInWorld(context)[None],
+            self.mass,
+        )
 
     # -- reading the model -------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ from cpid_drake.inertia import (
     EQ18,
     STANDARD,
     point_mass_inertia,
+    relative_unknowns,
     tensor_to_vector,
     vector_to_tensor,
 )
@@ -23,14 +24,18 @@ def random_body(rng: np.random.Generator) -> InertialParameters:
     return InertialParameters(masses.sum(), com, inertia)
 
 
-@pytest.mark.parametrize("unknowns", [EQ18, STANDARD], ids=lambda unknowns: unknowns.name)
+@pytest.mark.parametrize(
+    "unknowns", [EQ18, STANDARD, relative_unknowns(1031.0)], ids=lambda unknowns: unknowns.name
+)
 def test_vectors_and_parameters_convert_both_ways(unknowns):
     parameters = random_body(np.random.default_rng(1)).to_vector()
     vector = unknowns.from_parameters(parameters)
     np.testing.assert_allclose(unknowns.to_parameters(vector), parameters, rtol=1e-13)
 
 
-@pytest.mark.parametrize("unknowns", [EQ18, STANDARD], ids=lambda unknowns: unknowns.name)
+@pytest.mark.parametrize(
+    "unknowns", [EQ18, STANDARD, relative_unknowns(1031.0)], ids=lambda unknowns: unknowns.name
+)
 def test_jacobian_is_the_derivative(unknowns):
     vector = unknowns.from_parameters(random_body(np.random.default_rng(2)).to_vector())
     step = 1e-6 * np.abs(vector)

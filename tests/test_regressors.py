@@ -1,27 +1,33 @@
 """Eqs. 6-18: the rows hold at the truth, the errata matter, and the ranks are what theory says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InertialParameters
+from cpid_drake import HalfCosine, InertialParameters, InputError, Telemetry, identify
+from cpid_drake.base_motion import propagate_base
 from cpid_drake.inertia import tensor_to_vector
 from cpid_drake.kinematics import CaptureMotion, propagate, rotate
 from cpid_drake.momentum import MomentumSamples, momentum_samples, target_momentum
 from cpid_drake.regressors import (
-    EQ18_ROWS,
+    RELATIVE_ROWS,
     ROW_FAMILIES,
     STANDARD_ROWS,
     angular_rows,
+    com_position_rows,
     eq18_rows,
     inertia_operator,
     instantaneous_rows,
     linear_rows,
+    relative_rows,
     skew,
     standard_rows,
     unknowns_to_world,
 )
 
+KNOWN_MASS = 1031.0  # of the servicer, and what free_samples() pretends
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
 
 
@@ -41,7 +47,7 @@ def free_samples(target, w, v, seed=0) -> MomentumSamples:
     p_WC = rng.normal(size=(len(w), 3))
     motion = CaptureMotion(R_WC, p_WC, rotate(R_WC, w), rotate(R_WC, v))
     P, L = target_momentum(target, motion)
-    return MomentumSamples(motion, -P, -L)
+    return MomentumSamples(motion, -P, -L, p_WC + rng.normal(size=p_WC.shape), KNOWN_MASS)
 
 
 # -- operators ---------------------------------------------------------------------------------
@@ -71,7 +77,7 @@ def test_rows_hold_at_the_truth(servicer, skewed_target, zero_momentum_motion, f
     """Eq. 18 and the standard form, on random states of zero momentum, to 1e-12 of their size."""
     samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 50, seed=3))
     A, b = family.rows(samples)
-    truth = family.unknowns.from_parameters(skewed_target.to_vector())
+    truth = family.unknowns(KNOWN_MASS).from_parameters(skewed_target.to_vector())
     size = (np.abs(A) @ np.abs(truth)).max()
     assert np.abs(A @ truth - b).max() < 1e-12 * size
 
@@ -81,7 +87,7 @@ def test_rows_determine_the_truth(servicer, skewed_target, zero_momentum_motion,
     samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 10, seed=4))
     A, b = family.rows(samples)
     solution = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
-    found = family.unknowns.to_parameters(solution)
+    found = family.unknowns(KNOWN_MASS).to_parameters(solution)
     np.testing.assert_allclose(found, skewed_target.to_vector(), rtol=0, atol=1e-10)
 
 
@@ -91,15 +97,13 @@ def test_rows_do_not_hold_for_another_target(
 ):
     samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 5, seed=5))
     A, b = family.rows(samples)
-    wrong = family.unknowns.from_parameters(paper_target.to_vector())
+    wrong = family.unknowns(KNOWN_MASS).from_parameters(paper_target.to_vector())
     assert np.abs(A @ wrong - b).max() > 1e-2
 
 
 @FAMILIES
 def test_rows_do_not_depend_on_the_world_frame(servicer, random_motion, family):
     """Turning and shifting the world leaves every row as it is: they are expressed in C."""
-    from dataclasses import replace
-
     telemetry, Q = random_motion(6, seed=6), Rotation.from_rotvec([0.3, 1.2, -0.5])
     attitude = Rotation.from_quat(telemetry.quaternion_WB, scalar_first=True)
     moved = replace(
@@ -200,7 +204,7 @@ def without_base(servicer, telemetry) -> MomentumSamples:
         I_W = R @ body.I_BBcm @ np.swapaxes(R, -1, -2)
         P += body.mass * v
         L += rotate(I_W, bodies.w[k]) + body.mass * np.cross(r - capture.p_WC, v)
-    return MomentumSamples(capture, P, L)
+    return MomentumSamples(capture, P, L, bodies.r[0], servicer.mass)
 
 
 def test_erratum_sums_from_one_give_a_negative_mass(servicer, paper_scenario):
@@ -238,7 +242,7 @@ def test_erratum_angular_momentum_is_about_the_capture_point(servicer, case, ske
     names = [body.name for body in servicer.tree.bodies]
     centroid = bodies.r[names.index("capture_arm_gripper")]
     L = samples.L + np.cross(capture.p_WC - centroid, samples.P)
-    A, b = eq18_rows(MomentumSamples(capture, samples.P, L))
+    A, b = eq18_rows(replace(samples, L=L))
     assert np.abs(A @ skewed_target.to_eq18_vector() - b).max() > 1e-2
 
 
@@ -248,7 +252,7 @@ def test_erratum_rigid_grasp_is_assumed(servicer, case, skewed_target):
     motion = samples.motion
     slipping = CaptureMotion(motion.R_WC, motion.p_WC, motion.w_WC + [0.1, 0, 0], motion.v_WC)
     P, L = target_momentum(skewed_target, slipping)
-    A, b = eq18_rows(MomentumSamples(motion, -P, -L))
+    A, b = eq18_rows(replace(samples, P=-P, L=-L))
     assert np.abs(A @ skewed_target.to_eq18_vector() - b).max() > 1e-2
 
 
@@ -277,10 +281,12 @@ def test_erratum_two_samples_leave_one_combination_open(skewed_target):
 
 
 @FAMILIES
-@pytest.mark.parametrize(("n", "rank"), [(1, 6), (2, 9), (3, 10), (4, 10), (10, 10)])
-def test_rank_of_generic_samples(servicer, skewed_target, zero_momentum_motion, family, n, rank):
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 10])
+def test_rank_of_generic_samples(servicer, skewed_target, zero_momentum_motion, family, n):
+    """6, 9 and then 10 with six rows a sample; 3, 6, 9 and then 10 with three."""
     samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, n, seed=14))
-    assert scaled_rank(family.rows(samples)[0]) == rank
+    ranks = (6, 9, 10) if family.rows_per_sample == 6 else (3, 6, 9, 10)
+    assert scaled_rank(family.rows(samples)[0]) == ranks[min(n, len(ranks)) - 1]
 
 
 @FAMILIES
@@ -322,7 +328,7 @@ def test_at_rest_nothing_is_seen(skewed_target, family):
 
 
 def test_families_are_known_by_name():
-    assert ROW_FAMILIES == {"eq18": EQ18_ROWS, "standard": STANDARD_ROWS}
+    assert list(ROW_FAMILIES) == ["eq18", "standard", "relative"]
 
 
 def test_a_spacecraft_that_holds_nothing_shows_no_mass(servicer, zero_momentum_motion):
@@ -332,3 +338,122 @@ def test_a_spacecraft_that_holds_nothing_shows_no_mass(servicer, zero_momentum_m
     A, b = standard_rows(samples)
     phi = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
     assert np.abs(phi).max() < 1e-9
+
+
+# -- unknown momentum, position and attitude -----------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tumbling(servicer, skewed_target):
+    """Samples of a motion of all joints with momentum [L0; P0] about W's origin."""
+    rng = np.random.default_rng(20)
+    joints = len(servicer.joint_names)
+    motion = HalfCosine(rng.uniform(-1, 1, joints), rng.uniform(-1, 1, joints), duration=10.0)
+    times, momentum = np.linspace(0.5, 9.5, 12), np.array([4.0, -2.0, 3.0, 1.0, 2.0, -1.5])
+    base = propagate_base(
+        servicer.tree,
+        motion,
+        skewed_target.to_standard_vector(),
+        times,
+        momentum_W=momentum,
+        max_step=0.05,
+    )
+    q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
+    telemetry = Telemetry(
+        servicer.joint_names,
+        times,
+        quaternion_WB=base.quaternion_WB,
+        p_WB=base.p_WB,
+        w_WB=base.w_WB,
+        v_WB=base.v_WB,
+        q=q,
+        qdot=qdot,
+    )
+    return telemetry, momentum_samples(servicer.tree, telemetry), momentum
+
+
+def test_standard_rows_hold_with_the_momentums_columns(tumbling, skewed_target):
+    _, samples, momentum = tumbling
+    rows = STANDARD_ROWS.full_rows(samples, unknown_momentum=True)
+    truth = np.concatenate([momentum, skewed_target.to_standard_vector(), [-1.0]])
+    np.testing.assert_allclose(rows @ truth, 0.0, atol=1e-10)
+
+
+def test_relative_rows_hold_with_the_angular_momentum_about_the_centre_of_mass(
+    tumbling, skewed_target
+):
+    """L0 about W's origin, less what the moving centre of mass carries: constant."""
+    _, samples, momentum = tumbling
+    total = samples.mass + skewed_target.mass
+    c_W = rotate(samples.motion.R_WC, skewed_target.p_CTcm_C)
+    target = skewed_target.mass * (samples.motion.p_WC + c_W)
+    com = (samples.mass * samples.p_WKcm + target) / total
+    about_com = momentum[:3] - np.cross(com, momentum[3:])
+    np.testing.assert_allclose(about_com, np.tile(about_com[0], (12, 1)), atol=1e-9)
+
+    rows = RELATIVE_ROWS.full_rows(samples, unknown_momentum=True)
+    psi = RELATIVE_ROWS.unknowns(samples.mass).from_parameters(skewed_target.to_vector())
+    np.testing.assert_allclose(rows @ np.concatenate([about_com[0], psi, [-1.0]]), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("rows", ["standard", "relative"])
+def test_a_tumbling_target_is_identified_along_with_its_momentum(
+    servicer, tumbling, skewed_target, rows
+):
+    telemetry, _, _ = tumbling
+    found = identify(servicer, telemetry, rows=rows, unknown_momentum=True)
+    assert found.is_observable
+    np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-7)
+    ignored = identify(servicer, telemetry, rows=rows)
+    assert np.abs(ignored.parameters - skewed_target.to_vector()).max() > 0.5
+
+
+def test_three_samples_suffice_with_six_more_unknowns(servicer, tumbling, skewed_target):
+    """Full rank from three generic samples (design 3.2); two leave more open than one."""
+    telemetry, _, _ = tumbling
+    for n, known in ((2, False), (3, True)):
+        some = telemetry.select(np.linspace(0, 11, n).astype(int))
+        found = identify(servicer, some, rows="standard", unknown_momentum=True)
+        assert found.is_observable is known
+
+
+def test_eq18_rows_cannot_have_an_unknown_momentum(servicer, tumbling):
+    with pytest.raises(InputError, match="use standard, relative"):
+        identify(servicer, tumbling[0], rows="eq18", unknown_momentum=True)
+
+
+def test_relative_rows_do_not_see_the_bases_position_and_velocity(servicer, random_motion):
+    telemetry = random_motion(6, seed=21)
+    rng = np.random.default_rng(22)
+    moved = replace(
+        telemetry,
+        p_WB=telemetry.p_WB + rng.normal(size=(6, 3)),
+        v_WB=telemetry.v_WB + rng.normal(size=(6, 3)),
+    )
+    for ours, theirs in zip(
+        relative_rows(momentum_samples(servicer.tree, telemetry)),
+        relative_rows(momentum_samples(servicer.tree, moved)),
+        strict=True,
+    ):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+
+
+def test_the_centre_of_mass_stays_where_it_is(servicer, skewed_target):
+    """Positions and attitudes alone determine m and m c."""
+    rng = np.random.default_rng(23)
+    motion = HalfCosine(rng.uniform(-1, 1, 12), rng.uniform(-1, 1, 12), duration=10.0)
+    times = np.linspace(0.0, 10.0, 9)
+    base = propagate_base(servicer.tree, motion, skewed_target.to_standard_vector(), times)
+    telemetry = Telemetry(
+        servicer.joint_names,
+        times,
+        quaternion_WB=base.quaternion_WB,
+        p_WB=base.p_WB,
+        w_WB=np.zeros((9, 3)),
+        v_WB=np.zeros((9, 3)),
+        q=motion.evaluate(times)[:, 0],
+        qdot=np.zeros((9, 12)),
+    )
+    A, b = com_position_rows(momentum_samples(servicer.tree, telemetry))
+    found = np.linalg.lstsq(A.reshape(-1, 4), b.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(found, skewed_target.to_standard_vector()[:4], atol=1e-5)

@@ -40,11 +40,24 @@ def update_root(
 
 
 def solve_root(
-    root: NDArray[np.float64], row_count: int, *, rank_tolerance: float = DEFAULT_RANK_TOLERANCE
+    root: NDArray[np.float64],
+    row_count: int,
+    *,
+    eliminated: int = 0,
+    rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
 ) -> LeastSquaresSolution:
-    """Solve for the n unknowns from the square root of `row_count` scalar rows.
+    """Solve for the unknowns from the square root of `row_count` scalar rows.
 
     Columns are scaled here, once: QR decomposition itself does not depend on their scale.
+
+    Args:
+        root: (n + 1, n + 1) from `update_root`.
+        row_count: number of scalar rows that were added.
+        eliminated: so many leading unknowns are left out of the solution, free to take whatever
+            values suit the others best: the rest of the triangle is the problem without them.
+        rank_tolerance: see `least_squares.DEFAULT_RANK_TOLERANCE`.
+
     """
+    root = root[eliminated:, eliminated:]
     R, z, rho = root[:-1, :-1], root[:-1, -1], root[-1, -1]
-    return solve_compressed(R, z, rho**2, row_count, rank_tolerance)
+    return solve_compressed(R, z, rho**2, max(row_count - eliminated, 0), rank_tolerance)

@@ -48,7 +48,7 @@ def _print_table_1(study: PaperStudy, console: Console) -> None:
         "Table 1. Identified parameters",
         "",
         "true",
-        "ten exact samples",
+        f"{len(study.samples)} exact samples",
         "rounded to 6 decimals",
         "paper (6 decimals)",
     )
@@ -57,8 +57,8 @@ def _print_table_1(study: PaperStudy, console: Console) -> None:
         table.add_row(
             f"{name} [{unit}]",
             f"{true:.7g}",
-            f"{ours + 0:.9f}",
-            f"{ours_rounded + 0:.6f}",
+            f"{round(ours, 9) + 0:.9f}",
+            f"{round(ours_rounded, 6) + 0:.6f}",
             f"{theirs:.6f}",
         )
     table.add_section()

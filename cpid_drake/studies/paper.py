@@ -163,10 +163,11 @@ def run_paper_study(
     spacecraft, truth = simulation.spacecraft, simulation.truth
     context, samples = simulation.run_sampled(sampling_times(scenario))
     telemetry = simulation.telemetry(context)
-    rows = scenario.identification.rows
+    config = scenario.identification
+    options = {"rows": config.rows, "unknown_momentum": config.unknown_momentum}
 
     progress("identifying")
-    exact = identify(spacecraft, samples, rows=rows)
+    exact = identify(spacecraft, samples, **options)
     if not exact.is_observable:
         raise InputError(f"the scenario does not identify its target: {exact.explain()}")
     identifier_context = simulation.identifier.GetMyContextFromRoot(context)
@@ -177,11 +178,11 @@ def run_paper_study(
 
     rounded = []
     for digits in range(1, 13):
-        found = identify(spacecraft, samples.rounded(digits), rows=rows)
+        found = identify(spacecraft, samples.rounded(digits), **options)
         rounded.append(RoundedCase(digits, found, max_relative_error(found.parameters, truth)))
     by_count = []
     for n in range(1, len(samples) + 1):
-        found = identify(spacecraft, samples.select(slice(0, n)), rows=rows)
+        found = identify(spacecraft, samples.select(slice(0, n)), **options)
         error = max_relative_error(found.parameters, truth)
         by_count.append(SampleCase(n, found.solution.rank, error))
 

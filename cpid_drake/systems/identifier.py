@@ -30,7 +30,7 @@ class MomentumIdentifier(LeafSystem):
     """Identifies the target's ten inertial parameters online, from momentum conservation.
 
     At every period it takes one sample of the spacecraft's state, forms the six rows of Ning et al.
-    2016, Eq. 18 (or the standard rows) and folds them into a square-root information filter, which
+    2016, Eq. 18 (or other rows) and folds them into a square-root information filter, which
     is its discrete state. It holds the *known* spacecraft only.
 
     .. pydrake_system::
@@ -61,7 +61,9 @@ class MomentumIdentifier(LeafSystem):
 
     Args:
         spacecraft: the known spacecraft.
-        rows: "eq18" or "standard".
+        rows: "eq18", "standard" or "relative"; see `identification.identify`.
+        unknown_momentum: whether the total momentum is constant and unknown instead of zero; not
+            with "eq18".
         period: time between samples [s]; the paper's is 1 s.
         offset: time of the first sample [s]; the paper's is 1 s, since at rest nothing is seen.
         rank_tolerance: see `estimators.least_squares.DEFAULT_RANK_TOLERANCE`.
@@ -78,6 +80,7 @@ class MomentumIdentifier(LeafSystem):
         spacecraft: Spacecraft,
         *,
         rows: str = "eq18",
+        unknown_momentum: bool = False,
         period: float = 1.0,
         offset: float = 1.0,
         rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
@@ -91,13 +94,17 @@ class MomentumIdentifier(LeafSystem):
         if not (_is_number(rank_tolerance) and 0 < rank_tolerance < 1):
             raise InputError(f"rank_tolerance must be between 0 and 1, not {rank_tolerance}")
         self._spacecraft = spacecraft
-        self._family = row_family(rows)
+        self._family = row_family(rows, unknown_momentum)
+        self._unknown_momentum = unknown_momentum
+        self._unknowns = self._family.unknowns(spacecraft.mass)
+        self._nuisance = self._family.momentum_size if unknown_momentum else 0
+        self._size = self._nuisance + 11
         self._rank_tolerance = rank_tolerance
         self._quaternion = spacecraft.quaternion_columns
         self._scratch = PlantScratch(spacecraft.plant)
 
         self.DeclareVectorInputPort("spacecraft_state", spacecraft.plant.num_multibody_states())
-        self._root_index = self.DeclareDiscreteState(empty_root().ravel())
+        self._root_index = self.DeclareDiscreteState(empty_root(self._size - 1).ravel())
         self._count_index = self.DeclareDiscreteState([0.0, 0.0])  # samples, and rows not zero
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=offset, update=self._take_sample
@@ -161,20 +168,23 @@ class MomentumIdentifier(LeafSystem):
         return self._solution.Eval(context)
 
     def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the square root (11, 11) with one sample x = [q; v] folded into `root`."""
+        """Return the square root (11, 11) with one sample x = [q; v] folded into `root`.
+
+        With an unknown momentum its unknowns come first: (17, 17), or (14, 14) with relative rows.
+        """
         return update_root(root, self.rows(state))
 
     def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rows [A | b] (6, 11) of one sample x = [q; v]."""
+        """Return the rows [A | b] of one sample x = [q; v], an unknown momentum's columns first."""
         context = self._scratch.context
         self._spacecraft.plant.SetPositionsAndVelocities(context, state)
         sample = self._spacecraft.momentum_sample(context)
-        return self._family.augmented_rows(sample)
+        return self._family.full_rows(sample, self._unknown_momentum)
 
     def _take_sample(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         state = self.GetInputPort("spacecraft_state").Eval(context)
         rows = self._checked_rows(state, context.get_time())
-        root = context.get_discrete_state(self._root_index).value().reshape(11, 11)
+        root = self._root(context)
         discrete_state.set_value(self._root_index, update_root(root, rows).ravel())
         samples, row_count = context.get_discrete_state(self._count_index).value()
         # A sample at rest says nothing: counting its zero rows would make the rest look better.
@@ -198,11 +208,20 @@ class MomentumIdentifier(LeafSystem):
             f"{self.GetSystemPathname()}: spacecraft_state at t = {time:g} s is {problem}"
         )
 
+    def _root(self, context: Context) -> NDArray[np.float64]:
+        root = context.get_discrete_state(self._root_index).value()
+        return root.reshape(self._size, self._size)
+
     def _solve(self, context: Context, value: AbstractValue) -> None:
-        root = context.get_discrete_state(self._root_index).value().reshape(11, 11)
+        root = self._root(context)
         samples, row_count = context.get_discrete_state(self._count_index).value()
-        solution = solve_root(root, int(row_count), rank_tolerance=self._rank_tolerance)
-        value.set_value(Identification(self._family, solution, int(samples)))
+        solution = solve_root(
+            root,
+            int(row_count),
+            eliminated=self._nuisance,
+            rank_tolerance=self._rank_tolerance,
+        )
+        value.set_value(Identification(self._unknowns, solution, int(samples)))
 
     def _calc_parameters(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.identification(context).parameters)

@@ -238,3 +238,42 @@ def test_contexts_in_two_threads_do_not_disturb_each_other(servicer, skewed_targ
         sys.setswitchinterval(interval)
     up, down = roots["up"], roots["down"]
     np.testing.assert_allclose(up.T @ up, down.T @ down, rtol=1e-10, atol=1e-8)
+
+
+@pytest.mark.parametrize(("rows", "size"), [("standard", 17), ("relative", 14)])
+def test_an_unknown_momentum_is_estimated_along(servicer, skewed_target, rows, size):
+    """Online as in batch: its unknowns lead the triangle, and the rest is the target's problem."""
+    from cpid_drake import HalfCosine, Telemetry
+    from cpid_drake.base_motion import propagate_base
+
+    rng = np.random.default_rng(43)
+    arms = HalfCosine(rng.uniform(-1, 1, 12), rng.uniform(-1, 1, 12), duration=10.0)
+    times = np.linspace(0.5, 9.5, 8)
+    base = propagate_base(
+        servicer.tree,
+        arms,
+        skewed_target.to_standard_vector(),
+        times,
+        momentum_W=[2.0, -3.0, 1.0, 0.5, 0.8, -0.6],
+        max_step=0.05,
+    )
+    q, qdot, _ = np.moveaxis(arms.evaluate(times), 1, 0)
+    telemetry = Telemetry(
+        servicer.joint_names,
+        times,
+        quaternion_WB=base.quaternion_WB,
+        p_WB=base.p_WB,
+        w_WB=base.w_WB,
+        v_WB=base.v_WB,
+        q=q,
+        qdot=qdot,
+    )
+    identifier = MomentumIdentifier(servicer, rows=rows, unknown_momentum=True)
+    context = identifier.CreateDefaultContext()
+    assert context.get_discrete_state(0).size() == size**2
+    for state in servicer.to_states(telemetry):
+        take(identifier, context, state)
+    found = outputs(identifier, context)["parameters"]
+    np.testing.assert_allclose(found, skewed_target.to_vector(), rtol=0, atol=1e-7)
+    batch = identify(servicer, telemetry, rows=rows, unknown_momentum=True)
+    np.testing.assert_allclose(found, batch.parameters, rtol=1e-9, atol=1e-10)
