@@ -140,7 +140,9 @@ def _constant_block(block: Callable[..., NDArray]) -> Callable[[MomentumSamples]
 
     def augmented_rows(samples: MomentumSamples) -> NDArray[np.float64]:
         motion = samples.motion
-        vectors_W = np.stack([motion.v_WC, motion.w_WC, samples.P, samples.L], axis=1)
+        vectors_W = np.empty((len(samples), 4, 3))
+        vectors_W[:, 0], vectors_W[:, 1] = motion.v_WC, motion.w_WC
+        vectors_W[:, 2], vectors_W[:, 3] = samples.P, samples.L
         vectors_C = vectors_W @ motion.R_WC  # row vectors: (R_WCᵀ v)ᵀ = vᵀ R_WC
         return (vectors_C.reshape(-1, 12) @ coefficients).reshape(-1, 11)
 

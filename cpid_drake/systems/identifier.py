@@ -103,7 +103,9 @@ class MomentumIdentifier(LeafSystem):
         self._quaternion = spacecraft.quaternion_columns
         self._scratch = PlantScratch(spacecraft.plant)
 
-        self.DeclareVectorInputPort("spacecraft_state", spacecraft.plant.num_multibody_states())
+        self._state_port = self.DeclareVectorInputPort(
+            "spacecraft_state", spacecraft.plant.num_multibody_states()
+        )
         self._root_index = self.DeclareDiscreteState(empty_root(self._size - 1).ravel())
         self._count_index = self.DeclareDiscreteState([0.0, 0.0])  # samples, and rows not zero
         self.DeclarePeriodicDiscreteUpdateEvent(
@@ -182,7 +184,7 @@ class MomentumIdentifier(LeafSystem):
         return self._family.full_rows(sample, self._unknown_momentum)
 
     def _take_sample(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
-        state = self.GetInputPort("spacecraft_state").Eval(context)
+        state = self._state_port.Eval(context)
         rows = self._checked_rows(state, context.get_time())
         root = self._root(context)
         discrete_state.set_value(self._root_index, update_root(root, rows).ravel())
@@ -193,11 +195,12 @@ class MomentumIdentifier(LeafSystem):
         return EventStatus.Succeeded()
 
     def _checked_rows(self, state: NDArray[np.float64], time: float) -> NDArray[np.float64]:
-        problem = None
-        norm = np.linalg.norm(state[self._quaternion])
-        if not np.isfinite(state).all():
-            problem = f"not finite (entry {int((~np.isfinite(state)).argmax())})"
-        elif abs(norm - 1) > 1e-3:
+        finite = np.isfinite(state)
+        quaternion = state[self._quaternion]
+        if not finite.all():
+            problem = f"not finite (entry {int((~finite).argmax())})"
+        elif not 0.998 < quaternion @ quaternion < 1.002:
+            norm = np.linalg.norm(quaternion)
             problem = f"no attitude: its quaternion has norm {norm:.3g}"
         else:
             rows = self.rows(state)
