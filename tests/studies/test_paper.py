@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, load_scenario, shipped_scenario
+from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
 from cpid_drake.studies.paper import (
     PAPER_TABLE_1,
     max_relative_error,
@@ -124,3 +124,23 @@ def test_a_scenario_that_cannot_identify_says_so(paper_scenario):
         InputError, match="does not identify its target: 2 samples determine 9 of 10"
     ):
         run_paper_study(paper_scenario)
+
+
+def test_the_papers_results_stand_beside_its_own_target_only(study):
+    """With another target its columns would mean nothing."""
+    from dataclasses import replace
+    from io import StringIO
+
+    from rich.console import Console
+
+    from cpid_drake.report.paper import print_tables
+
+    printed = {}
+    for mass in (100.0, 60.0):
+        other = InertialParameters(mass, study.truth.p_CTcm_C, study.truth.I_TTcm_C)
+        text = StringIO()
+        print_tables(replace(study, truth=other), Console(file=text, width=120, markup=False))
+        printed[mass] = text.getvalue()
+        assert "m [kg]" in printed[mass]
+    assert "99.897213" in printed[100.0]
+    assert "99.897213" not in printed[60.0]
