@@ -1,0 +1,349 @@
+"""What a spacecraft measures of its own motion, how well, and when.
+
+Every sensor has its own rate and its own stream of random numbers, which depends on the seed, the
+sensor and the sample's number only: the same samples come out whether they are drawn one by one
+in a Diagram or all at once as arrays. Samples that a sensor does not take are absent.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.errors import InputError
+from cpid_drake.kinematics import rotate
+from cpid_drake.telemetry import Telemetry
+
+ARCSECOND = np.pi / (180 * 3600)
+DEGREE_PER_HOUR = np.pi / (180 * 3600)
+DEGREE_PER_ROOT_HOUR = np.pi / (180 * 60)
+
+NUMERICAL_SIGMA = 1e-8
+"""What estimators assume of a sensor without noise [rad, m, rad/s, m/s]: their own arithmetic."""
+
+SENSOR_NAMES = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
+"""The sensors, in the order in which estimators take samples of equal time."""
+
+
+@dataclass
+class AttitudeSensor:
+    """A star tracker, or any sensor of the base's whole attitude.
+
+    Attributes:
+        rate: samples a second [Hz].
+        cross_boresight_arcsec: σ about each axis across the boresight.
+        boresight_arcsec: σ about the boresight.
+        boresight_B: (3,) direction of the boresight in B, of any length.
+
+    """
+
+    rate: float = 4.0
+    cross_boresight_arcsec: float = 0.0
+    boresight_arcsec: float = 0.0
+    boresight_B: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(3,) σ about the boresight's two normals and about the boresight [rad]."""
+        cross = self.cross_boresight_arcsec
+        return ARCSECOND * np.array([cross, cross, self.boresight_arcsec])
+
+    @property
+    def R_BS(self) -> NDArray[np.float64]:
+        """(3, 3) rotation whose last column is the boresight in B."""
+        z = np.asarray(self.boresight_B, dtype=float)
+        z = z / np.linalg.norm(z)
+        x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
+        x /= np.linalg.norm(x)
+        return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+@dataclass
+class Gyro:
+    """Three rate gyros along B's axes.
+
+    Attributes:
+        rate: samples a second [Hz].
+        angle_random_walk: [°/√h]; the white noise of the rate, as it adds up in the angle.
+        bias: σ of the constant part [°/h].
+        bias_random_walk: growth of the bias [°/h/√h].
+
+    """
+
+    rate: float = 100.0
+    angle_random_walk: float = 0.0
+    bias: float = 0.0
+    bias_random_walk: float = 0.0
+
+    @property
+    def sigma(self) -> float:
+        """White noise of one sample [rad/s]."""
+        return self.angle_random_walk * DEGREE_PER_ROOT_HOUR * np.sqrt(self.rate)
+
+    @property
+    def bias_sigma(self) -> float:
+        """σ of the constant bias [rad/s]."""
+        return self.bias * DEGREE_PER_HOUR
+
+    @property
+    def bias_growth(self) -> float:
+        """Random walk of the bias [rad/s/√s]."""
+        return self.bias_random_walk * DEGREE_PER_HOUR / 60
+
+
+@dataclass
+class VectorSensor:
+    """A sensor of the position or the velocity of B's origin in W: rate [Hz], σ [m or m/s]."""
+
+    rate: float = 10.0
+    sigma: float = 0.0
+
+
+@dataclass
+class JointSensor:
+    """Encoders or tachometers of all joints.
+
+    Attributes:
+        rate: samples a second [Hz].
+        sigma: white noise [rad or m; for joint rates per second].
+        bits: resolution as so many bits a turn (of a sliding joint: a metre); 0 for none.
+
+    """
+
+    rate: float = 100.0
+    sigma: float = 0.0
+    bits: int = 0
+
+    @property
+    def step(self) -> float:
+        """Quantization [rad]; 0 for none."""
+        return 2 * np.pi / 2**self.bits if self.bits else 0.0
+
+
+@dataclass
+class SensorSuite:
+    """A spacecraft's sensors; one that is None is not there.
+
+    Attributes:
+        description: one line for people.
+        digits: round every sample to so many decimals, in SI units (attitude as 3-2-1 Euler
+            angles); None for no rounding.
+
+    """
+
+    description: str = ""
+    attitude: AttitudeSensor | None = None
+    gyro: Gyro | None = None
+    position: VectorSensor | None = None
+    velocity: VectorSensor | None = None
+    encoders: JointSensor | None = None
+    joint_rates: JointSensor | None = None
+    digits: int | None = None
+
+    def present(self) -> dict[str, AttitudeSensor | Gyro | VectorSensor | JointSensor]:
+        """Return the sensors that are there, by name."""
+        sensors = {name: getattr(self, name) for name in SENSOR_NAMES}
+        return {name: sensor for name, sensor in sensors.items() if sensor is not None}
+
+    def sigmas(self, name: str) -> NDArray[np.float64]:
+        """Return what one sample of a sensor is off by: noise, quantization and rounding together.
+
+        (3,) about the axes of `AttitudeSensor.R_BS` for the attitude, (1,) for the others, in SI
+        units and radians; never below `NUMERICAL_SIGMA`.
+        """
+        sensor = getattr(self, name)
+        noise = sensor.sigmas if name == "attitude" else np.array([sensor.sigma])
+        step = getattr(sensor, "step", 0.0)
+        rounding = 0.0 if self.digits is None else 10.0**-self.digits
+        return np.sqrt(noise**2 + (step**2 + rounding**2) / 12 + NUMERICAL_SIGMA**2)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples of one sensor: time (N,) [s] and value (N, width)."""
+
+    time: NDArray[np.float64]
+    value: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    def where(self, keep: ArrayLike) -> "Samples":
+        """Return the samples that a mask or index selects."""
+        return Samples(self.time[keep], self.value[keep])
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """What the sensors gave, each at its own times; a sensor that is not there has no samples.
+
+    Attributes:
+        joint_names: the joints, in the order of columns.
+        attitude: unit quaternions (w, x, y, z) of R_WB.
+        gyro: angular velocity of B in W, expressed in B [rad/s].
+        position: B's origin in W [m].
+        velocity: of B's origin, in W [m/s].
+        encoders: joint positions [rad or m].
+        joint_rates: [rad/s or m/s].
+
+    """
+
+    joint_names: tuple[str, ...]
+    attitude: Samples
+    gyro: Samples
+    position: Samples
+    velocity: Samples
+    encoders: Samples
+    joint_rates: Samples
+
+    def between(self, start: float, end: float) -> "Measurements":
+        """Return the samples with start ≤ time ≤ end [s]."""
+        picked = {}
+        for name in SENSOR_NAMES:
+            samples = getattr(self, name)
+            picked[name] = samples.where((samples.time >= start) & (samples.time <= end))
+        return replace(self, **picked)
+
+
+def sample_times(rate: float, duration: float, start: float = 0.0) -> NDArray[np.float64]:
+    """Return a sensor's instants from `start` to the end, both included [s]."""
+    return start + np.arange(int(np.floor((duration - start) * rate + 1e-9)) + 1) / rate
+
+
+def perfect_value(name: str, telemetry: Telemetry) -> NDArray[np.float64]:
+    """Return (N, width): what a sensor of this name would give without any error."""
+    if name == "attitude":
+        return telemetry.quaternion_WB
+    if name == "gyro":
+        return rotate(np.swapaxes(telemetry.R_WB, -1, -2), telemetry.w_WB)
+    return {
+        "position": telemetry.p_WB,
+        "velocity": telemetry.v_WB,
+        "encoders": telemetry.q,
+        "joint_rates": telemetry.qdot,
+    }[name]
+
+
+def perfect_measurements(
+    suite: SensorSuite,
+    joint_names: tuple[str, ...],
+    motion: Callable[[NDArray[np.float64]], Telemetry],
+    duration: float,
+) -> Measurements:
+    """Return what the sensors would give without error, at their own times in [0, duration].
+
+    Args:
+        suite: the sensors; only their rates are used.
+        joint_names: the joints.
+        motion: returns the true telemetry at increasing times (N,).
+        duration: [s].
+
+    """
+    widths = dict(zip(SENSOR_NAMES, (4, 3, 3, 3, len(joint_names), len(joint_names))))
+    samples = {name: Samples(np.empty(0), np.empty((0, w))) for name, w in widths.items()}
+    sensors = suite.present()
+    times = {name: sample_times(sensor.rate, duration) for name, sensor in sensors.items()}
+    if times:
+        everything = np.concatenate(list(times.values()))
+        keys = np.round(everything * 1e9).astype(np.int64)
+        _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+        telemetry = motion(everything[first])
+        start = 0
+        for name, t in times.items():
+            mine = inverse[start : start + t.size]
+            samples[name] = Samples(t, perfect_value(name, telemetry)[mine])
+            start += t.size
+    return Measurements(tuple(joint_names), **samples)
+
+
+class SensorNoise:
+    """The errors that a suite's sensors make, as functions of seed and sample number alone."""
+
+    def __init__(self, suite: SensorSuite, seed: int) -> None:
+        self.suite, self.seed = suite, seed
+        self._tables: dict[str, NDArray[np.float64]] = {}
+
+    def gyro_bias(self, k: int) -> NDArray[np.float64]:
+        """Return the gyro's bias (3,) at its sample k [rad/s]."""
+        return self._bias(k + 1)[k]
+
+    def apply(self, name: str, perfect: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:
+        """Return samples first, first + 1, … of a sensor, from what they were without error.
+
+        Args:
+            name: of the sensor.
+            perfect: (N, width) from `perfect_value`.
+            first: number of the first sample.
+
+        """
+        sensor, digits = getattr(self.suite, name), self.suite.digits
+        last = first + len(perfect)
+        if name == "attitude":
+            noise = self._normal(name, last, 3)[first:] * sensor.sigmas
+            turn = Rotation.from_rotvec(noise @ sensor.R_BS.T)
+            attitude = Rotation.from_quat(perfect, scalar_first=True) * turn
+            if digits is not None:
+                attitude = Rotation.from_euler("ZYX", np.round(attitude.as_euler("ZYX"), digits))
+            return attitude.as_quat(scalar_first=True)
+        value = perfect + sensor.sigma * self._normal(name, last, perfect.shape[1])[first:]
+        if name == "gyro":
+            value = value + self._bias(last)[first:]
+        step = getattr(sensor, "step", 0.0)
+        if step:
+            value = step * np.round(value / step)
+        return value if digits is None else np.round(value, digits)
+
+    def _normal(self, name: str, count: int, width: int) -> NDArray[np.float64]:
+        """Return the first `count` rows of a sensor's own stream, drawn in growing tables."""
+        table = self._tables.get(name)
+        if table is None or len(table) < count:
+            stream = np.random.default_rng([self.seed, SENSOR_NAMES.index(name)])
+            table = self._tables[name] = stream.standard_normal((max(64, 2 * count), width))
+        return table[:count]
+
+    def _bias(self, count: int) -> NDArray[np.float64]:
+        gyro = self.suite.gyro
+        stream = np.random.default_rng([self.seed, len(SENSOR_NAMES)])
+        constant = gyro.bias_sigma * stream.standard_normal(3)
+        walk = np.zeros((count, 3))
+        if gyro.bias_growth:
+            steps = stream.standard_normal((count - 1, 3)) * gyro.bias_growth / np.sqrt(gyro.rate)
+            walk[1:] = np.cumsum(steps, axis=0)
+        return constant + walk
+
+
+def add_noise(suite: SensorSuite, perfect: Measurements, seed: int) -> Measurements:
+    """Return measurements with the errors that a suite's sensors make; the seed fixes them."""
+    noise = SensorNoise(suite, seed)
+    changed = {}
+    for name in suite.present():
+        samples = getattr(perfect, name)
+        changed[name] = Samples(samples.time, noise.apply(name, samples.value))
+    return replace(perfect, **changed)
+
+
+def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
+    """Return the samples that can be used, and how many of each sensor could not.
+
+    Left out are samples with an entry that is not finite, stamps that do not increase (repeated or
+    out of order), and attitudes whose quaternion is more than 1e-3 off unit norm. Quaternions are
+    normalized; their sign has no meaning.
+    """
+    kept, rejected = {}, {}
+    for name in SENSOR_NAMES:
+        samples = getattr(measurements, name)
+        time, value = np.asarray(samples.time, dtype=float), np.asarray(samples.value, dtype=float)
+        if time.ndim != 1 or value.ndim != 2 or len(value) != len(time):
+            raise InputError(f"measurements: '{name}' needs times (N,) and values (N, width)")
+        good = np.isfinite(time) & np.isfinite(value).all(axis=1)
+        if name == "attitude":
+            norm = np.linalg.norm(value, axis=1)
+            good &= np.abs(norm - 1) < 1e-3
+            value = value / np.where(good, norm, 1.0)[:, None]
+        latest = np.maximum.accumulate(np.where(good, time, -np.inf))
+        good[1:] &= time[1:] > latest[:-1]
+        kept[name] = Samples(time[good], value[good])
+        rejected[name] = int((~good).sum())
+    return replace(measurements, **kept), rejected
