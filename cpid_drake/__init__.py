@@ -7,7 +7,7 @@ The public names, from the ground up:
 - `Telemetry`: samples of base and joint motion;
 - `identify`: batch identification, giving an `Identification`;
 - `MomentumIdentifier`, `JointController`, `JointMotionSource`, `TargetVisualizer`: Drake systems;
-- `HalfCosine`: a joint motion;
+- `HalfCosine`, `MultiSine`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
 - `InputError`: what bad input raises.
 """
@@ -15,7 +15,7 @@ The public names, from the ground up:
 from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification, identify
 from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
-from cpid_drake.motion.joint_motion import HalfCosine, JointMotion
+from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.scenario import Scenario, load_scenario, shipped_scenario
 from cpid_drake.simulation import Simulation, initial_state, make_simulation
 from cpid_drake.spacecraft import Spacecraft
@@ -36,6 +36,7 @@ __all__ = [
     "JointMotion",
     "JointMotionSource",
     "MomentumIdentifier",
+    "MultiSine",
     "Scenario",
     "Simulation",
     "Spacecraft",

@@ -64,3 +64,105 @@ class HalfCosine:
     def peak_rates(self) -> NDArray[np.float64]:
         """Return the (J,) largest joint speeds, reached at T/2 [rad/s or m/s]."""
         return np.pi / self.duration * np.abs(self.q_final - self.q_initial) / 2
+
+
+_MOST_CYCLES = 1000
+_POINTS_PER_CYCLE = 200
+
+
+@dataclass(frozen=True, eq=False)
+class MultiSine:
+    """q(t) = centre + r(t) Σ_k a_k sin(2π f_k t + φ_k): a bounded motion of all joints.
+
+    r rises from 0 to 1 over the first `ramp` seconds and falls back over the last, by the quintic
+    10 x³ − 15 x⁴ + 6 x⁵: at rest at the centre, without acceleration, at t = 0 and at t = T, held
+    there before and after.
+
+    Attributes:
+        centre: (J,) positions about which the joints move [rad or m].
+        amplitudes: (K, J) a_k [rad or m].
+        frequencies: (K,) f_k [Hz].
+        phases: (K, J) φ_k [rad].
+        ramp: time to rise, and to fall [s].
+        duration: T [s].
+
+    Raises:
+        InputError: shapes do not fit, an entry is not finite, a frequency or time is not positive,
+            the ramp is longer than T/2, or there are more than 1000 cycles in T.
+
+    """
+
+    centre: NDArray[np.float64]
+    amplitudes: NDArray[np.float64]
+    frequencies: NDArray[np.float64]
+    phases: NDArray[np.float64]
+    ramp: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        dimensions = {"centre": 1, "frequencies": 1, "amplitudes": 2, "phases": 2}
+        for name, count in dimensions.items():
+            try:
+                values = np.array(getattr(self, name), dtype=float)
+            except (TypeError, ValueError):
+                values = np.full(1, np.nan)
+            if values.ndim != count or not np.isfinite(values).all():
+                raise InputError(
+                    f"multi-sine motion: {name} must be finite numbers in {count} dimension(s)"
+                )
+            object.__setattr__(self, name, values)
+        shape = (self.frequencies.size, self.centre.size)
+        if self.amplitudes.shape != shape or self.phases.shape != shape:
+            raise InputError(
+                f"multi-sine motion: for {shape[0]} frequencies of {shape[1]} joints, amplitudes "
+                f"and phases must be of shape {shape}, not {self.amplitudes.shape} and "
+                f"{self.phases.shape}"
+            )
+        if not self.frequencies.size or not (self.frequencies > 0).all():
+            raise InputError("multi-sine motion: frequencies must be > 0 Hz, at least one")
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise InputError(f"multi-sine motion: the duration must be > 0, not {self.duration}")
+        if not 0 < self.ramp <= self.duration / 2:
+            raise InputError(
+                "multi-sine motion: the ramp must be > 0 and at most half the duration of "
+                f"{self.duration:g}, not {self.ramp}"
+            )
+        if self.frequencies.max() > _MOST_CYCLES / self.duration:
+            raise InputError(
+                f"multi-sine motion: {self.frequencies.max():g} Hz for {self.duration:g} s is more "
+                f"than {_MOST_CYCLES} cycles"
+            )
+
+    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+        """Return positions, rates and accelerations (..., 3, J) at times (...)."""
+        time = np.clip(np.asarray(time, dtype=float)[..., None], 0.0, self.duration)
+        x = np.minimum(np.minimum(time, self.duration - time) / self.ramp, 1.0)
+        direction = np.where(time < self.duration / 2, 1.0, -1.0)
+        r = x**3 * (10 - 15 * x + 6 * x**2)
+        rdot = direction * 30 * x**2 * (1 - x) ** 2 / self.ramp
+        rddot = 60 * x * (1 - x) * (1 - 2 * x) / self.ramp**2
+
+        w = 2 * np.pi * self.frequencies[:, None]
+        angle = w * time[..., None] + self.phases
+        sines, cosines = self.amplitudes * np.sin(angle), self.amplitudes * np.cos(angle)
+        s, sdot, sddot = sines.sum(-2), (w * cosines).sum(-2), -(w**2 * sines).sum(-2)
+        q = self.centre + r * s
+        qdot = rdot * s + r * sdot
+        qddot = rddot * s + 2 * rdot * sdot + r * sddot
+        return np.stack([q, qdot, qddot], axis=-2)
+
+    def position_range(self) -> NDArray[np.float64]:
+        """Return the lowest and highest positions (2, J), to some 1e-4 of the motion."""
+        q = self._fine_samples()[:, 0]
+        return np.stack([q.min(axis=0), q.max(axis=0)])
+
+    def peak_rates(self) -> NDArray[np.float64]:
+        """Return the (J,) largest joint speeds, to some 1e-4 of them [rad/s or m/s]."""
+        return np.abs(self._fine_samples()[:, 1]).max(axis=0)
+
+    def _fine_samples(self) -> NDArray[np.float64]:
+        """Return the motion (N, 3, J) at instants that resolve every cycle and both ramps."""
+        count = _POINTS_PER_CYCLE * max(1.0, self.frequencies.max() * self.duration)
+        start = np.linspace(0.0, self.ramp, _POINTS_PER_CYCLE + 1)
+        whole = np.linspace(0.0, self.duration, int(np.ceil(count)) + 1)
+        return self.evaluate(np.concatenate([start, whole, self.duration - start]))

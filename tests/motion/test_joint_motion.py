@@ -1,9 +1,9 @@
-"""The half-cosine motion of Fig. 5."""
+"""The half-cosine motion of Fig. 5, and sums of sines."""
 
 import numpy as np
 import pytest
 
-from cpid_drake import HalfCosine, InputError
+from cpid_drake import HalfCosine, InputError, MultiSine
 
 
 @pytest.fixture
@@ -62,3 +62,101 @@ def test_peak_rates_are_reached_half_way(motion):
 def test_bad_motions_are_refused(arguments, message):
     with pytest.raises(InputError, match=message):
         HalfCosine(*arguments)
+
+
+# -- sums of sines -------------------------------------------------------------------------------
+
+
+def make_multi_sine(**changes) -> MultiSine:
+    arguments = {
+        "centre": [0.3, -1.0, 0.0],
+        "amplitudes": [[0.5, 0.0, -0.2], [0.1, 0.0, 0.3]],
+        "frequencies": [0.1, 0.3],
+        "phases": [[0.4, 0.0, -1.0], [2.0, 0.0, 0.0]],
+        "ramp": 2.0,
+        "duration": 10.0,
+    }
+    return MultiSine(**arguments | changes)
+
+
+@pytest.fixture(params=[0.5, 2.0, 5.0], ids=lambda ramp: f"ramp {ramp}")
+def multi_sine(request):
+    return make_multi_sine(ramp=request.param)
+
+
+def test_sines_are_the_formula_between_the_ramps():
+    t = np.linspace(2.0, 8.0, 25)[:, None]
+    first = np.array([0.5, 0.0, -0.2]) * np.sin(2 * np.pi * 0.1 * t + [0.4, 0.0, -1.0])
+    second = np.array([0.1, 0.0, 0.3]) * np.sin(2 * np.pi * 0.3 * t + [2.0, 0.0, 0.0])
+    q = make_multi_sine().evaluate(t[:, 0])[:, 0]
+    np.testing.assert_allclose(q, [0.3, -1.0, 0.0] + first + second, atol=1e-14)
+
+
+def test_sines_start_and_end_at_rest_smoothly(multi_sine):
+    """Position, rate and acceleration are continuous, also where the joints are held."""
+    motion = multi_sine.evaluate([-1.0, 0.0, 10.0, 12.0, np.inf])
+    np.testing.assert_allclose(motion[:, 0], np.tile(multi_sine.centre, (5, 1)), atol=1e-15)
+    np.testing.assert_allclose(motion[:, 1:], 0.0, atol=1e-12)
+    h = 1e-6
+    for time in (0.0, multi_sine.ramp, 10.0 - multi_sine.ramp, 10.0):
+        before, after = multi_sine.evaluate([time - h, time + h])
+        np.testing.assert_allclose(before, after, atol=1e-3 * multi_sine.ramp**-3 + 1e-5)
+
+
+def test_rates_and_accelerations_of_sines_are_derivatives(multi_sine):
+    t, h = np.linspace(0.05, 9.95, 100), 1e-5
+    ahead, now, behind = (multi_sine.evaluate(t + d) for d in (h, 0.0, -h))
+    np.testing.assert_allclose((ahead[:, 0] - behind[:, 0]) / (2 * h), now[:, 1], atol=1e-8)
+    np.testing.assert_allclose((ahead[:, 1] - behind[:, 1]) / (2 * h), now[:, 2], atol=1e-7)
+
+
+def test_sines_stay_within_their_bounds_and_reach_them(multi_sine):
+    q, qdot, _ = np.moveaxis(multi_sine.evaluate(np.linspace(0, 10, 100_001)), 1, 0)
+    low, high = multi_sine.position_range()
+    np.testing.assert_allclose(low, q.min(axis=0), atol=2e-4)
+    np.testing.assert_allclose(high, q.max(axis=0), atol=2e-4)
+    np.testing.assert_allclose(multi_sine.peak_rates(), np.abs(qdot).max(axis=0), rtol=2e-4)
+    reach = np.abs(multi_sine.amplitudes).sum(axis=0)
+    assert (low >= multi_sine.centre - reach).all()
+    assert (high <= multi_sine.centre + reach).all()
+    assert multi_sine.peak_rates()[1] == 0.0
+
+
+def test_one_instant_and_many_give_the_same(multi_sine):
+    t = np.linspace(0, 10, 12).reshape(3, 4)
+    many = multi_sine.evaluate(t)
+    assert many.shape == (3, 4, 3, 3)
+    np.testing.assert_array_equal(multi_sine.evaluate(t[1, 2]), many[1, 2])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"centre": 0.0}, "centre must be"),
+        ({"centre": [0.3, np.nan, 0.0]}, "centre must be finite"),
+        ({"centre": [0.3, 0.0]}, r"shape \(2, 2\)"),
+        ({"amplitudes": [0.1, 0.2, 0.3]}, "amplitudes must be .* 2 dimension"),
+        ({"amplitudes": [[0.1, 0.2, 0.3], [0.1]]}, "amplitudes must be"),
+        ({"amplitudes": [[0.1, 0.2, 0.3]]}, r"not \(1, 3\)"),
+        ({"phases": np.zeros((2, 4))}, r"\(2, 4\)"),
+        ({"phases": np.full((2, 3), np.inf)}, "phases must be finite"),
+        ({"frequencies": [0.1, 0.0]}, "frequencies must be > 0"),
+        ({"frequencies": [0.1, -0.3]}, "frequencies must be > 0"),
+        ({"frequencies": [0.1, np.nan]}, "frequencies must be finite"),
+        (
+            {"frequencies": [], "amplitudes": np.zeros((0, 3)), "phases": np.zeros((0, 3))},
+            "at least one",
+        ),
+        ({"frequencies": [0.1, 1e9]}, "more than 1000 cycles"),
+        ({"duration": 0.0}, "duration must be > 0"),
+        ({"duration": np.inf}, "duration must be > 0"),
+        ({"duration": 1e300}, "more than 1000 cycles"),
+        ({"ramp": 0.0}, "ramp must be > 0"),
+        ({"ramp": -1.0}, "ramp must be > 0"),
+        ({"ramp": np.nan}, "ramp must be > 0"),
+        ({"ramp": 5.1}, "at most half the duration"),
+    ],
+)
+def test_bad_sums_of_sines_are_refused(changes, message):
+    with pytest.raises(InputError, match=message):
+        make_multi_sine(**changes)
