@@ -149,8 +149,24 @@ def _constant_block(block: Callable[..., NDArray]) -> Callable[[MomentumSamples]
     return augmented_rows
 
 
+def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[np.float64]:
+    """Return Y (..., 3, 10) with Y (μ, μc, I_*) the target's part of the angular momentum.
+
+    Y = [s×ṡ  s̃ω̃ − ṡ̃  [#ω]], about the system's centre of mass.
+
+    Args:
+        s: (..., 3) from the known bodies' centre of mass to C's origin, in C [m].
+        sdot: (..., 3) its rate in W, expressed in C [m/s].
+        w: (..., 3) angular velocity of C in W, in C [rad/s].
+
+    """
+    return np.concatenate(
+        [np.cross(s, sdot)[..., None], skew(s) @ skew(w) - skew(sdot), inertia_operator(w)], axis=-1
+    )
+
+
 def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
-    """[s×ṡ  s̃ω̃ − ṡ̃  [#ω] | −L_K] (3 N, 11), all in C, s = p_C − r_k.
+    """[Y | −L_K] (3 N, 11), all in C, s = p_C − r_k and Y from `relative_regressor`.
 
     Angular momentum about the system's centre of mass: with L_K the known bodies' about their own,
     L_K + μ s × ṡ + μ (s × (ω × c) + c × ṡ) + I_* ω = 0, in which neither the base's position nor
@@ -160,17 +176,10 @@ def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
     s = motion.p_WC - samples.p_WKcm
     sdot = motion.v_WC - samples.P / samples.mass
     L_K = samples.L + np.cross(s, samples.P)
-    vectors = np.stack([np.cross(s, sdot), s, sdot, motion.w_WC, L_K], axis=1) @ motion.R_WC
-    cross, s, sdot, w, L_K = np.moveaxis(vectors, 1, 0)
-    rows = np.concatenate(
-        [
-            cross[:, :, None],
-            skew(s) @ skew(w) - skew(sdot),
-            inertia_operator(w),
-            -L_K[:, :, None],
-        ],
-        axis=2,
+    s, sdot, w, L_K = np.moveaxis(
+        np.stack([s, sdot, motion.w_WC, L_K], axis=1) @ motion.R_WC, 1, 0
     )
+    rows = np.concatenate([relative_regressor(s, sdot, w), -L_K[:, :, None]], axis=2)
     return rows.reshape(-1, 11)
 
 

@@ -1,0 +1,128 @@
+"""The base's motion from angular momentum about the system's centre of mass.
+
+With no external force that centre moves on a straight line, and the angular momentum L about it is
+constant. Seen from the base, with ω = w_WB and all in B,
+
+    J(ψ) ω + h(ψ) = Rᵀ L,      p_WB = p_Wcm − R ρ(ψ),
+
+where J, h and ρ are *linear* in the unknowns ψ = (μ, μc, I_*) of the relative rows. That makes
+estimation easy: for any two ψ and ψ', and ω the true velocity of ψ,
+
+    J(ψ') (ω − ω') = Rᵀ(L − L') − Y(ω) (ψ − ψ')
+
+exactly, Y being the relative rows; and the attitude needs no position, the position no velocity.
+
+Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.base_motion import KnownDynamics, known_dynamics
+from cpid_drake.inertia import vector_to_tensor
+from cpid_drake.kinematics import KinematicTree, rotate
+from cpid_drake.regressors import relative_regressor, skew
+
+
+@dataclass(frozen=True)
+class RelativeDynamics:
+    """The known bodies and the capture frame as seen from the base, at N instants.
+
+    Attributes:
+        mass: of the known bodies [kg].
+        I_K: (N, 3, 3) their inertia about their centre of mass K, in B.
+        h_K: (N, 3) their angular momentum about K on a base that does not turn, in B.
+        p_BK: (N, 3) K from B's origin, in B [m].
+        v_BK: (N, 3) rate of p_BK as seen from B [m/s].
+        R_BC: (N, 3, 3) attitude of C in B.
+        w_BC: (N, 3) angular velocity of C against B, in C [rad/s].
+        s: (N, 3) from K to C's origin, in C [m].
+        sdot: (N, 3) its rate as seen from B, in C [m/s].
+
+    """
+
+    mass: float
+    I_K: NDArray[np.float64]
+    h_K: NDArray[np.float64]
+    p_BK: NDArray[np.float64]
+    v_BK: NDArray[np.float64]
+    R_BC: NDArray[np.float64]
+    w_BC: NDArray[np.float64]
+    s: NDArray[np.float64]
+    sdot: NDArray[np.float64]
+
+    @classmethod
+    def from_known(cls, known: KnownDynamics) -> "RelativeDynamics":
+        """Take the known bodies' inertia and momentum about B apart into those about K."""
+        M, h, X = known.M, known.h, known.X
+        mass = float(M[0, 5, 5])
+        p_BK = _unskew(M[:, :3, 3:]) / mass
+        R_CB = X[:, :3, :3]
+        R_BC = np.swapaxes(R_CB, -1, -2)
+        p_BC = -_unskew(R_BC @ X[:, 3:, :3])
+        v_BK = h[:, 3:] / mass
+        return cls(
+            mass=mass,
+            I_K=M[:, :3, :3] + mass * skew(p_BK) @ skew(p_BK),
+            h_K=h[:, :3] - np.cross(p_BK, h[:, 3:]),
+            p_BK=p_BK,
+            v_BK=v_BK,
+            R_BC=R_BC,
+            w_BC=known.V_BC[:, :3],
+            s=rotate(R_CB, p_BC - p_BK),
+            sdot=known.V_BC[:, 3:] - rotate(R_CB, v_BK),
+        )
+
+    def regressor(self, w_B: ArrayLike) -> NDArray[np.float64]:
+        """Return Y (N, 3, 10) in B at angular velocities w_B (N, 3): the relative rows."""
+        w = rotate(np.swapaxes(self.R_BC, -1, -2), w_B)
+        return self.R_BC @ relative_regressor(
+            self.s, self.sdot + np.cross(w, self.s), w + self.w_BC
+        )
+
+    def inertia(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return J(ψ) (N, 3, 3) about the system's centre of mass, in B, of ψ (10,)."""
+        mu, first, s = psi[0], psi[1:4], self.s
+        moment = vector_to_tensor(psi[4:]) - mu * skew(s) @ skew(s)
+        cross = s[:, :, None] * first
+        moment = moment - cross - np.swapaxes(cross, -1, -2)
+        moment += (2 * s @ first)[:, None, None] * np.eye(3)
+        return self.I_K + self.R_BC @ moment @ np.swapaxes(self.R_BC, -1, -2)
+
+    def momentum_at_rest(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return h(ψ) (N, 3), in B: the angular momentum while the base does not turn."""
+        Y = relative_regressor(self.s, self.sdot, self.w_BC)
+        return self.h_K + rotate(self.R_BC, Y @ psi)
+
+    def com(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ρ(ψ) (N, 3): the system's centre of mass from B's origin, in B [m]."""
+        return self.p_BK + rotate(self.R_BC, psi[0] * self.s + psi[1:4]) / self.mass
+
+    def com_regressor(self) -> NDArray[np.float64]:
+        """Return ∂ρ/∂ψ (N, 3, 4): ρ depends on (μ, μc) only."""
+        columns = np.concatenate([rotate(self.R_BC, self.s)[..., None], self.R_BC], axis=-1)
+        return columns / self.mass
+
+    def com_rate(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rate of ρ(ψ) as seen from B (N, 3), in B [m/s]."""
+        moved = psi[0] * self.sdot + np.cross(self.w_BC, psi[1:4])
+        return self.v_BK + rotate(self.R_BC, moved) / self.mass
+
+    def com_rate_regressor(self) -> NDArray[np.float64]:
+        """Return the derivative of `com_rate` by (μ, μc), (N, 3, 4)."""
+        columns = np.concatenate(
+            [rotate(self.R_BC, self.sdot)[..., None], self.R_BC @ skew(self.w_BC)], axis=-1
+        )
+        return columns / self.mass
+
+
+def relative_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> RelativeDynamics:
+    """Return the known bodies as seen from the base at joint positions and rates, (N, J) each."""
+    return RelativeDynamics.from_known(known_dynamics(tree, q, qdot))
+
+
+def _unskew(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return v (..., 3) of skew matrices (..., 3, 3)."""
+    return np.stack([matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0]], axis=-1)
