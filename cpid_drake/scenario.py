@@ -5,6 +5,7 @@ Its values are numbers and names; `cpid_drake.simulation` turns them into a Drak
 
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
+from typing import get_args, get_origin
 
 import numpy as np
 import yaml
@@ -14,7 +15,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.model_files import models_directory, resolve_model
-from cpid_drake.motion.joint_motion import HalfCosine
+from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.spacecraft import Spacecraft
 
 INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
@@ -52,6 +53,70 @@ class HalfCosineMotion:
     duration: float = 10.0
     initial: dict[str, float] = field(default_factory=dict)
     final: dict[str, float] = field(default_factory=dict)
+
+    def make(self, spacecraft: Spacecraft) -> HalfCosine:
+        """Return the motion of this spacecraft's joints; errors as `Scenario.make_joint_motion`."""
+        motion = HalfCosine(
+            spacecraft.configuration(self.initial, "joint_motion.initial"),
+            spacecraft.configuration(self.final, "joint_motion.final"),
+            self.duration,
+        )
+        _check_rates(motion, spacecraft, "give a longer duration")
+        return motion
+
+
+@dataclass
+class MultiSineMotion:
+    """Sums of sines about a configuration, tagged `!MultiSineMotion` in YAML.
+
+    `centre` [rad or m], `amplitudes` [rad or m] and `phases` [rad] are by joint name, zero where a
+    joint is not named; the latter two are lists, one entry for each of the frequencies [Hz]. The
+    motion rises over the first `ramp` [s] and falls over the last.
+    """
+
+    duration: float = 10.0
+    ramp: float = 2.0
+    frequencies: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    centre: dict[str, float] = field(default_factory=dict)
+    amplitudes: dict[str, np.ndarray] = field(default_factory=dict)
+    phases: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def make(self, spacecraft: Spacecraft) -> MultiSine:
+        """Return the motion of this spacecraft's joints; errors as `Scenario.make_joint_motion`."""
+        motion = MultiSine(
+            centre=spacecraft.configuration(self.centre, "joint_motion.centre"),
+            amplitudes=self._table(spacecraft, "amplitudes"),
+            frequencies=self.frequencies,
+            phases=self._table(spacecraft, "phases"),
+            ramp=self.ramp,
+            duration=self.duration,
+        )
+        for extreme in motion.position_range():
+            angles = dict(zip(spacecraft.joint_names, extreme, strict=True))
+            spacecraft.configuration(angles, "joint_motion")
+        _check_rates(motion, spacecraft, "give smaller amplitudes or frequencies")
+        return motion
+
+    def _table(self, spacecraft: Spacecraft, key: str) -> np.ndarray:
+        """Return amplitudes or phases as (K, J)."""
+        names, count = spacecraft.joint_names, np.size(self.frequencies)
+        table = np.zeros((count, len(names)))
+        for name, values in getattr(self, key).items():
+            if name not in names:
+                raise InputError(
+                    f"joint_motion.{key}: no joint '{name}'; joints are {', '.join(names)}"
+                )
+            if np.shape(values) != (count,) or not np.isfinite(values).all():
+                raise InputError(
+                    f"joint_motion.{key}: {name} needs finite numbers, one for each of the "
+                    f"{count} frequencies"
+                )
+            table[:, names.index(name)] = values
+        return table
+
+
+JointMotionConfig = HalfCosineMotion | MultiSineMotion
+"""The kinds of joint motion. In YAML the first is meant unless a tag, `!NAME`, says another."""
 
 
 @dataclass
@@ -102,7 +167,7 @@ class Scenario:
 
     spacecraft: SpacecraftConfig = field(default_factory=SpacecraftConfig)
     target: TargetConfig = field(default_factory=TargetConfig)
-    joint_motion: HalfCosineMotion = field(default_factory=HalfCosineMotion)
+    joint_motion: JointMotionConfig = field(default_factory=HalfCosineMotion)
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
@@ -135,28 +200,25 @@ class Scenario:
             raise InputError(f"target: not a rigid body: {'; '.join(problems)}")
         return truth
 
-    def make_joint_motion(self, spacecraft: Spacecraft) -> HalfCosine:
+    def make_joint_motion(self, spacecraft: Spacecraft) -> JointMotion:
         """Return the joint motion of this spacecraft's joints.
 
         Raises:
-            InputError: unknown joints, positions out of limits, or rates above the model's limits.
+            InputError: unknown joints, positions out of limits, rates above the model's limits, or
+                as the motion's own class.
 
         """
-        config = self.joint_motion
-        motion = HalfCosine(
-            spacecraft.configuration(config.initial, "joint_motion.initial"),
-            spacecraft.configuration(config.final, "joint_motion.final"),
-            config.duration,
+        return self.joint_motion.make(spacecraft)
+
+
+def _check_rates(motion: HalfCosine | MultiSine, spacecraft: Spacecraft, remedy: str) -> None:
+    rates, limits = motion.peak_rates(), spacecraft.velocity_limits
+    if (rates > limits).any():
+        k = int((rates > limits).argmax())
+        raise InputError(
+            f"joint_motion: {spacecraft.joint_names[k]} would reach {rates[k]:.3g}, above its "
+            f"limit {limits[k]:.3g} rad/s; {remedy}"
         )
-        excess = motion.peak_rates() > spacecraft.velocity_limits
-        if excess.any():
-            k = int(excess.argmax())
-            raise InputError(
-                f"joint_motion: {spacecraft.joint_names[k]} would reach "
-                f"{motion.peak_rates()[k]:.3g}, above its limit "
-                f"{spacecraft.velocity_limits[k]:.3g} rad/s; give a longer duration"
-            )
-        return motion
 
 
 def shipped_scenario(name: str) -> Path:
@@ -184,7 +246,7 @@ def load_scenario(path: str | Path) -> Scenario:
     file = resolve_model(path)
     try:
         text = file.read_text(encoding="utf-8-sig")
-        _check_structure(yaml.load(text, _StrictLoader), Scenario, str(path), "")
+        _check_value(yaml.load(text, _StrictLoader), Scenario, str(path), "")
         scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not YAML: {error}") from error
@@ -218,8 +280,20 @@ def _from_folder(folder: Path, path: str) -> str:
     return path if "://" in path else str(folder / Path(path).expanduser())
 
 
+_TAGS = tuple(f"!{kind.__name__}" for kind in get_args(JointMotionConfig)[1:])
+
+
+class _TaggedMapping(dict):
+    """A mapping with the YAML tag that it was given."""
+
+    tag: str
+
+
 class _StrictLoader(yaml.SafeLoader):
-    """YAML in which a key that is given twice is an error, not the end of the first one."""
+    """YAML in which a key that is given twice, or an unknown tag, is an error.
+
+    Plain YAML would take the last of the two keys.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         seen: set[str] = set()
@@ -229,6 +303,19 @@ class _StrictLoader(yaml.SafeLoader):
                 raise yaml.YAMLError(f"the key '{key.value}' is given twice (line {line})")
             seen.add(key.value)
         return super().construct_mapping(node, deep)
+
+    def construct_tagged(self, tag: str, node: yaml.Node) -> _TaggedMapping:
+        line = node.start_mark.line + 1
+        if tag not in _TAGS:
+            raise yaml.YAMLError(f"unknown tag {tag}; choose from {', '.join(_TAGS)} (line {line})")
+        if not isinstance(node, yaml.MappingNode):
+            raise yaml.YAMLError(f"what is tagged {tag} must be a mapping (line {line})")
+        mapping = _TaggedMapping(self.construct_mapping(node, deep=True))
+        mapping.tag = tag
+        return mapping
+
+
+_StrictLoader.add_multi_constructor("", _StrictLoader.construct_tagged)
 
 
 def _check_structure(data: object, schema: type, where: str, section: str) -> None:
@@ -240,8 +327,31 @@ def _check_structure(data: object, schema: type, where: str, section: str) -> No
         key = f"{section}.{name}" if section else str(name)
         if name not in known:
             raise InputError(f"{where}: unknown key '{key}'; choose from {', '.join(known)}")
-        if is_dataclass(known[name]):
-            _check_structure(value, known[name], where, key)
+        _check_value(value, known[name], where, key)
+
+
+def _check_value(value: object, kind: type, where: str, key: str) -> None:
+    """Refuse a tag, a section, a mapping or numbers that are not of this kind."""
+    sections = [choice for choice in get_args(kind) or [kind] if is_dataclass(choice)]
+    if isinstance(value, _TaggedMapping):
+        sections = [choice for choice in sections[1:] if value.tag == f"!{choice.__name__}"]
+        if not sections:
+            raise InputError(f"{where}: {key or 'a scenario'} cannot be tagged {value.tag}")
+    if sections:
+        _check_structure(value, sections[0], where, key)
+    elif get_origin(kind) is dict:
+        if not isinstance(value, dict):
+            raise InputError(f"{where}: {key} must be a mapping, not {value!r:.60}")
+        for name, item in value.items():
+            _check_value(item, get_args(kind)[1], where, f"{key}.{name}")
+    elif kind in (float, np.ndarray):
+        try:
+            fits = (np.asarray(value, dtype=float).ndim > 0) == (kind is np.ndarray)
+        except (TypeError, ValueError, OverflowError):
+            fits = False
+        if not fits:
+            what = "a number" if kind is float else "a list of numbers"
+            raise InputError(f"{where}: {key} must be {what}, not {value!r:.60}")
 
 
 def _check(scenario: Scenario, where: str) -> None:

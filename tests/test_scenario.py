@@ -1,12 +1,21 @@
 """Scenarios: YAML in, one line of complaint out where it cannot be built."""
 
 import copy
+import re
 
 import numpy as np
 import pytest
 import yaml
 
-from cpid_drake import InputError, load_scenario, make_simulation, shipped_scenario
+from cpid_drake import (
+    HalfCosine,
+    InputError,
+    MultiSine,
+    load_scenario,
+    make_simulation,
+    shipped_scenario,
+)
+from cpid_drake.scenario import HalfCosineMotion, MultiSineMotion
 from cpid_drake.studies.paper import sampling_times
 
 
@@ -144,7 +153,7 @@ def test_what_is_no_file_is_refused(path):
 
 
 def test_an_unknown_shipped_scenario_is_answered_with_the_names():
-    assert "choose from paper" in refusal(shipped_scenario, "nothing")
+    assert re.search("choose from .*paper", refusal(shipped_scenario, "nothing"))
 
 
 @pytest.mark.parametrize(
@@ -280,6 +289,162 @@ def test_a_visual_model_that_does_not_exist_is_refused_when_drawn(write, edited)
 
     scenario = load_scenario(write(edited("target.visual_model", "nowhere.urdf")))
     assert "no such file" in refusal(lambda: make_simulation(scenario, meshcat=Meshcat()))
+
+
+# -- kinds of joint motion -----------------------------------------------------------------------
+
+SINES = {
+    "duration": 8.0,
+    "ramp": 1.5,
+    "frequencies": [0.1, 0.3],
+    "centre": {"capture_arm_joint1": -0.4},
+    "amplitudes": {"capture_arm_joint1": [0.2, 0.05], "operating_arm_joint6": [0.3, 0.0]},
+    "phases": {"capture_arm_joint1": [0.5, -1.0]},
+}
+
+
+@pytest.fixture
+def tagged(paper_yaml, write):
+    """Return a function (changes of SINES, tag) -> a file of the paper's scenario with sines."""
+
+    def make(changes, tag="!MultiSineMotion"):
+        others = {key: value for key, value in paper_yaml.items() if key != "joint_motion"}
+        motion = yaml.safe_dump(SINES | changes, default_flow_style=True, width=1000)
+        return write(f"{yaml.safe_dump(others)}joint_motion: {tag} {motion}")
+
+    return make
+
+
+def test_a_motion_without_a_tag_is_a_half_cosine(paper_scenario, servicer):
+    assert isinstance(paper_scenario.joint_motion, HalfCosineMotion)
+    assert isinstance(paper_scenario.make_joint_motion(servicer), HalfCosine)
+
+
+def test_sines_arrive_at_the_joints_they_are_for(tagged, servicer):
+    scenario = load_scenario(tagged({}))
+    assert isinstance(scenario.joint_motion, MultiSineMotion)
+    motion = scenario.make_joint_motion(servicer)
+    assert isinstance(motion, MultiSine)
+    assert (motion.duration, motion.ramp) == (8.0, 1.5)
+    np.testing.assert_array_equal(motion.frequencies, [0.1, 0.3])
+    first, last = np.eye(12)[0], np.eye(12)[11]
+    np.testing.assert_array_equal(motion.centre, -0.4 * first)
+    np.testing.assert_array_equal(
+        motion.amplitudes, [0.2 * first + 0.3 * last, 0.05 * first + 0.0 * last]
+    )
+    np.testing.assert_array_equal(motion.phases, [0.5 * first, -1.0 * first])
+    make_simulation(scenario)
+
+
+def test_keys_left_out_of_sines_keep_their_defaults(paper_yaml, write):
+    others = {key: value for key, value in paper_yaml.items() if key != "joint_motion"}
+    motion = "{frequencies: [0.2], amplitudes: {capture_arm_joint2: [0.1]}}"
+    text = f"{yaml.safe_dump(others)}joint_motion: !MultiSineMotion {motion}"
+    scenario = load_scenario(write(text))
+    default = MultiSineMotion()
+    assert scenario.joint_motion.ramp == default.ramp
+    assert scenario.joint_motion.duration == default.duration
+    make_simulation(scenario)
+
+
+def test_sines_whose_frequencies_are_missing_are_refused(paper_yaml, write):
+    others = {key: value for key, value in paper_yaml.items() if key != "joint_motion"}
+    text = yaml.safe_dump(others) + "joint_motion: !MultiSineMotion {}"
+    assert "frequencies must be > 0 Hz, at least one" in refusal(build, write(text))
+
+
+@pytest.mark.parametrize("tag", ["!Other", "!HalfCosineMotion", "!multisinemotion", "!!python/x"])
+def test_an_unknown_tag_is_answered_with_the_choices(tagged, tag):
+    message = refusal(load_scenario, tagged({}, tag))
+    assert "unknown tag" in message
+    assert "choose from !MultiSineMotion" in message
+    assert "scenario.yaml" in message
+
+
+@pytest.mark.parametrize("value", ["3", "word", "[1, 2]", ""])
+def test_a_tag_on_what_is_no_mapping_is_refused(paper_yaml, write, value):
+    others = {key: value for key, value in paper_yaml.items() if key != "joint_motion"}
+    text = f"{yaml.safe_dump(others)}joint_motion: !MultiSineMotion {value}"
+    assert "!MultiSineMotion must be a mapping" in refusal(load_scenario, write(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("!MultiSineMotion {spacecraft: {}}", "a scenario"),
+        ("spacecraft: !MultiSineMotion {}", "spacecraft"),
+        ("target: {mass: !MultiSineMotion {}}", "target.mass"),
+        ("target: {visual_model: !MultiSineMotion {}}", "target.visual_model"),
+        ("simulation: {simulator: !MultiSineMotion {}}", "simulation.simulator"),
+        ("joint_motion: {initial: !MultiSineMotion {}}", "joint_motion.initial"),
+        ("joint_motion: {final: {elbow: !MultiSineMotion {}}}", "joint_motion.final.elbow"),
+    ],
+)
+def test_a_tag_in_another_place_is_refused(write, text, place):
+    assert f"{place} cannot be tagged !MultiSineMotion" in refusal(load_scenario, write(text))
+
+
+def test_a_key_that_looks_like_drakes_tag_is_an_unknown_key(write, edited):
+    """Drake's reader would take it for the tag."""
+    message = refusal(load_scenario, write(edited("joint_motion._tag", "!MultiSineMotion")))
+    assert "unknown key 'joint_motion._tag'" in message
+
+
+@pytest.mark.parametrize("key", ["initial", "final", "speed"])
+def test_an_unknown_key_of_sines_is_answered_with_the_choices(tagged, key):
+    message = refusal(load_scenario, tagged({key: {}}))
+    assert f"unknown key 'joint_motion.{key}'" in message
+    assert "choose from duration, ramp, frequencies, centre, amplitudes, phases" in message
+
+
+def test_a_key_of_sines_given_twice_is_refused(tagged, write):
+    text = tagged({}).read_text()
+    twice = text.replace("ramp: 1.5", "ramp: 1.5, ramp: 2.5")
+    assert "the key 'ramp' is given twice" in refusal(load_scenario, write(twice))
+    twice = text.replace("operating_arm_joint6", "capture_arm_joint1")
+    assert "the key 'capture_arm_joint1' is given twice" in refusal(load_scenario, write(twice))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "cause"),
+    [
+        ("duration", 0.0, "joint_motion.duration must be a number > 0"),
+        ("duration", "long", "joint_motion.duration must be a number, not 'long'"),
+        ("duration", 10**400, "joint_motion.duration must be a number"),
+        ("ramp", [1.0], "joint_motion.ramp must be a number"),
+        ("ramp", None, "'ramp'"),
+        ("ramp", 4.1, "ramp must be > 0 and at most half the duration"),
+        ("frequencies", 0.1, "joint_motion.frequencies must be a list of numbers, not 0.1"),
+        ("frequencies", "12", "joint_motion.frequencies must be a list of numbers"),
+        ("frequencies", ["a", "b"], "joint_motion.frequencies must be a list of numbers"),
+        ("frequencies", [0.1, -0.3], "frequencies must be > 0"),
+        ("frequencies", [0.1, None], "frequencies must be finite"),
+        ("frequencies", [[0.1, 0.3]], "frequencies must be finite numbers in 1 dimension"),
+        ("frequencies", [0.1], "amplitudes: capture_arm_joint1 needs finite numbers, one for each"),
+        ("frequencies", [0.1, 1e6], "more than 1000 cycles"),
+        ("frequencies", [0.1, 3.0], "capture_arm_joint1 would reach 1."),
+        ("centre", [0.1], "joint_motion.centre must be a mapping"),
+        ("centre", {"capture_arm_joint1": "far"}, "joint_motion.centre.capture_arm_joint1 must be"),
+        ("centre", {"elbow": 0.1}, "joint_motion.centre: no joint 'elbow'; joints are capture_arm"),
+        ("centre", {"capture_arm_joint1": 3.2}, "centre: capture_arm_joint1 = 3.2 is outside"),
+        ("centre", {"capture_arm_joint1": 3.0}, "outside [-3.1, 3.1]"),
+        ("centre", {"capture_arm_joint1": -3.0}, "outside [-3.1, 3.1]"),
+        ("amplitudes", [[0.1, 0.2]], "joint_motion.amplitudes must be a mapping"),
+        ("amplitudes", {"elbow": [0.1, 0.2]}, "joint_motion.amplitudes: no joint 'elbow'; joints"),
+        ("amplitudes", {"capture_arm_joint1": 0.1}, "capture_arm_joint1 must be a list of numbers"),
+        ("amplitudes", {"capture_arm_joint1": [0.1]}, "one for each of the 2 frequencies"),
+        ("amplitudes", {"capture_arm_joint1": [0.1, np.nan]}, "needs finite numbers"),
+        (
+            "amplitudes",
+            {"operating_arm_joint4": [0.0, 0.5]},
+            "operating_arm_joint4 would reach 0.942, above its limit 0.6 rad/s; give smaller",
+        ),
+        ("phases", {"elbow": [0.1, 0.2]}, "joint_motion.phases: no joint 'elbow'"),
+        ("phases", {"capture_arm_joint1": [0.1, 0.2, 0.3]}, "joint_motion.phases: capture_arm_j"),
+    ],
+)
+def test_sines_that_cannot_be_built_are_refused_with_the_cause(tagged, key, value, cause):
+    assert cause in refusal(build, tagged({key: value}))
 
 
 # -- sampling ------------------------------------------------------------------------------------
