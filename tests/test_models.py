@@ -1,6 +1,7 @@
 """The shipped models: physically possible, as documented, and moved within their limits."""
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,8 +9,18 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, JointIndex, RevoluteJoint
 
-from cpid_drake import InertialParameters, load_scenario, make_simulation
+from cpid_drake import (
+    InertialParameters,
+    Telemetry,
+    load_scenario,
+    make_simulation,
+    shipped_scenario,
+)
+from cpid_drake.base_motion import propagate_base
+from cpid_drake.inertia import relative_unknowns
 from cpid_drake.model_files import models_directory
+from cpid_drake.momentum import momentum_samples
+from cpid_drake.regressors import relative_rows
 
 URDFS = sorted(models_directory().glob("*/*.urdf"))
 SCENARIOS = sorted((models_directory() / "scenarios").glob("*.yaml"))
@@ -182,3 +193,111 @@ def test_joints_stay_within_their_limits(path):
     assert (q <= plant.GetPositionUpperLimits()[columns]).all()
     assert (np.abs(qdot) <= simulation.spacecraft.velocity_limits).all()
     assert np.abs(qdot).max() > 0.0
+
+
+# -- room to move --------------------------------------------------------------------------------
+
+_BUS = (np.zeros(3), np.array([0.6, 0.7, 0.6]))  # boxes: centre and half size in the bus frame
+_WINGS = [(np.array([-0.15, y, 0.0]), np.array([0.5, 1.3, 0.015])) for y in (2.4, -2.4)]
+# Spheres that hold the target's body, its panel's stub, whip and dish: (centre, radius).
+_TARGET_SPHERES = [([0.433, 0.0, z], 0.44) for z in (-0.4, 0.0, 0.4)] + [
+    ([0.433, -0.07, 0.9], 0.37),
+    ([0.63, 0.0, -0.76], 0.2),
+    ([0.86, 0.0, 0.2], 0.18),
+]
+
+
+def distance_to_box(points, box) -> float:
+    center, half = box
+    return np.linalg.norm(np.maximum(np.abs(points - center) - half, 0.0), axis=-1).min()
+
+
+def distance(points, others) -> float:
+    return np.linalg.norm(points[:, None] - others, axis=-1).min()
+
+
+def link_points(spacecraft, context, arm) -> list:
+    """Points along the arm's links in the bus frame: shoulder, upper arm, forearm, hand."""
+    names = [f"{arm}_arm_link{k}" for k in (1, 2, 3, 5)] + [f"{arm}_point"]
+    base = spacecraft.base.body_frame()
+    ends = [
+        spacecraft.plant.GetFrameByName(name).CalcPose(context, base).translation()
+        for name in names
+    ]
+    return [np.linspace(start, end, 21) for start, end in pairwise(ends)]
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_arms_and_target_stay_clear_of_the_bus_and_of_each_other(path):
+    """By 0.3 m, centrelines for links; upper arms by the 0.2 m that the shoulder is off the bus."""
+    scenario = load_scenario(path)
+    spacecraft = scenario.make_spacecraft()
+    motion = scenario.make_joint_motion(spacecraft)
+    context = spacecraft.plant.CreateDefaultContext()
+    positions = spacecraft.plant.GetPositions(context)
+    least = {"shoulder": np.inf, "elsewhere": np.inf}
+    for q in motion.evaluate(np.linspace(0.0, motion.duration, 41))[:, 0]:
+        positions[spacecraft.joint_state_columns[0]] = q
+        spacecraft.plant.SetPositions(context, positions)
+        capture, operating = (link_points(spacecraft, context, arm) for arm in _ARMS)
+        gaps = [distance(np.vstack(capture), np.vstack(operating))]
+        for shoulder, upper_arm, forearm, hand in (capture, operating):
+            least["shoulder"] = min(least["shoulder"], distance_to_box(upper_arm, _BUS))
+            outer = np.vstack([forearm, hand])
+            gaps += [distance_to_box(outer, box) for box in (_BUS, *_WINGS)]
+            gaps += [distance_to_box(upper_arm, box) for box in _WINGS]
+            gaps += [distance(shoulder, outer), distance(upper_arm, hand)]
+        X_BC = spacecraft.capture_frame.CalcPose(context, spacecraft.base.body_frame())
+        for center, radius in _TARGET_SPHERES:
+            center = X_BC.multiply(np.array(center))[None]
+            gaps += [distance_to_box(center, box) - radius for box in (_BUS, *_WINGS)]
+            gaps += [distance(center, np.vstack([*capture[:3], *operating])) - radius]
+        least["elsewhere"] = min(least["elsewhere"], *gaps)
+    assert least["shoulder"] > 0.2 - 1e-9
+    assert least["elsewhere"] > 0.3
+
+
+# -- the exciting motion -------------------------------------------------------------------------
+
+
+@pytest.fixture
+def exciting_scenario():
+    return load_scenario(shipped_scenario("exciting_motion"))
+
+
+def uncertainty(scenario) -> float:
+    """Largest standard deviation, relative to its size, of m, c and I: equal noise in the rows."""
+    spacecraft, truth = scenario.make_spacecraft(), scenario.target_truth()
+    motion, times = scenario.make_joint_motion(spacecraft), np.linspace(0.0, 10.0, 101)
+    q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
+    base = propagate_base(spacecraft.tree, motion, truth.to_standard_vector(), times)
+    telemetry = Telemetry(spacecraft.joint_names, times, **vars(base), q=q, qdot=qdot)
+    A = relative_rows(momentum_samples(spacecraft.tree, telemetry))[0].reshape(-1, 10)
+    unknowns = relative_unknowns(spacecraft.mass)
+    jacobian = unknowns.jacobian(unknowns.from_parameters(truth.to_vector()))
+    sigma = np.linalg.norm(jacobian @ np.linalg.pinv(A), axis=1)
+    return max(sigma / np.repeat([truth.mass, 0.5, np.trace(truth.I_TTcm_C)], [1, 3, 6]))
+
+
+def test_the_exciting_motion_says_far_more_than_the_papers(exciting_scenario, paper_scenario):
+    """Some 90 times, as its file says."""
+    gain = uncertainty(paper_scenario) / uncertainty(exciting_scenario)
+    assert 85 < gain < 100
+
+
+def test_the_exciting_motion_leaves_a_margin_and_uses_the_capture_arm_most(exciting_scenario):
+    """A tenth of the velocity limits is left, and every joint moves."""
+    spacecraft = exciting_scenario.make_spacecraft()
+    motion = exciting_scenario.make_joint_motion(spacecraft)
+    share = motion.peak_rates() / spacecraft.velocity_limits
+    assert share.max() < 0.9
+    assert share[:6].min() > share[6:].max() > share.min() > 0.4
+
+
+def test_the_target_of_the_exciting_motion_is_identified(exciting_scenario):
+    """Online, in the full simulation, at an accuracy that keeps the test short."""
+    exciting_scenario.simulation.simulator.accuracy = 1e-7
+    simulation = make_simulation(exciting_scenario)
+    context = simulation.identifier.GetMyContextFromRoot(simulation.run())
+    estimate = simulation.identifier.GetOutputPort("parameters").Eval(context)
+    np.testing.assert_allclose(estimate, simulation.truth.to_vector(), rtol=1e-6, atol=1e-6)
