@@ -5,8 +5,10 @@ sensor and the sample's number only: the same samples come out whether they are 
 in a Diagram or all at once as arrays. Samples that a sensor does not take are absent.
 """
 
+from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +27,15 @@ NUMERICAL_SIGMA = 1e-8
 
 SENSOR_NAMES = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
 """The sensors, in the order in which estimators take samples of equal time."""
+
+RATE_RANGE = (1e-3, 1e5)
+"""Slowest and fastest sensor [Hz]."""
+
+_STREAMS = (*SENSOR_NAMES, "gyro_bias")
+"""What has random numbers of its own; the order is part of what a seed means."""
+
+LONGEST_GAP = 3600.0
+"""Stamps further apart than this cannot be of one identification [s]: a clock is wrong."""
 
 
 @dataclass
@@ -108,7 +119,8 @@ class JointSensor:
     Attributes:
         rate: samples a second [Hz].
         sigma: white noise [rad or m; for joint rates per second].
-        bits: resolution as so many bits a turn (of a sliding joint: a metre); 0 for none.
+        bits: resolution of so many bits a turn, in steps of 2π/2^bits rad (of sliding joints: as
+            many m); 0 for none.
 
     """
 
@@ -118,7 +130,7 @@ class JointSensor:
 
     @property
     def step(self) -> float:
-        """Quantization [rad]; 0 for none."""
+        """Quantization [rad or m; for joint rates per second]; 0 for none."""
         return 2 * np.pi / 2**self.bits if self.bits else 0.0
 
 
@@ -158,6 +170,55 @@ class SensorSuite:
         step = getattr(sensor, "step", 0.0)
         rounding = 0.0 if self.digits is None else 10.0**-self.digits
         return np.sqrt(noise**2 + (step**2 + rounding**2) / 12 + NUMERICAL_SIGMA**2)
+
+
+def check_sensors(suite: SensorSuite, where: str) -> None:
+    """Refuse sensors that cannot be.
+
+    Args:
+        suite: from a file, from a scenario or made in Python.
+        where: what is being read, for the error message.
+
+    Raises:
+        InputError: no encoders; a rate out of `RATE_RANGE`; a noise that is negative or not finite;
+            bits that are not a whole number from 0 to 32, digits not one from 0 to 15; a boresight
+            that is not a direction.
+
+    """
+    for name, sensor in suite.present().items():
+        for entry in fields(sensor):
+            key, value = f"{where}: {name}.{entry.name}", getattr(sensor, entry.name)
+            if entry.name == "boresight_B":
+                _check_direction(value, key)
+            elif entry.name == "bits":
+                _check_whole(value, 32, key)
+            elif entry.name == "rate":
+                low, high = RATE_RANGE
+                if not (_is_real(value) and low <= value <= high):
+                    raise InputError(f"{key} must be from {low:g} to {high:g} Hz, not {value!r}")
+            elif not (_is_real(value) and 0 <= value < np.inf):
+                raise InputError(f"{key} must be a finite number >= 0, not {value!r}")
+    if suite.encoders is None:
+        raise InputError(f"{where}: encoders are missing; without joint positions nothing is known")
+    if suite.digits is not None:
+        _check_whole(suite.digits, 15, f"{where}: digits")
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _check_whole(value: object, largest: int, key: str) -> None:
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not (whole and 0 <= value <= largest):
+        raise InputError(f"{key} must be a whole number from 0 to {largest}, not {value!r}")
+
+
+def _check_direction(value: ArrayLike, key: str) -> None:
+    if np.shape(value) != (3,) or np.asarray(value).dtype.kind not in "iuf":
+        raise InputError(f"{key} must be 3 numbers, not {value!r}")
+    if not 1e-100 < np.abs(value).max() < 1e100:
+        raise InputError(f"{key} must be a direction, of finite length and not zero, not {value}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,8 +302,10 @@ def perfect_measurements(
         duration: [s].
 
     """
-    widths = dict(zip(SENSOR_NAMES, (4, 3, 3, 3, len(joint_names), len(joint_names))))
-    samples = {name: Samples(np.empty(0), np.empty((0, w))) for name, w in widths.items()}
+    samples = {
+        name: Samples(np.empty(0), np.empty((0, width)))
+        for name, width in _widths(joint_names).items()
+    }
     sensors = suite.present()
     times = {name: sample_times(sensor.rate, duration) for name, sensor in sensors.items()}
     if times:
@@ -259,11 +322,23 @@ def perfect_measurements(
 
 
 class SensorNoise:
-    """The errors that a suite's sensors make, as functions of seed and sample number alone."""
+    """The errors that a suite's sensors make, as functions of seed and sample number alone.
+
+    Args:
+        suite: the sensors.
+        seed: a whole number >= 0. Streams differ from those of `numpy.random.default_rng(seed)`.
+
+    Raises:
+        InputError: another seed.
+
+    """
 
     def __init__(self, suite: SensorSuite, seed: int) -> None:
-        self.suite, self.seed = suite, seed
+        if not isinstance(seed, Integral) or seed < 0:
+            raise InputError(f"a seed must be a whole number >= 0, not {seed!r}")
+        self.suite, self.seed = suite, int(seed)
         self._tables: dict[str, NDArray[np.float64]] = {}
+        self._walk = np.empty((0, 3))
 
     def gyro_bias(self, k: int) -> NDArray[np.float64]:
         """Return the gyro's bias (3,) at its sample k [rad/s]."""
@@ -295,23 +370,23 @@ class SensorNoise:
             value = step * np.round(value / step)
         return value if digits is None else np.round(value, digits)
 
+    def _bias(self, count: int) -> NDArray[np.float64]:
+        """Return the gyro's biases at its first samples (count, 3): random start, random steps."""
+        if len(self._walk) < count:
+            gyro = self.suite.gyro
+            steps = self._normal("gyro_bias", 2 * count, 3) * gyro.bias_growth / np.sqrt(gyro.rate)
+            steps[0] = gyro.bias_sigma * self._normal("gyro_bias", 1, 3)[0]
+            self._walk = np.cumsum(steps, axis=0)
+        return self._walk[:count]
+
     def _normal(self, name: str, count: int, width: int) -> NDArray[np.float64]:
-        """Return the first `count` rows of a sensor's own stream, drawn in growing tables."""
+        """Return the first `count` rows of a stream of its own, drawn in growing tables."""
         table = self._tables.get(name)
         if table is None or len(table) < count:
-            stream = np.random.default_rng([self.seed, SENSOR_NAMES.index(name)])
+            sequence = np.random.SeedSequence(self.seed, spawn_key=(_STREAMS.index(name),))
+            stream = np.random.default_rng(sequence)
             table = self._tables[name] = stream.standard_normal((max(64, 2 * count), width))
         return table[:count]
-
-    def _bias(self, count: int) -> NDArray[np.float64]:
-        gyro = self.suite.gyro
-        stream = np.random.default_rng([self.seed, len(SENSOR_NAMES)])
-        constant = gyro.bias_sigma * stream.standard_normal(3)
-        walk = np.zeros((count, 3))
-        if gyro.bias_growth:
-            steps = stream.standard_normal((count - 1, 3)) * gyro.bias_growth / np.sqrt(gyro.rate)
-            walk[1:] = np.cumsum(steps, axis=0)
-        return constant + walk
 
 
 def add_noise(suite: SensorSuite, perfect: Measurements, seed: int) -> Measurements:
@@ -327,23 +402,75 @@ def add_noise(suite: SensorSuite, perfect: Measurements, seed: int) -> Measureme
 def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
     """Return the samples that can be used, and how many of each sensor could not.
 
-    Left out are samples with an entry that is not finite, stamps that do not increase (repeated or
-    out of order), and attitudes whose quaternion is more than 1e-3 off unit norm. Quaternions are
-    normalized; their sign has no meaning.
+    Left out are
+
+    - samples with an entry that is not finite;
+    - attitudes whose quaternion is more than 1e-3 off unit norm;
+    - stamps that are further than `LONGEST_GAP` from most others: of a clock that jumps, or is not
+      set yet; one in the far future costs no more than its own sample;
+    - as few samples as possible for the stamps of the rest to increase; of repeated stamps the
+      first stays.
+
+    Quaternions are normalized; their sign has no meaning and stays as it is.
+
+    Raises:
+        InputError: samples that are not numbers, or whose shapes do not fit.
+
     """
     kept, rejected = {}, {}
-    for name in SENSOR_NAMES:
+    for name, width in _widths(measurements.joint_names).items():
         samples = getattr(measurements, name)
-        time, value = np.asarray(samples.time, dtype=float), np.asarray(samples.value, dtype=float)
-        if time.ndim != 1 or value.ndim != 2 or len(value) != len(time):
-            raise InputError(f"measurements: '{name}' needs times (N,) and values (N, width)")
-        good = np.isfinite(time) & np.isfinite(value).all(axis=1)
+        try:
+            time, value = np.asarray(samples.time, float), np.asarray(samples.value, float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"measurements: '{name}' is not made of numbers: {error}") from error
+        if time.ndim != 1 or (time.size and value.shape != (time.size, width)):
+            raise InputError(
+                f"measurements: '{name}' needs times (N,) and values (N, {width}), "
+                f"not {time.shape} and {value.shape}"
+            )
+        value = value.reshape(time.size, width)
+        usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
         if name == "attitude":
-            norm = np.linalg.norm(value, axis=1)
-            good &= np.abs(norm - 1) < 1e-3
-            value = value / np.where(good, norm, 1.0)[:, None]
-        latest = np.maximum.accumulate(np.where(good, time, -np.inf))
-        good[1:] &= time[1:] > latest[:-1]
-        kept[name] = Samples(time[good], value[good])
-        rejected[name] = int((~good).sum())
+            with np.errstate(over="ignore"):
+                norm = np.linalg.norm(value, axis=1)
+            usable &= np.abs(norm - 1) < 1e-3
+            value = value / np.where(usable, norm, 1.0)[:, None]
+        index = np.flatnonzero(usable)
+        index = index[_together(time[index])]
+        index = index[_increasing(time[index])]
+        kept[name] = Samples(time[index], value[index])
+        rejected[name] = time.size - index.size
     return replace(measurements, **kept), rejected
+
+
+def _together(time: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the indices, in their order, of the most stamps without a gap of `LONGEST_GAP`."""
+    order = np.argsort(time)
+    gaps = np.flatnonzero(time[order][1:] > time[order][:-1] + LONGEST_GAP)
+    ends = np.concatenate([[0], gaps + 1, [time.size]])
+    k = int(np.diff(ends).argmax())
+    return np.sort(order[ends[k] : ends[k + 1]])
+
+
+def _increasing(time: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the indices of the most stamps that strictly increase; of equal choices the first."""
+    if (time[1:] > time[:-1]).all():
+        return np.arange(time.size)
+    # Backwards, by length: the largest first stamp of such a series, its index; and what follows.
+    first, start = [], []
+    following = np.full(time.size, -1)
+    for k in range(time.size - 1, -1, -1):
+        length = bisect_left(first, -time[k])
+        if length:
+            following[k] = start[length - 1]
+        first[length : length + 1], start[length : length + 1] = [-time[k]], [k]
+    series = [start[-1]]
+    while following[series[-1]] >= 0:
+        series.append(following[series[-1]])
+    return np.array(series)
+
+
+def _widths(joint_names: tuple[str, ...]) -> dict[str, int]:
+    """Return the width of every sensor's samples."""
+    return dict(zip(SENSOR_NAMES, (4, 3, 3, 3, len(joint_names), len(joint_names))))

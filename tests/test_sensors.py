@@ -1,0 +1,595 @@
+"""Sensor models: statistics, rates and seeds; checks; and what screening leaves of bad samples."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InputError, Telemetry
+from cpid_drake.sensors import (
+    ARCSECOND,
+    DEGREE_PER_HOUR,
+    DEGREE_PER_ROOT_HOUR,
+    LONGEST_GAP,
+    SENSOR_NAMES,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    Measurements,
+    Samples,
+    SensorNoise,
+    SensorSuite,
+    VectorSensor,
+    add_noise,
+    check_sensors,
+    perfect_measurements,
+    sample_times,
+    screen,
+)
+
+JOINTS = ("a", "b")
+COUNT = 20000
+
+
+def everything(**options) -> SensorSuite:
+    """All sensors, at rates that do not divide each other."""
+    suite = SensorSuite(
+        attitude=AttitudeSensor(rate=4.0, cross_boresight_arcsec=5.0, boresight_arcsec=40.0),
+        gyro=Gyro(rate=100.0, angle_random_walk=0.07, bias=1.0, bias_random_walk=0.5),
+        position=VectorSensor(rate=10.0, sigma=1e-3),
+        velocity=VectorSensor(rate=7.0, sigma=1e-3),
+        encoders=JointSensor(rate=30.0, bits=17),
+        joint_rates=JointSensor(rate=3.0, sigma=1e-4),
+    )
+    return replace(suite, **options)
+
+
+def motion(times) -> Telemetry:
+    """A base that turns and drifts, joints that swing."""
+    t = np.asarray(times)[:, None]
+    attitude = Rotation.from_rotvec(t * [0.02, -0.05, 0.03])
+    return Telemetry(
+        JOINTS,
+        t[:, 0],
+        quaternion_WB=attitude.as_quat(scalar_first=True),
+        p_WB=t * [0.01, 0.02, -0.03],
+        w_WB=np.tile([0.02, -0.05, 0.03], (t.size, 1)),
+        v_WB=np.tile([0.01, 0.02, -0.03], (t.size, 1)),
+        q=np.sin(t * [0.3, 0.4]),
+        qdot=np.cos(t * [0.3, 0.4]) * [0.3, 0.4],
+    )
+
+
+@pytest.fixture(scope="module")
+def perfect() -> Measurements:
+    return perfect_measurements(everything(), JOINTS, motion, 10.0)
+
+
+# -- statistics ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("boresight", [[0.0, 0.0, 1.0], [0.0, -3.0, 0.0], [1.0, 2.0, -0.5]])
+def test_a_star_tracker_errs_more_about_its_boresight(boresight):
+    sensor = AttitudeSensor(
+        cross_boresight_arcsec=2.0, boresight_arcsec=20.0, boresight_B=np.array(boresight)
+    )
+    R_BS = sensor.R_BS
+    np.testing.assert_allclose(R_BS.T @ R_BS, np.eye(3), atol=1e-15)
+    assert np.linalg.det(R_BS) == pytest.approx(1.0)
+    np.testing.assert_allclose(R_BS[:, 2], np.array(boresight) / np.linalg.norm(boresight))
+
+    true = Rotation.random(COUNT, np.random.default_rng(1))
+    noise = SensorNoise(SensorSuite(attitude=sensor), seed=3)
+    measured = noise.apply("attitude", true.as_quat(scalar_first=True))
+    error_B = (true.inv() * Rotation.from_quat(measured, scalar_first=True)).as_rotvec()
+    spread = (error_B @ R_BS).std(axis=0)
+    np.testing.assert_allclose(spread, ARCSECOND * np.array([2.0, 2.0, 20.0]), rtol=0.03)
+    np.testing.assert_allclose(spread, sensor.sigmas, rtol=0.03)
+    np.testing.assert_allclose(np.linalg.norm(measured, axis=1), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("rate", [10.0, 100.0])
+def test_a_gyro_integrates_to_its_angle_random_walk(rate):
+    """The angle's spread grows as √t, by the data sheet's number, whatever the rate of samples."""
+    gyro = Gyro(rate=rate, angle_random_walk=0.07)
+    white = SensorNoise(SensorSuite(gyro=gyro), seed=5).apply("gyro", np.zeros((100 * COUNT, 3)))
+    np.testing.assert_allclose(white[:COUNT].std(axis=0), gyro.sigma, rtol=0.03)
+    for averaged in (10, 100):
+        tau = averaged / rate
+        angles = white.reshape(-1, averaged, 3).sum(axis=1) / rate
+        expected = 0.07 * DEGREE_PER_ROOT_HOUR * np.sqrt(tau)
+        np.testing.assert_allclose(angles.std(axis=0), expected, rtol=0.03)
+        rates = angles / tau
+        allan = np.sqrt(0.5 * np.mean(np.diff(rates, axis=0) ** 2, axis=0))
+        np.testing.assert_allclose(allan, expected / tau, rtol=0.03)
+    one_hour = 0.07 * DEGREE_PER_ROOT_HOUR * np.sqrt(3600.0)
+    assert np.degrees(one_hour) == pytest.approx(0.07)
+
+
+def test_a_bias_is_constant_and_of_the_given_spread():
+    gyro = Gyro(bias=3.0)
+    biases = []
+    for seed in range(3000):
+        noise = SensorNoise(SensorSuite(gyro=gyro), seed)
+        biases.append(noise.gyro_bias(0))
+        if seed < 3:
+            samples = noise.apply("gyro", np.zeros((500, 3)))
+            np.testing.assert_array_equal(samples, np.tile(biases[-1], (500, 1)))
+    np.testing.assert_allclose(np.std(biases, axis=0), 3.0 * DEGREE_PER_HOUR, rtol=0.04)
+    assert np.std(biases) == pytest.approx(gyro.bias_sigma, rel=0.03)
+
+
+def test_a_bias_walks_as_the_root_of_time():
+    gyro = Gyro(rate=10.0, bias=1.0, bias_random_walk=6.0)
+    changes = []
+    for seed in range(1500):
+        noise = SensorNoise(SensorSuite(gyro=gyro), seed)
+        start = noise.gyro_bias(0)
+        changes.append([noise.gyro_bias(k) - start for k in (90, 360)])
+    spread = np.std(np.moveaxis(changes, 1, 0).reshape(2, -1), axis=1)
+    per_root_hour = 6.0 * DEGREE_PER_HOUR
+    np.testing.assert_allclose(spread, per_root_hour * np.sqrt([9 / 3600, 36 / 3600]), rtol=0.03)
+    np.testing.assert_allclose(spread, gyro.bias_growth * np.sqrt([9.0, 36.0]), rtol=0.03)
+
+
+def test_vector_and_joint_sensors_have_white_noise():
+    suite = SensorSuite(
+        position=VectorSensor(sigma=1e-3),
+        velocity=VectorSensor(sigma=2e-3),
+        encoders=JointSensor(sigma=3e-3),
+        joint_rates=JointSensor(sigma=4e-3),
+    )
+    noise = SensorNoise(suite, seed=8)
+    errors = [noise.apply(name, np.zeros((COUNT, 3))) for name in suite.present()]
+    spread = np.std(errors, axis=1)
+    np.testing.assert_allclose(spread, np.outer([1e-3, 2e-3, 3e-3, 4e-3], np.ones(3)), rtol=0.03)
+    for samples in errors:
+        later_and_beside = [samples[1:, 0] * samples[:-1, 0], samples[:, 0] * samples[:, 1]]
+        for products in later_and_beside:
+            assert abs(products.mean()) < 4 * samples.var() / np.sqrt(COUNT)
+    table = np.hstack(errors)
+    off_diagonal = np.corrcoef(table.T) - np.eye(12)
+    assert np.abs(off_diagonal).max() < 4.5 / np.sqrt(COUNT)
+
+
+@pytest.mark.parametrize("bits", [1, 12, 17, 20])
+def test_encoders_round_to_their_step(bits):
+    suite = SensorSuite(encoders=JointSensor(bits=bits))
+    step = 2 * np.pi / 2**bits
+    assert suite.encoders.step == pytest.approx(step)
+    true = np.random.default_rng(2).uniform(-3 * np.pi, 3 * np.pi, (COUNT, 2))
+    value = SensorNoise(suite, 0).apply("encoders", true)
+    ticks = value / step
+    np.testing.assert_allclose(ticks, np.round(ticks), atol=1e-8)
+    error = value - true
+    assert np.abs(error).max() <= step / 2 * (1 + 1e-6)
+    np.testing.assert_allclose(error.std(axis=0), step / np.sqrt(12), rtol=0.03)
+    assert suite.sigmas("encoders")[0] == pytest.approx(step / np.sqrt(12), rel=1e-3)
+
+
+def test_every_sample_is_rounded(perfect):
+    """As `Telemetry.rounded`: attitudes as 3-2-1 Euler angles, all else as it is."""
+    suite = everything(
+        attitude=AttitudeSensor(),
+        gyro=Gyro(),
+        position=VectorSensor(),
+        velocity=VectorSensor(),
+        encoders=JointSensor(),
+        joint_rates=JointSensor(),
+        digits=4,
+    )
+    rounded = add_noise(suite, perfect, seed=0)
+    for name in SENSOR_NAMES[1:]:
+        value = getattr(rounded, name).value
+        np.testing.assert_array_equal(value, np.round(getattr(perfect, name).value, 4))
+        assert suite.sigmas(name)[0] == pytest.approx(1e-4 / np.sqrt(12), rel=1e-3)
+    telemetry = motion(perfect.attitude.time).rounded(4)
+    dots = np.sum(rounded.attitude.value * telemetry.quaternion_WB, axis=1)
+    np.testing.assert_allclose(np.abs(dots), 1.0, atol=1e-15)
+
+
+def test_sigmas_say_what_samples_are_off_by(perfect):
+    suite = everything(gyro=Gyro(rate=100.0, angle_random_walk=0.07), digits=4)
+    long = Measurements(
+        JOINTS,
+        **{
+            name: Samples(
+                np.arange(COUNT), np.resize(samples.value, (COUNT, samples.value.shape[1]))
+            )
+            for name in SENSOR_NAMES
+            for samples in [getattr(perfect, name)]
+        },
+    )
+    noisy = add_noise(suite, long, seed=4)
+    for name in SENSOR_NAMES[1:]:
+        error = getattr(noisy, name).value - getattr(long, name).value
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(suite.sigmas(name)[0], rel=0.05)
+    assert suite.sigmas("attitude").shape == (3,)
+    for name in SENSOR_NAMES[1:]:
+        assert suite.sigmas(name).shape == (1,)
+
+
+def test_no_sigma_is_zero():
+    suite = SensorSuite(attitude=AttitudeSensor(), gyro=Gyro(), encoders=JointSensor())
+    for name in suite.present():
+        assert (suite.sigmas(name) >= 1e-8).all()
+
+
+def test_perfect_sensors_change_nothing(perfect):
+    suite = SensorSuite(
+        attitude=AttitudeSensor(),
+        gyro=Gyro(),
+        position=VectorSensor(),
+        velocity=VectorSensor(),
+        encoders=JointSensor(),
+        joint_rates=JointSensor(),
+    )
+    same = add_noise(suite, perfect, seed=7)
+    for name in SENSOR_NAMES[1:]:
+        np.testing.assert_array_equal(getattr(same, name).value, getattr(perfect, name).value)
+    np.testing.assert_allclose(same.attitude.value, perfect.attitude.value, atol=1e-15)
+
+
+# -- rates and times -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [0.1, 3.0, 4.0, 7.0, 10.0, 30.0, 100.0, 333.3])
+@pytest.mark.parametrize("duration", [0.3, 1.0, 10.0, 60.0])
+def test_samples_come_at_the_rate_from_zero_to_the_end(rate, duration):
+    times = sample_times(rate, duration)
+    assert times[0] == 0.0
+    assert times[-1] <= duration * (1 + 1e-12)
+    assert duration - times[-1] < (1 + 1e-9) / rate
+    np.testing.assert_array_equal(times, np.arange(times.size) / rate)
+
+
+def test_every_sensor_has_its_own_times(perfect):
+    for name, sensor in everything().present().items():
+        samples = getattr(perfect, name)
+        np.testing.assert_array_equal(samples.time, sample_times(sensor.rate, 10.0))
+        assert len(samples) == int(10 * sensor.rate) + 1
+        assert samples.value.shape[0] == len(samples)
+
+
+def test_perfect_samples_are_the_motion_at_their_own_times(perfect):
+    for name, field in [("position", "p_WB"), ("encoders", "q"), ("attitude", "quaternion_WB")]:
+        samples = getattr(perfect, name)
+        np.testing.assert_allclose(samples.value, getattr(motion(samples.time), field), atol=1e-15)
+
+
+def test_a_gyro_measures_in_the_base():
+    suite = SensorSuite(gyro=Gyro())
+    turned = Rotation.from_rotvec([0.4, -1.0, 2.0])
+
+    def still(times):
+        telemetry = motion(times)
+        quaternion = np.tile(turned.as_quat(scalar_first=True), (len(times), 1))
+        return replace(telemetry, quaternion_WB=quaternion)
+
+    samples = perfect_measurements(suite, JOINTS, still, 0.1).gyro
+    w_WB_B = turned.inv().apply([0.02, -0.05, 0.03])
+    np.testing.assert_allclose(samples.value, np.tile(w_WB_B, (11, 1)), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", SENSOR_NAMES)
+def test_absent_sensors_have_no_samples(name):
+    suite = everything(**{name: None})
+    assert name not in suite.present()
+    noisy = add_noise(suite, perfect_measurements(suite, JOINTS, motion, 1.0), seed=1)
+    widths = dict(zip(SENSOR_NAMES, (4, 3, 3, 3, 2, 2)))
+    for other in SENSOR_NAMES:
+        samples = getattr(noisy, other)
+        assert (len(samples) == 0) == (other == name)
+        assert samples.value.shape == (len(samples), widths[other])
+
+
+def test_no_sensors_give_no_samples():
+    nothing = perfect_measurements(SensorSuite(), JOINTS, motion, 1.0)
+    assert all(len(getattr(nothing, name)) == 0 for name in SENSOR_NAMES)
+
+
+def test_samples_between_two_times(perfect):
+    part = perfect.between(2.0, 4.0)
+    assert part.attitude.time[[0, -1]].tolist() == [2.0, 4.0]
+    assert len(part.attitude) == 9
+    assert len(perfect.between(20.0, 30.0).encoders) == 0
+
+
+# -- seeds ---------------------------------------------------------------------------------------
+
+
+def values(measurements) -> np.ndarray:
+    return np.concatenate([getattr(measurements, name).value.ravel() for name in SENSOR_NAMES])
+
+
+def test_a_seed_reproduces_and_another_differs(perfect):
+    one, again, other = (values(add_noise(everything(), perfect, seed)) for seed in (6, 6, 7))
+    np.testing.assert_array_equal(one, again)
+    start = 0
+    for name in SENSOR_NAMES:  # bits may round two noises to one value, but not all
+        stop = start + getattr(perfect, name).value.size
+        same = np.mean(one[start:stop] == other[start:stop])
+        assert same == (1.0 if name == "encoders" else 0.0)
+        start = stop
+
+
+def test_every_sensor_keeps_its_stream_when_others_go(perfect):
+    full = add_noise(everything(), perfect, seed=9)
+    suite = everything(gyro=None, position=None, attitude=None)
+    part = add_noise(suite, perfect_measurements(suite, JOINTS, motion, 10.0), seed=9)
+    for name in suite.present():
+        np.testing.assert_array_equal(getattr(full, name).value, getattr(part, name).value)
+
+
+@pytest.mark.parametrize("block", [1, 7, 64, 65, 500])
+def test_samples_do_not_depend_on_how_many_are_drawn_at_a_time(perfect, block):
+    suite = everything(digits=7)
+    at_once = add_noise(suite, perfect, seed=11)
+    noise = SensorNoise(suite, seed=11)
+    for name in SENSOR_NAMES:
+        true = getattr(perfect, name).value
+        blocks = [noise.apply(name, true[k : k + block], k) for k in range(0, len(true), block)]
+        np.testing.assert_array_equal(np.concatenate(blocks), getattr(at_once, name).value)
+
+
+def test_samples_do_not_depend_on_the_order_of_asking(perfect):
+    noise, true = SensorNoise(everything(), seed=11), perfect.gyro.value
+    late = noise.apply("gyro", true[900:], 900)
+    early = SensorNoise(everything(), seed=11).apply("gyro", true)
+    np.testing.assert_array_equal(late, early[900:])
+
+
+def test_the_streams_are_not_those_of_plain_generators():
+    """Whoever draws targets or motions with the same seed must not draw the noise as well."""
+    suite = SensorSuite(attitude=AttitudeSensor(), encoders=JointSensor(sigma=1.0))
+    noise = SensorNoise(suite, seed=12).apply("encoders", np.zeros((50, 2))).ravel()
+    attitude = SensorNoise(suite, seed=12)._normal("attitude", 50, 2).ravel()
+    for other in (12, [12, 0], [12, 4]):
+        plain = np.random.default_rng(other).standard_normal(100)
+        assert not np.isin(plain, noise).any()
+        assert not np.isin(plain, attitude).any()
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, None, "seven"])
+def test_a_seed_that_is_none_is_refused(seed):
+    with pytest.raises(InputError, match="a seed must be a whole number >= 0"):
+        SensorNoise(SensorSuite(), seed)
+
+
+# -- checks --------------------------------------------------------------------------------------
+
+
+def test_good_suites_pass():
+    check_sensors(everything(), "here")
+    check_sensors(everything(digits=0), "here")
+    check_sensors(SensorSuite(encoders=JointSensor(rate=np.float64(7), bits=np.int64(32))), "here")
+    check_sensors(
+        everything(attitude=AttitudeSensor(rate=1, boresight_B=[1, 0, 0])), "Python lists will do"
+    )
+
+
+@pytest.mark.parametrize("name", SENSOR_NAMES)
+@pytest.mark.parametrize("rate", [0.0, -4.0, np.nan, np.inf, 1e-300, 1e9, True, "4", None])
+def test_a_rate_that_is_none_is_refused(name, rate):
+    suite = everything()
+    getattr(suite, name).rate = rate
+    with pytest.raises(InputError, match=rf"here: {name}.rate must be from 0.001 to 100000 Hz"):
+        check_sensors(suite, "here")
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "attitude.cross_boresight_arcsec",
+        "attitude.boresight_arcsec",
+        "gyro.angle_random_walk",
+        "gyro.bias",
+        "gyro.bias_random_walk",
+        "position.sigma",
+        "velocity.sigma",
+        "encoders.sigma",
+        "joint_rates.sigma",
+    ],
+)
+@pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, "0.1", None, [0.1]])
+def test_a_noise_that_is_none_is_refused(key, value):
+    suite, (name, entry) = everything(), key.split(".")
+    setattr(getattr(suite, name), entry, value)
+    with pytest.raises(InputError, match=f"here: {key} must be a finite number >= 0"):
+        check_sensors(suite, "here")
+
+
+@pytest.mark.parametrize("value", [-1, 33, 16.5, 17.0, True, "17", None])
+def test_bits_that_are_none_are_refused(value):
+    with pytest.raises(InputError, match=r"encoders.bits must be a whole number from 0 to 32"):
+        check_sensors(SensorSuite(encoders=JointSensor(bits=value)), "here")
+
+
+@pytest.mark.parametrize("value", [-1, 16, 400, 6.0, True, "6"])
+def test_digits_that_are_none_are_refused(value):
+    with pytest.raises(InputError, match="here: digits must be a whole number from 0 to 15"):
+        check_sensors(everything(digits=value), "here")
+
+
+@pytest.mark.parametrize(
+    ("value", "problem"),
+    [
+        ([0.0, 0.0, 0.0], "must be a direction"),
+        ([0.0, np.nan, 1.0], "must be a direction"),
+        ([np.inf, 0.0, 0.0], "must be a direction"),
+        ([1e-200, 0.0, 0.0], "must be a direction"),
+        ([0.0, 1.0], "must be 3 numbers"),
+        ([[0.0, 0.0, 1.0]], "must be 3 numbers"),
+        (["x", "y", "z"], "must be 3 numbers"),
+        (None, "must be 3 numbers"),
+        (1.0, "must be 3 numbers"),
+    ],
+)
+def test_a_boresight_that_is_none_is_refused(value, problem):
+    with pytest.raises(InputError, match=f"attitude.boresight_B {problem}"):
+        check_sensors(everything(attitude=AttitudeSensor(boresight_B=value)), "here")
+
+
+def test_missing_encoders_are_refused():
+    with pytest.raises(InputError, match="here: encoders are missing"):
+        check_sensors(everything(encoders=None), "here")
+
+
+# -- screening -----------------------------------------------------------------------------------
+
+
+def screened(name, time, value=None, **others):
+    """Return one sensor's samples that survive, and how many do not."""
+    width = dict(zip(SENSOR_NAMES, (4, 3, 3, 3, 2, 2)))[name]
+    time = np.asarray(time, dtype=float)
+    if value is None:
+        value = np.tile(np.eye(width)[0], (time.size, 1))
+    empty = {
+        other: Samples(np.empty(0), np.empty((0, w)))
+        for other, w in zip(SENSOR_NAMES, (4, 3, 3, 3, 2, 2))
+    }
+    kept, rejected = screen(Measurements(JOINTS, **(empty | {name: Samples(time, value)})))
+    assert all(rejected[other] == 0 for other in SENSOR_NAMES if other != name)
+    assert rejected[name] + len(getattr(kept, name)) == time.size
+    return getattr(kept, name), rejected[name]
+
+
+def test_good_samples_survive(perfect):
+    noisy = add_noise(everything(), perfect, seed=1)
+    kept, rejected = screen(noisy)
+    assert rejected == dict.fromkeys(SENSOR_NAMES, 0)
+    assert kept.joint_names == JOINTS
+    np.testing.assert_allclose(values(kept), values(noisy), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", SENSOR_NAMES)
+def test_samples_that_are_not_finite_are_left_out(perfect, name, bad):
+    samples = getattr(perfect, name)
+    time, value = samples.time.copy(), samples.value.copy()
+    value[3, -1] = bad
+    time[5] = bad
+    kept, rejected = screened(name, time, value)
+    assert rejected == 2
+    np.testing.assert_array_equal(kept.time, np.delete(samples.time, [3, 5]))
+
+
+@pytest.mark.parametrize(
+    ("time", "kept"),
+    [
+        ([0, 1, 2, 3], [0, 1, 2, 3]),
+        ([0, 1, 1, 2], [0, 1, 3]),
+        ([0, 1, 2, 0, 1, 2, 3], [0, 1, 2, 6]),
+        ([0, 2, 1, 3], [0, 1, 3]),
+        ([0, 1, 2, 0.5, 3, 4], [0, 1, 2, 4, 5]),
+        ([0, 1, 2, 1e9, 3, 4, 5], [0, 1, 2, 4, 5, 6]),
+        ([0, 1, 2, 2.9, 2.8, 3], [0, 1, 2, 3, 5]),
+        ([0, 1, 2, -1e9, 3, 4, 5], [0, 1, 2, 4, 5, 6]),
+        ([1e9, 0, 1, 2], [1, 2, 3]),
+        ([0, 1, 2, 1e9], [0, 1, 2]),
+        ([0, 1, 2, 1e9, 1e9 + 1], [0, 1, 2]),
+        ([0, 1, 2, 1e308, -1e308, 3], [0, 1, 2, 5]),
+        ([0, 1.7e9, 1.7e9 + 1, 1.7e9 + 2], [1, 2, 3]),
+        ([0, 1, LONGEST_GAP, 1.5 * LONGEST_GAP], [0, 1, 2, 3]),
+        ([3, 2, 1], [0]),
+        ([1, 1, 1], [0]),
+        ([5], [0]),
+        ([], []),
+    ],
+)
+def test_stamps_that_do_not_increase_cost_as_few_samples_as_can_be(time, kept):
+    value = np.arange(3.0 * len(time)).reshape(-1, 3)
+    samples, rejected = screened("position", time, value)
+    np.testing.assert_array_equal(samples.time, np.array(time, dtype=float)[kept])
+    np.testing.assert_array_equal(samples.value, value[kept])
+    assert rejected == len(time) - len(kept)
+
+
+def test_no_choice_of_increasing_stamps_is_longer():
+    """Against all choices."""
+    from itertools import combinations
+
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        time = rng.integers(0, 6, size=7).astype(float)
+        longest = max(
+            size
+            for size in range(1, 8)
+            if any((np.diff(time[list(pick)]) > 0).all() for pick in combinations(range(7), size))
+        )
+        samples, _ = screened("position", time)
+        assert len(samples) == longest
+        assert (np.diff(samples.time) > 0).all()
+
+
+def test_many_stamps_out_of_order_are_quickly_sorted_out():
+    rng = np.random.default_rng(4)
+    time = np.arange(100_000) / 100.0
+    time[rng.choice(time.size, 1000, replace=False)] = 1e9
+    samples, rejected = screened("gyro", time)
+    assert rejected == 1000
+    assert samples.time.max() < 1001.0
+
+
+@pytest.mark.parametrize(
+    "scale", [0.0, 0.5, 0.998, 1.002, 2.0, 1e200, 1e-200], ids=lambda scale: f"{scale:g}"
+)
+def test_attitudes_that_are_none_are_left_out(scale):
+    quaternion = np.tile([0.5, -0.5, 0.5, 0.5], (4, 1))
+    quaternion[2] *= scale
+    samples, rejected = screened("attitude", np.arange(4), quaternion)
+    assert rejected == 1
+    np.testing.assert_array_equal(samples.time, [0, 1, 3])
+
+
+def test_attitudes_are_normalized_and_may_flip_their_sign():
+    quaternion = np.tile([0.5, -0.5, 0.5, 0.5], (4, 1))
+    quaternion[1] *= -1
+    quaternion[2] *= 1.0009
+    quaternion[3] *= -0.9991
+    samples, rejected = screened("attitude", np.arange(4), quaternion)
+    assert rejected == 0
+    np.testing.assert_allclose(np.linalg.norm(samples.value, axis=1), 1.0, rtol=1e-15)
+    np.testing.assert_array_equal(np.sign(samples.value[:, 0]), [1, -1, 1, -1])
+
+
+def test_a_bad_sample_does_not_stand_in_the_way_of_a_good_one():
+    """A sample without value does not make a later one of the same stamp a repetition."""
+    value = np.ones((4, 3))
+    value[1] = np.nan
+    samples, rejected = screened("gyro", [0, 1, 1, 2], value)
+    assert rejected == 1
+    np.testing.assert_array_equal(samples.time, [0, 1, 2])
+
+
+def test_screening_leaves_the_original_alone(perfect):
+    time, value = perfect.attitude.time.copy(), 1.0005 * perfect.attitude.value
+    before = value.copy()
+    screened("attitude", time[::-1].copy(), value)
+    np.testing.assert_array_equal(value, before)
+
+
+def test_nothing_is_left_of_nothing_good():
+    samples, rejected = screened("encoders", [np.nan, 0.0], [[0.0, 0.0], [np.nan, 0.0]])
+    assert rejected == 2
+    assert samples.value.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "time", "value"),
+    [
+        ("attitude", [0.0], [[0.0, 0.0, 1.0]]),
+        ("encoders", [0.0, 1.0], [[0.0] * 3] * 2),
+        ("gyro", [0.0, 1.0], [[0.0] * 3] * 3),
+        ("gyro", [[0.0, 1.0]], [[0.0] * 3] * 2),
+        ("gyro", 0.0, [0.0] * 3),
+        ("gyro", [0.0], ["a", "b", "c"]),
+        ("gyro", [0.0, 1.0], [[0.0] * 3, [0.0] * 2]),
+        ("gyro", None, None),
+    ],
+    ids=range(8),
+)
+def test_samples_of_the_wrong_shape_are_refused(perfect, name, time, value):
+    with pytest.raises(InputError, match=f"measurements: '{name}'"):
+        screen(replace(perfect, **{name: Samples(time, value)}))
