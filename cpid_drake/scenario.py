@@ -3,13 +3,10 @@
 Its values are numbers and names; `cpid_drake.simulation` turns them into a Drake Diagram.
 """
 
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import get_args, get_origin
 
 import numpy as np
-import yaml
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.analysis import SimulatorConfig
 
 from cpid_drake.errors import InputError
@@ -17,6 +14,7 @@ from cpid_drake.inertia import InertialParameters
 from cpid_drake.model_files import models_directory, resolve_model
 from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.strict_yaml import load_strictly
 
 INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
 """Drake's error-controlled schemes that conserve momentum well enough to identify with."""
@@ -244,26 +242,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
     """
     file = resolve_model(path)
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-        _check_value(yaml.load(text, _StrictLoader), Scenario, str(path), "")
-        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not YAML: {error}") from error
-    except RecursionError as error:
-        raise InputError(f"{path}: nested too deeply") from error
-    except InputError:
-        raise
-    except (
-        RuntimeError,
-        ValueError,
-        TypeError,
-        LookupError,
-        AttributeError,
-        AssertionError,
-    ) as error:
-        # What Drake's reader raises for values that do not fit the schema.
-        raise InputError(f"{path}: a value does not fit: {error}") from error
+    scenario = load_strictly(Scenario, file, str(path), "a scenario")
     _check(scenario, str(path))
     spacecraft, target = scenario.spacecraft, scenario.target
     spacecraft.model = _from_folder(file.parent, spacecraft.model)
@@ -278,80 +257,6 @@ def load_scenario(path: str | Path) -> Scenario:
 def _from_folder(folder: Path, path: str) -> str:
     """Return a path that the scenario's author wrote, seen from the scenario's folder."""
     return path if "://" in path else str(folder / Path(path).expanduser())
-
-
-_TAGS = tuple(f"!{kind.__name__}" for kind in get_args(JointMotionConfig)[1:])
-
-
-class _TaggedMapping(dict):
-    """A mapping with the YAML tag that it was given."""
-
-    tag: str
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """YAML in which a key that is given twice, or an unknown tag, is an error.
-
-    Plain YAML would take the last of the two keys.
-    """
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if key.value in seen:
-                line = key.start_mark.line + 1
-                raise yaml.YAMLError(f"the key '{key.value}' is given twice (line {line})")
-            seen.add(key.value)
-        return super().construct_mapping(node, deep)
-
-    def construct_tagged(self, tag: str, node: yaml.Node) -> _TaggedMapping:
-        line = node.start_mark.line + 1
-        if tag not in _TAGS:
-            raise yaml.YAMLError(f"unknown tag {tag}; choose from {', '.join(_TAGS)} (line {line})")
-        if not isinstance(node, yaml.MappingNode):
-            raise yaml.YAMLError(f"what is tagged {tag} must be a mapping (line {line})")
-        mapping = _TaggedMapping(self.construct_mapping(node, deep=True))
-        mapping.tag = tag
-        return mapping
-
-
-_StrictLoader.add_multi_constructor("", _StrictLoader.construct_tagged)
-
-
-def _check_structure(data: object, schema: type, where: str, section: str) -> None:
-    """Refuse sections that are no mappings, and keys that the schema does not have."""
-    if not isinstance(data, dict):
-        raise InputError(f"{where}: {section or 'a scenario'} must be a mapping, not {data!r:.60}")
-    known = {entry.name: entry.type for entry in fields(schema)}
-    for name, value in data.items():
-        key = f"{section}.{name}" if section else str(name)
-        if name not in known:
-            raise InputError(f"{where}: unknown key '{key}'; choose from {', '.join(known)}")
-        _check_value(value, known[name], where, key)
-
-
-def _check_value(value: object, kind: type, where: str, key: str) -> None:
-    """Refuse a tag, a section, a mapping or numbers that are not of this kind."""
-    sections = [choice for choice in get_args(kind) or [kind] if is_dataclass(choice)]
-    if isinstance(value, _TaggedMapping):
-        sections = [choice for choice in sections[1:] if value.tag == f"!{choice.__name__}"]
-        if not sections:
-            raise InputError(f"{where}: {key or 'a scenario'} cannot be tagged {value.tag}")
-    if sections:
-        _check_structure(value, sections[0], where, key)
-    elif get_origin(kind) is dict:
-        if not isinstance(value, dict):
-            raise InputError(f"{where}: {key} must be a mapping, not {value!r:.60}")
-        for name, item in value.items():
-            _check_value(item, get_args(kind)[1], where, f"{key}.{name}")
-    elif kind in (float, np.ndarray):
-        try:
-            fits = (np.asarray(value, dtype=float).ndim > 0) == (kind is np.ndarray)
-        except (TypeError, ValueError, OverflowError):
-            fits = False
-        if not fits:
-            what = "a number" if kind is float else "a list of numbers"
-            raise InputError(f"{where}: {key} must be {what}, not {value!r:.60}")
 
 
 def _check(scenario: Scenario, where: str) -> None:
