@@ -94,6 +94,23 @@ def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
     return np.concatenate([[mass], mass * com, parameters[4:][_TENSOR_ORDER] + shift])
 
 
+def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (4, 4) pseudo-inertia [½tr(J)1 − J, h; hᵀ, m] of a standard vector (10,)."""
+    inertia = vector_to_tensor(phi[4:])
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    pseudo[:3, 3] = pseudo[3, :3] = phi[1:4]
+    pseudo[3, 3] = phi[0]
+    return pseudo
+
+
+def pseudo_inertia_to_standard(pseudo: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the standard vector (10,) of a (4, 4) pseudo-inertia; both are linear in the other."""
+    second_moment = pseudo[:3, :3]
+    inertia = np.trace(second_moment) * np.eye(3) - second_moment
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor_to_vector(inertia)])
+
+
 def eq18_jacobian(theta: ArrayLike) -> NDArray[np.float64]:
     """Return ∂π/∂θ (10, 10) at an Eq. 18 vector θ (10,)."""
     theta = np.asarray(theta, dtype=float)
@@ -258,7 +275,7 @@ class InertialParameters:
 
         A rigid body has these parameters exactly when this matrix is positive semidefinite.
         """
-        return _pseudo_inertia(self.to_standard_vector())
+        return standard_to_pseudo_inertia(self.to_standard_vector())
 
     @classmethod
     def from_pseudo_inertia(cls, pseudo: ArrayLike) -> "InertialParameters":
@@ -268,10 +285,7 @@ class InertialParameters:
             raise InputError(f"a pseudo-inertia has shape (4, 4), not {pseudo.shape}")
         if np.abs(pseudo - pseudo.T).max() > 1e-12 * np.abs(pseudo).max():
             raise InputError("a pseudo-inertia must be symmetric")
-        second_moment = pseudo[:3, :3]
-        inertia = np.trace(second_moment) * np.eye(3) - second_moment
-        phi = np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor_to_vector(inertia)])
-        return cls.from_standard_vector(phi)
+        return cls.from_standard_vector(pseudo_inertia_to_standard(pseudo))
 
     @classmethod
     def from_spatial_inertia(cls, M_TCo_C: SpatialInertia) -> "InertialParameters":
@@ -376,11 +390,11 @@ class InertialParameters:
         # A violation of 1e-10 must cost a change of 1e-10, not one of the solver's tolerance: the
         # change is measured in units of the violation, and the constraint is scaled by congruence
         # (which keeps definiteness) so that every eigenvalue of the estimate counts as one.
-        values, axes = np.linalg.eigh(_pseudo_inertia(center / scale))
+        values, axes = np.linalg.eigh(standard_to_pseudo_inertia(center / scale))
         violation = max(-values[0], 1e-14 * np.abs(values).max())
         congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
         directions = [center / scale, *(violation * np.eye(10))]
-        matrices = [congruence.T @ _pseudo_inertia(phi) @ congruence for phi in directions]
+        matrices = [congruence.T @ standard_to_pseudo_inertia(phi) @ congruence for phi in directions]
         # A body to be simulated has some mass: a thousandth of the estimate's magnitude.
         least = (1e-3 - center[0] / scale[0]) / violation if self.mass < 0 else -np.inf
         change = _least_change(root, [(matrix + matrix.T) / 2 for matrix in matrices], least)
@@ -444,16 +458,6 @@ def _least_change(
     raise RuntimeError(
         f"Clarabel found no physically possible parameters: {result.get_solution_result()}"
     )
-
-
-def _pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (4, 4) pseudo-inertia of a standard vector (10,); linear in it."""
-    inertia = vector_to_tensor(phi[4:])
-    pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
-    pseudo[:3, 3] = pseudo[3, :3] = phi[1:4]
-    pseudo[3, 3] = phi[0]
-    return pseudo
 
 
 def _information_root(information: ArrayLike, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,319 @@
+"""Trajectory fit: maximum likelihood from the whole of the sensors' samples.
+
+Levenberg-Marquardt on the predicted readings of `trajectory_model`, in two stages. The first works
+in the log-Cholesky form of the pseudo-inertia, so that every iterate is a rigid body (Rucker &
+Wensing 2022); it finds the neighbourhood. The second works in the relative unknowns themselves and
+takes the joint motion's errors into account, as unknowns that are eliminated. Its result is the
+plain maximum: of a target at the edge of what is physically possible (a flat one) it may lie
+beyond, which keeps the estimate unbiased and its intervals honest. What leaves as a spatial inertia
+is projected (`Identification.feasible`).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from cpid_drake.errors import InputError
+from cpid_drake.estimators.trajectory_model import Trajectory, TrajectoryModel, TrajectoryState
+from cpid_drake.inertia import pseudo_inertia_to_standard, standard_to_pseudo_inertia
+from cpid_drake.momentum_sensitivity import BodyUncertainty
+
+HUBER = 2.5
+"""From so many σ of one sample (its three axes together) on, the robust loss grows linearly."""
+
+_STEP_TOLERANCE = 1e-4  # of a step in units of σ: far below what the data can tell
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryFit:
+    """The state that fits the samples best.
+
+    Attributes:
+        model: what was fitted.
+        trajectory: at the solution.
+        information: (n, n) of the unknowns in `model.columns`, joint errors eliminated.
+        consider: (n, n) covariance that the known bodies' uncertainty adds; zeros without any.
+        chi_squared: of all rows at the solution, weighted as in the last iteration.
+        rows: number of scalar rows.
+        iterations: of both stages.
+        converged: whether the last step was far below σ.
+        downweighted: samples to which the robust loss gives less than full weight.
+
+    """
+
+    model: TrajectoryModel
+    trajectory: Trajectory
+    information: NDArray[np.float64]
+    consider: NDArray[np.float64]
+    chi_squared: float
+    rows: int
+    iterations: int
+    converged: bool
+    downweighted: int
+
+    @property
+    def state(self) -> TrajectoryState:
+        """The solution."""
+        return self.trajectory.state
+
+    def psi_information(self) -> NDArray[np.float64]:
+        """Return the information (10, 10) about the relative unknowns, all else eliminated."""
+        return marginal(self.information, 10)
+
+
+def marginal(information: NDArray[np.float64], kept: int) -> NDArray[np.float64]:
+    """Return the information about the first `kept` unknowns, the others eliminated."""
+    N = information
+    if len(N) == kept:
+        return N
+    scale = 1 / np.sqrt(np.maximum(np.diag(N), 1e-300))
+    N = N * scale * scale[:, None]
+    cross = N[:kept, kept:]
+    rest = N[kept:, kept:] + 1e-14 * np.eye(len(N) - kept)
+    result = N[:kept, :kept] - cross @ cho_solve(cho_factor(rest), cross.T)
+    return (result + result.T) / 2 / scale[:kept] / scale[:kept, None]
+
+
+class _Weighted:
+    """Rows whose errors are their own noise and that of the joint motion: (1 + N Nᵀ)."""
+
+    def __init__(self, nuisance: NDArray[np.float64] | None, weights: NDArray[np.float64]) -> None:
+        self.weights = weights
+        self.nuisance = None
+        if nuisance is not None and nuisance.shape[1]:
+            self.nuisance = nuisance * weights[:, None]
+            self._factor = cho_factor(self.nuisance.T @ self.nuisance + np.eye(nuisance.shape[1]))
+
+    def normal(
+        self, A: NDArray[np.float64], b: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Return AᵀC⁻¹A, AᵀC⁻¹b and bᵀC⁻¹b."""
+        A, b = A * self.weights[:, None], b * self.weights
+        N, g, c = A.T @ A, A.T @ b, float(b @ b)
+        if self.nuisance is not None:
+            to_A, to_b = self.nuisance.T @ A, self.nuisance.T @ b
+            solved = cho_solve(self._factor, to_A)
+            N = N - to_A.T @ solved
+            g = g - solved.T @ to_b
+            c -= float(to_b @ cho_solve(self._factor, to_b))
+        return (N + N.T) / 2, g, c
+
+    def cost(self, b: NDArray[np.float64]) -> float:
+        """Return bᵀC⁻¹b."""
+        b = b * self.weights
+        c = float(b @ b)
+        if self.nuisance is not None:
+            to_b = self.nuisance.T @ b
+            c -= float(to_b @ cho_solve(self._factor, to_b))
+        return c
+
+    def cross(self, A: NDArray[np.float64], K: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return AᵀC⁻¹K."""
+        A, K = A * self.weights[:, None], K * self.weights[:, None]
+        result = A.T @ K
+        if self.nuisance is not None:
+            result -= (self.nuisance.T @ A).T @ cho_solve(self._factor, self.nuisance.T @ K)
+        return result
+
+
+class LogCholesky:
+    """Relative unknowns as ψ(λ): pseudo-inertia P = S U Uᵀ S, U's diagonal an exponential.
+
+    Args:
+        scale: (10,) magnitudes of the unknowns; only m and I are used, for S.
+
+    Source: Rucker & Wensing 2022, log-Cholesky parameterization.
+    """
+
+    _rows, _columns = np.tril_indices(4)
+
+    def __init__(self, scale: NDArray[np.float64]) -> None:
+        mass = np.sqrt(scale[0])
+        length = np.sqrt(np.abs(scale[4:]).max() / scale[0])
+        self.S = mass * np.diag([length, length, length, 1.0])
+
+    def from_psi(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return λ (10,) of the unknowns of a rigid body, moved inside the limits if on them."""
+        inverse = np.diag(1 / np.diag(self.S))
+        P = inverse @ standard_to_pseudo_inertia(psi) @ inverse
+        values, axes = np.linalg.eigh((P + P.T) / 2)
+        values = np.maximum(values, 1e-3 * values[-1])
+        U = np.linalg.cholesky((axes * values) @ axes.T)
+        U[np.diag_indices(4)] = np.log(np.diag(U))
+        return U[self._rows, self._columns]
+
+    def to_psi(
+        self, parameters: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return ψ (10,) and ∂ψ/∂λ (10, 10)."""
+        U = np.zeros((4, 4))
+        U[self._rows, self._columns] = parameters
+        diagonal = np.diag_indices(4)
+        U[diagonal] = np.exp(U[diagonal])
+        jacobian = np.empty((10, 10))
+        for n, (i, j) in enumerate(zip(self._rows, self._columns)):
+            dU = np.zeros((4, 4))
+            dU[i, j] = U[i, j] if i == j else 1.0
+            dP = dU @ U.T + U @ dU.T
+            jacobian[:, n] = pseudo_inertia_to_standard(self.S @ dP @ self.S)
+        return pseudo_inertia_to_standard(self.S @ U @ U.T @ self.S), jacobian
+
+
+def fit_trajectory(
+    model: TrajectoryModel,
+    psi: NDArray[np.float64],
+    *,
+    known_bodies: BodyUncertainty | None = None,
+    robust: bool = False,
+    max_iterations: int = 60,
+) -> TrajectoryFit:
+    """Fit the target, the base's start, momentum and gyro bias to all samples.
+
+    Args:
+        model: the readings' prediction.
+        psi: (10,) relative unknowns of a rigid body to start from.
+        known_bodies: how well the spacecraft is known; its share of the covariance is reported.
+        robust: Huber loss instead of squares.
+        max_iterations: of each stage.
+
+    Raises:
+        InputError: the prediction cannot be made even at the start.
+
+    """
+    state = model.start(psi)
+    plain = _Weighted(None, np.ones(len(model.sample_rows())))
+    state, first = _log_cholesky_stage(model, state, plain, max_iterations)
+    trajectory = model.trajectory(state)
+    nuisance = model.nuisance(trajectory)
+    weighted = _Weighted(nuisance, plain.weights)
+    second, converged = 0, False
+    for _ in range(8 if robust else 1):
+        if robust:
+            weights = _huber_weights(model, model.residuals(trajectory))
+            weighted = _Weighted(nuisance, weights)
+        trajectory, count, converged = _free_stage(model, trajectory, weighted, max_iterations)
+        second += count
+        if robust and np.allclose(
+            weights, _huber_weights(model, model.residuals(trajectory)), atol=1e-3
+        ):
+            break
+    A = model.jacobian(trajectory)
+    information, _, chi_squared = weighted.normal(A, model.residuals(trajectory))
+    consider = np.zeros_like(information)
+    if known_bodies is not None:
+        cross = weighted.cross(A, model.known_bodies(trajectory, known_bodies))
+        scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+        scaled = information * scale * scale[:, None]
+        gain = scale[:, None] * np.linalg.lstsq(scaled, scale[:, None] * cross, rcond=1e-14)[0]
+        consider = gain @ gain.T
+    return TrajectoryFit(
+        model,
+        trajectory,
+        information,
+        consider,
+        chi_squared,
+        len(A),
+        first + second,
+        converged,
+        int((weighted.weights < 1).sum() // 3),
+    )
+
+
+def _log_cholesky_stage(
+    model: TrajectoryModel, state: TrajectoryState, weighted: _Weighted, max_iterations: int
+) -> tuple[TrajectoryState, int]:
+    """Descend through rigid bodies until steps no longer pay."""
+    form = LogCholesky(np.abs(state.psi))
+    parameters = form.from_psi(state.psi)
+    psi, by_parameters = form.to_psi(parameters)
+    state = replace(state, psi=psi)
+    trajectory = model.trajectory(state)
+    residuals = model.residuals(trajectory)
+    cost, damping = weighted.cost(residuals), 1e-3
+    count = 0
+    while count < max_iterations:
+        A = model.jacobian(trajectory)
+        A = np.hstack([A[:, :10] @ by_parameters, A[:, 10:]])
+        N, g, _ = weighted.normal(A, residuals)
+        before = cost
+        for _ in range(12):
+            count += 1
+            step = _damped(N, g, damping)
+            change = step.copy()
+            change[:10] = 0.0
+            new_psi, new_by = form.to_psi(parameters + np.clip(step[:10], -1.0, 1.0))
+            candidate = replace(model.moved(state, change), psi=new_psi)
+            try:
+                new = model.trajectory(candidate)
+            except InputError:
+                damping *= 10
+                continue
+            new_residuals = model.residuals(new)
+            new_cost = weighted.cost(new_residuals)
+            if np.isfinite(new_cost) and new_cost < cost:
+                parameters = parameters + np.clip(step[:10], -1.0, 1.0)
+                state, trajectory, residuals = candidate, new, new_residuals
+                by_parameters, cost, damping = new_by, new_cost, damping / 10
+                break
+            damping *= 10
+        else:
+            break
+        if before - cost < 1e-3 * cost:
+            break
+    return state, count
+
+
+def _free_stage(
+    model: TrajectoryModel, trajectory: Trajectory, weighted: _Weighted, max_iterations: int
+) -> tuple[Trajectory, int, bool]:
+    """Descend in the unknowns themselves to the maximum of the likelihood."""
+    residuals = model.residuals(trajectory)
+    cost, damping = weighted.cost(residuals), 0.0
+    count = 0
+    while count < max_iterations:
+        N, g, _ = weighted.normal(model.jacobian(trajectory), residuals)
+        for _ in range(12):
+            count += 1
+            step = _damped(N, g, damping)
+            size = np.sqrt(max(step @ N @ step, 0.0))
+            try:
+                new = model.trajectory(model.moved(trajectory.state, step))
+                new_residuals = model.residuals(new)
+                new_cost = weighted.cost(new_residuals)
+            except InputError:
+                new_cost = np.inf
+            if np.isfinite(new_cost) and new_cost <= cost * (1 + 1e-9):
+                trajectory, residuals, cost = new, new_residuals, new_cost
+                damping = damping / 10 if damping > 1e-9 else 0.0
+                break
+            damping = max(10 * damping, 1e-6)
+        else:
+            return trajectory, count, False
+        if size < _STEP_TOLERANCE and damping == 0.0:
+            return trajectory, count, True
+    return trajectory, count, False
+
+
+def _damped(
+    N: NDArray[np.float64], g: NDArray[np.float64], damping: float
+) -> NDArray[np.float64]:
+    """Return the Levenberg-Marquardt step of a normal matrix, scaled by its diagonal."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(N), 1e-300))
+    scaled = N * scale * scale[:, None] + (damping + 1e-14) * np.eye(len(N))
+    return scale * np.linalg.solve(scaled, scale * g)
+
+
+def _huber_weights(
+    model: TrajectoryModel, residuals: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the square roots of the robust loss's weights, the same for a sample's three rows."""
+    rows = model.sample_rows()
+    weights = np.ones(len(rows))
+    of_samples = rows >= 0
+    size = np.sqrt(np.bincount(rows[of_samples], residuals[of_samples] ** 2) / 3)
+    weights[of_samples] = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))[
+        rows[of_samples]
+    ]
+    return weights

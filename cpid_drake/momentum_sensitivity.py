@@ -1,0 +1,265 @@
+"""How the base's motion answers to what is known of the spacecraft, but not exactly.
+
+Joint positions and rates come from encoders, and masses, centres of mass and inertias of the
+known bodies from drawings. Both have errors; here is what one does to the base's angular velocity
+and to the place of the system's centre of mass, to first order and in closed form.
+
+With screws S_j = [a; o × a] of the joints, and for everything outboard of joint j its spatial
+inertia I and momentum Π about B's origin, in B, and V its inboard end's twist:
+
+    ∂Π/∂q̇_j = I S_j,      ∂Π/∂q_j = S_j ×* Π − I (S_j × V),
+
+with × and ×* the cross products of twists and of momenta (Featherstone 2008, ch. 2).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.kinematics import BodyMotion, KinematicTree, TreeBody, propagate, rotate
+from cpid_drake.regressors import skew
+from cpid_drake.relative_motion import RelativeDynamics
+from cpid_drake.telemetry import Telemetry
+
+
+@dataclass(frozen=True)
+class MotionSensitivity:
+    """Derivatives by n quantities, at N instants, while angular momentum is conserved.
+
+    Attributes:
+        w: (N, 3, n) of the base's angular velocity, in B.
+        com: (N, 3, n) of the system's centre of mass from B's origin, in B.
+        v: (N, 3, n) of the base's velocity in W, in B, for a centre of mass at rest.
+
+    """
+
+    w: NDArray[np.float64]
+    com: NDArray[np.float64]
+    v: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BodyUncertainty:
+    """How well the known bodies are known: one σ for each kind of number, for every body.
+
+    Attributes:
+        mass: relative σ of the mass.
+        com: σ of each coordinate of the centre of mass [m].
+        inertia: relative σ of the inertia: of the principal second moments, and of the turn of
+            their axes alike.
+
+    """
+
+    mass: float = 0.0
+    com: float = 0.0
+    inertia: float = 0.0
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(10,) σ of one body's mass (1), centre of mass (3) and symmetric stretch (6)."""
+        stretch = self.inertia / 2  # the second moment grows by twice the stretch
+        return np.array([self.mass, *3 * [self.com], *6 * [stretch]])
+
+
+def joint_sensitivity(
+    tree: KinematicTree, telemetry: Telemetry, psi: NDArray[np.float64], dynamics: RelativeDynamics
+) -> tuple[MotionSensitivity, MotionSensitivity]:
+    """Return the derivatives by joint positions and by joint rates.
+
+    Args:
+        tree: known bodies *and* the target, as from `with_target`.
+        telemetry: N instants seen from the base: its pose is the identity, its twist in B.
+        psi: (10,) relative unknowns of the target.
+        dynamics: of the known bodies, at the same instants.
+
+    """
+    bodies, _ = propagate(tree, telemetry)
+    inertia, momentum = _body_inertias(tree, bodies), _body_momenta(tree, bodies)
+    for k in range(len(tree.bodies) - 1, 0, -1):  # outboard before inboard
+        parent = tree.bodies[k].parent
+        inertia[parent] += inertia[k]
+        momentum[parent] += momentum[k]
+    N, J = len(telemetry), len(telemetry.joint_names)
+    by_position, by_rate = np.zeros((2, N, 6, J))
+    com_shift = np.zeros((N, 3, J))
+    for k, body in enumerate(tree.bodies):
+        if body.joint < 0:
+            continue
+        S, j = _screw(body, bodies.R[k], bodies.r[k]), body.joint
+        w = bodies.w[k]
+        V = np.concatenate([w, bodies.v[k] - np.cross(w, bodies.r[k])], axis=-1)
+        by_rate[:, :, j] = rotate(inertia[k], S)
+        by_position[:, :, j] = _cross_force(S, momentum[k]) - rotate(
+            inertia[k], _cross_motion(S, V)
+        )
+        com_shift[:, :, j] = by_rate[:, 3:, j] / inertia[0, :, 5, 5][:, None]
+    still = np.zeros_like(com_shift)
+    return (
+        _motion_sensitivity(by_position, com_shift, psi, dynamics),
+        _motion_sensitivity(by_rate, still, psi, dynamics),
+    )
+
+
+def body_sensitivity(
+    tree: KinematicTree,
+    telemetry: Telemetry,
+    psi: NDArray[np.float64],
+    dynamics: RelativeDynamics,
+    known_bodies: int,
+) -> MotionSensitivity:
+    """Return the derivatives by the inertial parameters of the first `known_bodies` bodies.
+
+    Ten for each body, as in `BodyUncertainty.sigmas`: relative mass, centre of mass in the body's
+    frame, and the stretch E (Exx, Eyy, Ezz, Exy, Exz, Eyz) that takes its second moment Σ to
+    (1 + E) Σ (1 + E)ᵀ. The target stays the same body. Arguments as for `joint_sensitivity`.
+    """
+    bodies, _ = propagate(tree, telemetry)
+    total = sum(body.mass for body in tree.bodies)
+    rho = dynamics.com(psi)
+    momenta, shifts = [], []
+    for k, body in enumerate(tree.bodies[:known_bodies]):
+        R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
+        dP = [body.mass * v]
+        dL = [np.cross(r, dP[0])]
+        shift = [body.mass / total * (r - rho)]
+        for axis in np.moveaxis(R, -1, 0):
+            dP.append(body.mass * np.cross(w, axis))
+            dL.append(body.mass * np.cross(axis, v) + np.cross(r, dP[-1]))
+            shift.append(body.mass / total * axis)
+        for stretch in _STRETCHES:
+            change = stretched_inertia_rate(body.I_BBcm, stretch)
+            dL.append(rotate(R, rotate(np.swapaxes(R, -1, -2), w) @ change))
+            dP.append(np.zeros_like(v))
+            shift.append(np.zeros_like(v))
+        momenta.append(np.concatenate([np.stack(dL, -1), np.stack(dP, -1)], axis=1))
+        shifts.append(np.stack(shift, -1))
+    return _motion_sensitivity(
+        np.concatenate(momenta, axis=-1), np.concatenate(shifts, axis=-1), psi, dynamics
+    )
+
+
+def with_target(tree: KinematicTree, phi: NDArray[np.float64]) -> KinematicTree:
+    """Return the tree with a target of standard vector φ (10,) welded on C, as its last body."""
+    from cpid_drake.inertia import point_mass_inertia, vector_to_tensor
+
+    mass, com = phi[0], phi[1:4] / phi[0]
+    target = TreeBody(
+        name="target",
+        parent=tree.capture_body,
+        joint=-1,
+        prismatic=False,
+        axis_F=np.array([0.0, 0.0, 1.0]),
+        R_PF=tree.R_BC,
+        p_PF=tree.p_BC,
+        R_MB=np.eye(3),
+        p_MB=np.zeros(3),
+        mass=mass,
+        p_BBcm=com,
+        I_BBcm=vector_to_tensor(phi[4:]) - point_mass_inertia(mass, com),
+    )
+    return replace(tree, bodies=(*tree.bodies, target))
+
+
+def disturbed(
+    tree: KinematicTree, uncertainty: BodyUncertainty, rng: np.random.Generator
+) -> KinematicTree:
+    """Return a spacecraft drawn at random from those that an uncertainty allows.
+
+    Its inertias remain ones that rigid bodies can have.
+    """
+    bodies = []
+    for body in tree.bodies:
+        draw = uncertainty.sigmas * rng.standard_normal(10)
+        E = np.tensordot(draw[4:], _STRETCHES, axes=1)
+        inertia = body.I_BBcm
+        second_moment = np.trace(inertia) / 2 * np.eye(3) - inertia
+        second_moment = (np.eye(3) + E) @ second_moment @ (np.eye(3) + E).T
+        inertia = np.trace(second_moment) * np.eye(3) - second_moment
+        mass = body.mass * (1 + draw[0])
+        bodies.append(
+            replace(body, mass=mass, p_BBcm=body.p_BBcm + draw[1:4], I_BBcm=inertia)
+        )
+    return replace(tree, bodies=tuple(bodies))
+
+
+def stretched_inertia_rate(
+    inertia: NDArray[np.float64], E: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return dI (3, 3) while the second moment Σ = ½tr(I)1 − I grows by EΣ + ΣEᵀ."""
+    second_moment = np.trace(inertia) / 2 * np.eye(3) - inertia
+    change = E @ second_moment + second_moment @ E.T
+    return np.trace(change) * np.eye(3) - change
+
+
+def _stretches() -> NDArray[np.float64]:
+    result = np.zeros((6, 3, 3))
+    for e, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]):
+        result[e, i, j] = result[e, j, i] = 1.0
+    return result
+
+
+_STRETCHES = _stretches()
+
+
+def _motion_sensitivity(
+    momentum: NDArray[np.float64],
+    com: NDArray[np.float64],
+    psi: NDArray[np.float64],
+    dynamics: RelativeDynamics,
+) -> MotionSensitivity:
+    """From derivatives (N, 6, n) of [L; P] about B's origin at fixed twist, and of ρ (N, 3, n)."""
+    rho = skew(dynamics.com(psi))
+    total = dynamics.mass**2 / (dynamics.mass - psi[0])  # m_k + m, of μ = m_k m/(m_k + m)
+    dL, dP = momentum[:, :3], momentum[:, 3:]
+    w = -np.linalg.solve(dynamics.inertia(psi), dL - rho @ dP)
+    return MotionSensitivity(w, com, rho @ w - dP / total)
+
+
+def _body_inertias(tree: KinematicTree, bodies: BodyMotion) -> NDArray[np.float64]:
+    """(K, N, 6, 6) spatial inertias about B's origin, in B."""
+    K, N = bodies.r.shape[:2]
+    result = np.zeros((K, N, 6, 6))
+    for k, body in enumerate(tree.bodies):
+        R, shift = bodies.R[k], body.mass * skew(bodies.r[k])
+        result[k, :, :3, :3] = R @ body.I_BBcm @ np.swapaxes(R, -1, -2) - shift @ skew(bodies.r[k])
+        result[k, :, :3, 3:] = shift
+        result[k, :, 3:, :3] = -shift
+        result[k, :, 3:, 3:] = body.mass * np.eye(3)
+    return result
+
+
+def _body_momenta(tree: KinematicTree, bodies: BodyMotion) -> NDArray[np.float64]:
+    """(K, N, 6) momenta [L; P] about B's origin, in B."""
+    momenta = []
+    for k, body in enumerate(tree.bodies):
+        R, P = bodies.R[k], body.mass * bodies.v[k]
+        spin = rotate(R, rotate(np.swapaxes(R, -1, -2), bodies.w[k]) @ body.I_BBcm)
+        momenta.append(np.concatenate([spin + np.cross(bodies.r[k], P), P], axis=-1))
+    return np.stack(momenta)
+
+
+def _screw(
+    body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N, 6) twist of a joint of unit rate, from the outboard body's attitude and centroid."""
+    R_WM = R @ body.R_MB.T
+    axis = rotate(R_WM, body.axis_F)
+    if body.prismatic:
+        return np.concatenate([np.zeros_like(axis), axis], axis=-1)
+    origin = r - rotate(R, body.p_BBcm) - rotate(R_WM, body.p_MB)
+    return np.concatenate([axis, np.cross(origin, axis)], axis=-1)
+
+
+def _cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:
+    w, v = S[..., :3], S[..., 3:]
+    return np.concatenate(
+        [np.cross(w, V[..., :3]), np.cross(v, V[..., :3]) + np.cross(w, V[..., 3:])], axis=-1
+    )
+
+
+def _cross_force(S: NDArray[np.float64], F: NDArray[np.float64]) -> NDArray[np.float64]:
+    w, v = S[..., :3], S[..., 3:]
+    return np.concatenate(
+        [np.cross(w, F[..., :3]) + np.cross(v, F[..., 3:]), np.cross(w, F[..., 3:])], axis=-1
+    )

@@ -1,0 +1,380 @@
+"""Sensor samples of different rates become motion at common instants, with its covariance.
+
+Regression splines: least squares in a B-spline basis whose knots follow the samples; how many
+there are is chosen by Akaike's criterion. Rates, where no sensor gives them, are the spline's.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.errors import InputError
+from cpid_drake.kinematics import rotate
+from cpid_drake.regressors import skew
+from cpid_drake.sensors import Measurements, Samples, SensorSuite
+from cpid_drake.telemetry import Telemetry
+
+_INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """A B-spline basis on [start, end]: K functions of one degree."""
+
+    knots: NDArray[np.float64]
+    degree: int
+
+    @classmethod
+    def through(cls, times: NDArray[np.float64], intervals: int, degree: int) -> "Basis":
+        """Return a basis whose `intervals` hold about equally many of the sample times (N,)."""
+        breaks = np.quantile(times, np.linspace(0.0, 1.0, intervals + 1))
+        knots = np.concatenate([degree * [breaks[0]], breaks, degree * [breaks[-1]]])
+        return cls(knots, degree)
+
+    @property
+    def size(self) -> int:
+        """K."""
+        return len(self.knots) - self.degree - 1
+
+    def __call__(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
+        """Return the basis functions, or their derivatives, at times (N,): (N, K)."""
+        return BSpline(self.knots, np.eye(self.size), self.degree)(times, nu=derivative)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpline:
+    """A smoothed joint motion: q(t) = basis(t) @ coefficients.
+
+    Attributes:
+        basis: K functions.
+        coefficients: (K, J).
+        covariance: (K, K) of the coefficients of each joint.
+        chi_squared: of all samples, with so many degrees of `freedom`.
+
+    """
+
+    basis: Basis
+    coefficients: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    chi_squared: float
+    freedom: int
+
+    @property
+    def duration(self) -> float:
+        """End of the samples [s]."""
+        return float(self.basis.knots[-1])
+
+    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+        """Return positions, rates and accelerations (..., 3, J) at times (...)."""
+        time = np.asarray(time, dtype=float)
+        flat = np.stack([self.basis(time.ravel(), d) @ self.coefficients for d in range(3)], axis=1)
+        return flat.reshape(*time.shape, 3, self.coefficients.shape[1])
+
+
+def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline:
+    """Smooth encoder samples, and joint rates where there are any, by a quintic spline.
+
+    Raises:
+        InputError: fewer than eight encoder samples.
+
+    """
+    positions, rates = measurements.encoders, measurements.joint_rates
+    if len(positions) < 8:
+        raise InputError(f"joint motion needs at least 8 encoder samples, not {len(positions)}")
+    rates = rates.where((rates.time >= positions.time[0]) & (rates.time <= positions.time[-1]))
+    sigma = suite.sigmas("encoders")[0]
+    sigma_rate = suite.sigmas("joint_rates")[0] if len(rates) else 1.0
+    rows = [(positions, 0, sigma), (rates, 1, sigma_rate)]
+
+    def fit(intervals: int) -> JointSpline:
+        basis = Basis.through(positions.time, intervals, degree=5)
+        coefficients, covariance, chi_squared = _fit(basis, rows)
+        count = (len(positions) + len(rates) - basis.size) * positions.value.shape[1]
+        return JointSpline(basis, coefficients, covariance, chi_squared, count)
+
+    return _best(fit, len(positions), lambda spline: spline.coefficients.size)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBlock:
+    """How errors of some spline's coefficients enter the motion at N instants.
+
+    Attributes:
+        columns: which of the motion's quantities (see `SmoothedMotion`) they enter.
+        basis: (N, columns, n) derivative of these by the coefficients.
+        covariance: (n, n) of the coefficients.
+
+    """
+
+    columns: NDArray[np.intp]
+    basis: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedMotion:
+    """Motion at N common instants, and how its errors come about.
+
+    The quantities whose errors are meant are, in order: attitude (3, right perturbation, in B),
+    angular velocity (3, in B), position (3) and velocity (3) in W, joint positions (J), rates (J).
+
+    Attributes:
+        telemetry: the motion.
+        errors: independent parts of its error.
+        gyro_bias: (3,) as estimated along, in B [rad/s].
+
+    """
+
+    telemetry: Telemetry
+    errors: tuple[ErrorBlock, ...]
+    gyro_bias: NDArray[np.float64]
+
+    def covariance(self) -> NDArray[np.float64]:
+        """Return the covariance (N, n, n) of the quantities at each instant."""
+        N, n = len(self.telemetry), 12 + 2 * len(self.telemetry.joint_names)
+        result = np.zeros((N, n, n))
+        for block in self.errors:
+            part = block.basis @ block.covariance @ np.swapaxes(block.basis, -1, -2)
+            result[:, block.columns[:, None], block.columns] += part
+        return result
+
+
+def smooth(
+    measurements: Measurements, suite: SensorSuite, times: ArrayLike | None = None
+) -> SmoothedMotion:
+    """Bring samples of different rates to common instants.
+
+    Args:
+        measurements: from the sensors; attitude, position and encoders must be there.
+        suite: how good they are.
+        times: (N,) instants [s]; default: ten a second, where all sensors have samples.
+
+    Raises:
+        InputError: too few samples of a sensor that is needed.
+
+    """
+    joints = smooth_joints(measurements, suite)
+    needed = {"attitude": measurements.attitude, "position": measurements.position}
+    for name, samples in needed.items():
+        if len(samples) < 4:
+            raise InputError(f"smoothing needs at least 4 samples of {name}, not {len(samples)}")
+    start = max(s.time[0] for s in (measurements.encoders, *needed.values()))
+    end = min(s.time[-1] for s in (measurements.encoders, *needed.values()))
+    if times is None:
+        times = np.linspace(start, end, max(int(np.ceil((end - start) * 10)), 3) + 1)
+    times = np.asarray(times, dtype=float)
+    if not (times[0] >= start - 1e-9 and times[-1] <= end + 1e-9):
+        raise InputError(f"all sensors have samples from {start:g} to {end:g} s only")
+
+    attitude, rate, attitude_error, bias = _smooth_attitude(measurements, suite, times)
+    position, velocity, position_error = _smooth_position(measurements, suite, times)
+    q, qdot, _ = np.moveaxis(joints.evaluate(times), 1, 0)
+    telemetry = Telemetry(
+        measurements.joint_names,
+        times,
+        quaternion_WB=attitude.as_quat(scalar_first=True),
+        p_WB=position,
+        w_WB=attitude.apply(rate),
+        v_WB=velocity,
+        q=q,
+        qdot=qdot,
+    )
+    J = q.shape[1]
+    basis = np.stack([joints.basis(times), joints.basis(times, 1)], axis=1)
+    joint_errors = [
+        ErrorBlock(np.array([12 + j, 12 + J + j]), basis, joints.covariance) for j in range(J)
+    ]
+    return SmoothedMotion(telemetry, (attitude_error, *position_error, *joint_errors), bias)
+
+
+def _fit(
+    basis: Basis, rows: list[tuple[Samples, int, float]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Least squares on samples of a function and of its derivatives, with their σ."""
+    A = np.vstack([basis(s.time, derivative) / sigma for s, derivative, sigma in rows])
+    b = np.vstack([s.value / sigma for s, _, sigma in rows])
+    coefficients, covariance = _solve_normal(A, b)
+    return coefficients, covariance, float(np.sum((A @ coefficients - b) ** 2))
+
+
+def _solve_normal(
+    A: NDArray[np.float64], b: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Solve whitened rows; B-spline bases are well conditioned, so normal equations will do."""
+    normal = A.T @ A
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal * scale * scale[:, None]
+    factor = cho_factor(scaled + 1e-13 * np.eye(len(normal)))
+    covariance = scale[:, None] * cho_solve(factor, np.diag(scale))
+    solution = scale[:, None] * cho_solve(factor, scale[:, None] * (A.T @ b))
+    return solution, covariance
+
+
+def _best(fit: Callable, samples: int, parameters: Callable) -> object:
+    """Return the fit of the least χ² + 2 parameters (Akaike), from few intervals to many."""
+    best, least = None, np.inf
+    worse = 0
+    for intervals in _INTERVALS:
+        if best is not None and intervals + 5 > samples / 2:
+            break
+        candidate = fit(intervals)
+        criterion = candidate.chi_squared + 2 * parameters(candidate)
+        if criterion < least:
+            best, least, worse = candidate, criterion, 0
+        else:
+            worse += 1
+            if worse == 3:
+                break
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class _AttitudeFit:
+    """R(t) = middle · exp(r(t)) with a spline r; its error is of the coefficients (K, 3)."""
+
+    middle: Rotation
+    basis: Basis
+    coefficients: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    bias: NDArray[np.float64]
+    chi_squared: float
+
+    def evaluate(self, times: NDArray[np.float64]) -> tuple[Rotation, NDArray, NDArray]:
+        """Return attitude, angular velocity in B (N, 3), and their derivative (N, 6, 3 K)."""
+        B, B_dot, B_ddot = (self.basis(times, d) for d in range(3))
+        r, rdot, rddot = B @ self.coefficients, B_dot @ self.coefficients, B_ddot @ self.coefficients
+        turn = right_jacobian(r)
+        w = rotate(turn, rdot)
+        # The rate of the right Jacobian, by differences: r is smooth over a millisecond.
+        ahead, behind = (right_jacobian(r + e * rdot + e**2 / 2 * rddot) for e in (5e-4, -5e-4))
+        by_rate = skew(w) @ turn + (ahead - behind) / 1e-3
+        columns = np.concatenate(
+            [
+                np.einsum("nij,nk->nikj", turn, B),
+                np.einsum("nij,nk->nikj", by_rate, B) + np.einsum("nij,nk->nikj", turn, B_dot),
+            ],
+            axis=1,
+        )
+        columns = columns.reshape(len(r), 6, 3 * B.shape[1])
+        return self.middle * Rotation.from_rotvec(r), w, columns
+
+
+def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
+    """Return Jr (N, 3, 3) with exp(r + dr) = exp(r) exp(Jr dr) for rotation vectors r (N, 3)."""
+    r = np.asarray(r, dtype=float)
+    angle = np.linalg.norm(r, axis=-1)[:, None, None]
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
+    K = skew(r)
+    return np.eye(3) - a * K + b * K @ K
+
+
+def _smooth_attitude(
+    measurements: Measurements, suite: SensorSuite, times: NDArray[np.float64]
+) -> tuple[Rotation, NDArray[np.float64], ErrorBlock, NDArray[np.float64]]:
+    """Attitude, angular velocity in B and their error, from attitude samples and a gyro's.
+
+    On SO(3), by Gauss-Newton in the rotation vector from the attitude in the middle.
+    """
+    attitude, gyro = measurements.attitude, measurements.gyro
+    gyro = gyro.where((gyro.time >= attitude.time[0]) & (gyro.time <= attitude.time[-1]))
+    measured = Rotation.from_quat(attitude.value, scalar_first=True)
+    middle = measured[len(attitude) // 2]
+    turned = (middle.inv() * measured).as_rotvec()
+    if np.linalg.norm(turned, axis=1).max() > 2.5:
+        raise InputError(
+            "the base turns by more than 140° from its attitude in the middle: "
+            "smooth a shorter piece at a time"
+        )
+    whiten = suite.attitude.R_BS.T / suite.sigmas("attitude")[:, None]
+    sigma_rate = suite.sigmas("gyro")[0] if len(gyro) else 1.0
+    bias_rows = np.eye(3) / max(suite.gyro.bias_sigma, 1e-8) if len(gyro) else np.eye(3)
+    knot_times = gyro.time if len(gyro) > len(attitude) else attitude.time
+    best = _AttitudeFit(
+        middle, *_coarse(attitude.time, turned), np.empty(0), np.zeros(3), np.inf
+    )
+
+    def fit(intervals: int) -> _AttitudeFit:
+        nonlocal best
+        basis = Basis.through(knot_times, intervals, 5)
+        K = basis.size
+        dense = np.linspace(attitude.time[0], attitude.time[-1], 4 * K)
+        r, _ = _solve_normal(basis(dense), best.basis(dense) @ best.coefficients)
+        candidate = _AttitudeFit(middle, basis, r, np.empty(0), best.bias, np.inf)
+        for _ in range(2 if np.isinf(best.chi_squared) else 1):
+            R, _, columns = candidate.evaluate(attitude.time)
+            _, w, rate_columns = candidate.evaluate(gyro.time)
+            residual = (R.inv() * measured).as_rotvec()
+            A = np.zeros((3 * (len(attitude) + len(gyro) + 1), 3 * K + 3))
+            n = 3 * len(attitude)
+            A[:n, : 3 * K] = (whiten @ columns[:, :3]).reshape(n, -1)
+            A[n:-3, : 3 * K] = rate_columns[:, 3:].reshape(-1, 3 * K) / sigma_rate
+            A[n:-3, 3 * K :] = np.tile(np.eye(3), (len(gyro), 1)) / sigma_rate
+            A[-3:, 3 * K :] = bias_rows
+            b = np.concatenate(
+                [
+                    (residual @ whiten.T).ravel(),
+                    (gyro.value - w - candidate.bias).ravel() / sigma_rate,
+                    -bias_rows @ candidate.bias,
+                ]
+            )
+            step, covariance = _solve_normal(A, b[:, None])
+            step = step[:, 0]
+            candidate = _AttitudeFit(
+                middle,
+                basis,
+                candidate.coefficients + step[: 3 * K].reshape(K, 3),
+                covariance[: 3 * K, : 3 * K],
+                candidate.bias + step[3 * K :],
+                float(np.sum((A @ step - b) ** 2)),
+            )
+        best = candidate
+        return candidate
+
+    samples = len(attitude) + len(gyro)
+    chosen = _best(fit, samples, lambda f: f.coefficients.size)
+    R, w, columns = chosen.evaluate(times)
+    return R, w, ErrorBlock(np.arange(6), columns, chosen.covariance), chosen.bias
+
+
+def _coarse(times: NDArray, values: NDArray) -> tuple[Basis, NDArray]:
+    """Return a first, cubic spline through values (N, 3), to linearize about."""
+    basis = Basis.through(times, max(min(len(times) // 4, 20), 1), 3)
+    return basis, _solve_normal(basis(times), values)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _PositionFit:
+    basis: Basis
+    coefficients: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    chi_squared: float
+
+
+def _smooth_position(
+    measurements: Measurements, suite: SensorSuite, times: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[ErrorBlock]]:
+    """Position and velocity in W and their errors, from samples of position and velocity."""
+    position, velocity = measurements.position, measurements.velocity
+    inside = (velocity.time >= position.time[0]) & (velocity.time <= position.time[-1])
+    velocity = velocity.where(inside)
+    rows = [(position, 0, suite.sigmas("position")[0])]
+    if len(velocity):
+        rows.append((velocity, 1, suite.sigmas("velocity")[0]))
+
+    def fit(intervals: int) -> _PositionFit:
+        basis = Basis.through(position.time, intervals, 5)
+        return _PositionFit(basis, *_fit(basis, rows))
+
+    best = _best(fit, len(position) + len(velocity), lambda f: f.coefficients.size)
+    B, B_dot = best.basis(times), best.basis(times, 1)
+    basis = np.stack([B, B_dot], axis=1)
+    blocks = [ErrorBlock(np.array([6 + i, 9 + i]), basis, best.covariance) for i in range(3)]
+    return B @ best.coefficients, B_dot @ best.coefficients, blocks
