@@ -115,8 +115,10 @@ class _Structure:
 
     def check(self, value: object, kind: type, key: str) -> None:
         """Refuse a tag, a section, a mapping or numbers that are not of this kind."""
-        if value is None and type(None) in get_args(kind):
-            return
+        if type(None) in get_args(kind):
+            if value is None:
+                return
+            kind = get_args(kind)[0]
         sections = _choices(kind)
         if isinstance(value, _TaggedMapping):
             sections = [choice for choice in sections[1:] if value.tag == f"!{choice.__name__}"]
@@ -129,6 +131,9 @@ class _Structure:
                 raise self._error(key, f"must be a mapping, not {value!r:.60}")
             for name, item in value.items():
                 self.check(item, get_args(kind)[1], f"{key}.{name}")
+        elif kind is int:
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise self._error(key, f"must be a whole number, not {value!r:.60}")
         elif kind in (float, np.ndarray):
             try:
                 fits = (np.asarray(value, dtype=float).ndim > 0) == (kind is np.ndarray)

@@ -1,0 +1,47 @@
+"""Sensors by name or from YAML files."""
+
+from pathlib import Path
+
+from cpid_drake.errors import InputError
+from cpid_drake.model_files import models_directory, resolve_model
+from cpid_drake.sensors import SensorSuite, check_sensors
+from cpid_drake.strict_yaml import load_strictly
+
+
+def sensor_presets() -> tuple[str, ...]:
+    """Return the names of the shipped sensor suites."""
+    return tuple(sorted(file.stem for file in _folder().glob("*.yaml")))
+
+
+def load_sensors(name_or_path: str | Path) -> SensorSuite:
+    """Return a shipped sensor suite, or one from a YAML file.
+
+    A sensor that the file does not name, or gives as null, is not there. Keys that it leaves out
+    of a sensor keep their defaults.
+
+    Args:
+        name_or_path: one of `sensor_presets()`, else a path or a package:// URI.
+
+    Raises:
+        InputError: neither a preset nor a file, not YAML, unknown keys, values of the wrong type,
+            or sensors that cannot be: see `sensors.check_sensors`.
+
+    """
+    where, presets = str(name_or_path), sensor_presets()
+    if where in presets:
+        file = _folder() / f"{where}.yaml"
+    else:
+        try:
+            file = resolve_model(name_or_path)
+        except InputError as error:
+            choices = ", ".join(presets)
+            raise InputError(
+                f"no sensors: {error}; choose from {choices}, or give a file"
+            ) from error
+    suite = load_strictly(SensorSuite, file, where, "a sensor suite")
+    check_sensors(suite, where)
+    return suite
+
+
+def _folder() -> Path:
+    return models_directory() / "sensors"

@@ -1,0 +1,257 @@
+"""Sensors from presets and files: all presets load, and bad files are refused in one line."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from cpid_drake import InputError
+from cpid_drake.model_files import models_directory
+from cpid_drake.sensor_files import load_sensors, sensor_presets
+from cpid_drake.sensors import SENSOR_NAMES, AttitudeSensor
+
+PRESETS = ("coarse", "digits6", "flight", "ideal", "servicer", "testbed")
+
+
+@pytest.fixture
+def write(tmp_path):
+    def make(content) -> Path:
+        path = tmp_path / "sensors.yaml"
+        if isinstance(content, dict):
+            content = yaml.safe_dump(content)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return make
+
+
+def refusal(path) -> str:
+    with pytest.raises(InputError) as caught:
+        load_sensors(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+# -- presets -------------------------------------------------------------------------------------
+
+
+def test_the_presets_are_these():
+    assert sensor_presets() == PRESETS
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_loads_and_says_what_it_is_and_where_from(name):
+    suite = load_sensors(name)
+    assert suite.encoders is not None
+    assert suite.attitude is not None
+    assert 10 < len(suite.description) < 100
+    text = (models_directory() / "sensors" / f"{name}.yaml").read_text()
+    assert text.startswith("# ")
+    if name not in ("ideal", "digits6"):
+        assert "our choice" in text
+        assert suite.velocity is None
+        assert suite.joint_rates is None
+        for sensor in suite.present():  # every sensor has its line of sources
+            assert re.search(rf"^# - {sensor}[,:]", text, re.MULTILINE)
+
+
+def test_presets_get_worse_in_this_order():
+    order = ("ideal", "flight", "servicer", "coarse")
+    for name in ("attitude", "gyro", "position", "encoders"):
+        sigmas = np.array([load_sensors(preset).sigmas(name).max() for preset in order])
+        assert (np.diff(sigmas) > 0).all()
+
+
+def test_the_numbers_of_the_flight_preset_arrive():
+    suite = load_sensors("flight")
+    np.testing.assert_allclose(suite.attitude.sigmas, np.radians([2, 2, 20]) / 3600)
+    assert suite.attitude.rate == 4.0
+    assert suite.gyro.sigma == pytest.approx(np.radians(1e-3) / 60 * 10)
+    assert suite.position.sigma == 1e-3
+    assert suite.encoders.bits == 20
+    assert suite.digits is None
+
+
+@pytest.mark.parametrize(("name", "digits"), [("ideal", None), ("digits6", 6)])
+def test_presets_without_noise_have_all_sensors_at_one_rate(name, digits):
+    suite = load_sensors(name)
+    assert tuple(suite.present()) == SENSOR_NAMES
+    assert {sensor.rate for sensor in suite.present().values()} == {100.0}
+    assert suite.digits == digits
+    floor = 1e-8 if digits is None else 1e-6 / np.sqrt(12)
+    for sensor in SENSOR_NAMES:
+        np.testing.assert_allclose(suite.sigmas(sensor), floor, rtol=1e-2)
+
+
+def test_a_wheel_ships_the_presets(tmp_path):
+    """Built from what a wheel needs of the tree; hatchling is a development tool."""
+    pytest.importorskip("hatchling")
+    root = models_directory().parent
+    if not (root / "pyproject.toml").is_file():
+        pytest.skip("installed: not a checkout")
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(root / name, tmp_path)
+    shutil.copytree(root / "models", tmp_path / "models")
+    shutil.copytree(
+        root / "cpid_drake", tmp_path / "cpid_drake", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel"],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+    )
+    from zipfile import ZipFile
+
+    [wheel] = (tmp_path / "dist").glob("*.whl")
+    files = ZipFile(wheel).namelist()
+    for name in PRESETS:
+        assert f"cpid_drake/models/sensors/{name}.yaml" in files
+
+
+# -- files ---------------------------------------------------------------------------------------
+
+
+def test_what_a_file_leaves_out_is_not_there_or_as_by_default(write):
+    suite = load_sensors(write("encoders: {bits: 14}\nattitude: {boresight_B: [1, 0, 0]}\n"))
+    assert tuple(suite.present()) == ("attitude", "encoders")
+    assert suite.attitude.rate == AttitudeSensor().rate
+    np.testing.assert_array_equal(suite.attitude.R_BS[:, 2], [1.0, 0.0, 0.0])
+    assert suite.encoders.bits == 14
+
+
+def test_null_is_not_there(write):
+    suite = load_sensors(write("encoders: {}\ngyro: null\nvelocity:\ndigits: null\n"))
+    assert tuple(suite.present()) == ("encoders",)
+
+
+def test_paths_and_uris_are_read(write):
+    path = write("encoders: {rate: 7}")
+    assert load_sensors(path).encoders.rate == 7.0
+    assert load_sensors(str(path)).encoders.rate == 7.0
+    uri = "package://cpid_drake_models/sensors/flight.yaml"
+    assert load_sensors(uri).encoders.bits == 20
+
+
+def test_a_preset_goes_before_a_file_without_ending(write, monkeypatch, tmp_path):
+    (tmp_path / "flight").write_text("encoders: {rate: 7}")
+    (tmp_path / "mine").write_text("encoders: {rate: 8}")
+    monkeypatch.chdir(tmp_path)
+    assert load_sensors("flight").encoders.rate == 100.0
+    assert load_sensors("./flight").encoders.rate == 7.0
+    assert load_sensors("mine").encoders.rate == 8.0
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["", "fligth", "FLIGHT", "models/sensors/flight"])
+def test_an_unknown_preset_is_answered_with_the_names(name):
+    assert f"choose from {', '.join(PRESETS)}" in refusal(name)
+
+
+@pytest.mark.parametrize(
+    "path", ["nowhere.yaml", ".", "package://nobody/a.yaml", "http://a/b.yaml"]
+)
+def test_what_is_no_file_is_refused(path):
+    assert path in refusal(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "null",
+        "3",
+        "- encoders",
+        "encoders: [1",
+        "encoders: 3",
+        "encoders: []",
+        "encoders: yes",
+        "? [a]\n: 1",
+        "encoders: !JointSensor {}",
+        "!SensorSuite {encoders: {}}",
+        "encoders: {}\n---\nencoders: {}",
+        bytes(range(256)),
+        "description: é".encode("latin-1"),
+        "encoders: " + 3000 * "[" + 3000 * "]",
+        "encoders: {}\ndescription: 3",
+        "encoders: {}\ndescription: [a]",
+    ],
+    ids=range(17),
+)
+def test_what_is_no_suite_is_refused(write, content):
+    assert "sensors.yaml" in refusal(write(content))
+
+
+@pytest.mark.parametrize(
+    ("content", "key", "choices"),
+    [
+        ("encoders: {}\nstar_tracker: {}", "star_tracker", "attitude, gyro, position"),
+        ("encoders: {}\ngyro: {arw: 1}", "gyro.arw", "rate, angle_random_walk, bias"),
+        ("encoders: {resolution: 3}", "encoders.resolution", "rate, sigma, bits"),
+        ("encoders: {}\nvelocity: {bits: 3}", "velocity.bits", "rate, sigma"),
+        ("encoders: {}\ngyro: {_tag: '!Gyro'}", "gyro._tag", "rate, angle_random_walk"),
+    ],
+)
+def test_an_unknown_key_is_answered_with_the_choices(write, content, key, choices):
+    message = refusal(write(content))
+    assert f"sensors.yaml: unknown key '{key}'; choose from " in message
+    assert choices in message
+
+
+def test_a_key_given_twice_is_refused(write):
+    message = refusal(write("encoders: {}\ngyro:\n  rate: 1.0\n  rate: 2.0\n"))
+    assert "the key 'rate' is given twice (line 4)" in message
+    assert "'gyro' is given twice" in refusal(write("gyro: {}\nencoders: {}\ngyro: {}\n"))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("gyro.rate", 0),
+        ("gyro.rate", -1.0),
+        ("gyro.rate", np.inf),
+        ("gyro.rate", np.nan),
+        ("gyro.rate", "fast"),
+        ("gyro.rate", None),
+        ("gyro.rate", [100.0]),
+        ("gyro.rate", True),
+        ("gyro.bias", -1.0),
+        ("attitude.boresight_arcsec", np.nan),
+        ("attitude.boresight_B", [0, 0, 0]),
+        ("attitude.boresight_B", [0, 1]),
+        ("attitude.boresight_B", "z"),
+        ("attitude.boresight_B", [[0, 0, 1]]),
+        ("position.sigma", -1e-3),
+        ("encoders.bits", 33),
+        ("encoders.bits", -1),
+        ("encoders.bits", 16.5),
+        ("encoders.bits", "many"),
+        ("encoders.bits", None),
+        ("digits", -1),
+        ("digits", 16),
+        ("digits", 6.5),
+        ("digits", True),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_by_file_and_key(write, key, value):
+    content = {"encoders": {}}
+    section, _, entry = key.rpartition(".")
+    if section:
+        content[section] = {entry: value}
+    else:
+        content[entry] = value
+    message = refusal(write(content))
+    assert "sensors.yaml: " in message
+    assert key.rpartition(".")[2] in message
+
+
+def test_missing_encoders_are_refused(write):
+    assert "encoders are missing" in refusal(write("gyro: {}\nencoders:\n"))
