@@ -118,7 +118,8 @@ class _Structure:
         if type(None) in get_args(kind):
             if value is None:
                 return
-            kind = get_args(kind)[0]
+            kinds = [choice for choice in get_args(kind) if choice is not type(None)]
+            kind = kinds[0] if len(kinds) == 1 else kind
         sections = _choices(kind)
         if isinstance(value, _TaggedMapping):
             sections = [choice for choice in sections[1:] if value.tag == f"!{choice.__name__}"]
