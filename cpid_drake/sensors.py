@@ -273,6 +273,11 @@ def sample_times(rate: float, duration: float, start: float = 0.0) -> NDArray[np
     return start + np.arange(int(np.floor((duration - start) * rate + 1e-9)) + 1) / rate
 
 
+def sample_widths(joint_names: tuple[str, ...]) -> dict[str, int]:
+    """Return the width of every sensor's samples, in the order of `SENSOR_NAMES`."""
+    return dict(zip(SENSOR_NAMES, (4, 3, 3, 3, len(joint_names), len(joint_names))))
+
+
 def perfect_value(name: str, telemetry: Telemetry) -> NDArray[np.float64]:
     """Return (N, width): what a sensor of this name would give without any error."""
     if name == "attitude":
@@ -304,7 +309,7 @@ def perfect_measurements(
     """
     samples = {
         name: Samples(np.empty(0), np.empty((0, width)))
-        for name, width in _widths(joint_names).items()
+        for name, width in sample_widths(joint_names).items()
     }
     sensors = suite.present()
     times = {name: sample_times(sensor.rate, duration) for name, sensor in sensors.items()}
@@ -418,7 +423,7 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
 
     """
     kept, rejected = {}, {}
-    for name, width in _widths(measurements.joint_names).items():
+    for name, width in sample_widths(measurements.joint_names).items():
         samples = getattr(measurements, name)
         try:
             time, value = np.asarray(samples.time, float), np.asarray(samples.value, float)
@@ -469,8 +474,3 @@ def _increasing(time: NDArray[np.float64]) -> NDArray[np.intp]:
     while following[series[-1]] >= 0:
         series.append(following[series[-1]])
     return np.array(series)
-
-
-def _widths(joint_names: tuple[str, ...]) -> dict[str, int]:
-    """Return the width of every sensor's samples."""
-    return dict(zip(SENSOR_NAMES, (4, 3, 3, 3, len(joint_names), len(joint_names))))

@@ -1,0 +1,186 @@
+"""A spacecraft's sensors as a Drake system."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+)
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+
+from cpid_drake.errors import InputError
+from cpid_drake.sensors import (
+    Measurements,
+    Samples,
+    SensorNoise,
+    SensorSuite,
+    check_sensors,
+    perfect_value,
+    sample_widths,
+)
+from cpid_drake.spacecraft import Spacecraft
+
+
+class SpacecraftSensors(LeafSystem):
+    """Measures a spacecraft's motion, every sensor at its own rate and with its own errors.
+
+    Every sensor takes its sample k at time k / rate and holds it until the next. What it is off by
+    depends on the seed and on k only: replays and other Contexts give the same samples, which are
+    those of `sensors.add_noise` as well. The latest samples are the discrete state.
+
+    .. pydrake_system::
+
+        name: SpacecraftSensors
+        input_ports:
+        - spacecraft_state
+        output_ports:
+        - attitude
+        - gyro
+        - position
+        - velocity
+        - encoders
+        - joint_rates
+
+    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds nothing).
+    - one output for each sensor that is there, (1 + width): the time stamp [s] of the latest
+      sample, then its value as in `sensors.Measurements`; NaN before the first sample. Samples that
+      are due at the very end of a simulation need `Simulator.AdvancePendingEvents`.
+
+    Args:
+        spacecraft: the known spacecraft.
+        suite: its sensors.
+        seed: of their errors, a whole number >= 0.
+
+    Raises:
+        InputError: sensors that cannot be (see `sensors.check_sensors`), or no seed; and, when a
+            sample is taken, a state that is not finite or without an attitude.
+
+    """
+
+    def __init__(self, spacecraft: Spacecraft, suite: SensorSuite, seed: int = 0) -> None:
+        super().__init__()
+        self.set_name("spacecraft_sensors")
+        check_sensors(suite, "sensors")
+        self._spacecraft = spacecraft
+        self._noise = SensorNoise(suite, seed)
+        self._state_port = self.DeclareVectorInputPort(
+            "spacecraft_state", spacecraft.plant.num_multibody_states()
+        )
+        widths = sample_widths(spacecraft.joint_names)
+        for name, sensor in suite.present().items():
+            self._declare_sensor(name, sensor.rate, widths[name])
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        state_port: OutputPort,
+        suite: SensorSuite,
+        seed: int = 0,
+    ) -> "SpacecraftSensors":
+        """Add sensors and connect their input to a state output port.
+
+        Args:
+            builder: the diagram's builder.
+            spacecraft: the known spacecraft.
+            state_port: x = [q; v], usually `plant.get_state_output_port()`.
+            suite: as for the constructor.
+            seed: as for the constructor.
+
+        Raises:
+            InputError: the port is not of the size of this spacecraft's state.
+
+        """
+        expected = spacecraft.plant.num_multibody_states()
+        if state_port.size() != expected:
+            raise InputError(
+                f"port '{state_port.get_name()}' has {state_port.size()} entries, but the state of "
+                f"{spacecraft.model} has {expected}: connect a state of the same joints"
+            )
+        sensors = builder.AddSystem(SpacecraftSensors(spacecraft, suite, seed))
+        builder.Connect(state_port, sensors.GetInputPort("spacecraft_state"))
+        return sensors
+
+    @property
+    def spacecraft(self) -> Spacecraft:
+        """The spacecraft that they measure."""
+        return self._spacecraft
+
+    @property
+    def suite(self) -> SensorSuite:
+        """What they are."""
+        return self._noise.suite
+
+    def _declare_sensor(self, name: str, rate: float, width: int) -> None:
+        index = self.DeclareDiscreteState(np.full(1 + width, np.nan))
+
+        def update(context: Context, discrete_state: DiscreteValues) -> EventStatus:
+            discrete_state.set_value(index, self._sample(name, rate, context))
+            return EventStatus.Succeeded()
+
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(context.get_discrete_state(index).value())
+
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=1 / rate, offset_sec=0.0, update=update)
+        self.DeclareVectorOutputPort(
+            name=name, size=1 + width, calc=calc, prerequisites_of_calc={self.xd_ticket()}
+        )
+
+    def _sample(self, name: str, rate: float, context: Context) -> np.ndarray:
+        """Return [stamp, value]: the sample that is due now, whose number follows from the time."""
+        k = round(context.get_time() * rate)
+        state = self._state_port.Eval(context)
+        try:
+            telemetry = self._spacecraft.to_telemetry(k / rate, state)
+        except InputError as error:
+            where = f"{self.GetSystemPathname()}: {name} at t = {k / rate:g} s"
+            raise InputError(f"{where}: {error}") from error
+        [value] = self._noise.apply(name, perfect_value(name, telemetry), first=k)
+        return np.concatenate([[k / rate], value])
+
+
+def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str, VectorLogSink]:
+    """Log every sensor of a diagram that is being built, each at its own rate.
+
+    Returns:
+        The logs by the sensors' names, for `measurements_from_logs`.
+
+    """
+    logs = {}
+    for name, sensor in sensors.suite.present().items():
+        logs[name] = LogVectorOutput(sensors.GetOutputPort(name), builder, 1 / sensor.rate)
+        logs[name].set_name(f"{name}_log")
+    return logs
+
+
+def measurements_from_logs(
+    sensors: SpacecraftSensors, logs: Mapping[str, VectorLogSink], root_context: Context
+) -> Measurements:
+    """Return every sample that a run took, each once.
+
+    Args:
+        sensors: the sensors of the run.
+        logs: of their outputs, by name, made at least once a sample: by `log_samples`, or at every
+            step. Sensors without a log have no samples.
+        root_context: the diagram's, after the run. The samples that its sensors hold count as well:
+            logs see a sample only after it was taken.
+
+    """
+    context = sensors.GetMyContextFromRoot(root_context)
+    samples = {}
+    for name, width in sample_widths(sensors.spacecraft.joint_names).items():
+        columns = [np.empty((1 + width, 0))]
+        if name in logs:
+            held = sensors.GetOutputPort(name).Eval(context)
+            columns = [logs[name].FindLog(root_context).data(), held[:, None]]
+        rows = np.hstack(columns).T
+        rows = rows[~np.isnan(rows[:, 0])]
+        time, first = np.unique(rows[:, 0], return_index=True)
+        samples[name] = Samples(time, rows[first, 1:])
+    return Measurements(sensors.spacecraft.joint_names, **samples)

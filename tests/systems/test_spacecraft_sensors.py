@@ -1,0 +1,303 @@
+"""Sensors in a diagram: the same samples as the array model's, at their times, in the Context."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InputError, Telemetry
+from cpid_drake.sensors import (
+    SENSOR_NAMES,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    SensorSuite,
+    VectorSensor,
+    add_noise,
+    perfect_measurements,
+    sample_times,
+)
+from cpid_drake.systems.spacecraft_sensors import (
+    SpacecraftSensors,
+    log_samples,
+    measurements_from_logs,
+)
+
+DURATION = 2.0
+
+
+@pytest.fixture
+def suite() -> SensorSuite:
+    return SensorSuite(
+        attitude=AttitudeSensor(rate=4.0, cross_boresight_arcsec=5.0, boresight_arcsec=40.0),
+        gyro=Gyro(rate=100.0, angle_random_walk=0.07, bias=1.0, bias_random_walk=0.5),
+        position=VectorSensor(rate=7.0, sigma=1e-3),
+        velocity=VectorSensor(rate=10.0, sigma=1e-3),
+        encoders=JointSensor(rate=30.0, bits=17),
+        joint_rates=JointSensor(rate=3.0, sigma=1e-4),
+    )
+
+
+@pytest.fixture(scope="module")
+def motion(servicer):
+    """Return a function (times) -> Telemetry of a base that turns and joints that swing."""
+
+    def make(times) -> Telemetry:
+        t = np.atleast_1d(times)[:, None]
+        speeds = 0.1 + 0.05 * np.arange(len(servicer.joint_names))
+        attitude = Rotation.from_rotvec(t * [0.2, -0.5, 0.3])
+        return Telemetry(
+            servicer.joint_names,
+            t[:, 0],
+            quaternion_WB=attitude.as_quat(scalar_first=True),
+            p_WB=np.sin(t * [0.1, 0.2, -0.3]),
+            w_WB=np.tile([0.2, -0.5, 0.3], (t.size, 1)),
+            v_WB=np.cos(t * [0.1, 0.2, -0.3]),
+            q=np.sin(t * speeds),
+            qdot=np.cos(t * speeds) * speeds,
+        )
+
+    return make
+
+
+class Moving(LeafSystem):
+    """The state of a prescribed motion."""
+
+    def __init__(self, spacecraft, motion):
+        super().__init__()
+        self.DeclareVectorOutputPort(
+            "state",
+            spacecraft.plant.num_multibody_states(),
+            lambda context, output: output.SetFromVector(
+                spacecraft.to_states(motion(context.get_time()))[0]
+            ),
+        )
+
+
+@pytest.fixture
+def diagram(servicer, suite, motion):
+    """Return a function (seed, per_step) -> (diagram, sensors, logs) of the moving spacecraft."""
+
+    def make(seed=3, per_step=False):
+        builder = DiagramBuilder()
+        source = builder.AddSystem(Moving(servicer, motion))
+        sensors = SpacecraftSensors.AddToBuilder(
+            builder, servicer, source.get_output_port(), suite, seed
+        )
+        if per_step:
+            ports = {name: sensors.GetOutputPort(name) for name in suite.present()}
+            logs = {name: LogVectorOutput(port, builder) for name, port in ports.items()}
+        else:
+            logs = log_samples(builder, sensors)
+        return builder.Build(), sensors, logs
+
+    return make
+
+
+def run(diagram, duration=DURATION):
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(duration)
+    simulator.AdvancePendingEvents()
+    return simulator.get_context().Clone()
+
+
+def assert_same(found, expected, atol=1e-12):
+    assert found.joint_names == expected.joint_names
+    for name in SENSOR_NAMES:
+        one, other = getattr(found, name), getattr(expected, name)
+        np.testing.assert_array_equal(one.time, other.time)
+        np.testing.assert_allclose(one.value, other.value, rtol=0, atol=atol)
+
+
+def latest(sensors, context) -> dict:
+    return {name: sensors.GetOutputPort(name).Eval(context) for name in sensors.suite.present()}
+
+
+def test_ports_are_as_documented(servicer, suite):
+    sensors = SpacecraftSensors(servicer, suite)
+    assert sensors.GetInputPort("spacecraft_state").size() == 37
+    sizes = dict(zip(SENSOR_NAMES, (5, 4, 4, 4, 13, 13)))
+    assert sensors.num_output_ports() == len(sizes)
+    for name, size in sizes.items():
+        assert sensors.GetOutputPort(name).size() == size
+    assert not sensors.HasAnyDirectFeedthrough()
+
+
+@pytest.mark.parametrize("absent", ["attitude", "gyro", "position", "velocity", "joint_rates"])
+def test_absent_sensors_have_no_port(servicer, suite, absent):
+    setattr(suite, absent, None)
+    sensors = SpacecraftSensors(servicer, suite)
+    assert sensors.num_output_ports() == 5
+    assert not sensors.HasOutputPort(absent)
+
+
+def test_there_is_nothing_before_the_first_sample(servicer, suite):
+    sensors = SpacecraftSensors(servicer, suite)
+    for value in latest(sensors, sensors.CreateDefaultContext()).values():
+        assert np.isnan(value).all()
+
+
+@pytest.mark.parametrize("per_step", [False, True])
+@pytest.mark.parametrize("digits", [None, 4])
+def test_samples_are_those_of_the_array_model(servicer, suite, motion, diagram, per_step, digits):
+    """In a diagram one by one, or all at once: the same times, the same errors."""
+    suite.digits = digits
+    system, sensors, logs = diagram(seed=3, per_step=per_step)
+    found = measurements_from_logs(sensors, logs, run(system))
+    perfect = perfect_measurements(suite, servicer.joint_names, motion, DURATION)
+    assert_same(found, add_noise(suite, perfect, seed=3))
+    for name, sensor in suite.present().items():
+        times = getattr(found, name).time
+        np.testing.assert_array_equal(times, sample_times(sensor.rate, DURATION))
+
+
+def test_samples_of_a_simulated_plant_are_those_of_its_logged_motion(servicer, suite, paper_target):
+    """With a plant's continuous state: the sample is of the state at its very time."""
+    plant_diagram = DiagramBuilder()
+    plant = plant_diagram.AddSystem(servicer.make_simulation_plant(paper_target))
+    state_port = plant.get_state_output_port()
+    sensors = SpacecraftSensors.AddToBuilder(plant_diagram, servicer, state_port, suite, 8)
+    logs = log_samples(plant_diagram, sensors)
+    simulator = Simulator(plant_diagram.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    state = plant.GetPositionsAndVelocities(context)
+    state[-12:] = 0.1 * np.arange(12)
+    plant.SetPositionsAndVelocities(context, state)
+
+    times = np.unique(np.round(np.concatenate([sample_times(r, 0.5) for r in (4, 100, 7)]), 12))
+    states = []
+    for time in times:
+        simulator.AdvanceTo(time)
+        states.append(plant.GetPositionsAndVelocities(context).copy())
+    simulator.AdvancePendingEvents()
+    found = measurements_from_logs(sensors, logs, simulator.get_context())
+
+    def motion(wanted):
+        index = np.abs(times[:, None] - wanted).argmin(axis=0)
+        return servicer.to_telemetry(wanted, np.array(states)[index])
+
+    only = SensorSuite(attitude=suite.attitude, gyro=suite.gyro, position=suite.position)
+    expected = add_noise(only, perfect_measurements(only, servicer.joint_names, motion, 0.5), 8)
+    for name in ("attitude", "gyro", "position"):
+        np.testing.assert_array_equal(getattr(found, name).time, getattr(expected, name).time)
+        np.testing.assert_allclose(
+            getattr(found, name).value, getattr(expected, name).value, rtol=0, atol=1e-12
+        )
+
+
+def test_the_last_sample_needs_the_pending_events(diagram):
+    system, sensors, _ = diagram()
+    simulator = Simulator(system)
+    simulator.AdvanceTo(1.0)
+    context = sensors.GetMyContextFromRoot(simulator.get_context())
+    assert latest(sensors, context)["attitude"][0] == 0.75
+    simulator.AdvancePendingEvents()
+    assert latest(sensors, context)["attitude"][0] == 1.0
+    assert latest(sensors, context)["gyro"][0] == 1.0
+
+
+def test_samples_are_held_until_the_next(diagram):
+    system, sensors, _ = diagram()
+    simulator = Simulator(system)
+    context = sensors.GetMyContextFromRoot(simulator.get_context())
+    simulator.AdvanceTo(0.3)
+    early = latest(sensors, context)
+    simulator.AdvanceTo(0.45)
+    late = latest(sensors, context)
+    np.testing.assert_array_equal(early["attitude"], late["attitude"])
+    assert early["attitude"][0] == 0.25
+    assert late["gyro"][0] > early["gyro"][0]
+
+
+def test_a_replay_gives_the_same_samples_and_another_seed_others(diagram):
+    system, sensors, logs = diagram(seed=5)
+    one, again = (measurements_from_logs(sensors, logs, run(system)) for _ in range(2))
+    assert_same(one, again, atol=0)
+    system, sensors, logs = diagram(seed=6)
+    other = measurements_from_logs(sensors, logs, run(system))
+    assert (one.gyro.value != other.gyro.value).all()
+
+
+def test_all_state_is_in_the_context(diagram):
+    """Two interleaved runs, and one that goes on from a copy, do not disturb each other."""
+    system, sensors, _ = diagram(seed=7)
+    whole = latest(sensors, sensors.GetMyContextFromRoot(run(system)))
+    one, other = Simulator(system), Simulator(system)
+    one.AdvanceTo(0.8)
+    copy = Simulator(system, one.get_context().Clone())
+    other.AdvanceTo(1.3)
+    for simulator in (one, copy):
+        simulator.AdvanceTo(DURATION)
+        simulator.AdvancePendingEvents()
+        found = latest(sensors, sensors.GetMyContextFromRoot(simulator.get_context()))
+        for name, value in whole.items():
+            np.testing.assert_array_equal(found[name], value)
+    interrupted = latest(sensors, sensors.GetMyContextFromRoot(other.get_context()))
+    assert interrupted["attitude"][0] == 1.25
+    context = sensors.CreateDefaultContext()
+    assert context.num_continuous_states() == 0
+    assert context.num_discrete_state_groups() == 6
+
+
+def test_a_run_that_starts_late_takes_the_samples_of_that_time(servicer, suite, motion, diagram):
+    system, sensors, logs = diagram(seed=3)
+    simulator = Simulator(system)
+    simulator.get_mutable_context().SetTime(1.0)
+    simulator.Initialize()
+    simulator.Initialize()
+    simulator.AdvanceTo(DURATION)
+    simulator.AdvancePendingEvents()
+    found = measurements_from_logs(sensors, logs, simulator.get_context())
+    perfect = perfect_measurements(suite, servicer.joint_names, motion, DURATION)
+    expected = add_noise(suite, perfect, seed=3).between(found.gyro.time[0], DURATION)
+    assert found.gyro.time[0] == 1.0
+    assert_same(found, expected)
+
+
+def test_sensors_without_a_log_have_no_samples(diagram):
+    system, sensors, logs = diagram()
+    found = measurements_from_logs(sensors, {"gyro": logs["gyro"]}, run(system, 0.1))
+    assert len(found.gyro) == 11
+    assert len(found.encoders) == 0
+    assert found.encoders.value.shape == (0, 12)
+
+
+def test_wiring_a_port_of_another_size_is_refused(servicer, suite):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(np.zeros(5)))
+    with pytest.raises(InputError, match="5 entries"):
+        SpacecraftSensors.AddToBuilder(builder, servicer, source.get_output_port(), suite)
+
+
+def test_sensors_that_cannot_be_are_refused(servicer, suite):
+    suite.gyro.rate = 0.0
+    with pytest.raises(InputError, match=r"sensors: gyro.rate must be from"):
+        SpacecraftSensors(servicer, suite)
+    with pytest.raises(InputError, match="encoders are missing"):
+        SpacecraftSensors(servicer, SensorSuite())
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, None])
+def test_a_seed_that_is_none_is_refused(servicer, suite, seed):
+    with pytest.raises(InputError, match="a seed must be"):
+        SpacecraftSensors(servicer, suite, seed)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ((slice(20, 21), np.nan), "'w_WB' is not finite"),
+        ((slice(0, 4), 3.0), "quaternion_WB is not of unit norm"),
+    ],
+)
+def test_a_state_that_means_nothing_is_refused(servicer, suite, motion, change, message):
+    state = servicer.to_states(motion(0.0))[0]
+    state[change[0]] = change[1]
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(state))
+    SpacecraftSensors.AddToBuilder(builder, servicer, source.get_output_port(), suite)
+    simulator = Simulator(builder.Build())
+    with pytest.raises(InputError, match=rf"spacecraft_sensors: \w+ at t = 0 s: .*{message}"):
+        simulator.AdvanceTo(0.1)
