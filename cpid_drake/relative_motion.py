@@ -54,10 +54,9 @@ class RelativeDynamics:
     sdot: NDArray[np.float64]
 
     @classmethod
-    def from_known(cls, known: KnownDynamics) -> "RelativeDynamics":
-        """Take the known bodies' inertia and momentum about B apart into those about K."""
+    def from_known(cls, known: KnownDynamics, mass: float) -> "RelativeDynamics":
+        """Take the known bodies' inertia and momentum about B, of this mass, to those about K."""
         M, h, X = known.M, known.h, known.X
-        mass = float(M[0, 5, 5])
         p_BK = _unskew(M[:, :3, 3:]) / mass
         R_CB = X[:, :3, :3]
         R_BC = np.swapaxes(R_CB, -1, -2)
@@ -120,7 +119,8 @@ class RelativeDynamics:
 
 def relative_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> RelativeDynamics:
     """Return the known bodies as seen from the base at joint positions and rates, (N, J) each."""
-    return RelativeDynamics.from_known(known_dynamics(tree, q, qdot))
+    mass = float(sum(body.mass for body in tree.bodies))
+    return RelativeDynamics.from_known(known_dynamics(tree, q, qdot), mass)
 
 
 def _unskew(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

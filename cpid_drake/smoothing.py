@@ -97,7 +97,11 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
         count = (len(positions) + len(rates) - basis.size) * positions.value.shape[1]
         return JointSpline(basis, coefficients, covariance, chi_squared, count)
 
-    return _best(fit, len(positions), lambda spline: spline.coefficients.size)
+    best = _best(fit, len(positions), lambda spline: spline.coefficients.size)
+    # One size finer than Akaike's: what is left of the error is noise then, which the covariance
+    # covers, and not misfit, which it does not.
+    finer = [n for n in _INTERVALS if n + 5 > best.basis.size and n + 5 <= len(positions) / 2]
+    return fit(finer[0]) if finer else best
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,9 +74,9 @@ _POINTS_PER_CYCLE = 200
 class MultiSine:
     """q(t) = centre + r(t) Σ_k a_k sin(2π f_k t + φ_k): a bounded motion of all joints.
 
-    r rises from 0 to 1 over the first `ramp` seconds and falls back over the last, by the quintic
-    10 x³ − 15 x⁴ + 6 x⁵: at rest at the centre, without acceleration, at t = 0 and at t = T, held
-    there before and after.
+    r rises from 0 to 1 over the first `ramp` seconds and falls back over the last, by the
+    polynomial of degree 9 whose first four derivatives vanish at both ends: at rest at the centre,
+    without acceleration or jerk, at t = 0 and at t = T, held there before and after.
 
     Attributes:
         centre: (J,) positions about which the joints move [rad or m].
@@ -138,9 +138,9 @@ class MultiSine:
         time = np.clip(np.asarray(time, dtype=float)[..., None], 0.0, self.duration)
         x = np.minimum(np.minimum(time, self.duration - time) / self.ramp, 1.0)
         direction = np.where(time < self.duration / 2, 1.0, -1.0)
-        r = x**3 * (10 - 15 * x + 6 * x**2)
-        rdot = direction * 30 * x**2 * (1 - x) ** 2 / self.ramp
-        rddot = 60 * x * (1 - x) * (1 - 2 * x) / self.ramp**2
+        r = x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4)
+        rdot = direction * 630 * (x * (1 - x)) ** 4 / self.ramp
+        rddot = 2520 * (x * (1 - x)) ** 3 * (1 - 2 * x) / self.ramp**2
 
         w = 2 * np.pi * self.frequencies[:, None]
         angle = w * time[..., None] + self.phases
