@@ -394,7 +394,9 @@ class InertialParameters:
         violation = max(-values[0], 1e-14 * np.abs(values).max())
         congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
         directions = [center / scale, *(violation * np.eye(10))]
-        matrices = [congruence.T @ standard_to_pseudo_inertia(phi) @ congruence for phi in directions]
+        matrices = [
+            congruence.T @ standard_to_pseudo_inertia(phi) @ congruence for phi in directions
+        ]
         # A body to be simulated has some mass: a thousandth of the estimate's magnitude.
         least = (1e-3 - center[0] / scale[0]) / violation if self.mass < 0 else -np.inf
         change = _least_change(root, [(matrix + matrix.T) / 2 for matrix in matrices], least)

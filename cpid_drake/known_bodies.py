@@ -54,7 +54,5 @@ class KnownBodies(threading.local):
         X = np.zeros((1, 6, 6))
         X[0, :3, :3] = X[0, 3:, 3:] = R_CB
         X[0, 3:, :3] = -R_CB @ skew(X_BC.translation())
-        known = KnownDynamics(
-            M[None, :, self._base], qdot @ M[:, self._joints].T, X, qdot @ J_BC.T
-        )
+        known = KnownDynamics(M[None, :, self._base], qdot @ M[:, self._joints].T, X, qdot @ J_BC.T)
         return RelativeDynamics.from_known(known, self._spacecraft.mass)

@@ -177,9 +177,7 @@ def disturbed(
         second_moment = (np.eye(3) + E) @ second_moment @ (np.eye(3) + E).T
         inertia = np.trace(second_moment) * np.eye(3) - second_moment
         mass = body.mass * (1 + draw[0])
-        bodies.append(
-            replace(body, mass=mass, p_BBcm=body.p_BBcm + draw[1:4], I_BBcm=inertia)
-        )
+        bodies.append(replace(body, mass=mass, p_BBcm=body.p_BBcm + draw[1:4], I_BBcm=inertia))
     return replace(tree, bodies=tuple(bodies))
 
 
@@ -239,9 +237,7 @@ def _body_momenta(tree: KinematicTree, bodies: BodyMotion) -> NDArray[np.float64
     return np.stack(momenta)
 
 
-def _screw(
-    body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _screw(body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 6) twist of a joint of unit rate, from the outboard body's attitude and centroid."""
     R_WM = R @ body.R_MB.T
     axis = rotate(R_WM, body.axis_F)

@@ -251,7 +251,11 @@ class _AttitudeFit:
     def evaluate(self, times: NDArray[np.float64]) -> tuple[Rotation, NDArray, NDArray]:
         """Return attitude, angular velocity in B (N, 3), and their derivative (N, 6, 3 K)."""
         B, B_dot, B_ddot = (self.basis(times, d) for d in range(3))
-        r, rdot, rddot = B @ self.coefficients, B_dot @ self.coefficients, B_ddot @ self.coefficients
+        r, rdot, rddot = (
+            B @ self.coefficients,
+            B_dot @ self.coefficients,
+            B_ddot @ self.coefficients,
+        )
         turn = right_jacobian(r)
         w = rotate(turn, rdot)
         # The rate of the right Jacobian, by differences: r is smooth over a millisecond.
@@ -301,9 +305,7 @@ def _smooth_attitude(
     sigma_rate = suite.sigmas("gyro")[0] if len(gyro) else 1.0
     bias_rows = np.eye(3) / max(suite.gyro.bias_sigma, 1e-8) if len(gyro) else np.eye(3)
     knot_times = gyro.time if len(gyro) > len(attitude) else attitude.time
-    best = _AttitudeFit(
-        middle, *_coarse(attitude.time, turned), np.empty(0), np.zeros(3), np.inf
-    )
+    best = _AttitudeFit(middle, *_coarse(attitude.time, turned), np.empty(0), np.zeros(3), np.inf)
 
     def fit(intervals: int) -> _AttitudeFit:
         nonlocal best

@@ -14,13 +14,13 @@ Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass; the filter is 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.relative_motion import RelativeDynamics
-from cpid_drake.sensors import SENSOR_NAMES, SensorSuite
+from cpid_drake.sensors import SENSOR_NAMES, Measurements, SensorSuite
 
 PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (
     slice(0, 10),
@@ -49,8 +49,13 @@ LARGEST_STEP = 0.03
 LONGEST_GAP = 0.25
 """Integration does not bridge longer gaps in gyro or encoder samples [s]."""
 
+SLOWEST = 200.0
+"""For so many samples, at most, a creeping joint's rounding error is taken to be the same."""
+
 _SENSORS = (*SENSOR_NAMES, "agreement")
 _GYRO, _ENCODERS = _SENSORS.index("gyro"), _SENSORS.index("encoders")
+
+ATTITUDE_KNOWN, CHANGES, CHANGE_TIME, DOUBTFUL_TIME, COM_KNOWN, NOISE_TIME = range(6)
 
 FILTER_ORDER = ("gyro", "attitude", "encoders", "position", "velocity")
 """The order in which samples of one instant are best given to the filter."""
@@ -118,25 +123,32 @@ class FilterState:
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) velocity of the centre of mass [m/s].
         P: (28, 28) covariance of the error state.
-        q, qdot: (J,) latest joint positions, and rates over the interval before.
-        w: (3,) latest angular velocity, in B [rad/s].
-        gyro: (3,) latest gyro sample; `doubtful_gyro` one that waits to be confirmed.
+        joints: (2, 1 + J) time and joint positions where the attitude by momentum has got to, and of
+            one later sample that waits for the next; NaN for none.
+        q_before: (J,) joint positions when the joint noise was last computed.
+        joint_noise, com_noise: (3, 3) what one encoder sample's error does to the attitude by
+            momentum and to the centre of mass, in B; `unsure_noise` the part of the first that is
+            for not knowing ψ.
+        rate_noise: growth of the attitude by momentum's variance [rad²/s] by the noise of the
+            angular velocity in its regressor.
+        w: (3,) latest angular velocity, in B [rad/s]; `w_before` the one that momentum predicts.
+        gyro: (4, 4) time and value of the latest gyro samples, the newest last.
+        doubtful_gyro: (3,) a gyro sample that waits to be confirmed.
         times: latest stamp used, of every sensor [s]; −inf before the first.
-        doubtful_time: stamp of `doubtful_gyro`; NaN for none.
-        attitude_known: whether there has been an attitude.
         used, rejected: number of samples, of every sensor and of the two attitudes' agreement.
         in_a_row: rejections in a row.
-        momentum_changes: how often the momentum was found to have changed.
-        momentum_change_time: when last [s]; NaN for never.
+        flags: single numbers; see `momentum_changes` and `momentum_change_time` for two of them.
 
     """
 
     psi: NDArray[np.float64]
     P: NDArray[np.float64]
-    q: NDArray[np.float64]
-    qdot: NDArray[np.float64]
-    joint_noise: NDArray[np.float64]
-    com_noise: NDArray[np.float64]
+    joints: NDArray[np.float64]
+    q_before: NDArray[np.float64]
+    joint_noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    com_noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    unsure_noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    rate_noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     R_by_momentum: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     R_by_gyro: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     p_Wcm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
@@ -144,7 +156,8 @@ class FilterState:
     L: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     v_Wcm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     w: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    gyro: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    w_before: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    gyro: NDArray[np.float64] = field(default_factory=lambda: np.full((4, 4), np.nan))
     doubtful_gyro: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     times: NDArray[np.float64] = field(default_factory=lambda: np.full(len(_SENSORS), -np.inf))
     used: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_SENSORS)))
@@ -154,17 +167,15 @@ class FilterState:
         default_factory=lambda: np.array([0.0, 0.0, np.nan, np.nan, 0.0, -np.inf])
     )
 
-    # flags: attitude known, momentum changes, time of the last, time of the doubtful gyro sample,
-    # centre of mass known, time of the joint noise
     @property
     def momentum_changes(self) -> int:
         """How often the momentum was found to have changed."""
-        return int(self.flags[1])
+        return int(self.flags[CHANGES])
 
     @property
     def momentum_change_time(self) -> float:
         """When it was last found to have changed [s]; NaN for never."""
-        return float(self.flags[2])
+        return float(self.flags[CHANGE_TIME])
 
     def pack(self) -> NDArray[np.float64]:
         """Return all of it as one vector."""
@@ -222,7 +233,7 @@ class MomentumFilter:
         if self._has_gyro:
             P[BIAS, BIAS] = max(self.suite.gyro.bias_sigma, 1e-9) ** 2 * np.eye(3)
         state = FilterState(
-            prior.psi.copy(), P, np.zeros(J), np.zeros(J), np.zeros((3, 3)), np.zeros((3, 3))
+            prior.psi.copy(), P, joints=np.full((2, 1 + J), np.nan), q_before=np.zeros(J)
         )
         if not prior.momentum_known:
             self._open_momentum(state, angular=True)
@@ -253,7 +264,7 @@ class MomentumFilter:
             return
         if name == "joint_rates":
             return  # the filter uses encoders only: their noise does not add up
-        now = max(state.times[_ENCODERS], state.times[_GYRO])
+        now = state.times[[_ENCODERS, _GYRO]].max()
         if name not in ("encoders", "gyro") and time < now - LONGEST_GAP:
             state.rejected[k] += 1
             return
@@ -265,6 +276,43 @@ class MomentumFilter:
         elif outcome is not None:
             state.rejected[k] += 1
 
+    @staticmethod
+    def index(name: str) -> int:
+        """Return a sensor's place in `FilterState.times`, `used`, `rejected` and `in_a_row`."""
+        return _SENSORS.index(name)
+
+    def resume(
+        self, state: FilterState, time: float, q: NDArray, measurements: Measurements
+    ) -> None:
+        """Set what else a state needs to go on at `time`, after the last of these measurements."""
+        state.flags[ATTITUDE_KNOWN] = 1.0
+        state.flags[COM_KNOWN] = float(len(measurements.position) > 0)
+        state.joints[0, 0], state.joints[0, 1:] = time, q
+        before = np.searchsorted(measurements.encoders.time, time - 0.1)
+        state.q_before[:] = measurements.encoders.value[min(before, len(measurements.encoders) - 1)]
+        state.flags[NOISE_TIME] = time - 0.1
+        gyro = measurements.gyro
+        count = min(len(gyro), len(state.gyro))
+        if count:
+            state.gyro[-count:, 0] = gyro.time[-count:]
+            state.gyro[-count:, 1:] = gyro.value[-count:]
+            state.w[:] = gyro.value[-1] - state.bias
+            # The attitude is that at `time`; the gyro's may be a little older.
+            turn = _exp(state.w * (gyro.time[-1] - time))
+            state.R_by_gyro = state.R_by_gyro @ turn
+        self._refresh_joint_noise(state, time)
+        R = state.R_by_momentum
+        state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
+
+    def well_known(self, state: FilterState) -> bool:
+        """Whether ψ is known well enough for this filter to go on with.
+
+        Encoder errors are in the regressors too. That does no harm once it hardly matters to their
+        effect which of the still possible ψ is the true one: 1 % of its variance here.
+        """
+        self._refresh_joint_noise(state, state.joints[0, 0])
+        return bool(np.trace(state.unsure_noise) < 0.01 * np.trace(state.joint_noise))
+
     # -- sensors ---------------------------------------------------------------------------------
 
     def _attitude(self, state: FilterState, time: float, value: NDArray) -> bool:
@@ -273,8 +321,8 @@ class MomentumFilter:
             return False
         R = _rotation_of(value / norm)
         noise = self._variance["attitude"]
-        if not state.flags[0]:
-            at = state.times[_GYRO]
+        if not state.flags[ATTITUDE_KNOWN]:
+            at = state.gyro[-1, 0]
             behind = time - at if np.isfinite(at) else 0.0
             self._set_attitude(state, R @ _exp(-state.w * behind), noise)
             return True
@@ -295,25 +343,27 @@ class MomentumFilter:
         return False
 
     def _gyro(self, state: FilterState, time: float, value: NDArray) -> bool | None:
-        last, doubtful = state.times[_GYRO], state.flags[3]
-        if not state.flags[0] or time - last > LONGEST_GAP:
+        last, doubtful = state.gyro[-1, 0], state.flags[DOUBTFUL_TIME]
+        if not (state.flags[ATTITUDE_KNOWN] and time - last <= LONGEST_GAP):
             # Nothing to carry on from: the attitude by momentum stands in until now.
             self._adopt(state, BY_GYRO, "R_by_gyro", BY_MOMENTUM, state.R_by_momentum)
-            state.gyro[:], state.w[:], state.times[_GYRO] = value, value - state.bias, time
-            state.flags[3] = np.nan
+            state.gyro[:] = np.nan
+            state.gyro[-1] = [time, *value]
+            state.w[:] = value - state.bias
+            state.flags[DOUBTFUL_TIME] = np.nan
             return True
         if not np.isnan(doubtful):
             if time <= doubtful:
                 return False
-            state.flags[3] = np.nan
+            state.flags[DOUBTFUL_TIME] = np.nan
             if self._alike(state.doubtful_gyro, value, time - doubtful):
                 # Confirmed: a step between two samples, at an unknown instant.
                 self._turn_by_gyro(state, doubtful, state.doubtful_gyro, stepped=True)
                 state.used[_GYRO] += 1
             else:
                 state.rejected[_GYRO] += 1
-        if not self._alike(state.gyro, value, time - state.times[_GYRO]):
-            state.doubtful_gyro[:], state.flags[3] = value, time
+        if not self._alike(state.gyro[-1, 1:], value, time - state.gyro[-1, 0]):
+            state.doubtful_gyro[:], state.flags[DOUBTFUL_TIME] = value, time
             return None  # the next sample decides
         self._turn_by_gyro(state, time, value)
         return True
@@ -327,83 +377,126 @@ class MomentumFilter:
     def _turn_by_gyro(
         self, state: FilterState, time: float, value: NDArray, stepped: bool = False
     ) -> None:
-        elapsed = time - state.times[_GYRO]
-        w = (value + state.gyro) / 2 - state.bias
-        turn = _exp(w * elapsed)
+        (before, last), (w_before, w_last) = state.gyro[-2:, 0], state.gyro[-2:, 1:]
+        elapsed, gap = time - last, last - before
+        if stepped or not gap <= LONGEST_GAP:
+            mean = (value + w_last) / 2
+        else:
+            # The mean over the interval of the parabola through three samples.
+            newest = (elapsed / 3 + gap / 2) / (elapsed + gap)
+            oldest = -(elapsed**2) / (6 * gap * (elapsed + gap))
+            mean = newest * value + oldest * w_before + (1 - newest - oldest) * w_last
+        turn = (mean - state.bias) * elapsed
+        turn += elapsed**2 / 12 * _cross(w_last - state.bias, value - state.bias)
         A = np.eye(SIZE)
         A[BY_GYRO, BIAS] = -elapsed * state.R_by_gyro
         state.P = A @ state.P @ A.T
         growth = self._attitude_growth * elapsed
         if stepped:
-            jump = value - state.gyro
+            jump = value - w_last
             growth += (jump @ jump) * elapsed**2 / 12
         index = np.arange(BY_GYRO.start, BY_GYRO.stop)
         state.P[index, index] += growth
         index = np.arange(BIAS.start, BIAS.stop)
         state.P[index, index] += self._bias_growth * elapsed
-        state.R_by_gyro = state.R_by_gyro @ turn
-        state.gyro[:] = value
-        state.w[:] = w
+        state.R_by_gyro = state.R_by_gyro @ _exp(turn)
+        if stepped:
+            state.gyro[:] = np.nan
+        state.gyro[:-1] = state.gyro[1:]
+        state.gyro[-1] = [time, *value]
+        state.w[:] = value - state.bias
         state.times[_GYRO] = time
 
     def _encoders(self, state: FilterState, time: float, value: NDArray) -> bool:
+        start, middle = state.joints
         last = state.times[_ENCODERS]
-        elapsed = time - last
-        if not np.isfinite(last) or not state.flags[0] or elapsed > LONGEST_GAP:
-            state.qdot[:] = 0.0
-            state.q[:] = value
-            self._refresh_joint_noise(state, time)
-            if state.flags[0] and self._has_gyro:
-                self._adopt(state, BY_MOMENTUM, "R_by_momentum", BY_GYRO, state.R_by_gyro)
-                state.P[BY_MOMENTUM, BY_MOMENTUM] += state.R_by_gyro @ state.joint_noise @ (
-                    state.R_by_gyro.T
-                )
-            elif np.isfinite(last) and elapsed > LONGEST_GAP:
-                state.flags[0] = 0.0  # no gyro to bridge the gap: wait for an attitude
+        if not (state.flags[ATTITUDE_KNOWN] and time - last <= LONGEST_GAP):
+            self._start_joints(state, time, value)
             return True
-        qdot = (value - state.q) / elapsed
-        dynamics = self.dynamics((value + state.q) / 2, qdot[None])
-        self._turn_by_momentum(state, dynamics, elapsed)
-        state.q[:], state.qdot[:] = value, qdot
-        if time - state.flags[5] > 0.1 - 1e-9:
+        if np.isnan(middle[0]):
+            middle[0], middle[1:] = time, value
+            return True
+        self._turn_by_momentum(state, time, value)
+        start[0], start[1:], middle[0] = time, value, np.nan
+        if time - state.flags[NOISE_TIME] > 0.1 - 1e-9:
             self._refresh_joint_noise(state, time)
         if self._has_gyro:
             self._agree(state, time)
         return True
 
-    def _turn_by_momentum(
-        self, state: FilterState, dynamics: RelativeDynamics, elapsed: float
-    ) -> None:
-        J = dynamics.inertia(state.psi)[0]
-        h = dynamics.momentum_at_rest(state.psi)[0]
+    def _start_joints(self, state: FilterState, time: float, value: NDArray) -> None:
+        """Begin with the joints anew, at the attitude by gyro if there is one."""
+        lost = np.isfinite(state.times[_ENCODERS])
+        state.joints[0, 0], state.joints[0, 1:], state.joints[1, 0] = time, value, np.nan
+        state.q_before[:] = value
+        self._refresh_joint_noise(state, time)
+        if state.flags[ATTITUDE_KNOWN] and self._has_gyro:
+            self._rejoin(state)
+        elif lost:
+            state.flags[ATTITUDE_KNOWN] = 0.0  # no gyro to bridge the gap: wait for an attitude
+
+    def _turn_by_momentum(self, state: FilterState, time: float, value: NDArray) -> None:
+        """Integrate over two encoder intervals: a parabola through three samples, and Simpson."""
+        (t0, *_), (t1, *_) = state.joints
+        q0, q1 = state.joints[:, 1:]
+        T, part = time - t0, (t1 - t0) / (time - t0)
+        curved = 0.0
+        if 0.2 < part < 0.8:
+            curved = ((value - q0) - (q1 - q0) / part) / (1 - part)
+        slope = (value - q0) - curved
+        q = np.stack([q0, q0 + slope / 2 + curved / 4, value])
+        qdot = np.stack([slope, slope + curved, slope + 2 * curved]) / T
+        dynamics = _joined([self.dynamics(q[i], qdot[i : i + 1]) for i in range(3)])
+
         psi = state.psi
-        if not _well_positive(J, dynamics.I_K[0]):
+        J, h = dynamics.inertia(psi), dynamics.momentum_at_rest(psi)
+        if not _well_positive(J[1], dynamics.I_K[1]):
             psi = self.prior.psi  # any ψ will do to linearize about, but a possible one
-            J, h = dynamics.inertia(psi)[0], dynamics.momentum_at_rest(psi)[0]
-        R = state.R_by_momentum
+            J, h = dynamics.inertia(psi), dynamics.momentum_at_rest(psi)
         inverse = np.linalg.inv(J)
-        w = inverse @ (R.T @ state.L - h)
-        fresh = self._has_gyro and np.isfinite(state.times[_GYRO])
-        Y = dynamics.regressor((state.w if fresh else w)[None])[0]
-        if psi is not state.psi:
-            w = w - inverse @ (Y @ (state.psi - psi))
-        R_inverse = R @ inverse * elapsed
+        fresh = self._has_gyro and time - state.gyro[-1, 0] <= LONGEST_GAP
+        mean = state.w if fresh else state.w_before
+        to_nodes = np.stack([np.eye(3), _exp(mean * T / 2), _exp(mean * T)])
+        # The attitude for the derivatives: the gyro's is the better one.
+        R = state.R_by_gyro @ _exp(-state.w * T) if fresh else state.R_by_momentum
+        R_nodes = R @ to_nodes
+        R_inverse = np.swapaxes(R_nodes, -1, -2)
+        if fresh:
+            w_true = self._angular_velocities(state, np.array([t0, t0 + T / 2, time]))
+        else:
+            w_true = (inverse @ (R_inverse @ state.L - h)[..., None])[..., 0]
+        Y = dynamics.regressor(w_true)
+        momentum = np.swapaxes(state.R_by_momentum @ to_nodes, -1, -2) @ state.L
+        w = (inverse @ (momentum - h - Y @ (state.psi - psi))[..., None])[..., 0]
+
+        turn = T / 6 * (w[0] + 4 * w[1] + w[2]) + T**2 / 12 * _cross(w[0], w[2])
+        by_momentum = R_nodes @ inverse * (T / 6 * np.array([1.0, 4.0, 1.0]))[:, None, None]
         A = np.eye(SIZE)
-        A[BY_MOMENTUM, PSI] = -R_inverse @ Y
-        A[BY_MOMENTUM, ANGULAR] = R_inverse @ R.T
+        A[BY_MOMENTUM, PSI] = -(by_momentum @ Y).sum(axis=0)
+        spread = (by_momentum @ R_inverse).sum(axis=0)
+        A[BY_MOMENTUM, ANGULAR] = spread
         if state.L.any():
-            A[BY_MOMENTUM, BY_MOMENTUM] += R_inverse @ R.T @ _skew(state.L)
-        A[COM, VELOCITY] = elapsed * np.eye(3)
+            A[BY_MOMENTUM, BY_MOMENTUM] += spread @ _skew(state.L)
+        A[COM, VELOCITY] = T * np.eye(3)
         state.P = A @ state.P @ A.T
-        state.R_by_momentum = R @ _exp(w * elapsed)
-        state.p_Wcm += state.v_Wcm * elapsed
+        index = np.arange(BY_MOMENTUM.start, BY_MOMENTUM.stop)
+        state.P[index, index] += state.rate_noise * T
+        state.R_by_momentum = state.R_by_momentum @ _exp(turn)
+        state.w_before[:] = w[2]
+        state.p_Wcm += state.v_Wcm * T
         if not fresh:
-            state.w[:] = w
+            state.w[:] = w[2]
+
+    def _angular_velocities(self, state: FilterState, times: NDArray) -> NDArray:
+        """The gyro's angular velocities, without bias, at times within its latest samples."""
+        known = np.isfinite(state.gyro[:, 0])
+        at, samples = state.gyro[known, 0], state.gyro[known, 1:]
+        return np.stack([np.interp(times, at, axis) for axis in samples.T], axis=1) - state.bias
 
     def _agree(self, state: FilterState, time: float) -> None:
         """Both roads lead to one attitude, but for the latest encoder sample's error."""
-        behind = time - state.times[_GYRO]
-        if not 0 <= behind <= LONGEST_GAP or not np.isnan(state.flags[3]):
+        behind = time - state.gyro[-1, 0]
+        if not 0 <= behind <= LONGEST_GAP or not np.isnan(state.flags[DOUBTFUL_TIME]):
             return
         R = state.R_by_gyro @ _exp(state.w * behind) if behind > 1e-9 else state.R_by_gyro
         H = np.zeros((3, SIZE))
@@ -425,14 +518,17 @@ class MomentumFilter:
         return self._about_com(state, time, value, "velocity")
 
     def _about_com(self, state: FilterState, time: float, value: NDArray, name: str) -> bool:
-        joints_at = state.times[_ENCODERS]
-        if not state.flags[0] or not np.isfinite(joints_at):
+        start, middle = state.joints
+        if not state.flags[ATTITUDE_KNOWN] or np.isnan(start[0]):
             return False
-        ahead = time - joints_at
+        ahead = time - start[0]
         if not -LONGEST_GAP <= ahead <= LONGEST_GAP:
             return False
-        q = state.q + state.qdot * ahead
-        dynamics = self.dynamics(q, state.qdot[None])
+        # The joints from the latest samples, carried on or back a little.
+        qdot = np.zeros_like(start[1:])
+        if not np.isnan(middle[0]):
+            qdot = (middle[1:] - start[1:]) / (middle[0] - start[0])
+        dynamics = self.dynamics(start[1:] + qdot * ahead, qdot[None])
         where, R, at = self._best_attitude(state)
         R = R @ _exp(state.w * (time - at)) if abs(time - at) > 1e-9 else R
         H = np.zeros((3, SIZE))
@@ -457,11 +553,11 @@ class MomentumFilter:
                 lever = _skew(rho)
                 noise = noise + self._gyro_variance * R @ lever @ lever.T @ R.T
         H[:, where] = _skew(R @ arm)
-        if name == "position" and not state.flags[4]:
+        if name == "position" and not state.flags[COM_KNOWN]:
             state.p_Wcm[:] = value + R @ rho
             state.P[COM, :] = state.P[:, COM] = 0.0
             state.P[COM, COM] = 1e2 * (1 + rho @ rho) * np.eye(3)
-            state.flags[4] = 1.0
+            state.flags[COM_KNOWN] = 1.0
             predicted = value
         if self._correct(state, value - predicted, H, noise):
             return True
@@ -474,12 +570,10 @@ class MomentumFilter:
     def _best_attitude(self, state: FilterState) -> tuple[slice, NDArray, float]:
         """The attitude that sensors of the pose are compared with, and its time."""
         if self._has_gyro and np.isfinite(state.times[_GYRO]):
-            return BY_GYRO, state.R_by_gyro, state.times[_GYRO]
-        return BY_MOMENTUM, state.R_by_momentum, state.times[_ENCODERS]
+            return BY_GYRO, state.R_by_gyro, state.gyro[-1, 0]
+        return BY_MOMENTUM, state.R_by_momentum, state.joints[0, 0]
 
-    def _correct(
-        self, state: FilterState, innovation: NDArray, H: NDArray, noise: NDArray
-    ) -> bool:
+    def _correct(self, state: FilterState, innovation: NDArray, H: NDArray, noise: NDArray) -> bool:
         """Take an innovation in, unless it is out of the gate."""
         P = state.P
         PHt = P @ H.T
@@ -508,17 +602,15 @@ class MomentumFilter:
 
     def _momentum_changed(self, state: FilterState, time: float, angular: bool) -> None:
         """Forget the momentum, and what was integrated with it; keep all else."""
-        state.flags[1] += 1
-        state.flags[2] = time
+        state.flags[CHANGES] += 1
+        state.flags[CHANGE_TIME] = time
         state.in_a_row[:] = 0
         self._open_momentum(state, angular)
         if angular and self._has_gyro:
             # The step came at an unknown instant between two gyro samples.
             slip = LARGEST_STEP / self.suite.gyro.rate
             state.P[BY_GYRO, BY_GYRO] += slip**2 * np.eye(3)
-            self._adopt(state, BY_MOMENTUM, "R_by_momentum", BY_GYRO, state.R_by_gyro)
-            R = state.R_by_gyro
-            state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
+            self._rejoin(state)
 
     def _open_momentum(self, state: FilterState, angular: bool) -> None:
         state.P[VELOCITY, VELOCITY] += self.prior.velocity**2 * np.eye(3)
@@ -527,9 +619,13 @@ class MomentumFilter:
         if angular:
             state.P[ANGULAR, ANGULAR] += self.prior.angular_momentum**2 * np.eye(3)
 
-    def _adopt(
-        self, state: FilterState, where: slice, name: str, other: slice, R: NDArray
-    ) -> None:
+    def _rejoin(self, state: FilterState) -> None:
+        """Put the attitude by momentum onto that by gyro, but for the latest encoder error."""
+        R = state.R_by_gyro
+        self._adopt(state, BY_MOMENTUM, "R_by_momentum", BY_GYRO, R)
+        state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
+
+    def _adopt(self, state: FilterState, where: slice, name: str, other: slice, R: NDArray) -> None:
         """Make one of the two attitudes a copy of the other."""
         setattr(state, name, R.copy())
         state.P[where, :] = state.P[other, :]
@@ -546,22 +642,50 @@ class MomentumFilter:
         R_noise = R @ state.joint_noise @ R.T
         state.P[BY_MOMENTUM, BY_MOMENTUM] += R_noise
         state.R_by_momentum, state.R_by_gyro = R.copy(), R.copy()
-        state.flags[0] = 1.0
+        state.flags[ATTITUDE_KNOWN] = 1.0
 
     def _refresh_joint_noise(self, state: FilterState, time: float) -> None:
         """What an error of one encoder sample does to attitude and centre of mass, in B."""
-        unit = self.dynamics(state.q, np.eye(self.joint_count))
+        unit = self.dynamics(state.joints[0, 1:], np.eye(self.joint_count))
         psi = state.psi
         inertia = unit.inertia(psi)[0]
         if not _well_positive(inertia, unit.I_K[0]):
             psi = self.prior.psi
             inertia = unit.inertia(psi)[0]
-        turn = np.linalg.solve(inertia, unit.momentum_at_rest(psi).T)
-        com = unit.com_rate(psi).T
+        inverse, P = np.linalg.inv(inertia), state.P[PSI, PSI]
+        Y = unit.regressor(np.zeros((self.joint_count, 3)))
+        turn, com = inverse @ unit.momentum_at_rest(psi).T, unit.com_rate(psi).T
+        variance = np.full(self.joint_count, self._joint_sigma**2)
+        step, elapsed = self.suite.encoders.step, time - state.flags[NOISE_TIME]
+        q = state.joints[0, 1:]
+        if step:
+            # Rounding is white only where every sample is another step; a joint that creeps makes
+            # the same error for as long as it takes to the next step.
+            moved = np.abs(q - state.q_before) / max(elapsed * self.suite.encoders.rate, 1.0)
+            variance *= np.clip(step / np.maximum(moved, 1e-300), 1.0, SLOWEST)
+        # A ψ that is not well known does not say well what an error of the joints does.
+        unsure = np.einsum("j,jik,jlk->il", variance, Y @ P, Y)
         # 1e-9 rad and m: what the arithmetic of a filter in double precision is good for.
-        state.joint_noise = self._joint_sigma**2 * turn @ turn.T + 1e-18 * np.eye(3)
-        state.com_noise = self._joint_sigma**2 * com @ com.T + 1e-18 * np.eye(3)
-        state.flags[5] = time
+        state.unsure_noise = inverse @ unsure @ inverse.T
+        state.joint_noise = turn * variance @ turn.T + state.unsure_noise + 1e-18 * np.eye(3)
+        state.com_noise = com * variance @ com.T + 1e-18 * np.eye(3)
+        if self._has_gyro:
+            still = self.dynamics(q, np.zeros((1, self.joint_count)))
+            D = np.concatenate([still.regressor(axis[None]) for axis in np.eye(3)])
+            unsure = inverse @ np.einsum("jik,jlk->il", D @ P, D) @ inverse.T
+            state.rate_noise[:] = self._attitude_growth * np.trace(unsure) / 3
+        state.q_before[:] = q
+        state.flags[NOISE_TIME] = time
+
+
+def _joined(parts: list[RelativeDynamics]) -> RelativeDynamics:
+    """Put single instants together."""
+    arrays = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in vars(parts[0])
+        if name != "mass"
+    }
+    return RelativeDynamics(mass=parts[0].mass, **arrays)
 
 
 def _well_positive(J: NDArray, reference: NDArray) -> bool:
@@ -576,6 +700,10 @@ def _well_positive(J: NDArray, reference: NDArray) -> bool:
 def _skew(v: NDArray) -> NDArray:
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _cross(a: NDArray, b: NDArray) -> NDArray:
+    return _skew(a) @ b
 
 
 def _exp(r: NDArray) -> NDArray:

@@ -125,6 +125,7 @@ class LogCholesky:
         scale: (10,) magnitudes of the unknowns; only m and I are used, for S.
 
     Source: Rucker & Wensing 2022, log-Cholesky parameterization.
+
     """
 
     _rows, _columns = np.tril_indices(4)
@@ -296,18 +297,14 @@ def _free_stage(
     return trajectory, count, False
 
 
-def _damped(
-    N: NDArray[np.float64], g: NDArray[np.float64], damping: float
-) -> NDArray[np.float64]:
+def _damped(N: NDArray[np.float64], g: NDArray[np.float64], damping: float) -> NDArray[np.float64]:
     """Return the Levenberg-Marquardt step of a normal matrix, scaled by its diagonal."""
     scale = 1 / np.sqrt(np.maximum(np.diag(N), 1e-300))
     scaled = N * scale * scale[:, None] + (damping + 1e-14) * np.eye(len(N))
     return scale * np.linalg.solve(scaled, scale * g)
 
 
-def _huber_weights(
-    model: TrajectoryModel, residuals: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _huber_weights(model: TrajectoryModel, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the square roots of the robust loss's weights, the same for a sample's three rows."""
     rows = model.sample_rows()
     weights = np.ones(len(rows))

@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
+from cpid_drake.inertia import parameters_to_standard, relative_unknowns
 from cpid_drake.kinematics import KinematicTree, rotate
 from cpid_drake.momentum_sensitivity import (
     BodyUncertainty,
@@ -26,7 +27,6 @@ from cpid_drake.momentum_sensitivity import (
     joint_sensitivity,
     with_target,
 )
-from cpid_drake.inertia import parameters_to_standard, relative_unknowns
 from cpid_drake.regressors import skew
 from cpid_drake.relative_motion import relative_dynamics
 from cpid_drake.sensors import Measurements, SensorSuite
@@ -84,6 +84,7 @@ class TrajectoryModel:
         measurements: from its sensors; samples outside the joint motion are left out.
         suite: how good they are.
         unknown_momentum: whether the momentum is an unknown constant instead of zero.
+        psi_prior: mean and σ, (10,) each, of the relative unknowns; None for no prior.
         step: longest step of the grid [s].
 
     Raises:
@@ -99,12 +100,13 @@ class TrajectoryModel:
         suite: SensorSuite,
         *,
         unknown_momentum: bool = False,
+        psi_prior: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
         step: float = 0.025,
     ) -> None:
         start, end = joints.basis.knots[0], joints.basis.knots[-1]
         self.tree, self.joints, self.suite = tree, joints, suite
         self.measurements = measurements.between(start, end)
-        self.unknown_momentum = unknown_momentum
+        self.unknown_momentum, self.psi_prior = unknown_momentum, psi_prior
         if not len(self.measurements.attitude):
             raise InputError("no attitude samples while the joints are known: none to start from")
         self.nodes = np.linspace(start, end, int(np.ceil((end - start) / step)) + 1)
@@ -154,13 +156,16 @@ class TrajectoryModel:
         """Return a state to start from: the first samples, no momentum, no bias."""
         attitude = Rotation.from_quat(self.measurements.attitude.value[0], scalar_first=True)
         state = TrajectoryState(
-            psi, attitude, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((len(self.bias_nodes), 3))
+            psi,
+            attitude,
+            np.zeros(3),
+            np.zeros(3),
+            np.zeros(3),
+            np.zeros((len(self.bias_nodes), 3)),
         )
         if "position" in self.sensors:
             rho = self.dynamics.com(psi)[0]
-            state = replace(
-                state, p_Wcm=self.measurements.position.value[0] + attitude.apply(rho)
-            )
+            state = replace(state, p_Wcm=self.measurements.position.value[0] + attitude.apply(rho))
         return state
 
     def moved(self, state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:
@@ -217,7 +222,7 @@ class TrajectoryModel:
     # -- residuals and derivatives, whitened ------------------------------------------------------
 
     def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return measured minus predicted in units of σ, all sensors, then the bias's prior."""
+        """Return measured minus predicted in units of σ, all sensors, then the priors."""
         state, m = trajectory.state, self.measurements
         parts = []
         for name in self.sensors:
@@ -233,23 +238,36 @@ class TrajectoryModel:
                 rho = self._position_dynamics.com(state.psi)
                 R = trajectory.rotations(samples.time)
                 elapsed = (samples.time - self.nodes[0])[:, None]
-                error = samples.value - (
-                    state.p_Wcm + state.v_Wcm * elapsed - rotate(R, rho)
-                )
+                error = samples.value - (state.p_Wcm + state.v_Wcm * elapsed - rotate(R, rho))
             else:
                 R = trajectory.rotations(samples.time)
                 error = samples.value - state.v_Wcm + rotate(R, self._com_velocity(trajectory))
             parts.append((error / sigmas).ravel())
+        if self.psi_prior is not None:
+            mean, sigma = self.psi_prior
+            parts.append((mean - state.psi) / sigma)
         return np.concatenate([*parts, *self._bias_prior(state.bias)])
 
     def sample_rows(self) -> NDArray[np.intp]:
-        """Return for every row of the residuals which sample it is of; −1 for the prior's rows."""
+        """Return for every row of the residuals which sample it is of; −1 for priors."""
         counts = [len(getattr(self.measurements, name)) for name in self.sensors]
-        prior = np.full(3 * len(self.bias_nodes), -1)
+        prior = np.full(3 * len(self.bias_nodes) + 10 * (self.psi_prior is not None), -1)
         return np.concatenate([np.repeat(np.arange(sum(counts)), 3), prior])
 
     def jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the derivative of predicted readings by the unknowns, in units of σ."""
+        w, initial = self._unknowns_drive(trajectory)
+        com = [
+            _padded(dynamics.com_regressor(), self.size)
+            for dynamics in (self._position_dynamics, self._velocity_dynamics)
+        ]
+        rate = _padded(self._velocity_dynamics.com_rate_regressor(), self.size)
+        return self._rows(trajectory, w, initial, *com, rate, of_unknowns=True)
+
+    def _unknowns_drive(
+        self, trajectory: Trajectory
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Change of the angular velocity at the nodes, and of the first attitude, by unknowns."""
         state = trajectory.state
         Y = self.dynamics.regressor(trajectory.w)
         N, columns = len(self.nodes), self.columns
@@ -260,12 +278,12 @@ class TrajectoryModel:
         w = np.linalg.solve(self.dynamics.inertia(state.psi), force)
         initial = np.zeros((3, self.size))
         initial[:, columns["attitude"]] = np.eye(3)
-        com = [
-            _padded(dynamics.com_regressor(), self.size)
-            for dynamics in (self._position_dynamics, self._velocity_dynamics)
-        ]
-        rate = _padded(self._velocity_dynamics.com_rate_regressor(), self.size)
-        return self._rows(trajectory, w, initial, *com, rate, of_unknowns=True)
+        return w, initial
+
+    def end_change(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return how the attitude at the end, turned in W, changes with the unknowns: (3, size)."""
+        w, initial = self._unknowns_drive(trajectory)
+        return self._attitude_change(trajectory, w, initial)[0][-1]
 
     def nuisance(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the same by errors of the joint motion, each in units of its own σ.
@@ -389,6 +407,11 @@ class TrajectoryModel:
                 if of_unknowns and "v_Wcm" in columns:
                     rows[:, :, columns["v_Wcm"]] += np.eye(3)
             parts.append((rows / sigmas[:, None]).reshape(-1, w.shape[-1]))
+        if self.psi_prior is not None:
+            rows = np.zeros((10, w.shape[-1]))
+            if of_unknowns:
+                rows[:, columns["psi"]] = np.diag(1 / self.psi_prior[1])
+            parts.append(rows)
         prior = np.zeros((3 * len(self.bias_nodes), w.shape[-1]))
         if of_unknowns and len(prior):
             prior[:, columns["bias"]] = self._bias_prior_matrix()
