@@ -122,3 +122,53 @@ def solve_compressed(
             residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
             row_count=row_count,
         )
+
+
+def solution_of_information(
+    estimate: NDArray[np.float64],
+    information: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    *,
+    consider: NDArray[np.float64] | None = None,
+    residual_sum: float = np.nan,
+    row_count: int = 0,
+) -> LeastSquaresSolution:
+    """Return an estimate whose noise is known as a solution, saying what it leaves open.
+
+    Args:
+        estimate: (n,) unknowns.
+        information: (n, n) inverse covariance, of the data alone.
+        scale: (n,) what is plausible at all: a combination that is not known better than that is
+            open.
+        consider: (n, n) covariance to add for what was taken as known but is not.
+        residual_sum: of the whitened rows.
+        row_count: number of whitened rows.
+
+    """
+    scaled = information * scale * scale[:, None]
+    values, axes = np.linalg.eigh((scaled + scaled.T) / 2)
+    values, axes = values[::-1], axes[:, ::-1]
+    seen = values > 1.0
+    rank = int(seen.sum())
+    unobservable = axes[:, ~seen].T
+    is_open = np.linalg.norm(unobservable, axis=0) > 1e-3
+    root = scale[:, None] * axes[:, seen] / np.sqrt(values[seen])
+    covariance = root @ root.T
+    if consider is not None:
+        covariance = covariance + consider
+    covariance[is_open, :] = covariance[:, is_open] = np.nan
+    singular_values = np.sqrt(np.maximum(values, 0.0))
+    full = rank == len(scale)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return LeastSquaresSolution(
+            estimate=np.where(is_open, np.nan, estimate),
+            covariance=covariance,
+            information=information,
+            rank=rank,
+            singular_values=singular_values,
+            condition_number=singular_values[0] / singular_values[-1] if full else np.inf,
+            condition_number_unscaled=np.sqrt(np.linalg.cond(information)) if full else np.inf,
+            unobservable=unobservable,
+            residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
+            row_count=row_count,
+        )

@@ -3,8 +3,8 @@
 An error-state Kalman filter on (ψ, attitude by momentum, attitude by gyro, centre of mass, gyro
 bias, momentum). The two attitudes are one and the same to the spacecraft, but come by different
 roads: the first from joint motion through conservation of angular momentum, the second from the
-gyro. That they must agree is what tells ψ; both roads' noise is white, the encoders' because it does
-not add up: only the latest encoder sample's error is in the attitude by momentum.
+gyro. That they must agree is what tells ψ; both roads' noise is white, the encoders' because it
+does not add up: only the latest encoder sample's error is in the attitude by momentum.
 
 ψ are the relative unknowns. In them conservation is linear, whatever they are linearized about
 (see `relative_motion`), as long as the angular velocity in the regressor is the true one: the
@@ -123,8 +123,8 @@ class FilterState:
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) velocity of the centre of mass [m/s].
         P: (28, 28) covariance of the error state.
-        joints: (2, 1 + J) time and joint positions where the attitude by momentum has got to, and of
-            one later sample that waits for the next; NaN for none.
+        joints: (2, 1 + J) time and joint positions where the attitude by momentum has got to, and
+            of one later sample that waits for the next; NaN for none.
         q_before: (J,) joint positions when the joint noise was last computed.
         joint_noise, com_noise: (3, 3) what one encoder sample's error does to the attitude by
             momentum and to the centre of mass, in B; `unsure_noise` the part of the first that is
@@ -488,7 +488,7 @@ class MomentumFilter:
             state.w[:] = w[2]
 
     def _angular_velocities(self, state: FilterState, times: NDArray) -> NDArray:
-        """The gyro's angular velocities, without bias, at times within its latest samples."""
+        """Return the gyro's angular velocities, without bias, at times in its latest samples."""
         known = np.isfinite(state.gyro[:, 0])
         at, samples = state.gyro[known, 0], state.gyro[known, 1:]
         return np.stack([np.interp(times, at, axis) for axis in samples.T], axis=1) - state.bias
@@ -568,7 +568,7 @@ class MomentumFilter:
     # -- the filter's steps ----------------------------------------------------------------------
 
     def _best_attitude(self, state: FilterState) -> tuple[slice, NDArray, float]:
-        """The attitude that sensors of the pose are compared with, and its time."""
+        """Return the attitude that sensors of the pose are compared with, and its time."""
         if self._has_gyro and np.isfinite(state.times[_GYRO]):
             return BY_GYRO, state.R_by_gyro, state.gyro[-1, 0]
         return BY_MOMENTUM, state.R_by_momentum, state.joints[0, 0]
@@ -645,7 +645,7 @@ class MomentumFilter:
         state.flags[ATTITUDE_KNOWN] = 1.0
 
     def _refresh_joint_noise(self, state: FilterState, time: float) -> None:
-        """What an error of one encoder sample does to attitude and centre of mass, in B."""
+        """Compute what one encoder sample's error does to attitude and centre of mass, in B."""
         unit = self.dynamics(state.joints[0, 1:], np.eye(self.joint_count))
         psi = state.psi
         inertia = unit.inertia(psi)[0]

@@ -31,7 +31,7 @@ from cpid_drake.sensors import Measurements, Samples
 from cpid_drake.smoothing import smooth_joints
 
 FIRST_FIT, NEXT_FIT, LONGEST_FIT = 1.0, 1.3, 60.0
-"""When the first fit is made [s], by what factor later the next ones, and the last at the latest."""
+"""When the first fit is made, by what factor later each next one, the last at the latest [s]."""
 
 
 @dataclass(eq=False)
@@ -70,7 +70,7 @@ class OnlineEstimator:
     def __init__(
         self, tree: KinematicTree, joint_names: tuple[str, ...], momentum_filter: MomentumFilter
     ) -> None:
-        self._tree, self._joint_names = tree, joint_names
+        self.tree, self._joint_names = tree, joint_names
         self.filter = momentum_filter
 
     def start(self) -> OnlineState:
@@ -114,7 +114,7 @@ class OnlineEstimator:
         measurements = self._measurements(state.samples)
         try:
             model = TrajectoryModel(
-                self._tree,
+                self.tree,
                 smooth_joints(measurements, self.filter.suite),
                 measurements,
                 self.filter.suite,

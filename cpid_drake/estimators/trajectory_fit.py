@@ -200,6 +200,40 @@ def fit_trajectory(
             weights, _huber_weights(model, model.residuals(trajectory)), atol=1e-3
         ):
             break
+    information, consider, chi_squared = _uncertainty(model, trajectory, weighted, known_bodies)
+    return TrajectoryFit(
+        model,
+        trajectory,
+        information,
+        consider,
+        chi_squared,
+        len(weighted.weights),
+        first + second,
+        converged,
+        int((weighted.weights < 1).sum() // 3),
+    )
+
+
+def state_information(
+    model: TrajectoryModel, trajectory: Trajectory, known_bodies: BodyUncertainty | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the information about ψ (10, 10) and the covariance to add for the known bodies.
+
+    All else, joint errors included, is eliminated: the inverse of the information at the true state
+    is the Cramér-Rao bound.
+    """
+    weighted = _Weighted(model.nuisance(trajectory), np.ones(len(model.sample_rows())))
+    information, consider, _ = _uncertainty(model, trajectory, weighted, known_bodies)
+    return marginal(information, 10), consider[:10, :10]
+
+
+def _uncertainty(
+    model: TrajectoryModel,
+    trajectory: Trajectory,
+    weighted: _Weighted,
+    known_bodies: BodyUncertainty | None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Information about all unknowns, consider covariance, and χ²."""
     A = model.jacobian(trajectory)
     information, _, chi_squared = weighted.normal(A, model.residuals(trajectory))
     consider = np.zeros_like(information)
@@ -209,17 +243,7 @@ def fit_trajectory(
         scaled = information * scale * scale[:, None]
         gain = scale[:, None] * np.linalg.lstsq(scaled, scale[:, None] * cross, rcond=1e-14)[0]
         consider = gain @ gain.T
-    return TrajectoryFit(
-        model,
-        trajectory,
-        information,
-        consider,
-        chi_squared,
-        len(A),
-        first + second,
-        converged,
-        int((weighted.weights < 1).sum() // 3),
-    )
+    return information, consider, chi_squared
 
 
 def _log_cholesky_stage(

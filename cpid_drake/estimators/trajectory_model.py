@@ -459,7 +459,7 @@ class TrajectoryModel:
         return np.cross(trajectory.spline(times), dynamics.com(psi)) + dynamics.com_rate(psi)
 
     def _seen_from_base(self, trajectory: Trajectory, times, dynamics):
-        """The tree with the target, and its motion seen from the base: pose of B identity."""
+        """Return the tree with the target, and its motion with the base's pose the identity."""
         psi = trajectory.state.psi
         unknowns = relative_unknowns(dynamics.mass)
         phi = parameters_to_standard(unknowns.to_parameters(psi))

@@ -1,0 +1,292 @@
+"""From sensors' samples to the target's parameters, by any of the estimators."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.errors import InputError
+from cpid_drake.estimators.least_squares import solution_of_information
+from cpid_drake.estimators.momentum_filter import PSI, MomentumFilter, psi_scale, vague_prior
+from cpid_drake.estimators.online import OnlineEstimator, OnlineState
+from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
+from cpid_drake.estimators.trajectory_fit import (
+    TrajectoryFit,
+    fit_trajectory,
+    state_information,
+)
+from cpid_drake.estimators.trajectory_model import TrajectoryModel
+from cpid_drake.identification import Identification, row_family
+from cpid_drake.inertia import relative_unknowns
+from cpid_drake.kinematics import KinematicTree
+from cpid_drake.known_bodies import KnownBodies
+from cpid_drake.momentum import momentum_samples
+from cpid_drake.momentum_sensitivity import BodyUncertainty
+from cpid_drake.regressors import RowFamily
+from cpid_drake.relative_motion import relative_dynamics
+from cpid_drake.sensors import Measurements, SensorSuite, screen
+from cpid_drake.smoothing import SmoothedMotion, smooth, smooth_joints
+from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.telemetry import Telemetry
+
+ESTIMATORS = ("eq18", "standard", "relative", "momentum_filter", "trajectory_fit")
+"""Names of the estimators: weighted least squares on three row families, and two that are not."""
+
+
+def identify_from_sensors(
+    spacecraft: Spacecraft,
+    measurements: Measurements,
+    suite: SensorSuite,
+    *,
+    estimator: str = "trajectory_fit",
+    unknown_momentum: bool = False,
+    known_bodies: BodyUncertainty | None = None,
+    robust: bool = False,
+) -> Identification:
+    """Identify the target held by a spacecraft from what its sensors gave.
+
+    Args:
+        spacecraft: the known spacecraft.
+        measurements: samples of its sensors, each at its own times; bad ones are left out.
+        suite: how good the sensors are.
+        estimator: one of `ESTIMATORS`.
+        unknown_momentum: whether the total momentum is constant and unknown instead of zero.
+        known_bodies: how well the spacecraft itself is known; what that adds to the covariance is
+            reported by the trajectory fit.
+        robust: Huber loss in the trajectory fit.
+
+    Raises:
+        InputError: no such estimator, measurements of other joints, or too few samples.
+
+    """
+    if estimator not in ESTIMATORS:
+        raise InputError(f"no estimator '{estimator}'; choose from {', '.join(ESTIMATORS)}")
+    if measurements.joint_names != spacecraft.joint_names:
+        raise InputError(
+            f"measurements of joints {', '.join(measurements.joint_names)} are not of this "
+            f"spacecraft, whose joints are {', '.join(spacecraft.joint_names)}"
+        )
+    measurements, _ = screen(measurements)
+    if estimator == "trajectory_fit":
+        fit = fit_measurements(
+            spacecraft.tree,
+            measurements,
+            suite,
+            unknown_momentum=unknown_momentum,
+            known_bodies=known_bodies,
+            robust=robust,
+        )
+        return identification_of_fit(fit)
+    if estimator == "momentum_filter":
+        online = online_estimator(spacecraft, suite, unknown_momentum=unknown_momentum)
+        return identification_of_filter(online, online.run(measurements))
+    motion = smooth(measurements, suite)
+    return identify_smoothed(
+        spacecraft.tree, motion, row_family(estimator, unknown_momentum), unknown_momentum
+    )
+
+
+# -- trajectory fit -------------------------------------------------------------------------------
+
+
+def fit_measurements(
+    tree: KinematicTree,
+    measurements: Measurements,
+    suite: SensorSuite,
+    *,
+    unknown_momentum: bool = False,
+    known_bodies: BodyUncertainty | None = None,
+    robust: bool = False,
+) -> TrajectoryFit:
+    """Fit the target to screened measurements, started from the mean of a vague prior.
+
+    Raises:
+        InputError: too few samples.
+
+    """
+    joints = smooth_joints(measurements, suite)
+    model = TrajectoryModel(tree, joints, measurements, suite, unknown_momentum=unknown_momentum)
+    start = vague_prior(model.dynamics.mass, model.dynamics.I_K[0]).psi
+    return fit_trajectory(model, start, known_bodies=known_bodies, robust=robust)
+
+
+def identification_of_fit(fit: TrajectoryFit) -> Identification:
+    """Return what a trajectory fit has found."""
+    dynamics = fit.model.dynamics
+    solution = solution_of_information(
+        fit.state.psi,
+        fit.psi_information(),
+        psi_scale(dynamics.mass, dynamics.I_K[0]),
+        consider=fit.consider[PSI, PSI],
+        residual_sum=fit.chi_squared,
+        row_count=fit.rows,
+    )
+    samples = sum(len(getattr(fit.model.measurements, name)) for name in fit.model.sensors)
+    return Identification(relative_unknowns(dynamics.mass), solution, samples)
+
+
+def cramer_rao_bound(
+    tree: KinematicTree,
+    psi: NDArray[np.float64],
+    measurements: Measurements,
+    suite: SensorSuite,
+    *,
+    momentum: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    unknown_momentum: bool = False,
+    known_bodies: BodyUncertainty | None = None,
+) -> NDArray[np.float64]:
+    """Return the Cramér-Rao bound (10, 10) on the covariance of the parameters π.
+
+    Attitude and place at the start, gyro bias, momentum (if unknown) and all errors of the joint
+    motion are nuisances. The bound is that of unbiased estimators.
+
+    Args:
+        tree: the known spacecraft.
+        psi: (10,) relative unknowns of the target.
+        measurements: what the sensors give (for a bound beforehand: what they would without noise);
+            the first attitude and position are taken as true.
+        suite: how good they are.
+        momentum: (L, v_Wcm), (3,) each: true angular momentum about the centre of mass and its
+            velocity, in W; default: zero.
+        unknown_momentum: whether they are to be estimated.
+        known_bodies: how well the spacecraft is known: the bound then holds for an estimator that
+            takes it as known all the same.
+
+    """
+    joints = smooth_joints(measurements, suite)
+    model = TrajectoryModel(tree, joints, measurements, suite, unknown_momentum=unknown_momentum)
+    state = model.start(psi)
+    if momentum is not None:
+        state = replace(state, L=momentum[0], v_Wcm=momentum[1])
+    information, consider = state_information(model, model.trajectory(state), known_bodies)
+    unknowns = relative_unknowns(model.dynamics.mass)
+    solution = solution_of_information(
+        psi, information, psi_scale(model.dynamics.mass, model.dynamics.I_K[0]), consider=consider
+    )
+    jacobian = unknowns.jacobian(psi)
+    return jacobian @ solution.covariance @ jacobian.T
+
+
+# -- momentum filter ------------------------------------------------------------------------------
+
+
+def online_estimator(
+    spacecraft: Spacecraft, suite: SensorSuite, *, unknown_momentum: bool = False
+) -> OnlineEstimator:
+    """Return the online estimator for a spacecraft's sensors, with a vague prior."""
+    joints = len(spacecraft.joint_names)
+    still = np.zeros((1, joints))
+    inertia = relative_dynamics(spacecraft.tree, still, still).I_K[0]
+    prior = vague_prior(spacecraft.mass, inertia, unknown_momentum)
+    momentum_filter = MomentumFilter(suite, joints, KnownBodies(spacecraft), prior)
+    return OnlineEstimator(spacecraft.tree, spacecraft.joint_names, momentum_filter)
+
+
+def identification_of_filter(online: OnlineEstimator, state: OnlineState) -> Identification:
+    """Return what the online estimator has found so far."""
+    prior, known_mass = online.filter.prior, sum(body.mass for body in online.tree.bodies)
+    P = state.filter.P[PSI, PSI]
+    scale = prior.psi_sigma
+    scaled = np.linalg.inv(P / scale / scale[:, None])
+    information = (scaled - np.eye(10)) / scale / scale[:, None]
+    solution = solution_of_information(state.filter.psi, information, scale)
+    return Identification(
+        relative_unknowns(known_mass), solution, int(state.filter.used[:-1].sum())
+    )
+
+
+# -- least squares on rows ------------------------------------------------------------------------
+
+
+def identify_smoothed(
+    tree: KinematicTree, motion: SmoothedMotion, family: RowFamily, unknown_momentum: bool
+) -> Identification:
+    """Solve a row family on smoothed motion by least squares, each sample weighted by its errors.
+
+    The weights come from linear propagation of the smoothed motion's covariance into the rows, at
+    an unweighted estimate first. The covariance takes into account that errors of neighbouring
+    samples hang together, but not the bias that errors inside the rows cause.
+    """
+    known_mass = sum(body.mass for body in tree.bodies)
+    nuisance = family.momentum_size if unknown_momentum else 0
+    rows = family.full_rows(momentum_samples(tree, motion.telemetry), unknown_momentum)
+    count = family.rows_per_sample
+    rows = rows.reshape(-1, count, rows.shape[1])
+    covariance = motion.covariance()
+    solution = _solve(rows.reshape(-1, rows.shape[2]), nuisance)
+    for _ in range(2):
+        if not solution.is_observable:
+            return Identification(family.unknowns(known_mass), solution, len(motion.telemetry))
+        full = _full_solution(rows, nuisance, solution.estimate)
+        by_motion = _row_derivatives(tree, motion, family, unknown_momentum, full)
+        S = by_motion @ covariance @ np.swapaxes(by_motion, -1, -2)
+        S += 1e-9 * np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(count) / count
+        S += 1e-300 * np.eye(count)
+        whiten = np.linalg.inv(np.linalg.cholesky(S))
+        white = whiten @ rows
+        solution = _solve(white.reshape(-1, rows.shape[2]), nuisance)
+    if solution.is_observable:
+        # Errors of one spline coefficient are in many samples: add them up before squaring.
+        A = white[:, :, :-1]
+        normal = np.einsum("nri,nrj->ij", A, A)
+        scale = 1 / np.sqrt(np.diag(normal))
+        inverse = scale[:, None] * np.linalg.inv(normal * scale * scale[:, None]) * scale
+        white_by_motion = whiten @ by_motion
+        total = np.zeros_like(normal)
+        for block in motion.errors:
+            part = white_by_motion[:, :, block.columns] @ block.basis
+            gain = inverse @ np.einsum("nri,nrk->ik", A, part)
+            total += gain @ block.covariance @ gain.T
+        solution = replace(solution, covariance=total[nuisance:, nuisance:])
+    return Identification(family.unknowns(known_mass), solution, len(motion.telemetry))
+
+
+def _solve(rows: NDArray[np.float64], nuisance: int):
+    root = update_root(empty_root(rows.shape[1] - 1), rows)
+    return solve_root(root, len(rows), eliminated=nuisance)
+
+
+def _full_solution(
+    rows: NDArray[np.float64], nuisance: int, estimate: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the solution with the unknown momentum before it: (nuisance + 10,)."""
+    flat = rows.reshape(-1, rows.shape[2])
+    rest = flat[:, -1] - flat[:, nuisance:-1] @ estimate
+    momentum = np.linalg.lstsq(flat[:, :nuisance], rest, rcond=None)[0] if nuisance else []
+    return np.concatenate([momentum, estimate])
+
+
+def _row_derivatives(
+    tree: KinematicTree,
+    motion: SmoothedMotion,
+    family: RowFamily,
+    unknown_momentum: bool,
+    solution: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the derivative (N, rows, quantities) of A x − b by the smoothed quantities."""
+    telemetry, step = motion.telemetry, 1e-6
+    N, J = len(telemetry), len(telemetry.joint_names)
+    count = 12 + 2 * J
+    shift = step * np.eye(count)[:, None, :] * np.ones((1, N, 1))
+    shift = np.concatenate([np.zeros((1, N, count)), shift]).reshape(-1, count)
+    tiled = {
+        name: np.tile(getattr(telemetry, name), (count + 1, 1))
+        for name in ("quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
+    }
+    attitude = Rotation.from_quat(tiled["quaternion_WB"], scalar_first=True)
+    w_B = attitude.inv().apply(tiled["w_WB"]) + shift[:, 3:6]
+    attitude = attitude * Rotation.from_rotvec(shift[:, :3])
+    moved = Telemetry(
+        telemetry.joint_names,
+        np.arange(len(shift), dtype=float),
+        quaternion_WB=attitude.as_quat(scalar_first=True),
+        p_WB=tiled["p_WB"] + shift[:, 6:9],
+        w_WB=attitude.apply(w_B),
+        v_WB=tiled["v_WB"] + shift[:, 9:12],
+        q=tiled["q"] + shift[:, 12 : 12 + J],
+        qdot=tiled["qdot"] + shift[:, 12 + J :],
+    )
+    rows = family.full_rows(momentum_samples(tree, moved), unknown_momentum)
+    residuals = (rows[:, :-1] @ solution - rows[:, -1]).reshape(count + 1, N, -1)
+    return np.moveaxis((residuals[1:] - residuals[0]) / step, 0, -1)
