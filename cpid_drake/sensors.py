@@ -31,7 +31,7 @@ SENSOR_NAMES = ("attitude", "gyro", "position", "velocity", "encoders", "joint_r
 RATE_RANGE = (1e-3, 1e5)
 """Slowest and fastest sensor [Hz]."""
 
-_STREAMS = (*SENSOR_NAMES, "gyro_bias")
+_STREAMS = (*SENSOR_NAMES, "gyro_bias", "phase encoders", "phase joint_rates")
 """What has random numbers of its own; the order is part of what a seed means."""
 
 LONGEST_GAP = 3600.0
@@ -120,7 +120,7 @@ class JointSensor:
         rate: samples a second [Hz].
         sigma: white noise [rad or m; for joint rates per second].
         bits: resolution of so many bits a turn, in steps of 2π/2^bits rad (of sliding joints: as
-            many m); 0 for none.
+            many m); 0 for none. Where between two marks a joint's zero lies is drawn by the seed.
 
     """
 
@@ -372,7 +372,8 @@ class SensorNoise:
             value = value + self._bias(last)[first:]
         step = getattr(sensor, "step", 0.0)
         if step:
-            value = step * np.round(value / step)
+            phase = self._phase(name, perfect.shape[1])
+            value = step * (np.round(value / step - phase) + phase)
         return value if digits is None else np.round(value, digits)
 
     def _bias(self, count: int) -> NDArray[np.float64]:
@@ -383,6 +384,15 @@ class SensorNoise:
             steps[0] = gyro.bias_sigma * self._normal("gyro_bias", 1, 3)[0]
             self._walk = np.cumsum(steps, axis=0)
         return self._walk[:count]
+
+    def _phase(self, name: str, width: int) -> NDArray[np.float64]:
+        """Return where between two of its marks every encoder has its zero, in steps.
+
+        Else the same motion would be rounded alike whatever the seed.
+        """
+        stream = _STREAMS.index(f"phase {name}")
+        sequence = np.random.SeedSequence(self.seed, spawn_key=(stream,))
+        return np.random.default_rng(sequence).uniform(-0.5, 0.5, width)
 
     def _normal(self, name: str, count: int, width: int) -> NDArray[np.float64]:
         """Return the first `count` rows of a stream of its own, drawn in growing tables."""

@@ -160,8 +160,11 @@ def test_encoders_round_to_their_step(bits):
     assert suite.encoders.step == pytest.approx(step)
     true = np.random.default_rng(2).uniform(-3 * np.pi, 3 * np.pi, (COUNT, 2))
     value = SensorNoise(suite, 0).apply("encoders", true)
-    ticks = value / step
+    ticks = (value - value[0]) / step
     np.testing.assert_allclose(ticks, np.round(ticks), atol=1e-8)
+    assert len(np.unique(np.round(value[0] / step % 1, 6))) == 2, "each has marks of its own"
+    other = SensorNoise(suite, 1).apply("encoders", true[:1])
+    assert (np.abs((other - value[:1]) / step % 1) > 1e-6).all(), "as has each seed"
     error = value - true
     assert np.abs(error).max() <= step / 2 * (1 + 1e-6)
     np.testing.assert_allclose(error.std(axis=0), step / np.sqrt(12), rtol=0.03)
@@ -307,10 +310,9 @@ def test_a_seed_reproduces_and_another_differs(perfect):
     one, again, other = (values(add_noise(everything(), perfect, seed)) for seed in (6, 6, 7))
     np.testing.assert_array_equal(one, again)
     start = 0
-    for name in SENSOR_NAMES:  # bits may round two noises to one value, but not all
+    for name in SENSOR_NAMES:
         stop = start + getattr(perfect, name).value.size
-        same = np.mean(one[start:stop] == other[start:stop])
-        assert same == (1.0 if name == "encoders" else 0.0)
+        assert not (one[start:stop] == other[start:stop]).any()
         start = stop
 
 
