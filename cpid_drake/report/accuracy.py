@@ -1,0 +1,153 @@
+"""The table and the figures of an accuracy study."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from rich.console import Console
+from rich.table import Table
+
+from cpid_drake.inertia import PARAMETER_NAMES
+from cpid_drake.report.style import COLORS, saved_figure
+from cpid_drake.studies.accuracy import Accuracy, AccuracyStudy
+
+
+def print_table(study: AccuracyStudy, console: Console) -> None:
+    """Print error over bound, NEES and coverage of every estimator, preset by preset."""
+    for preset, results in by_preset(study).items():
+        table = Table(
+            title=f"{preset}: root mean square error over the Cramér-Rao bound "
+            f"({study.trials} trials, seed {study.seed})",
+            title_justify="left",
+            title_style="bold",
+            header_style="bold",
+        )
+        table.add_column("")
+        for name in (*PARAMETER_NAMES, "NEES", "95 % cover", "bias", "failed"):
+            table.add_column(name, justify="right")
+        table.add_row(
+            "bound, % of scale",
+            *(f"{100 * s:.2g}" for s in results[0].crlb / study.scale),
+            *4 * [""],
+            end_section=True,
+        )
+        for r in results:
+            cells = [_ratio(value) for value in r.ratio]
+            low, high = r.nees_band
+            nees = f"{r.nees_mean:.3g}" + ("" if low <= r.nees_mean <= high else " !")
+            cover = f"{100 * r.coverage.min():.0f}–{100 * r.coverage.max():.0f} %"
+            # The largest bias in units of the error's own spread.
+            spread = np.sqrt(np.maximum(r.rmse**2 - r.bias**2, 0))
+            bias = f"{np.max(np.abs(r.bias) / spread):.2g} σ" if r.trials > r.failed + 1 else "–"
+            if r.failed == r.trials:
+                cells, nees, cover, bias = 10 * ["–"], "–", "–", "–"
+            table.add_row(r.estimator, *cells, nees, cover, bias, str(r.failed))
+        console.print(table)
+    console.print(
+        "NEES is 10 for an honest covariance; ! marks one outside its 95 % band. Cover: least and "
+        "most of the ten. Bias: the largest, over the spread."
+    )
+    for r in study.results:
+        if r.detected is not None and r.detected[0]:
+            share, delay = r.detected
+            text = f"{r.preset}: momentum change seen in {100 * share:.0f} % of trials"
+            console.print(text + (f", after {delay:.2f} s at most" if np.isfinite(delay) else ""))
+    for note in study.notes:
+        console.print(note)
+
+
+def write_figures(study: AccuracyStudy, folder: Path) -> list[Path]:
+    """Write one figure a preset into a folder: errors beside their bound, and coverage."""
+    files = []
+    for preset, results in by_preset(study).items():
+        path = folder / f"accuracy_{Path(preset).stem}.png"
+        shown = [r for r in results if r.failed < r.trials]
+        with saved_figure(path, 8.0, 6.2) as figure:
+            figure.suptitle(
+                f"Sensors “{preset}”, {study.trials} trials", x=0.01, ha="left", weight="bold"
+            )
+            errors, coverage = figure.subplots(2, 1, height_ratios=[1.7, 1])
+            _draw_errors(errors, shown, results[0].crlb / study.scale, study)
+            _draw_coverage(coverage, shown)
+        files.append(path)
+    return files
+
+
+def by_preset(study: AccuracyStudy) -> dict[str, list[Accuracy]]:
+    """Return the results of every preset."""
+    groups: dict[str, list[Accuracy]] = {}
+    for result in study.results:
+        groups.setdefault(result.preset, []).append(result)
+    return groups
+
+
+def _ratio(value: float) -> str:
+    return f"{value:.2f}" if value < 10 else f"{value:.2g}"
+
+
+def _draw_errors(
+    axes: Axes, results: list[Accuracy], bound: np.ndarray, study: AccuracyStudy
+) -> None:
+    width = 0.8 / max(len(results), 1)
+    place = np.arange(10)
+    for k, r in enumerate(results):
+        x = place - 0.4 + (k + 0.5) * width
+        low, high = r.ratio_interval * r.crlb / study.scale
+        middle = r.rmse / study.scale
+        axes.errorbar(
+            x,
+            100 * middle,
+            yerr=100 * np.abs(np.stack([middle - low, high - middle])),
+            fmt="o",
+            markersize=4,
+            color=COLORS[k],
+            elinewidth=1,
+            label=r.estimator,
+        )
+        biased = np.abs(r.bias) > r.bias_halfwidth
+        axes.plot(
+            x[biased],
+            100 * np.abs(r.bias / study.scale)[biased],
+            "_",
+            color=COLORS[k],
+            markersize=7,
+            markeredgewidth=1.6,
+        )
+    for i, value in enumerate(100 * bound):
+        axes.plot([i - 0.42, i + 0.42], 2 * [value], color="black", linewidth=1.2)
+    axes.plot([], [], color="black", linewidth=1.2, label="Cramér-Rao bound")
+    axes.plot(
+        [], [], "_", color="#555555", markersize=7, markeredgewidth=1.6, label="|bias|, if any"
+    )
+    axes.set_yscale("log")
+    axes.set_xticks(place, PARAMETER_NAMES)
+    axes.grid(axis="x", visible=False)
+    axes.set_xlim(-0.6, 9.6)
+    axes.set_ylabel("% of scale")
+    axes.set_title("Root mean square error (scale: m, 0.5 m, trace of I)")
+    axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.1))
+
+
+def _draw_coverage(axes: Axes, results: list[Accuracy]) -> None:
+    width = 0.8 / max(len(results), 1)
+    place = np.arange(10)
+    axes.axhspan(92, 98, color="#dddddd", zorder=0)
+    axes.axhline(95, color="black", linewidth=0.8)
+    for k, r in enumerate(results):
+        x = place - 0.4 + (k + 0.5) * width
+        middle, (low, high) = r.coverage, r.coverage_interval
+        axes.errorbar(
+            x,
+            100 * middle,
+            yerr=100 * np.abs(np.stack([middle - low, high - middle])),
+            fmt="o",
+            markersize=4,
+            color=COLORS[k],
+            elinewidth=1,
+        )
+    axes.set_xticks(place, PARAMETER_NAMES)
+    axes.grid(axis="x", visible=False)
+    axes.set_xlim(-0.6, 9.6)
+    axes.set_ylim(-3, 103)
+    axes.set_ylabel("trials [%]")
+    axes.set_title("95 % intervals that hold the truth (grey: 92–98 %)")
