@@ -1,0 +1,205 @@
+"""The Monte Carlo study: what it runs, what it counts, what it writes."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
+from cpid_drake.report.accuracy import write_figures
+from cpid_drake.scenario import FiringConfig
+from cpid_drake.studies import accuracy
+from cpid_drake.studies.accuracy import Outcome, run_accuracy, summarize
+
+REQUIRED = (
+    "preset",
+    "estimator",
+    "trials",
+    "bias",
+    "rmse",
+    "crlb",
+    "rmse_over_crlb",
+    "nees_mean",
+    "coverage95",
+    "failed",
+)
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario(shipped_scenario("exciting_motion"))
+
+
+@pytest.fixture(scope="module")
+def study(scenario):
+    return run_accuracy(scenario, trials=4, presets=["servicer"], seed=5)
+
+
+def result(study, estimator):
+    return next(r for r in study.results if r.estimator == estimator)
+
+
+def test_all_estimators_are_tried(study):
+    names = [r.estimator for r in study.results]
+    assert names == ["eq18", "standard", "relative", "momentum_filter", "trajectory_fit"]
+    assert all(r.failed == 0 and r.infeasible == 0 for r in study.results)
+
+
+def test_efficient_estimators_are_near_the_bound_and_the_paper_s_is_not(study):
+    for name in ("trajectory_fit", "momentum_filter"):
+        assert result(study, name).ratio.max() < 2.5
+        assert result(study, name).nees_mean < chi2.ppf(0.9999, 40) / 4
+    assert result(study, "eq18").ratio.max() > 20
+
+
+def test_summary_is_complete_and_strict_json(study):
+    text = json.dumps(summarize(study, 1.0), allow_nan=False)
+    summary = json.loads(text)
+    assert summary["seed"] == 5
+    assert summary["trials"] == 4
+    for entry in summary["results"]:
+        assert set(REQUIRED) <= set(entry)
+        for key in ("bias", "rmse", "crlb", "rmse_over_crlb", "coverage95"):
+            assert len(entry[key]) == 10
+        np.testing.assert_allclose(
+            np.array(entry["rmse"]) / entry["crlb"], entry["rmse_over_crlb"], rtol=1e-12
+        )
+
+
+def test_same_seed_same_numbers_in_any_number_of_processes(scenario):
+    options = {"trials": 2, "presets": ["servicer"], "estimators": ["standard"], "seed": 5}
+    one = run_accuracy(scenario, jobs=1, **options).results[0]
+    two = run_accuracy(scenario, jobs=2, **options).results[0]
+    other = run_accuracy(scenario, jobs=1, **(options | {"seed": 6})).results[0]
+    np.testing.assert_allclose(one.rmse, two.rmse, rtol=1e-9)
+    assert (one.rmse != other.rmse).all()
+
+
+def test_figures_are_written(study, tmp_path):
+    files = write_figures(study, tmp_path)
+    assert [file.name for file in files] == ["accuracy_servicer.png"]
+    assert files[0].stat().st_size > 20_000
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"estimators": ["kalman"]}, "no estimator 'kalman'; choose from eq18"),
+        ({"trials": 0}, "trials must be at least 1"),
+        ({"jobs": 0}, "jobs must be at least 1"),
+        ({"seed": -1}, "seed must be >= 0"),
+        ({"presets": ["fligth"]}, "fligth"),
+    ],
+)
+def test_bad_options_are_named(scenario, options, problem):
+    with pytest.raises(InputError, match=problem):
+        run_accuracy(scenario, **({"trials": 1} | options))
+
+
+# -- statistics, on errors of known distribution ---------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def case(scenario):
+    spacecraft = scenario.make_spacecraft()
+    suite = accuracy.load_sensors("flight")
+    return accuracy._case(scenario, spacecraft, scenario.target_truth(), suite, ("eq18",), 3)
+
+
+def drawn(case, covariance, count, reported=1.0, shift=0.0):
+    rng = np.random.default_rng(8)
+    errors = rng.multivariate_normal(np.zeros(10), covariance, count) + shift
+    return [Outcome(case.truth.to_vector() + e, reported * covariance) for e in errors]
+
+
+@pytest.fixture(scope="module")
+def covariance():
+    root = np.random.default_rng(1).normal(size=(10, 10))
+    scale = np.geomspace(1e-3, 10, 10)
+    return (root @ root.T + np.eye(10)) * scale * scale[:, None]
+
+
+def test_honest_errors_have_ratio_one_and_95_percent_coverage(case, covariance):
+    bound = np.sqrt(np.diag(covariance))
+    r = accuracy._statistics(case, "p", "e", bound, drawn(case, covariance, 4000))
+    np.testing.assert_allclose(r.ratio, 1.0, atol=0.05)
+    np.testing.assert_allclose(r.coverage, 0.95, atol=0.015)
+    assert r.nees_band[0] < r.nees_mean < r.nees_band[1]
+    assert (r.ratio_interval[0] < r.ratio).all()
+    assert (r.ratio < r.ratio_interval[1]).all()
+    assert (np.abs(r.bias) < 1.7 * r.bias_halfwidth).all()
+
+
+def test_overconfidence_shows(case, covariance):
+    bound = np.sqrt(np.diag(covariance))
+    r = accuracy._statistics(case, "p", "e", bound, drawn(case, covariance, 500, reported=0.25))
+    assert r.nees_mean == pytest.approx(40, rel=0.1)
+    assert r.coverage.max() < 0.75  # ±1.96 σ/2 holds 67 %
+
+
+def test_bias_shows(case, covariance):
+    bound = np.sqrt(np.diag(covariance))
+    r = accuracy._statistics(case, "p", "e", bound, drawn(case, covariance, 500, shift=2 * bound))
+    np.testing.assert_allclose(r.bias, 2 * bound, rtol=0.1)
+    assert (np.abs(r.bias) > r.bias_halfwidth).all()
+
+
+def test_failures_are_counted_and_left_out(case, covariance):
+    bound = np.sqrt(np.diag(covariance))
+    outcomes = drawn(case, covariance, 10)
+    outcomes[3] = Outcome(problem="too few samples")
+    r = accuracy._statistics(case, "p", "e", bound, outcomes)
+    assert (r.trials, r.failed, r.problem) == (10, 1, "too few samples")
+    assert np.isfinite(r.rmse).all()
+    none = accuracy._statistics(case, "p", "e", bound, [outcomes[3]])
+    assert none.failed == 1
+    assert np.isnan(none.rmse).all()
+
+
+# -- the truth that trials are drawn from ------------------------------------------------------------
+
+
+def test_a_firing_changes_the_momentum_and_not_the_place(scenario, case):
+    added = np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0])
+    fired = replace(case, firing=(5.0, added))
+    tree = scenario.make_spacecraft().tree
+    times = np.linspace(0.0, 10.0, 101)
+    base = accuracy._base_trajectory(fired, tree, times)
+    quiet = accuracy._base_trajectory(case, tree, times)
+    before = times < 5.0
+    np.testing.assert_allclose(base.p_WB[before], quiet.p_WB[before], atol=1e-12)
+    jump = np.diff(base.p_WB, axis=0)
+    assert np.abs(jump).max() < 0.05
+    turned = Rotation.from_quat(base.quaternion_WB, scalar_first=True)
+    calm = Rotation.from_quat(quiet.quaternion_WB, scalar_first=True)
+    assert (turned[-1] * calm[-1].inv()).magnitude() > 0.01
+
+
+def test_filter_sees_a_firing_and_the_study_says_when(scenario):
+    fired = replace(scenario, accuracy=replace(scenario.accuracy, firing=FiringConfig()))
+    fired.accuracy.firing.time = 5.0
+    fired.accuracy.firing.momentum_W = np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0])
+    options = {"trials": 2, "presets": ["flight"], "estimators": ["momentum_filter"]}
+    study = run_accuracy(fired, **options)
+    share, delay = study.results[0].detected
+    assert share == 1.0
+    assert 0 < delay <= 1.0
+    share, _ = run_accuracy(scenario, **options).results[0].detected
+    assert share == 0.0
+
+
+def test_the_truth_is_not_the_nominal_spacecraft_where_that_is_uncertain(scenario):
+    uncertain = replace(scenario, known_bodies=replace(scenario.known_bodies, mass=0.01))
+    options = {"trials": 2, "presets": ["flight"], "estimators": ["trajectory_fit"]}
+    exact = run_accuracy(scenario, **options).results[0]
+    rough = run_accuracy(uncertain, **options).results[0]
+    assert (rough.crlb > exact.crlb).all()
+    assert rough.rmse[0] > 5 * exact.rmse[0]
+
+
+def test_scale_is_mass_half_a_metre_and_trace():
+    target = InertialParameters(60.0, [0.5, 0, 0], np.diag([8.0, 11.0, 6.0]))
+    np.testing.assert_allclose(accuracy.parameter_scale(target), [60, *3 * [0.5], *6 * [25.0]])
