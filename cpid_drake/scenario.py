@@ -12,12 +12,18 @@ from pydrake.systems.analysis import SimulatorConfig
 from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.model_files import models_directory, resolve_model
+from cpid_drake.momentum_sensitivity import BodyUncertainty
 from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
+from cpid_drake.sensor_files import load_sensors, sensor_presets
+from cpid_drake.sensors import SensorSuite
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.strict_yaml import load_strictly
 
 INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
 """Drake's error-controlled schemes that conserve momentum well enough to identify with."""
+
+ONLINE_ESTIMATORS = ("least_squares", "momentum_filter")
+"""What can identify in a Diagram: least squares on the exact state, or a filter on sensors."""
 
 
 @dataclass
@@ -133,13 +139,68 @@ class ControllerConfig:
 
 
 @dataclass
-class IdentificationConfig:
-    """The identifier: rows, whether the momentum is unknown, period and first sample [s]."""
+class SensorsConfig:
+    """The spacecraft's sensors in the Diagram, and the seed of their errors.
 
+    `suite` is a preset's name, a package:// URI or a YAML file's path, which starts at the
+    scenario's own folder; empty for none: the identifier then sees the exact state.
+    """
+
+    suite: str = ""
+    seed: int = 1
+
+
+@dataclass
+class IdentificationConfig:
+    """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
+
+    `estimator` is one of `ONLINE_ESTIMATORS`. Rows, period and offset are those of least squares:
+    the momentum filter takes every sample of the sensors, which it needs.
+    """
+
+    estimator: str = "least_squares"
     rows: str = "eq18"
     unknown_momentum: bool = False
     period: float = 1.0
     offset: float = 1.0
+
+
+@dataclass
+class KnownBodiesConfig:
+    """How well the spacecraft is known: σ of its bodies' masses, centres of mass and inertias.
+
+    Mass and inertia are relative, `com` is in metres; see `momentum_sensitivity.BodyUncertainty`.
+    """
+
+    mass: float = 0.0
+    com: float = 0.0
+    inertia: float = 0.0
+
+
+@dataclass
+class FiringConfig:
+    """A thruster's firing: when [s], and the momentum [L; P] that it adds about W's origin, in W.
+
+    Units: N·m·s and N·s.
+    """
+
+    time: float = np.nan
+    momentum_W: np.ndarray = field(default_factory=lambda: np.full(6, np.nan))
+
+
+@dataclass
+class AccuracyConfig:
+    """Monte Carlo trials with noisy sensors.
+
+    `presets` are sensor suites, named as in `SensorsConfig`. `momentum_known` tells the estimators
+    the momentum in `simulation.momentum_W`, which they have to estimate otherwise.
+    """
+
+    presets: list[str] = field(default_factory=lambda: ["flight", "servicer", "testbed", "coarse"])
+    trials: int = 200
+    seed: int = 2016
+    momentum_known: bool = False
+    firing: FiringConfig | None = None
 
 
 @dataclass
@@ -167,8 +228,11 @@ class Scenario:
     target: TargetConfig = field(default_factory=TargetConfig)
     joint_motion: JointMotionConfig = field(default_factory=HalfCosineMotion)
     controller: ControllerConfig = field(default_factory=ControllerConfig)
+    sensors: SensorsConfig = field(default_factory=SensorsConfig)
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)
+    known_bodies: KnownBodiesConfig = field(default_factory=KnownBodiesConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
 
     def make_spacecraft(self) -> Spacecraft:
         """Return the known spacecraft.
@@ -207,6 +271,22 @@ class Scenario:
 
         """
         return self.joint_motion.make(spacecraft)
+
+    def make_suite(self) -> SensorSuite | None:
+        """Return the sensors, or None for none.
+
+        Raises:
+            InputError: as `sensor_files.load_sensors`.
+
+        """
+        return load_sensors(self.sensors.suite) if self.sensors.suite else None
+
+    def body_uncertainty(self) -> BodyUncertainty | None:
+        """Return how well the spacecraft is known, or None if it is known exactly."""
+        config = self.known_bodies
+        if not (config.mass or config.com or config.inertia):
+            return None
+        return BodyUncertainty(config.mass, config.com, config.inertia)
 
 
 def _check_rates(motion: HalfCosine | MultiSine, spacecraft: Spacecraft, remedy: str) -> None:
@@ -251,12 +331,34 @@ def load_scenario(path: str | Path) -> Scenario:
     }
     if target.visual_model is not None:
         target.visual_model = _from_folder(file.parent, target.visual_model)
+    _find_suites(scenario, file.parent, str(path))
     return scenario
 
 
 def _from_folder(folder: Path, path: str) -> str:
     """Return a path that the scenario's author wrote, seen from the scenario's folder."""
     return path if "://" in path else str(folder / Path(path).expanduser())
+
+
+def _find_suites(scenario: Scenario, folder: Path, where: str) -> None:
+    """Turn the sensor suites' paths into those seen from the folder, and see that all can be read.
+
+    An unknown suite would else be missed only when a study has been running for a while.
+    """
+    known = sensor_presets()
+
+    def find(suite: str, key: str) -> str:
+        try:
+            found = suite if suite in known else _from_folder(folder, suite)
+            load_sensors(found)
+        except (InputError, RuntimeError) as error:  # the latter: no such user's home
+            raise InputError(f"{where}: {key}: {error}") from error
+        return found
+
+    if scenario.sensors.suite:
+        scenario.sensors.suite = find(scenario.sensors.suite, "sensors.suite")
+    presets = scenario.accuracy.presets
+    presets[:] = [find(suite, f"accuracy.presets[{k}]") for k, suite in enumerate(presets)]
 
 
 def _check(scenario: Scenario, where: str) -> None:
@@ -297,3 +399,41 @@ def _check(scenario: Scenario, where: str) -> None:
             f"{where}: simulation.simulator.integration_scheme must be one of "
             f"{', '.join(INTEGRATION_SCHEMES)}, not '{scheme}'"
         )
+    _check_sensing(scenario, where)
+
+
+def _check_sensing(scenario: Scenario, where: str) -> None:
+    """Refuse sensors, uncertainties and trials that cannot be."""
+    estimator, accuracy = scenario.identification.estimator, scenario.accuracy
+    if estimator not in ONLINE_ESTIMATORS:
+        raise InputError(
+            f"{where}: identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}, "
+            f"not '{estimator}'"
+        )
+    if estimator == "momentum_filter" and not scenario.sensors.suite:
+        raise InputError(
+            f"{where}: identification.estimator: momentum_filter needs sensors; give sensors.suite"
+        )
+    for name, value in vars(scenario.known_bodies).items():
+        if not (np.isfinite(value) and value >= 0):
+            raise InputError(f"{where}: known_bodies.{name} must be a number >= 0, not {value}")
+    least = {
+        "sensors.seed": (scenario.sensors.seed, 0),
+        "accuracy.trials": (accuracy.trials, 1),
+        "accuracy.seed": (accuracy.seed, 0),
+    }
+    for name, (value, smallest) in least.items():
+        if value < smallest:
+            raise InputError(f"{where}: {name} must be >= {smallest}, not {value}")
+    if not accuracy.presets:
+        raise InputError(f"{where}: accuracy.presets must name a sensor suite at least")
+    firing = accuracy.firing
+    if firing is None:
+        return
+    if not 0 < firing.time < scenario.simulation.duration:
+        raise InputError(
+            f"{where}: accuracy.firing.time must be within the simulation's duration, "
+            f"{scenario.simulation.duration:g} s, not {firing.time}"
+        )
+    if np.shape(firing.momentum_W) != (6,) or not np.isfinite(firing.momentum_W).all():
+        raise InputError(f"{where}: accuracy.firing.momentum_W needs 6 finite numbers: L, then P")

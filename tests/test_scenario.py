@@ -15,7 +15,9 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
+from cpid_drake.momentum_sensitivity import BodyUncertainty
 from cpid_drake.scenario import HalfCosineMotion, MultiSineMotion
+from cpid_drake.sensor_files import load_sensors
 from cpid_drake.studies.paper import sampling_times
 
 
@@ -298,7 +300,7 @@ SINES = {
     "ramp": 1.5,
     "frequencies": [0.1, 0.3],
     "centre": {"capture_arm_joint1": -0.4},
-    "amplitudes": {"capture_arm_joint1": [0.2, 0.05], "operating_arm_joint6": [0.3, 0.0]},
+    "amplitudes": {"capture_arm_joint1": [0.15, 0.05], "operating_arm_joint6": [0.3, 0.0]},
     "phases": {"capture_arm_joint1": [0.5, -1.0]},
 }
 
@@ -330,7 +332,7 @@ def test_sines_arrive_at_the_joints_they_are_for(tagged, servicer):
     first, last = np.eye(12)[0], np.eye(12)[11]
     np.testing.assert_array_equal(motion.centre, -0.4 * first)
     np.testing.assert_array_equal(
-        motion.amplitudes, [0.2 * first + 0.3 * last, 0.05 * first + 0.0 * last]
+        motion.amplitudes, [0.15 * first + 0.3 * last, 0.05 * first + 0.0 * last]
     )
     np.testing.assert_array_equal(motion.phases, [0.5 * first, -1.0 * first])
     make_simulation(scenario)
@@ -471,3 +473,139 @@ def test_samples_at_the_very_end_count(paper_scenario, period, offset, count):
 def test_an_offset_after_the_end_is_refused(paper_scenario):
     paper_scenario.identification.offset = 10.5
     assert "10.5 s, after the simulation's end" in refusal(sampling_times, paper_scenario)
+
+
+# -- sensors, uncertainty and accuracy -----------------------------------------------------------
+
+
+def test_without_the_new_sections_nothing_is_sensed_and_the_spacecraft_is_known(paper_yaml, write):
+    short = {key: paper_yaml[key] for key in ("spacecraft", "target")}
+    scenario = load_scenario(write(short))
+    assert scenario.make_suite() is None
+    assert scenario.body_uncertainty() is None
+    assert scenario.identification.estimator == "least_squares"
+    accuracy = scenario.accuracy
+    assert accuracy.presets == ["flight", "servicer", "testbed", "coarse"]
+    assert (accuracy.trials, accuracy.seed, accuracy.momentum_known) == (200, 2016, False)
+    assert accuracy.firing is None
+
+
+def test_every_value_of_the_new_sections_arrives(write, paper_yaml):
+    scenario = load_scenario(
+        write(
+            paper_yaml
+            | {
+                "sensors": {"suite": "servicer", "seed": 7},
+                "identification": {"estimator": "momentum_filter"},
+                "known_bodies": {"mass": 0.01, "com": 0.005, "inertia": 0.02},
+                "accuracy": {
+                    "presets": ["coarse"],
+                    "trials": 3,
+                    "seed": 0,
+                    "momentum_known": True,
+                    "firing": {"time": 4.0, "momentum_W": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]},
+                },
+            }
+        )
+    )
+    assert repr(scenario.make_suite()) == repr(load_sensors("servicer"))
+    assert scenario.sensors.seed == 7
+    assert scenario.identification.estimator == "momentum_filter"
+    assert scenario.body_uncertainty() == BodyUncertainty(mass=0.01, com=0.005, inertia=0.02)
+    accuracy = scenario.accuracy
+    assert accuracy.presets == ["coarse"]
+    assert (accuracy.trials, accuracy.seed, accuracy.momentum_known) == (3, 0, True)
+    assert accuracy.firing.time == 4.0
+    np.testing.assert_array_equal(accuracy.firing.momentum_W, np.arange(1.0, 7.0))
+
+
+@pytest.mark.parametrize("key", ["mass", "com", "inertia"])
+def test_one_uncertainty_is_enough(write, paper_yaml, key):
+    scenario = load_scenario(write(paper_yaml | {"known_bodies": {key: 0.03}}))
+    assert vars(scenario.body_uncertainty()) == {"mass": 0.0, "com": 0.0, "inertia": 0.0, key: 0.03}
+
+
+def test_a_suite_of_ones_own_starts_at_the_scenarios_folder(
+    write, paper_yaml, tmp_path, monkeypatch
+):
+    (tmp_path / "mine.yaml").write_text("encoders: {rate: 20.0}\n")
+    file = write(
+        paper_yaml | {"sensors": {"suite": "mine.yaml"}, "accuracy": {"presets": ["mine.yaml"]}}
+    )
+    monkeypatch.chdir("/")
+    scenario = load_scenario(file)
+    assert scenario.make_suite().encoders.rate == 20.0
+    assert load_sensors(scenario.accuracy.presets[0]).encoders.rate == 20.0
+    uri = "package://cpid_drake_models/sensors/flight.yaml"
+    assert load_scenario(write(paper_yaml | {"sensors": {"suite": uri}})).make_suite() is not None
+
+
+FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
+
+
+@pytest.mark.parametrize(
+    ("section", "values", "cause"),
+    [
+        ("sensors", None, "sensors must be a mapping"),
+        ("sensors", {"sweet": "flight"}, "unknown key 'sensors.sweet'; choose from suite, seed"),
+        ("sensors", {"suite": "nothing"}, "sensors.suite: no sensors: "),
+        ("sensors", {"suite": "~nobody_at_all/a.yaml"}, "sensors.suite: "),
+        ("sensors", {"suite": "."}, "sensors.suite: no sensors: "),
+        ("sensors", {"suite": "scenario.yaml"}, "sensors.suite: "),
+        ("sensors", {"suite": 3}, "scenario.yaml: "),
+        ("sensors", {"seed": -1}, "sensors.seed must be >= 0, not -1"),
+        ("sensors", {"seed": 1.5}, "sensors.seed must be a whole number"),
+        (
+            "identification",
+            {"estimator": "guess"},
+            "identification.estimator must be one of least_squares, momentum_filter, not 'guess'",
+        ),
+        ("identification", {"estimator": "momentum_filter"}, "needs sensors; give sensors.suite"),
+        ("known_bodies", {"mass": -0.1}, "known_bodies.mass must be a number >= 0"),
+        ("known_bodies", {"com": np.nan}, "known_bodies.com must be a number >= 0"),
+        ("known_bodies", {"inertia": np.inf}, "known_bodies.inertia must be a number >= 0"),
+        ("known_bodies", {"mass": "well"}, "known_bodies.mass must be a number"),
+        ("known_bodies", {"masses": 0.1}, "unknown key 'known_bodies.masses'"),
+        ("accuracy", {"presets": []}, "accuracy.presets must name"),
+        ("accuracy", {"presets": ["flight", "nothing"]}, "accuracy.presets[1]: no sensors: "),
+        ("accuracy", {"presets": "flight"}, "scenario.yaml: "),
+        ("accuracy", {"presets": [3]}, "scenario.yaml: "),
+        ("accuracy", {"presets": None}, "scenario.yaml: "),
+        ("accuracy", {"trials": 0}, "accuracy.trials must be >= 1, not 0"),
+        ("accuracy", {"trials": 2.5}, "accuracy.trials must be a whole number"),
+        ("accuracy", {"seed": -3}, "accuracy.seed must be >= 0, not -3"),
+        ("accuracy", {"momentum_known": "yes and no"}, "scenario.yaml: "),
+        ("accuracy", {"firing": 5.0}, "accuracy.firing must be a mapping"),
+        ("accuracy", {"firing": {}}, "accuracy.firing.time must be within"),
+        ("accuracy", {"firing": FIRING | {"time": 10.5}}, "duration, 10 s, not 10.5"),
+        ("accuracy", {"firing": FIRING | {"time": -1.0}}, "accuracy.firing.time must be within"),
+        ("accuracy", {"firing": {"time": 5.0}}, "accuracy.firing.momentum_W needs 6 finite"),
+        ("accuracy", {"firing": FIRING | {"momentum_W": [1.0]}}, "needs 6 finite numbers"),
+        ("accuracy", {"firing": FIRING | {"power": 1.0}}, "unknown key 'accuracy.firing.power'"),
+    ],
+)
+def test_sensing_that_cannot_be_is_refused_with_the_key(write, paper_yaml, section, values, cause):
+    assert cause in refusal(load_scenario, write(paper_yaml | {section: values}))
+
+
+def test_a_firing_may_be_given_as_none(write, paper_yaml):
+    assert load_scenario(write(paper_yaml | {"accuracy": {"firing": None}})).accuracy.firing is None
+
+
+def test_the_shipped_variants_differ_from_the_exciting_motion_only_where_they_say():
+    exciting, firing, uncertain = (
+        load_scenario(shipped_scenario(name))
+        for name in ("exciting_motion", "thruster_firing", "uncertain_spacecraft")
+    )
+    np.testing.assert_array_equal(firing.accuracy.firing.momentum_W, [6.0, -4, 5, 3, -2, 2])
+    assert firing.accuracy.firing.time == 5.0
+    assert uncertain.body_uncertainty() == BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
+    uncertain.known_bodies = exciting.known_bodies
+    firing.accuracy = uncertain.accuracy = exciting.accuracy
+    assert repr(firing) == repr(uncertain) == repr(exciting)
+
+
+def test_every_shipped_scenario_has_a_seed_of_its_own():
+    files = sorted(shipped_scenario("paper").parent.glob("*.yaml"))
+    seeds = {load_scenario(file).accuracy.seed for file in files}
+    assert len(seeds) == len(files) == 5
