@@ -16,41 +16,36 @@ def print_table(study: AccuracyStudy, console: Console) -> None:
     """Print error over bound, NEES and coverage of every estimator, preset by preset."""
     for preset, results in by_preset(study).items():
         table = Table(
-            title=f"{preset}: root mean square error over the Cramér-Rao bound "
-            f"({study.trials} trials, seed {study.seed})",
+            title=f"{preset}: RMS error over Cramér-Rao bound, {study.trials} trials, seed "
+            f"{study.seed}",
             title_justify="left",
             title_style="bold",
             header_style="bold",
         )
         table.add_column("")
-        for name in (*PARAMETER_NAMES, "NEES", "95 % cover", "bias", "failed"):
-            table.add_column(name, justify="right")
-        table.add_row(
-            "bound, % of scale",
-            *(f"{100 * s:.2g}" for s in results[0].crlb / study.scale),
-            *4 * [""],
-            end_section=True,
-        )
+        table.add_column("bound\n[% of scale]", justify="right")
         for r in results:
-            cells = [_ratio(value) for value in r.ratio]
-            low, high = r.nees_band
-            nees = f"{r.nees_mean:.3g}" + ("" if low <= r.nees_mean <= high else " !")
-            cover = f"{100 * r.coverage.min():.0f}–{100 * r.coverage.max():.0f} %"
-            # The largest bias in units of the error's own spread.
-            spread = np.sqrt(np.maximum(r.rmse**2 - r.bias**2, 0))
-            bias = f"{np.max(np.abs(r.bias) / spread):.2g} σ" if r.trials > r.failed + 1 else "–"
-            if r.failed == r.trials:
-                cells, nees, cover, bias = 10 * ["–"], "–", "–", "–"
-            table.add_row(r.estimator, *cells, nees, cover, bias, str(r.failed))
+            table.add_column(r.estimator.replace("_", "\n"), justify="right")
+        bound = 100 * results[0].crlb / study.scale
+        for i, name in enumerate(PARAMETER_NAMES):
+            table.add_row(name, f"{bound[i]:.2g}", *(_ratio(r.ratio[i]) for r in results))
+        table.add_section()
+        table.add_row("NEES", "10", *(_nees(r) for r in results))
+        table.add_row("95 % cover", "95 %", *(_percent(r.coverage_all) for r in results))
+        table.add_row("  least", "", *(_percent(r.coverage.min()) for r in results))
+        table.add_row("  most", "", *(_percent(r.coverage.max()) for r in results))
+        table.add_row("bias / spread", "0", *(_largest_bias(r) for r in results))
+        table.add_row("within 1 %", "", *(_percent(r.within_one_percent.min()) for r in results))
+        table.add_row("failed", "", *(str(r.failed) for r in results))
         console.print(table)
     console.print(
-        "NEES is 10 for an honest covariance; ! marks one outside its 95 % band. Cover: least and "
-        "most of the ten. Bias: the largest, over the spread."
+        "Scale: m, 0.5 m, trace of I. ! marks a NEES outside its 95 % band. Bias: the largest of "
+        "ten. Within 1 % of scale: trials, the worst of ten."
     )
     for r in study.results:
         if r.detected is not None and r.detected[0]:
             share, delay = r.detected
-            text = f"{r.preset}: momentum change seen in {100 * share:.0f} % of trials"
+            text = f"{r.preset}: momentum change seen in {_percent(share)} of trials"
             console.print(text + (f", after {delay:.2f} s at most" if np.isfinite(delay) else ""))
     for note in study.notes:
         console.print(note)
@@ -82,7 +77,27 @@ def by_preset(study: AccuracyStudy) -> dict[str, list[Accuracy]]:
 
 
 def _ratio(value: float) -> str:
+    if not np.isfinite(value):
+        return "–"
     return f"{value:.2f}" if value < 10 else f"{value:.2g}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "–"
+
+
+def _nees(r: Accuracy) -> str:
+    low, high = r.nees_band
+    if not np.isfinite(r.nees_mean):
+        return "–"
+    return f"{r.nees_mean:.3g}" + ("" if low <= r.nees_mean <= high else " !")
+
+
+def _largest_bias(r: Accuracy) -> str:
+    if r.trials < r.failed + 2:
+        return "–"
+    spread = np.sqrt(np.maximum(r.rmse**2 - r.bias**2, 1e-300))
+    return f"{np.max(np.abs(r.bias) / spread):.2g}"
 
 
 def _draw_errors(
@@ -148,6 +163,7 @@ def _draw_coverage(axes: Axes, results: list[Accuracy]) -> None:
     axes.set_xticks(place, PARAMETER_NAMES)
     axes.grid(axis="x", visible=False)
     axes.set_xlim(-0.6, 9.6)
-    axes.set_ylim(-3, 103)
+    lowest = min((100 * r.coverage_interval[0].min() for r in results), default=0.0)
+    axes.set_ylim(max(lowest - 5, -3), 103)
     axes.set_ylabel("trials [%]")
     axes.set_title("95 % intervals that hold the truth (grey: 92–98 %)")
