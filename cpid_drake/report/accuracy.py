@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -21,9 +22,12 @@ def print_table(study: AccuracyStudy, console: Console) -> None:
             title_justify="left",
             title_style="bold",
             header_style="bold",
+            box=SIMPLE_HEAD,
+            padding=(0, 1, 0, 0),
+            pad_edge=False,
         )
-        table.add_column("")
-        table.add_column("bound\n[% of scale]", justify="right")
+        table.add_column("", no_wrap=True)
+        table.add_column("bound, %\nof scale", justify="right")
         for r in results:
             table.add_column(r.estimator.replace("_", "\n"), justify="right")
         bound = 100 * results[0].crlb / study.scale
@@ -79,7 +83,7 @@ def by_preset(study: AccuracyStudy) -> dict[str, list[Accuracy]]:
 def _ratio(value: float) -> str:
     if not np.isfinite(value):
         return "–"
-    return f"{value:.2f}" if value < 10 else f"{value:.2g}"
+    return f"{value:.2f}" if value < 10 else f"{value:.0f}"
 
 
 def _percent(share: float) -> str:
@@ -90,7 +94,8 @@ def _nees(r: Accuracy) -> str:
     low, high = r.nees_band
     if not np.isfinite(r.nees_mean):
         return "–"
-    return f"{r.nees_mean:.3g}" + ("" if low <= r.nees_mean <= high else " !")
+    number = f"{r.nees_mean:.3g}" if r.nees_mean < 1000 else f"{r.nees_mean:.0e}"
+    return number + ("" if low <= r.nees_mean <= high else " !")
 
 
 def _largest_bias(r: Accuracy) -> str:
