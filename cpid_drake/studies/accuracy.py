@@ -418,7 +418,7 @@ def _fit(case: Case, spacecraft: Spacecraft, measurements: Measurements) -> Iden
         measurements,
         case.suite,
         unknown_momentum=case.unknown_momentum,
-        **({'momentum': _momentum_about_com(case, spacecraft.tree)} if case.momentum_told else {}),
+        **({"momentum": _momentum_about_com(case, spacecraft.tree)} if case.momentum_told else {}),
         known_bodies=case.known_bodies,
     )
     if not fit.converged:
