@@ -6,7 +6,10 @@ The public names, from the ground up:
 - `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;
 - `Telemetry`: samples of base and joint motion;
 - `identify`: batch identification, giving an `Identification`;
-- `MomentumIdentifier`, `JointController`, `JointMotionSource`, `TargetVisualizer`: Drake systems;
+- `SensorSuite`, `load_sensors`, `Measurements`: sensors and what they gave, each at its own rate;
+- `identify_from_sensors`: batch identification from these;
+- `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
+  `JointMotionSource`, `TargetVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
 - `InputError`: what bad input raises.
@@ -17,11 +20,16 @@ from cpid_drake.identification import Identification, identify
 from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
 from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.scenario import Scenario, load_scenario, shipped_scenario
+from cpid_drake.sensor_files import load_sensors
+from cpid_drake.sensor_identification import identify_from_sensors
+from cpid_drake.sensors import Measurements, SensorSuite
 from cpid_drake.simulation import Simulation, initial_state, make_simulation
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
+from cpid_drake.systems.sensor_identifier import SensorIdentifier
+from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors
 from cpid_drake.systems.target_visualizer import TargetVisualizer
 from cpid_drake.telemetry import Telemetry
 
@@ -35,16 +43,22 @@ __all__ = [
     "JointController",
     "JointMotion",
     "JointMotionSource",
+    "Measurements",
     "MomentumIdentifier",
     "MultiSine",
     "Scenario",
+    "SensorIdentifier",
+    "SensorSuite",
     "Simulation",
     "Spacecraft",
+    "SpacecraftSensors",
     "TargetVisualizer",
     "Telemetry",
     "identify",
+    "identify_from_sensors",
     "initial_state",
     "load_scenario",
+    "load_sensors",
     "make_simulation",
     "shipped_scenario",
 ]

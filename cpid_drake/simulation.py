@@ -1,25 +1,33 @@
 """A scenario becomes a Drake Diagram, and a run of it becomes telemetry."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.base_motion import propagate_base
+from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.model_files import package_map, resolve_model
 from cpid_drake.motion.joint_motion import JointMotion
-from cpid_drake.scenario import Scenario
+from cpid_drake.scenario import ONLINE_ESTIMATORS, Scenario
+from cpid_drake.sensors import Measurements
 from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.systems.identifier import MomentumIdentifier
+from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
+from cpid_drake.systems.sensor_identifier import SensorIdentifier
+from cpid_drake.systems.spacecraft_sensors import (
+    SpacecraftSensors,
+    log_samples,
+    measurements_from_logs,
+)
 from cpid_drake.systems.target_visualizer import TargetVisualizer
 from cpid_drake.telemetry import Telemetry
 
@@ -37,9 +45,12 @@ class Simulation:
         joint_motion: the prescribed motion.
         diagram: the whole diagram.
         plant: spacecraft and target, in zero gravity.
-        identifier: the online identifier.
+        identifier: the online identifier: a `MomentumIdentifier` on the plant's exact state, or a
+            `SensorIdentifier` on the sensors.
         state_log: logs the plant's state.
         parameter_log: logs the identifier's parameters.
+        sensors: the scenario's sensors, if it has any.
+        sensor_logs: log the sensors' samples, by name.
 
     """
 
@@ -49,9 +60,11 @@ class Simulation:
     joint_motion: JointMotion
     diagram: Diagram
     plant: MultibodyPlant
-    identifier: MomentumIdentifier
+    identifier: Identifier
     state_log: VectorLogSink
     parameter_log: VectorLogSink
+    sensors: SpacecraftSensors | None = None
+    sensor_logs: dict[str, VectorLogSink] = field(default_factory=dict)
 
     def make_simulator(self) -> Simulator:
         """Return an initialized Simulator at t = 0: joints on their motion, zero total momentum."""
@@ -80,7 +93,11 @@ class Simulation:
         for time in times:
             simulator.AdvanceTo(time)
             states.append(self.plant.GetPositionsAndVelocities(context).copy())
-        simulator.AdvancePendingEvents()  # the sample that is due at the very end
+        simulator.AdvancePendingEvents()  # the samples that are due at the very end
+        if isinstance(self.identifier, SensorIdentifier):
+            root_context = simulator.get_mutable_context()
+            last = self.identifier.GetMyMutableContextFromRoot(root_context)
+            self.identifier.ExecuteForcedEvents(last)
         return simulator.get_context().Clone(), states
 
     def telemetry(self, root_context: Context) -> Telemetry:
@@ -88,6 +105,17 @@ class Simulation:
         log = self.state_log.FindLog(root_context)
         times, first = np.unique(log.sample_times(), return_index=True)
         return self.spacecraft.to_telemetry(times, log.data()[:, first].T)
+
+    def measurements(self, root_context: Context) -> Measurements:
+        """Return what the sensors gave in a run.
+
+        Raises:
+            InputError: the scenario has no sensors.
+
+        """
+        if self.sensors is None:
+            raise InputError("this simulation has no sensors; give sensors.suite in its scenario")
+        return measurements_from_logs(self.sensors, self.sensor_logs, root_context)
 
 
 def initial_state(
@@ -133,6 +161,9 @@ def make_simulation(
 ) -> Simulation:
     """Turn a scenario into a Diagram: motion, controller, plant, identifier, logs, visualization.
 
+    If the scenario has sensors, they are in the Diagram, and logged. The momentum filter identifies
+    from them; least squares goes on from the plant's exact state.
+
     Args:
         scenario: what to build.
         target: simulate this target instead of the scenario's true one.
@@ -175,16 +206,13 @@ def make_simulation(
         plant.get_applied_generalized_force_input_port(),
     )
 
-    config = scenario.identification
-    identifier = MomentumIdentifier.AddToBuilder(
-        builder,
-        spacecraft,
-        state,
-        rows=config.rows,
-        unknown_momentum=config.unknown_momentum,
-        period=config.period,
-        offset=config.offset,
-    )
+    sensors, sensor_logs, suite = None, {}, scenario.make_suite()
+    if suite is not None:
+        sensors = SpacecraftSensors.AddToBuilder(
+            builder, spacecraft, state, suite, scenario.sensors.seed
+        )
+        sensor_logs = log_samples(builder, sensors)
+    identifier = _add_identifier(builder, scenario, spacecraft, state, sensors)
     state_log = LogVectorOutput(state, builder, scenario.simulation.log_period)
     parameter_log = LogVectorOutput(
         identifier.GetOutputPort("parameters"), builder, scenario.simulation.log_period
@@ -213,6 +241,37 @@ def make_simulation(
         identifier,
         state_log,
         parameter_log,
+        sensors,
+        sensor_logs,
+    )
+
+
+def _add_identifier(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    spacecraft: Spacecraft,
+    state: OutputPort,
+    sensors: SpacecraftSensors | None,
+) -> Identifier:
+    config = scenario.identification
+    if config.estimator not in ONLINE_ESTIMATORS:
+        raise InputError(
+            f"no online estimator '{config.estimator}'; choose from {', '.join(ONLINE_ESTIMATORS)}"
+        )
+    if config.estimator == "least_squares":
+        return MomentumIdentifier.AddToBuilder(
+            builder,
+            spacecraft,
+            state,
+            rows=config.rows,
+            unknown_momentum=config.unknown_momentum,
+            period=config.period,
+            offset=config.offset,
+        )
+    if sensors is None:
+        raise InputError("identification.estimator: momentum_filter needs sensors.suite")
+    return SensorIdentifier.AddToBuilder(
+        builder, spacecraft, sensors.suite, sensors, unknown_momentum=config.unknown_momentum
     )
 
 

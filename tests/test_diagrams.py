@@ -7,6 +7,7 @@ import sys
 from base64 import b64decode
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,6 +39,7 @@ def runs(tmp_path_factory):
     processes = {
         "paper_case.py": start("paper_case.py", "--graph", "diagram.dot", cwd=folder),
         "online_identification.py": start("online_identification.py", cwd=folder),
+        "sensor_identification.py": start("sensor_identification.py", cwd=folder),
         "meshcat_view.py": start("meshcat_view.py", "--html", "view.html", cwd=folder),
     }
     return folder, {name: finish(process) for name, process in processes.items()}
@@ -91,6 +93,22 @@ def test_the_online_estimate_converges_to_the_tank(runs):
     assert float(rows[-1][2]) == pytest.approx(60.0, abs=0.1)
 
 
+def test_the_estimate_from_sensors_converges_to_the_target(runs):
+    """σ falls from NaN to below a gram and a half; at the end the truth is within 5 σ."""
+    stdout = runs[1]["sensor_identification.py"].stdout
+    rows = re.findall(r"^ +(\d+\.\d+) +(\d+) +(\S+) ± (\S+) ", stdout, re.M)
+    assert [float(time) for time, *_ in rows] == [0.5 * k for k in range(1, 21)]
+    counts = [int(count) for _, count, _, _ in rows]
+    assert counts == sorted(set(counts))
+    sigmas = [float(sigma) for *_, sigma in rows]
+    assert np.isnan(sigmas[0])
+    assert sigmas[-1] < 0.0015 < sigmas[4]
+    final = re.findall(r"^(\S+) \[\S+\] +(\S+) +(\S+) +(\S+)$", stdout, re.M)
+    assert len(final) == 10
+    for name, estimate, deviation, truth in final:
+        assert abs(float(estimate) - float(truth)) < 5 * float(deviation) + 1e-5, name
+
+
 def test_the_recording_is_one_self_contained_file(runs):
     """Whoever gets it needs no network, and it is small enough to send."""
     path = runs[0] / "view.html"
@@ -131,6 +149,8 @@ def test_a_bad_scenario_is_one_line_and_exit_code_2(script, text, tmp_path):
         ("online_identification.py", ["--period", "0"]),
         ("online_identification.py", ["--period", "nan"]),
         ("online_identification.py", ["--period", "inf"]),
+        ("sensor_identification.py", ["--sensors", "nothing"]),
+        ("sensor_identification.py", ["--seed", "-1"]),
     ],
 )
 def test_what_cannot_work_is_one_line_and_exit_code_2(script, arguments, tmp_path):

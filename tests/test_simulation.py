@@ -5,6 +5,9 @@ import pytest
 
 from cpid_drake import (
     HalfCosine,
+    InputError,
+    MomentumIdentifier,
+    SensorIdentifier,
     identify,
     initial_state,
     load_scenario,
@@ -121,3 +124,79 @@ def test_a_tumbling_capture_is_identified_with_its_momentum():
     # The paper's form, on the same data, assumes zero momentum.
     wrong = identify(simulation.spacecraft, telemetry, rows="eq18").parameters
     assert abs(wrong[0] - 100.0) > 1.0
+
+
+# -- sensors -------------------------------------------------------------------------------------
+
+
+def test_least_squares_goes_on_from_the_exact_state(paper_scenario):
+    """Sensors are there and logged, and change nothing but the integrator's steps."""
+    paper_scenario.simulation.duration = 3.0
+    paper_scenario.simulation.simulator.accuracy = 1e-8
+    paper_scenario.sensors.suite = "coarse"
+    simulation = make_simulation(paper_scenario)
+    assert isinstance(simulation.identifier, MomentumIdentifier)
+    root_context = simulation.run()
+    context = simulation.identifier.GetMyContextFromRoot(root_context)
+    estimate = simulation.identifier.GetOutputPort("parameters").Eval(context)
+    np.testing.assert_allclose(estimate, simulation.truth.to_vector(), rtol=0, atol=1e-5)
+    encoders = simulation.measurements(root_context).encoders
+    assert encoders.time[-1] == 3.0
+    assert len(encoders) == 3 * simulation.sensors.suite.encoders.rate + 1
+    truth = simulation.joint_motion.evaluate(encoders.time)[:, 0]
+    error = np.abs(encoders.value - truth).max()
+    assert 0 < error < 8 * simulation.sensors.suite.sigmas("encoders")[0]
+
+
+def test_the_seed_is_that_of_the_sensors(paper_scenario):
+    paper_scenario.simulation.duration = 0.2
+    paper_scenario.simulation.simulator.accuracy = 1e-4
+    paper_scenario.sensors.suite = "flight"
+    gyros = []
+    for seed in (1, 1, 2):
+        paper_scenario.sensors.seed = seed
+        simulation = make_simulation(paper_scenario)
+        gyros.append(simulation.measurements(simulation.run()).gyro.value)
+    np.testing.assert_array_equal(gyros[0], gyros[1])
+    assert (gyros[0] != gyros[2]).all()
+
+
+def test_without_sensors_there_are_no_measurements(paper_scenario):
+    simulation = make_simulation(paper_scenario)
+    assert simulation.sensors is None
+    root_context = simulation.make_simulator().get_context()
+    with pytest.raises(InputError, match=r"give sensors\.suite"):
+        simulation.measurements(root_context)
+
+
+def test_a_filter_without_sensors_is_refused(paper_scenario):
+    """Also in a scenario that no file has been checked for."""
+    paper_scenario.identification.estimator = "momentum_filter"
+    with pytest.raises(InputError, match=r"momentum_filter needs sensors\.suite"):
+        make_simulation(paper_scenario)
+    paper_scenario.identification.estimator = "guess"
+    with pytest.raises(InputError, match="no online estimator 'guess'"):
+        make_simulation(paper_scenario)
+
+
+def test_what_the_filter_identifies_is_drawn():
+    """A recording of a run that is long enough for an estimate scales its ellipsoid."""
+    from base64 import b64decode
+    from re import findall
+
+    from pydrake.geometry import Meshcat
+
+    scenario = load_scenario(shipped_scenario("exciting_motion"))
+    scenario.sensors.suite = "flight"
+    scenario.identification.estimator = "momentum_filter"
+    scenario.simulation.duration = 1.5
+    scenario.simulation.simulator.accuracy = 1e-5
+    meshcat = Meshcat()
+    simulation = make_simulation(scenario, meshcat=meshcat)
+    assert isinstance(simulation.identifier, SensorIdentifier)
+    meshcat.StartRecording()
+    simulation.run()
+    meshcat.PublishRecording()
+    commands = map(b64decode, findall(r"base64,([A-Za-z0-9+/=]{100,})", meshcat.StaticHtml()))
+    [animation] = [command for command in commands if b"set_animation" in command]
+    assert b"cpid/target/estimate/ellipsoid" in animation

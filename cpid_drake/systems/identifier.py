@@ -1,4 +1,6 @@
-"""The identifier as a Drake system."""
+"""Identification as a Drake system: from the spacecraft's state, by least squares."""
+
+from abc import abstractmethod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,6 +9,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    DependencyTicket,
     DiagramBuilder,
     DiscreteValues,
     EventStatus,
@@ -21,12 +24,78 @@ from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
 from cpid_drake.identification import Identification, row_family
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.spacecraft_sensors import check_port_size
 
 DIAGNOSTICS = ("samples", "rank", "condition", "residual")
 """Entries of the `diagnostics` output, in order."""
 
 
-class MomentumIdentifier(LeafSystem):
+class Identifier(LeafSystem):
+    """What all identifiers give: the output ports of `MomentumIdentifier`, from one `_solve`.
+
+    The identification is computed when it is asked for, once for every state.
+    """
+
+    @abstractmethod
+    def _solve(self, context: Context) -> Identification:
+        """Return the identification that the state says, from nothing but the state."""
+
+    def identification(self, context: Context) -> Identification:
+        """Return the identification that this system's context holds."""
+        return self._solution.Eval(context)
+
+    def _declare_outputs(self, state_ticket: DependencyTicket) -> None:
+        """Declare the ports; the ticket is that of the state which `_solve` reads."""
+
+        def solve(context: Context, value: AbstractValue) -> None:
+            value.set_value(self._solve(context))
+
+        self._solution = self.DeclareCacheEntry(
+            "identification",
+            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=solve),
+            prerequisites_of_calc={state_ticket},
+        )
+        state_only = {self.cache_entry_ticket(self._solution.cache_index())}
+        self.DeclareVectorOutputPort(
+            name="parameters", size=10, calc=self._calc_parameters, prerequisites_of_calc=state_only
+        )
+        self.DeclareVectorOutputPort(
+            name="covariance",
+            size=100,
+            calc=self._calc_covariance,
+            prerequisites_of_calc=state_only,
+        )
+        self.DeclareAbstractOutputPort(
+            name="spatial_inertia",
+            alloc=lambda: Value(SpatialInertia.NaN()),
+            calc=self._calc_spatial_inertia,
+            prerequisites_of_calc=state_only,
+        )
+        self.DeclareVectorOutputPort(
+            name="diagnostics",
+            size=len(DIAGNOSTICS),
+            calc=self._calc_diagnostics,
+            prerequisites_of_calc=state_only,
+        )
+
+    def _calc_parameters(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.identification(context).parameters)
+
+    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.identification(context).covariance.ravel())
+
+    def _calc_spatial_inertia(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self.identification(context).spatial_inertia())
+
+    def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
+        result = self.identification(context)
+        solution = result.solution
+        output.SetFromVector(
+            [result.sample_count, solution.rank, solution.condition_number, solution.residual_rms]
+        )
+
+
+class MomentumIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from momentum conservation.
 
     At every period it takes one sample of the spacecraft's state, forms the six rows of Ning et al.
@@ -87,11 +156,11 @@ class MomentumIdentifier(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("momentum_identifier")
-        if not (_is_number(period) and period > 0):
+        if not (is_number(period) and period > 0):
             raise InputError(f"identification period must be > 0 s, not {period}")
-        if not (_is_number(offset) and offset >= 0):
+        if not (is_number(offset) and offset >= 0):
             raise InputError(f"identification offset must be >= 0 s, not {offset}")
-        if not (_is_number(rank_tolerance) and 0 < rank_tolerance < 1):
+        if not (is_number(rank_tolerance) and 0 < rank_tolerance < 1):
             raise InputError(f"rank_tolerance must be between 0 and 1, not {rank_tolerance}")
         self._spacecraft = spacecraft
         self._family = row_family(rows, unknown_momentum)
@@ -111,33 +180,7 @@ class MomentumIdentifier(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=offset, update=self._take_sample
         )
-        self._solution = self.DeclareCacheEntry(
-            "identification",
-            ValueProducer(allocate=lambda: AbstractValue.Make(object()), calc=self._solve),
-            prerequisites_of_calc={self.xd_ticket()},
-        )
-        state_only = {self.cache_entry_ticket(self._solution.cache_index())}
-        self.DeclareVectorOutputPort(
-            name="parameters", size=10, calc=self._calc_parameters, prerequisites_of_calc=state_only
-        )
-        self.DeclareVectorOutputPort(
-            name="covariance",
-            size=100,
-            calc=self._calc_covariance,
-            prerequisites_of_calc=state_only,
-        )
-        self.DeclareAbstractOutputPort(
-            name="spatial_inertia",
-            alloc=lambda: Value(SpatialInertia.NaN()),
-            calc=self._calc_spatial_inertia,
-            prerequisites_of_calc=state_only,
-        )
-        self.DeclareVectorOutputPort(
-            name="diagnostics",
-            size=len(DIAGNOSTICS),
-            calc=self._calc_diagnostics,
-            prerequisites_of_calc=state_only,
-        )
+        self._declare_outputs(self.xd_ticket())
 
     @staticmethod
     def AddToBuilder(
@@ -155,19 +198,14 @@ class MomentumIdentifier(LeafSystem):
             InputError: the port is not of the size of this spacecraft's state.
 
         """
-        expected = spacecraft.plant.num_multibody_states()
-        if state_port.size() != expected:
-            raise InputError(
-                f"port '{state_port.get_name()}' has {state_port.size()} entries, but the state of "
-                f"{spacecraft.model} has {expected}: connect a state of the same joints"
-            )
+        check_port_size(
+            state_port,
+            spacecraft.plant.num_multibody_states(),
+            f"the state of {spacecraft.model}",
+        )
         identifier = builder.AddSystem(MomentumIdentifier(spacecraft, **options))
         builder.Connect(state_port, identifier.GetInputPort("spacecraft_state"))
         return identifier
-
-    def identification(self, context: Context) -> Identification:
-        """Return the identification that this system's context holds."""
-        return self._solution.Eval(context)
 
     def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the square root (11, 11) with one sample x = [q; v] folded into `root`.
@@ -215,7 +253,7 @@ class MomentumIdentifier(LeafSystem):
         root = context.get_discrete_state(self._root_index).value()
         return root.reshape(self._size, self._size)
 
-    def _solve(self, context: Context, value: AbstractValue) -> None:
+    def _solve(self, context: Context) -> Identification:
         root = self._root(context)
         samples, row_count = context.get_discrete_state(self._count_index).value()
         solution = solve_root(
@@ -224,24 +262,9 @@ class MomentumIdentifier(LeafSystem):
             eliminated=self._nuisance,
             rank_tolerance=self._rank_tolerance,
         )
-        value.set_value(Identification(self._unknowns, solution, int(samples)))
-
-    def _calc_parameters(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.identification(context).parameters)
-
-    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.identification(context).covariance.ravel())
-
-    def _calc_spatial_inertia(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self.identification(context).spatial_inertia())
-
-    def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
-        result = self.identification(context)
-        solution = result.solution
-        output.SetFromVector(
-            [result.sample_count, solution.rank, solution.condition_number, solution.residual_rms]
-        )
+        return Identification(self._unknowns, solution, int(samples))
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Whether a value is a finite number."""
     return isinstance(value, (int, float, np.number)) and bool(np.isfinite(value))

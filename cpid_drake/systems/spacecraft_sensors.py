@@ -97,12 +97,11 @@ class SpacecraftSensors(LeafSystem):
             InputError: the port is not of the size of this spacecraft's state.
 
         """
-        expected = spacecraft.plant.num_multibody_states()
-        if state_port.size() != expected:
-            raise InputError(
-                f"port '{state_port.get_name()}' has {state_port.size()} entries, but the state of "
-                f"{spacecraft.model} has {expected}: connect a state of the same joints"
-            )
+        check_port_size(
+            state_port,
+            spacecraft.plant.num_multibody_states(),
+            f"the state of {spacecraft.model}",
+        )
         sensors = builder.AddSystem(SpacecraftSensors(spacecraft, suite, seed))
         builder.Connect(state_port, sensors.GetInputPort("spacecraft_state"))
         return sensors
@@ -143,6 +142,20 @@ class SpacecraftSensors(LeafSystem):
             raise InputError(f"{where}: {error}") from error
         [value] = self._noise.apply(name, perfect_value(name, telemetry), first=k)
         return np.concatenate([[k / rate], value])
+
+
+def check_port_size(port: OutputPort, expected: int, what: str) -> None:
+    """Refuse to connect a port that is not of the expected size.
+
+    Raises:
+        InputError: it is not; the message says that `what` has so many entries.
+
+    """
+    if port.size() != expected:
+        raise InputError(
+            f"port '{port.get_name()}' has {port.size()} entries, but {what} has {expected}: "
+            "connect one of the same joints"
+        )
 
 
 def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str, VectorLogSink]:

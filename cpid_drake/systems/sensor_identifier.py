@@ -1,0 +1,239 @@
+"""Identification as a Drake system: from sensors, each at its own rate, by the momentum filter."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    EventStatus,
+    State,
+)
+
+from cpid_drake.errors import InputError
+from cpid_drake.estimators.momentum_filter import FILTER_ORDER, FilterState
+from cpid_drake.estimators.online import OnlineState
+from cpid_drake.identification import Identification
+from cpid_drake.sensor_identification import identification_of_filter, online_estimator
+from cpid_drake.sensors import SensorSuite, check_sensors, sample_widths
+from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.systems.identifier import Identifier, is_number
+from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors, check_port_size
+
+_COUNTED = (*FILTER_ORDER, "agreement")
+
+FILTER_DIAGNOSTICS = (
+    *(f"{name}_used" for name in _COUNTED),
+    *(f"{name}_rejected" for name in _COUNTED),
+    "momentum_changes",
+    "momentum_change_time",
+)
+"""Entries of the `filter_diagnostics` output; "agreement" is that of gyro and momentum."""
+
+
+class SensorIdentifier(Identifier):
+    """Identifies the target's ten inertial parameters online, from sensors at their own rates.
+
+    It is `estimators.online.OnlineEstimator` in a Diagram: a trajectory fit until the target is
+    known well enough, the momentum filter from then on. It holds the *known* spacecraft only.
+
+    .. pydrake_system::
+
+        name: SensorIdentifier
+        input_ports:
+        - gyro
+        - attitude
+        - encoders
+        - position
+        - velocity
+        output_ports:
+        - parameters
+        - covariance
+        - spatial_inertia
+        - diagnostics
+        - filter_diagnostics
+
+    - one input for each sensor that is there, (1 + width) as `SpacecraftSensors` gives it: the time
+      stamp [s] of the latest sample, then its value; NaN before the first. (Joint rates are not
+      used: encoders' noise does not add up.)
+    - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as `MomentumIdentifier`'s, but
+      the covariance follows from the sensors' noise, and there is no residual (NaN).
+    - `filter_diagnostics` (14): samples used and rejected of every sensor, how often the momentum
+      was found to have changed, and when it was last [s] (NaN for never); see
+      `FILTER_DIAGNOSTICS`. Zero for sensors that are not there.
+
+    At every period it takes all samples with new stamps, in order of time. Systems that update at
+    one and the same instant see each other's state from before: what a sensor takes at t, the
+    identifier takes one period after t. No sample is missed, since no sensor is faster; only those
+    of a simulation's very end still wait when it is over. To have them taken as well:
+    `simulator.AdvancePendingEvents()`, and then `identifier.ExecuteForcedEvents(context)`.
+
+    The state is one abstract value. Clones of a Context have copies of it.
+
+    Args:
+        spacecraft: the known spacecraft.
+        suite: its sensors.
+        unknown_momentum: whether the total momentum is unknown instead of zero.
+        period: between two looks at the inputs [s]; default: that of the fastest sensor.
+
+    Raises:
+        InputError: sensors that cannot be (see `sensors.check_sensors`), or a period that is not
+            positive or longer than the fastest sensor's, so that samples would be missed.
+
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        suite: SensorSuite,
+        *,
+        unknown_momentum: bool = False,
+        period: float | None = None,
+    ) -> None:
+        super().__init__()
+        self.set_name("sensor_identifier")
+        check_sensors(suite, "sensors")
+        present = suite.present()
+        sensors = [name for name in FILTER_ORDER if name in present]
+        shortest = 1 / max(present[name].rate for name in sensors)
+        period = shortest if period is None else period
+        if not (is_number(period) and 0 < period <= shortest):
+            raise InputError(
+                f"identification period must be > 0 s and at most {shortest:g} s, the period of "
+                f"the fastest sensor, not {period}"
+            )
+        self._estimator = online_estimator(spacecraft, suite, unknown_momentum=unknown_momentum)
+        widths = sample_widths(spacecraft.joint_names)
+        self._sample_ports = {
+            name: self.DeclareVectorInputPort(name, 1 + widths[name]) for name in sensors
+        }
+        self._memory_index = self.DeclareAbstractState(
+            Value(_Memory(self._estimator.start(), dict.fromkeys(sensors, np.nan), []))
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=period, offset_sec=0.0, update=self._take_settled
+        )
+        self.DeclareForcedUnrestrictedUpdateEvent(self._take_all)
+        self._declare_outputs(self.xa_ticket())
+        self.DeclareVectorOutputPort(
+            name="filter_diagnostics",
+            size=len(FILTER_DIAGNOSTICS),
+            calc=self._calc_filter_diagnostics,
+            prerequisites_of_calc={self.xa_ticket()},
+        )
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        suite: SensorSuite,
+        sensors_system: SpacecraftSensors,
+        **options,
+    ) -> "SensorIdentifier":
+        """Add an identifier and connect its inputs to the outputs of the same names.
+
+        Args:
+            builder: the diagram's builder.
+            spacecraft: the known spacecraft.
+            suite: its sensors.
+            sensors_system: usually `SpacecraftSensors`, or any system with such outputs.
+            options: as for the constructor.
+
+        Raises:
+            InputError: an output is missing or not of the right size, or as for the constructor.
+
+        """
+        identifier = SensorIdentifier(spacecraft, suite, **options)
+        for name, port in identifier._sample_ports.items():
+            if not sensors_system.HasOutputPort(name):
+                raise InputError(f"{sensors_system.get_name()} has no output port '{name}'")
+            output = sensors_system.GetOutputPort(name)
+            check_port_size(output, port.size(), f"a stamped sample of {spacecraft.model}")
+        builder.AddSystem(identifier)
+        for name, port in identifier._sample_ports.items():
+            builder.Connect(sensors_system.GetOutputPort(name), port)
+        return identifier
+
+    def online_state(self, context: Context) -> OnlineState:
+        """Return a copy of the estimator's state that this system's context holds."""
+        return self._memory(context).copy().online
+
+    def _memory(self, context: Context) -> "_Memory":
+        return context.get_abstract_state(self._memory_index).get_value()
+
+    def _take_settled(self, context: Context, state: State) -> EventStatus:
+        """Take all samples but those of this very instant, which wait for the next time.
+
+        Rounding of the sensors' own times may show one of them before the others; those of one
+        instant are to be taken in `FILTER_ORDER`.
+        """
+        return self._take(context, state, _nanoseconds(context.get_time()))
+
+    def _take_all(self, context: Context, state: State) -> EventStatus:
+        return self._take(context, state, np.nan)
+
+    def _take(self, context: Context, state: State, now: float) -> EventStatus:
+        memory = self._memory(context).copy()
+        for rank, (name, port) in enumerate(self._sample_ports.items()):
+            stamp, *value = port.Eval(context)
+            if not np.isnan(stamp) and stamp != memory.seen[name]:
+                memory.seen[name] = stamp
+                sample = (_nanoseconds(stamp), rank, name, stamp, np.array(value))
+                memory.waiting.append(sample)
+        for sample in sorted(memory.waiting, key=lambda sample: sample[:2]):
+            at, _, name, stamp, value = sample
+            if at != now:
+                self._estimator.take(memory.online, name, stamp, value)
+        memory.waiting = [sample for sample in memory.waiting if sample[0] == now]
+        state.get_mutable_abstract_state(self._memory_index).set_value(memory)
+        return EventStatus.Succeeded()
+
+    def _solve(self, context: Context) -> Identification:
+        return identification_of_filter(self._estimator, self._memory(context).online)
+
+    def _calc_filter_diagnostics(self, context: Context, output: BasicVector) -> None:
+        state = self._memory(context).online.filter
+        places = [self._estimator.filter.index(name) for name in _COUNTED]
+        output.SetFromVector(
+            [
+                *state.used[places],
+                *state.rejected[places],
+                state.momentum_changes,
+                state.momentum_change_time,
+            ]
+        )
+
+
+@dataclass(eq=False)
+class _Memory:
+    """What the abstract state holds. What is in a Context is replaced, never changed.
+
+    Attributes:
+        online: the estimator's state.
+        seen: last stamp of every sensor [s].
+        waiting: samples to take later: (time [ns], place in the order, name, stamp, value).
+
+    """
+
+    online: OnlineState
+    seen: dict[str, float]
+    waiting: list[tuple]
+
+    def copy(self) -> "_Memory":
+        """Return a copy. The single samples are shared: nobody changes them."""
+        arrays = {name: value.copy() for name, value in vars(self.online.filter).items()}
+        online = replace(
+            self.online, filter=FilterState(**arrays), samples=list(self.online.samples)
+        )
+        return _Memory(online, dict(self.seen), list(self.waiting))
+
+    def __deepcopy__(self, memo: dict) -> "_Memory":
+        """Return a copy: Drake's for a clone and around every update; the general one is slow."""
+        return self.copy()
+
+
+def _nanoseconds(time: float) -> float:
+    """Return a time in whole nanoseconds: equal for what is meant to be one instant."""
+    return np.round(time * 1e9)
