@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
@@ -19,7 +19,7 @@ from cpid_drake.estimators.trajectory_fit import (
 from cpid_drake.estimators.trajectory_model import TrajectoryModel
 from cpid_drake.identification import Identification, row_family
 from cpid_drake.inertia import relative_unknowns
-from cpid_drake.kinematics import KinematicTree
+from cpid_drake.kinematics import KinematicTree, rotate
 from cpid_drake.known_bodies import KnownBodies
 from cpid_drake.momentum import momentum_samples
 from cpid_drake.momentum_sensitivity import BodyUncertainty
@@ -33,6 +33,10 @@ from cpid_drake.telemetry import Telemetry
 ESTIMATORS = ("eq18", "standard", "relative", "momentum_filter", "trajectory_fit")
 """Names of the estimators: weighted least squares on three row families, and two that are not."""
 
+Momentum = tuple[ArrayLike, ArrayLike]
+"""(L, v_Wcm), (3,) each, in W: constant angular momentum about the system's centre of mass
+[N·m·s], and that centre's velocity [m/s]."""
+
 
 def identify_from_sensors(
     spacecraft: Spacecraft,
@@ -41,6 +45,7 @@ def identify_from_sensors(
     *,
     estimator: str = "trajectory_fit",
     unknown_momentum: bool = False,
+    momentum: Momentum | None = None,
     known_bodies: BodyUncertainty | None = None,
     robust: bool = False,
 ) -> Identification:
@@ -51,17 +56,21 @@ def identify_from_sensors(
         measurements: samples of its sensors, each at its own times; bad ones are left out.
         suite: how good the sensors are.
         estimator: one of `ESTIMATORS`.
-        unknown_momentum: whether the total momentum is constant and unknown instead of zero.
+        unknown_momentum: whether the total momentum is constant and unknown, and not known.
+        momentum: what it is, if it is known and not zero; not with the momentum filter.
         known_bodies: how well the spacecraft itself is known; what that adds to the covariance is
             reported by the trajectory fit.
         robust: Huber loss in the trajectory fit.
 
     Raises:
-        InputError: no such estimator, measurements of other joints, or too few samples.
+        InputError: no such estimator, measurements of other joints, too few samples, or a momentum
+            for the momentum filter.
 
     """
     if estimator not in ESTIMATORS:
         raise InputError(f"no estimator '{estimator}'; choose from {', '.join(ESTIMATORS)}")
+    if estimator == "momentum_filter" and momentum is not None:
+        raise InputError("the momentum filter takes the momentum as zero or as unknown, not given")
     if measurements.joint_names != spacecraft.joint_names:
         raise InputError(
             f"measurements of joints {', '.join(measurements.joint_names)} are not of this "
@@ -74,6 +83,7 @@ def identify_from_sensors(
             measurements,
             suite,
             unknown_momentum=unknown_momentum,
+            momentum=momentum,
             known_bodies=known_bodies,
             robust=robust,
         )
@@ -82,9 +92,8 @@ def identify_from_sensors(
         online = online_estimator(spacecraft, suite, unknown_momentum=unknown_momentum)
         return identification_of_filter(online, online.run(measurements))
     motion = smooth(measurements, suite)
-    return identify_smoothed(
-        spacecraft.tree, motion, row_family(estimator, unknown_momentum), unknown_momentum
-    )
+    family = row_family(estimator, unknown_momentum)
+    return identify_smoothed(spacecraft.tree, motion, family, unknown_momentum, momentum)
 
 
 # -- trajectory fit -------------------------------------------------------------------------------
@@ -96,17 +105,22 @@ def fit_measurements(
     suite: SensorSuite,
     *,
     unknown_momentum: bool = False,
+    momentum: Momentum | None = None,
     known_bodies: BodyUncertainty | None = None,
     robust: bool = False,
 ) -> TrajectoryFit:
     """Fit the target to screened measurements, started from the mean of a vague prior.
+
+    Arguments as for `identify_from_sensors`; of an unknown momentum, `momentum` is where to start.
 
     Raises:
         InputError: too few samples.
 
     """
     joints = smooth_joints(measurements, suite)
-    model = TrajectoryModel(tree, joints, measurements, suite, unknown_momentum=unknown_momentum)
+    model = TrajectoryModel(
+        tree, joints, measurements, suite, unknown_momentum=unknown_momentum, momentum=momentum
+    )
     start = vague_prior(model.dynamics.mass, model.dynamics.I_K[0]).psi
     return fit_trajectory(model, start, known_bodies=known_bodies, robust=robust)
 
@@ -132,7 +146,7 @@ def cramer_rao_bound(
     measurements: Measurements,
     suite: SensorSuite,
     *,
-    momentum: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    momentum: Momentum | None = None,
     unknown_momentum: bool = False,
     known_bodies: BodyUncertainty | None = None,
 ) -> NDArray[np.float64]:
@@ -147,19 +161,18 @@ def cramer_rao_bound(
         measurements: what the sensors give (for a bound beforehand: what they would without noise);
             the first attitude and position are taken as true.
         suite: how good they are.
-        momentum: (L, v_Wcm), (3,) each: true angular momentum about the centre of mass and its
-            velocity, in W; default: zero.
-        unknown_momentum: whether they are to be estimated.
+        momentum: the true one; default: zero.
+        unknown_momentum: whether it is to be estimated.
         known_bodies: how well the spacecraft is known: the bound then holds for an estimator that
             takes it as known all the same.
 
     """
     joints = smooth_joints(measurements, suite)
-    model = TrajectoryModel(tree, joints, measurements, suite, unknown_momentum=unknown_momentum)
-    state = model.start(psi)
-    if momentum is not None:
-        state = replace(state, L=momentum[0], v_Wcm=momentum[1])
-    information, consider = state_information(model, model.trajectory(state), known_bodies)
+    model = TrajectoryModel(
+        tree, joints, measurements, suite, unknown_momentum=unknown_momentum, momentum=momentum
+    )
+    trajectory = model.trajectory(model.start(psi))
+    information, consider = state_information(model, trajectory, known_bodies)
     unknowns = relative_unknowns(model.dynamics.mass)
     solution = solution_of_information(
         psi, information, psi_scale(model.dynamics.mass, model.dynamics.I_K[0]), consider=consider
@@ -200,7 +213,11 @@ def identification_of_filter(online: OnlineEstimator, state: OnlineState) -> Ide
 
 
 def identify_smoothed(
-    tree: KinematicTree, motion: SmoothedMotion, family: RowFamily, unknown_momentum: bool
+    tree: KinematicTree,
+    motion: SmoothedMotion,
+    family: RowFamily,
+    unknown_momentum: bool,
+    momentum: Momentum | None = None,
 ) -> Identification:
     """Solve a row family on smoothed motion by least squares, each sample weighted by its errors.
 
@@ -208,9 +225,16 @@ def identify_smoothed(
     an unweighted estimate first. The covariance takes into account that errors of neighbouring
     samples hang together, but not the bias that errors inside the rows cause.
     """
+    if momentum is not None and not unknown_momentum:
+        # Seen from a frame that moves with the centre of mass, linear momentum is zero.
+        L, v_Wcm = (np.asarray(part, dtype=float) for part in momentum)
+        moved = replace(motion.telemetry, v_WB=motion.telemetry.v_WB - v_Wcm)
+        motion = replace(motion, telemetry=moved)
+    else:
+        L = np.zeros(3)
     known_mass = sum(body.mass for body in tree.bodies)
     nuisance = family.momentum_size if unknown_momentum else 0
-    rows = family.full_rows(momentum_samples(tree, motion.telemetry), unknown_momentum)
+    rows = _rows(tree, motion.telemetry, family, unknown_momentum, L)
     count = family.rows_per_sample
     rows = rows.reshape(-1, count, rows.shape[1])
     covariance = motion.covariance()
@@ -219,7 +243,7 @@ def identify_smoothed(
         if not solution.is_observable:
             return Identification(family.unknowns(known_mass), solution, len(motion.telemetry))
         full = _full_solution(rows, nuisance, solution.estimate)
-        by_motion = _row_derivatives(tree, motion, family, unknown_momentum, full)
+        by_motion = _row_derivatives(tree, motion, family, unknown_momentum, L, full)
         S = by_motion @ covariance @ np.swapaxes(by_motion, -1, -2)
         S += 1e-9 * np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(count) / count
         S += 1e-300 * np.eye(count)
@@ -242,6 +266,26 @@ def identify_smoothed(
     return Identification(family.unknowns(known_mass), solution, len(motion.telemetry))
 
 
+def _rows(
+    tree: KinematicTree,
+    telemetry: Telemetry,
+    family: RowFamily,
+    unknown_momentum: bool,
+    L: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the rows [N | A | b] of all samples, for a known angular momentum L (3,) in W.
+
+    The angular rows, the last three of each sample, sum up to it. That holds about any point while
+    linear momentum is zero.
+    """
+    samples = momentum_samples(tree, telemetry)
+    rows = family.full_rows(samples, unknown_momentum)
+    if L.any():
+        by_sample = rows.reshape(len(samples), family.rows_per_sample, -1)
+        by_sample[:, -3:, -1] += rotate(np.swapaxes(samples.motion.R_WC, -1, -2), L)
+    return rows
+
+
 def _solve(rows: NDArray[np.float64], nuisance: int):
     root = update_root(empty_root(rows.shape[1] - 1), rows)
     return solve_root(root, len(rows), eliminated=nuisance)
@@ -262,6 +306,7 @@ def _row_derivatives(
     motion: SmoothedMotion,
     family: RowFamily,
     unknown_momentum: bool,
+    L: NDArray[np.float64],
     solution: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the derivative (N, rows, quantities) of A x − b by the smoothed quantities."""
@@ -287,6 +332,6 @@ def _row_derivatives(
         q=tiled["q"] + shift[:, 12 : 12 + J],
         qdot=tiled["qdot"] + shift[:, 12 + J :],
     )
-    rows = family.full_rows(momentum_samples(tree, moved), unknown_momentum)
+    rows = _rows(tree, moved, family, unknown_momentum, L)
     residuals = (rows[:, :-1] @ solution - rows[:, -1]).reshape(count + 1, N, -1)
     return np.moveaxis((residuals[1:] - residuals[0]) / step, 0, -1)

@@ -13,7 +13,7 @@ system's centre of mass.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -83,7 +83,9 @@ class TrajectoryModel:
         joints: its joint motion.
         measurements: from its sensors; samples outside the joint motion are left out.
         suite: how good they are.
-        unknown_momentum: whether the momentum is an unknown constant instead of zero.
+        unknown_momentum: whether the momentum is an unknown constant, and not known.
+        momentum: (L, v_Wcm), (3,) each, in W: the angular momentum about the system's centre of
+            mass and that centre's velocity; of an unknown one, where to start. None for zero.
         psi_prior: mean and σ, (10,) each, of the relative unknowns; None for no prior.
         step: longest step of the grid [s].
 
@@ -100,6 +102,7 @@ class TrajectoryModel:
         suite: SensorSuite,
         *,
         unknown_momentum: bool = False,
+        momentum: tuple[ArrayLike, ArrayLike] | None = None,
         psi_prior: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
         step: float = 0.025,
     ) -> None:
@@ -107,6 +110,8 @@ class TrajectoryModel:
         self.tree, self.joints, self.suite = tree, joints, suite
         self.measurements = measurements.between(start, end)
         self.unknown_momentum, self.psi_prior = unknown_momentum, psi_prior
+        L, v_Wcm = (np.zeros(3), np.zeros(3)) if momentum is None else momentum
+        self.momentum = np.array(L, dtype=float), np.array(v_Wcm, dtype=float)
         if not len(self.measurements.attitude):
             raise InputError("no attitude samples while the joints are known: none to start from")
         self.nodes = np.linspace(start, end, int(np.ceil((end - start) / step)) + 1)
@@ -153,15 +158,11 @@ class TrajectoryModel:
         return self.columns["bias"].stop
 
     def start(self, psi: NDArray[np.float64]) -> TrajectoryState:
-        """Return a state to start from: the first samples, no momentum, no bias."""
+        """Return a state to start from: the first samples, the momentum given, no bias."""
         attitude = Rotation.from_quat(self.measurements.attitude.value[0], scalar_first=True)
+        L, v_Wcm = self.momentum
         state = TrajectoryState(
-            psi,
-            attitude,
-            np.zeros(3),
-            np.zeros(3),
-            np.zeros(3),
-            np.zeros((len(self.bias_nodes), 3)),
+            psi, attitude, np.zeros(3), v_Wcm, L, np.zeros((len(self.bias_nodes), 3))
         )
         if "position" in self.sensors:
             rho = self.dynamics.com(psi)[0]
