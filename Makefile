@@ -18,6 +18,7 @@ lint: $(VENV)/installed-dev
 
 benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmarks/identifier_update.py
+	$(VENV)/bin/python tests/benchmarks/filter_update.py
 	$(VENV)/bin/python tests/benchmarks/base_motion.py
 
 $(VENV)/installed: pyproject.toml

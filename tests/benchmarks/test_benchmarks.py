@@ -24,6 +24,11 @@ def test_identifier_update():
     assert {"update_over_pinocchio", "solve_over_pinocchio"} < set(report)
 
 
+def test_filter_update():
+    report = run("filter_update.py", "--blocks", "2")
+    assert "update_over_least_squares" in report
+
+
 def test_base_motion():
     report = run("base_motion.py", "--targets", "3", "--repeats", "1")
     assert "propagator_over_simulation" in report
