@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from cpid_drake.base_motion import KnownDynamics
 from cpid_drake.regressors import skew
 from cpid_drake.relative_motion import RelativeDynamics
 from cpid_drake.spacecraft import Spacecraft
@@ -50,9 +49,22 @@ class KnownBodies(threading.local):
             self._frame,
             self._spacecraft.capture_frame,
         )[:, self._joints]
-        R_CB = X_BC.rotation().matrix().T
-        X = np.zeros((1, 6, 6))
-        X[0, :3, :3] = X[0, 3:, 3:] = R_CB
-        X[0, 3:, :3] = -R_CB @ skew(X_BC.translation())
-        known = KnownDynamics(M[None, :, self._base], qdot @ M[:, self._joints].T, X, qdot @ J_BC.T)
-        return RelativeDynamics.from_known(known, self._spacecraft.mass)
+        # As `RelativeDynamics.from_known`, for one configuration: the same shapes without its sums.
+        mass, R_BC = self._spacecraft.mass, X_BC.rotation().matrix()
+        p_BK = np.array([M[2, self._base[4]], M[0, self._base[5]], M[1, self._base[3]]]) / mass
+        shift = skew(p_BK)
+        momentum = qdot @ M[:, self._joints].T
+        v_BK = momentum[:, 3:] / mass
+        V_BC = qdot @ J_BC.T
+        one = np.ones((len(qdot), 1))
+        return RelativeDynamics(
+            mass=mass,
+            I_K=(M[:3, self._base[:3]] + mass * shift @ shift)[None],
+            h_K=momentum[:, :3] - momentum[:, 3:] @ shift.T,
+            p_BK=p_BK[None],
+            v_BK=v_BK,
+            R_BC=R_BC[None],
+            w_BC=V_BC[:, :3],
+            s=one * ((X_BC.translation() - p_BK) @ R_BC),
+            sdot=V_BC[:, 3:] - v_BK @ R_BC,
+        )

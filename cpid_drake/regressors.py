@@ -160,9 +160,9 @@ def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[n
         w: (..., 3) angular velocity of C in W, in C [rad/s].
 
     """
-    return np.concatenate(
-        [np.cross(s, sdot)[..., None], skew(s) @ skew(w) - skew(sdot), inertia_operator(w)], axis=-1
-    )
+    s = skew(s)
+    first = s @ np.asarray(sdot)[..., None]
+    return np.concatenate([first, s @ skew(w) - skew(sdot), inertia_operator(w)], axis=-1)
 
 
 def _relative(samples: MomentumSamples) -> NDArray[np.float64]:

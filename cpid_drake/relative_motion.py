@@ -65,7 +65,7 @@ class RelativeDynamics:
         return cls(
             mass=mass,
             I_K=M[:, :3, :3] + mass * skew(p_BK) @ skew(p_BK),
-            h_K=h[:, :3] - np.cross(p_BK, h[:, 3:]),
+            h_K=h[:, :3] - rotate(skew(p_BK), h[:, 3:]),
             p_BK=p_BK,
             v_BK=v_BK,
             R_BC=R_BC,
@@ -77,9 +77,8 @@ class RelativeDynamics:
     def regressor(self, w_B: ArrayLike) -> NDArray[np.float64]:
         """Return Y (N, 3, 10) in B at angular velocities w_B (N, 3): the relative rows."""
         w = rotate(np.swapaxes(self.R_BC, -1, -2), w_B)
-        return self.R_BC @ relative_regressor(
-            self.s, self.sdot + np.cross(w, self.s), w + self.w_BC
-        )
+        sdot = self.sdot + rotate(skew(w), self.s)
+        return self.R_BC @ relative_regressor(self.s, sdot, w + self.w_BC)
 
     def inertia(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return J(ψ) (N, 3, 3) about the system's centre of mass, in B, of ψ (10,)."""
@@ -106,7 +105,7 @@ class RelativeDynamics:
 
     def com_rate(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rate of ρ(ψ) as seen from B (N, 3), in B [m/s]."""
-        moved = psi[0] * self.sdot + np.cross(self.w_BC, psi[1:4])
+        moved = psi[0] * self.sdot + skew(self.w_BC) @ psi[1:4]
         return self.v_BK + rotate(self.R_BC, moved) / self.mass
 
     def com_rate_regressor(self) -> NDArray[np.float64]:

@@ -401,15 +401,26 @@ def _trial(number: int) -> dict[str, Outcome]:
             elif name == "momentum_filter":
                 result, changes = _filter(case, spacecraft, measurements)
             else:
-                if case.momentum_told:
-                    raise InputError("rows cannot be told a momentum that is not zero")
                 family = row_family(name, case.unknown_momentum)
                 smoothed = smoothed or smooth(measurements, case.suite)
-                result = identify_smoothed(spacecraft.tree, smoothed, family, case.unknown_momentum)
+                result = identify_smoothed(
+                    spacecraft.tree,
+                    smoothed,
+                    family,
+                    case.unknown_momentum,
+                    _told(case, spacecraft),
+                )
             outcomes[name] = _outcome(result, changes)
         except (InputError, np.linalg.LinAlgError) as error:
             outcomes[name] = Outcome(problem=str(error))
     return outcomes
+
+
+def _told(
+    case: Case, spacecraft: Spacecraft
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the momentum that the estimators are told, if any."""
+    return _momentum_about_com(case, spacecraft.tree) if case.momentum_told else None
 
 
 def _fit(case: Case, spacecraft: Spacecraft, measurements: Measurements) -> Identification:
@@ -418,7 +429,7 @@ def _fit(case: Case, spacecraft: Spacecraft, measurements: Measurements) -> Iden
         measurements,
         case.suite,
         unknown_momentum=case.unknown_momentum,
-        **({"momentum": _momentum_about_com(case, spacecraft.tree)} if case.momentum_told else {}),
+        momentum=_told(case, spacecraft),
         known_bodies=case.known_bodies,
     )
     if not fit.converged:
