@@ -5,12 +5,13 @@ there are is chosen by Akaike's criterion. Rates, where no sensor gives them, ar
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
@@ -20,6 +21,7 @@ from cpid_drake.sensors import Measurements, Samples, SensorSuite
 from cpid_drake.telemetry import Telemetry
 
 _INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+_NEAR = 0.02  # of a rough attitude path from the samples [rad]: Gauss-Newton is at home there
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +99,7 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
         count = (len(positions) + len(rates) - basis.size) * positions.value.shape[1]
         return JointSpline(basis, coefficients, covariance, chi_squared, count)
 
-    best = _best(fit, len(positions), lambda spline: spline.coefficients.size)
-    # One size finer than Akaike's: what is left of the error is noise then, which the covariance
-    # covers, and not misfit, which it does not.
-    finer = [n for n in _INTERVALS if n + 5 > best.basis.size and n + 5 <= len(positions) / 2]
-    return fit(finer[0]) if finer else best
+    return _best(fit, len(positions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,69 +205,106 @@ def _fit(
 
 
 def _solve_normal(
-    A: NDArray[np.float64], b: NDArray[np.float64]
+    A: NDArray[np.float64], b: NDArray[np.float64], with_covariance: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Solve whitened rows; B-spline bases are well conditioned, so normal equations will do."""
-    normal = A.T @ A
+    """Solve whitened rows; B-spline bases are well conditioned, so normal equations will do.
+
+    Returns the solution and its covariance, or in place of that, if not asked for, nothing.
+    """
+    rows = csr_array(A)  # few functions reach to one instant
+    normal = (rows.T @ rows).toarray()
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal * scale * scale[:, None]
     factor = cho_factor(scaled + 1e-13 * np.eye(len(normal)))
-    covariance = scale[:, None] * cho_solve(factor, np.diag(scale))
-    solution = scale[:, None] * cho_solve(factor, scale[:, None] * (A.T @ b))
+    solution = scale[:, None] * cho_solve(factor, scale[:, None] * (rows.T @ b))
+    covariance = np.empty((0, 0))
+    if with_covariance:
+        covariance = scale[:, None] * cho_solve(factor, np.diag(scale))
     return solution, covariance
 
 
-def _best(fit: Callable, samples: int, parameters: Callable) -> object:
-    """Return the fit of the least χ² + 2 parameters (Akaike), from few intervals to many."""
-    best, least = None, np.inf
-    worse = 0
-    for intervals in _INTERVALS:
-        if best is not None and intervals + 5 > samples / 2:
+def _best(fit: Callable, samples: int, first: int = 2) -> object:
+    """Return the fit by so many samples that is one size finer than Akaike's: least χ² + 2 K.
+
+    What is left of the error is noise then, which the covariance covers, and not misfit, which it
+    does not. Intervals are tried from `first` on, few to many.
+    """
+    fits, least, worse = [], np.inf, 0
+    for intervals in _INTERVALS[np.searchsorted(_INTERVALS, first) :]:
+        if fits and intervals + 5 > samples / 2:
             break
-        candidate = fit(intervals)
-        criterion = candidate.chi_squared + 2 * parameters(candidate)
+        fits.append(fit(intervals))
+        criterion = fits[-1].chi_squared + 2 * fits[-1].coefficients.size
         if criterion < least:
-            best, least, worse = candidate, criterion, 0
+            best, least, worse = len(fits) - 1, criterion, 0
         else:
             worse += 1
             if worse == 3:
                 break
-    return best
+    return fits[min(best + 1, len(fits) - 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Reference:
+    """A rough attitude path without singularities: a spline of quaternions, normalized."""
+
+    basis: Basis
+    coefficients: NDArray[np.float64]
+
+    @classmethod
+    def near(cls, times: NDArray[np.float64], attitude: Rotation) -> "_Reference":
+        """Return the smoothest one that comes within `_NEAR` of all attitudes (N), if any does."""
+        quaternions = attitude.as_quat(scalar_first=True)
+        flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+        quaternions = quaternions * np.cumprod(np.where(np.append(False, flips), -1, 1))[:, None]
+        for intervals in _INTERVALS:
+            basis = Basis.through(times, intervals, 5)
+            if basis.size > len(times):
+                basis = Basis.through(times, 1, min(5, len(times) - 1))
+            reference = cls(basis, _solve_normal(basis(times), quaternions, False)[0])
+            distance = (reference(times)[0].inv() * attitude).magnitude().max()
+            if distance < _NEAR or basis.size > len(times) / 2:
+                break
+        return reference
+
+    def __call__(self, times: NDArray[np.float64]) -> tuple[Rotation, NDArray[np.float64]]:
+        """Return attitude and angular velocity in B (N, 3)."""
+        q, rate = (self.basis(times, d) @ self.coefficients for d in range(2))
+        w, x, dw, dx = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
+        turning = 2 * (w * dx - dw * x - np.cross(x, dx)) / np.sum(q**2, axis=1, keepdims=True)
+        return Rotation.from_quat(q, scalar_first=True), turning
 
 
 @dataclass(frozen=True, eq=False)
 class _AttitudeFit:
-    """R(t) = middle · exp(r(t)) with a spline r; its error is of the coefficients (K, 3)."""
+    """R(t) = reference(t) exp(r(t)) with a spline r; its error is of the coefficients (K, 3)."""
 
-    middle: Rotation
+    reference: _Reference
     basis: Basis
     coefficients: NDArray[np.float64]
     covariance: NDArray[np.float64]
     bias: NDArray[np.float64]
     chi_squared: float
 
-    def evaluate(self, times: NDArray[np.float64]) -> tuple[Rotation, NDArray, NDArray]:
+    def evaluate(
+        self, times: NDArray[np.float64]
+    ) -> tuple[Rotation, NDArray[np.float64], NDArray[np.float64]]:
         """Return attitude, angular velocity in B (N, 3), and their derivative (N, 6, 3 K)."""
-        B, B_dot, B_ddot = (self.basis(times, d) for d in range(3))
-        r, rdot, rddot = (
-            B @ self.coefficients,
-            B_dot @ self.coefficients,
-            B_ddot @ self.coefficients,
-        )
+        B, B_dot = self.basis(times), self.basis(times, 1)
+        r, rdot = B @ self.coefficients, B_dot @ self.coefficients
         turn = right_jacobian(r)
-        w = rotate(turn, rdot)
-        # The rate of the right Jacobian, by differences: r is smooth over a millisecond.
-        ahead, behind = (right_jacobian(r + e * rdot + e**2 / 2 * rddot) for e in (5e-4, -5e-4))
+        before, w_before = self.reference(times)
+        added = Rotation.from_rotvec(r)
+        w = added.inv().apply(w_before) + rotate(turn, rdot)
+        # The rate of the right Jacobian, by differences: it is smooth over a millisecond.
+        ahead, behind = (right_jacobian(r + e * rdot) for e in (5e-4, -5e-4))
         by_rate = skew(w) @ turn + (ahead - behind) / 1e-3
-        columns = np.concatenate(
-            [
-                np.einsum("nij,nk->nikj", turn, B),
-                np.einsum("nij,nk->nikj", by_rate, B) + np.einsum("nij,nk->nikj", turn, B_dot),
-            ],
-            axis=1,
-        )
-        columns = columns.reshape(len(r), 6, 3 * B.shape[1])
-        return self.middle * Rotation.from_rotvec(r), w, columns
+        columns = np.zeros((len(r), 6, B.shape[1], 3))
+        row, k = np.nonzero((B != 0) | (B_dot != 0))
+        b, b_dot = B[row, k, None, None], B_dot[row, k, None, None]
+        columns[row, :3, k] = b * turn[row]
+        columns[row, 3:, k] = b * by_rate[row] + b_dot * turn[row]
+        return before * added, w, columns.reshape(len(r), 6, 3 * B.shape[1])
 
 
 def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
@@ -289,71 +324,60 @@ def _smooth_attitude(
 ) -> tuple[Rotation, NDArray[np.float64], ErrorBlock, NDArray[np.float64]]:
     """Attitude, angular velocity in B and their error, from attitude samples and a gyro's.
 
-    On SO(3), by Gauss-Newton in the rotation vector from the attitude in the middle.
+    On SO(3), by Gauss-Newton in the turn from a rough path: it may turn as far as it likes.
     """
     attitude, gyro = measurements.attitude, measurements.gyro
     gyro = gyro.where((gyro.time >= attitude.time[0]) & (gyro.time <= attitude.time[-1]))
     measured = Rotation.from_quat(attitude.value, scalar_first=True)
-    middle = measured[len(attitude) // 2]
-    turned = (middle.inv() * measured).as_rotvec()
-    if np.linalg.norm(turned, axis=1).max() > 2.5:
-        raise InputError(
-            "the base turns by more than 140° from its attitude in the middle: "
-            "smooth a shorter piece at a time"
-        )
     whiten = suite.attitude.R_BS.T / suite.sigmas("attitude")[:, None]
     sigma_rate = suite.sigmas("gyro")[0] if len(gyro) else 1.0
     bias_rows = np.eye(3) / max(suite.gyro.bias_sigma, 1e-8) if len(gyro) else np.eye(3)
     knot_times = gyro.time if len(gyro) > len(attitude) else attitude.time
-    best = _AttitudeFit(middle, *_coarse(attitude.time, turned), np.empty(0), np.zeros(3), np.inf)
+    reference = _Reference.near(attitude.time, measured)
+    linear = Basis.through(knot_times, 1, 1)
+    rough = _AttitudeFit(reference, linear, np.zeros((2, 3)), np.empty(0), np.zeros(3), np.inf)
+    latest = rough
+
+    def refined(start: _AttitudeFit, basis: Basis, last: bool = False) -> _AttitudeFit:
+        """Take one Gauss-Newton step from a fit, in another basis; covariance only of the last."""
+        K = basis.size
+        dense = np.linspace(knot_times[0], knot_times[-1], 4 * K)
+        r, _ = _solve_normal(basis(dense), start.basis(dense) @ start.coefficients, False)
+        start = replace(start, basis=basis, coefficients=r)
+        R, _, columns = start.evaluate(attitude.time)
+        _, w, rate_columns = start.evaluate(gyro.time)
+        residual = (R.inv() * measured).as_rotvec()
+        n, m = 3 * len(attitude), 3 * len(gyro)
+        A, b = np.zeros((n + m + 3, 3 * K + 3)), np.zeros(n + m + 3)
+        A[:n, :-3] = (whiten @ columns[:, :3]).reshape(n, 3 * K)
+        A[n:-3, :-3] = rate_columns[:, 3:].reshape(m, 3 * K) / sigma_rate
+        A[n:-3, -3:] = np.tile(np.eye(3), (len(gyro), 1)) / sigma_rate
+        A[-3:, -3:] = bias_rows
+        b[:n] = (residual @ whiten.T).ravel()
+        b[n:-3] = (gyro.value - w - start.bias).ravel() / sigma_rate
+        b[-3:] = -bias_rows @ start.bias
+        step, covariance = _solve_normal(A, b[:, None], last)
+        return _AttitudeFit(
+            reference,
+            basis,
+            r + step[:-3].reshape(K, 3),
+            covariance[:-3, :-3],
+            start.bias + step[-3:, 0],
+            float(np.sum((A @ step - b[:, None]) ** 2)),
+        )
 
     def fit(intervals: int) -> _AttitudeFit:
-        nonlocal best
-        basis = Basis.through(knot_times, intervals, 5)
-        K = basis.size
-        dense = np.linspace(attitude.time[0], attitude.time[-1], 4 * K)
-        r, _ = _solve_normal(basis(dense), best.basis(dense) @ best.coefficients)
-        candidate = _AttitudeFit(middle, basis, r, np.empty(0), best.bias, np.inf)
-        for _ in range(2 if np.isinf(best.chi_squared) else 1):
-            R, _, columns = candidate.evaluate(attitude.time)
-            _, w, rate_columns = candidate.evaluate(gyro.time)
-            residual = (R.inv() * measured).as_rotvec()
-            A = np.zeros((3 * (len(attitude) + len(gyro) + 1), 3 * K + 3))
-            n = 3 * len(attitude)
-            A[:n, : 3 * K] = (whiten @ columns[:, :3]).reshape(n, -1)
-            A[n:-3, : 3 * K] = rate_columns[:, 3:].reshape(-1, 3 * K) / sigma_rate
-            A[n:-3, 3 * K :] = np.tile(np.eye(3), (len(gyro), 1)) / sigma_rate
-            A[-3:, 3 * K :] = bias_rows
-            b = np.concatenate(
-                [
-                    (residual @ whiten.T).ravel(),
-                    (gyro.value - w - candidate.bias).ravel() / sigma_rate,
-                    -bias_rows @ candidate.bias,
-                ]
-            )
-            step, covariance = _solve_normal(A, b[:, None])
-            step = step[:, 0]
-            candidate = _AttitudeFit(
-                middle,
-                basis,
-                candidate.coefficients + step[: 3 * K].reshape(K, 3),
-                covariance[: 3 * K, : 3 * K],
-                candidate.bias + step[3 * K :],
-                float(np.sum((A @ step - b) ** 2)),
-            )
-        best = candidate
-        return candidate
+        # From the fit before, one step is as good as converged; from the rough path it takes some.
+        nonlocal latest
+        for _ in range(3 if latest is rough else 1):
+            latest = refined(latest, Basis.through(knot_times, intervals, 5))
+        return latest
 
-    samples = len(attitude) + len(gyro)
-    chosen = _best(fit, samples, lambda f: f.coefficients.size)
+    samples, first = len(attitude) + len(gyro), reference.basis.size - reference.basis.degree
+    chosen = _best(fit, samples, first)
+    chosen = refined(chosen, chosen.basis, last=True)
     R, w, columns = chosen.evaluate(times)
     return R, w, ErrorBlock(np.arange(6), columns, chosen.covariance), chosen.bias
-
-
-def _coarse(times: NDArray, values: NDArray) -> tuple[Basis, NDArray]:
-    """Return a first, cubic spline through values (N, 3), to linearize about."""
-    basis = Basis.through(times, max(min(len(times) // 4, 20), 1), 3)
-    return basis, _solve_normal(basis(times), values)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,7 +403,7 @@ def _smooth_position(
         basis = Basis.through(position.time, intervals, 5)
         return _PositionFit(basis, *_fit(basis, rows))
 
-    best = _best(fit, len(position) + len(velocity), lambda f: f.coefficients.size)
+    best = _best(fit, len(position) + len(velocity))
     B, B_dot = best.basis(times), best.basis(times, 1)
     basis = np.stack([B, B_dot], axis=1)
     blocks = [ErrorBlock(np.array([6 + i, 9 + i]), basis, best.covariance) for i in range(3)]
