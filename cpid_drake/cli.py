@@ -105,7 +105,7 @@ def accuracy(
     _make_folder(out)
     log = Console(stderr=True, quiet=quiet, markup=False)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=log) as bar:
+    with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
         tasks = {}
 
         def progress(name: str, done: int, total: int) -> None:
@@ -119,7 +119,7 @@ def accuracy(
             presets=preset or (),
             estimators=estimator or (),
             seed=seed,
-            jobs=jobs or os.cpu_count() or 1,
+            jobs=(os.cpu_count() or 1) if jobs is None else jobs,
             progress=progress,
         )
     files = [*write_figures(study, out), out / "summary.json"]

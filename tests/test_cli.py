@@ -247,3 +247,55 @@ def test_a_folder_that_cannot_be_written_is_refused_before_all_else(cpid):
     """It exists, so making it is no problem; a study later, the first figure would be."""
     run = cpid("paper", "--out", "/proc/self", "--scenario", "nowhere.yaml")
     assert "/proc/self" in assert_refused(run)
+
+
+# -- cpid accuracy ---------------------------------------------------------------------------------
+
+TRIAL = ("--trials", "2", "--preset", "servicer", "--jobs", "1")
+
+
+def test_accuracy_prints_its_table_and_writes_what_it_says(cpid, tmp_path):
+    run = cpid("accuracy", "exciting_motion", *TRIAL, "--out", "acc")
+    assert run.returncode == 0, run.stderr
+    for text in (
+        "servicer: RMS error over Cramér-Rao bound, 2 trials",
+        "trajectory",
+        "NEES",
+        "Iyz",
+    ):
+        assert text in run.stdout
+    summary = json.loads((tmp_path / "acc" / "summary.json").read_text())
+    assert summary["scenario"] == "exciting_motion"
+    assert {entry["estimator"] for entry in summary["results"]} == {
+        "eq18",
+        "standard",
+        "relative",
+        "momentum_filter",
+        "trajectory_fit",
+    }
+    assert (tmp_path / "acc" / "accuracy_servicer.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_accuracy_can_be_quiet(cpid):
+    run = cpid(
+        *("accuracy", "exciting_motion", *TRIAL, "--estimator", "relative"),
+        *("--out", "acc", "--quiet"),
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (("exciting",), "no shipped scenario 'exciting'; choose from"),
+        (("nowhere.yaml",), "nowhere.yaml"),
+        (("paper", "--preset", "fligth"), "fligth"),
+        (("paper", "--estimator", "kalman"), "no estimator 'kalman'; choose from eq18"),
+        (("paper", "--trials", "0"), "trials must be at least 1"),
+        (("paper", "--jobs", "0"), "jobs must be at least 1"),
+        (("paper", "--seed", "-3"), "seed must be >= 0"),
+        ((), "Missing argument"),
+    ],
+)
+def test_accuracy_refuses_what_it_cannot_do(cpid, arguments, problem):
+    assert problem in assert_refused(cpid("accuracy", *arguments, "--out", "acc"))
