@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.errors import InputError
 from cpid_drake.kinematics import rotate
 from cpid_drake.regressors import skew
-from cpid_drake.sensors import Measurements, Samples, SensorSuite
+from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, SensorSuite
 from cpid_drake.telemetry import Telemetry
 
 _INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
@@ -78,6 +78,17 @@ class JointSpline:
         return flat.reshape(*time.shape, 3, self.coefficients.shape[1])
 
 
+def measured_by(suite: SensorSuite, measurements: Measurements) -> Measurements:
+    """Return the measurements without samples of sensors that a suite lacks: no σ is known."""
+    nothing = np.empty(0, dtype=int)
+    absent = {
+        name: getattr(measurements, name).where(nothing)
+        for name in SENSOR_NAMES
+        if getattr(suite, name) is None
+    }
+    return replace(measurements, **absent)
+
+
 def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline:
     """Smooth encoder samples, and joint rates where there are any, by a quintic spline.
 
@@ -85,6 +96,7 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
         InputError: fewer than eight encoder samples.
 
     """
+    measurements = measured_by(suite, measurements)
     positions, rates = measurements.encoders, measurements.joint_rates
     if len(positions) < 8:
         raise InputError(f"joint motion needs at least 8 encoder samples, not {len(positions)}")
@@ -152,7 +164,8 @@ def smooth(
     """Bring samples of different rates to common instants.
 
     Args:
-        measurements: from the sensors; attitude, position and encoders must be there.
+        measurements: from the sensors; attitude, position and encoders must be there. Samples of
+            sensors that the suite lacks are left out.
         suite: how good they are.
         times: (N,) instants [s]; default: ten a second, where all sensors have samples.
 
@@ -160,6 +173,7 @@ def smooth(
         InputError: too few samples of a sensor that is needed.
 
     """
+    measurements = measured_by(suite, measurements)
     joints = smooth_joints(measurements, suite)
     needed = {"attitude": measurements.attitude, "position": measurements.position}
     for name, samples in needed.items():

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import dsyrk
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimators.trajectory_model import Trajectory, TrajectoryModel, TrajectoryState
@@ -84,7 +85,9 @@ class _Weighted:
         self.nuisance = None
         if nuisance is not None and nuisance.shape[1]:
             self.nuisance = nuisance * weights[:, None]
-            self._factor = cho_factor(self.nuisance.T @ self.nuisance + np.eye(nuisance.shape[1]))
+            normal = dsyrk(1.0, self.nuisance.T)  # its upper half
+            normal[np.diag_indices(len(normal))] += 1.0
+            self._factor = cho_factor(normal, overwrite_a=True, check_finite=False)
 
     def normal(
         self, A: NDArray[np.float64], b: NDArray[np.float64]
@@ -271,7 +274,7 @@ def _log_cholesky_stage(
             new_psi, new_by = form.to_psi(parameters + np.clip(step[:10], -1.0, 1.0))
             candidate = replace(model.moved(state, change), psi=new_psi)
             try:
-                new = model.trajectory(candidate)
+                new = model.trajectory(candidate, trajectory)
             except InputError:
                 damping *= 10
                 continue
@@ -304,7 +307,7 @@ def _free_stage(
             step = _damped(N, g, damping)
             size = np.sqrt(max(step @ N @ step, 0.0))
             try:
-                new = model.trajectory(model.moved(trajectory.state, step))
+                new = model.trajectory(model.moved(trajectory.state, step), trajectory)
                 new_residuals = model.residuals(new)
                 new_cost = weighted.cost(new_residuals)
             except InputError:

@@ -11,10 +11,12 @@ system's centre of mass.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
@@ -30,10 +32,13 @@ from cpid_drake.momentum_sensitivity import (
 from cpid_drake.regressors import skew
 from cpid_drake.relative_motion import relative_dynamics
 from cpid_drake.sensors import Measurements, SensorSuite
-from cpid_drake.smoothing import JointSpline
+from cpid_drake.smoothing import JointSpline, measured_by
 from cpid_drake.telemetry import Telemetry
 
 BASE_SENSORS = ("attitude", "gyro", "position", "velocity")
+
+_STEPS_A_PIECE = 3.5
+"""Of the joint motion's splines: their rates' errors, too, are to be seen on the grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +74,13 @@ class Trajectory:
 
     def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WB (N, 3, 3) at times between the grid's ends."""
-        nodes = self.spline.x
+        nodes, integral = self.spline.x, self._integral
         k = np.clip(np.searchsorted(nodes, times, side="right") - 1, 0, len(nodes) - 1)
-        integral = self.spline.antiderivative()
         return self.R[k] @ Rotation.from_rotvec(integral(times) - integral(nodes[k])).as_matrix()
+
+    @cached_property
+    def _integral(self) -> PPoly:
+        return self.spline.antiderivative()
 
 
 class TrajectoryModel:
@@ -81,13 +89,14 @@ class TrajectoryModel:
     Args:
         tree: the known spacecraft.
         joints: its joint motion.
-        measurements: from its sensors; samples outside the joint motion are left out.
+        measurements: from its sensors; samples outside the joint motion are left out, and those of
+            sensors that the suite lacks.
         suite: how good they are.
         unknown_momentum: whether the momentum is an unknown constant, and not known.
         momentum: (L, v_Wcm), (3,) each, in W: the angular momentum about the system's centre of
             mass and that centre's velocity; of an unknown one, where to start. None for zero.
         psi_prior: mean and σ, (10,) each, of the relative unknowns; None for no prior.
-        step: longest step of the grid [s].
+        step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
 
     Raises:
         InputError: there is no attitude sensor, or it has no samples in the joint motion.
@@ -108,17 +117,20 @@ class TrajectoryModel:
     ) -> None:
         start, end = joints.basis.knots[0], joints.basis.knots[-1]
         self.tree, self.joints, self.suite = tree, joints, suite
-        self.measurements = measurements.between(start, end)
+        self.measurements = measured_by(suite, measurements).between(start, end)
         self.unknown_momentum, self.psi_prior = unknown_momentum, psi_prior
         L, v_Wcm = (np.zeros(3), np.zeros(3)) if momentum is None else momentum
         self.momentum = np.array(L, dtype=float), np.array(v_Wcm, dtype=float)
         if not len(self.measurements.attitude):
             raise InputError("no attitude samples while the joints are known: none to start from")
-        self.nodes = np.linspace(start, end, int(np.ceil((end - start) / step)) + 1)
+        pieces = np.diff(np.unique(joints.basis.knots))
+        step = min(step, np.median(pieces) / _STEPS_A_PIECE)
+        self.nodes = np.linspace(start, end, max(int(np.ceil((end - start) / step)), 4) + 1)
         self.dynamics = self._dynamics(self.nodes)
         self._position_dynamics = self._dynamics(self.measurements.position.time)
         self._velocity_dynamics = self._dynamics(self.measurements.velocity.time)
         self.sensors = [name for name in BASE_SENSORS if len(getattr(self.measurements, name))]
+        self._at = {name: self._interpolation(name) for name in self.sensors}
         self.bias_nodes = self._bias_nodes()
         self.columns = self._layout()
 
@@ -138,19 +150,15 @@ class TrajectoryModel:
     def _layout(self) -> dict[str, slice]:
         """Which columns of the Jacobian belong to what."""
         sizes = {"psi": 10, "attitude": 3}
-        if self._has_position:
+        if "position" in self.sensors:
             sizes["p_Wcm"] = 3
         if self.unknown_momentum:
             sizes["L"] = 3
-            if self._has_position:
+            if "position" in self.sensors or "velocity" in self.sensors:
                 sizes["v_Wcm"] = 3
         sizes["bias"] = 3 * len(self.bias_nodes)
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends)}
-
-    @property
-    def _has_position(self) -> bool:
-        return "position" in self.sensors or "velocity" in self.sensors
 
     @property
     def size(self) -> int:
@@ -182,8 +190,12 @@ class TrajectoryModel:
             bias=state.bias + part["bias"].reshape(-1, 3),
         )
 
-    def trajectory(self, state: TrajectoryState) -> Trajectory:
+    def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> Trajectory:
         """Integrate the base's attitude over the grid.
+
+        Args:
+            state: what it follows from.
+            near: one that is thought to be near: of use with momentum.
 
         Raises:
             InputError: the system's inertia is not positive definite for this target.
@@ -193,32 +205,32 @@ class TrajectoryModel:
         if not (np.isfinite(J).all() and (np.linalg.eigvalsh(J)[:, 0] > 0).all()):
             raise InputError("the system's inertia is not positive definite for this target")
         inverse = np.linalg.inv(J)
-        w = -rotate(inverse, h)
-        R, spline = self._integrate(state.attitude, w)
-        if state.L.any():
-            # With momentum the velocity depends on the attitude: repeat until it no longer moves.
-            for _ in range(50):
-                before = R
-                L_B = rotate(np.swapaxes(R, -1, -2), state.L)
-                w = rotate(inverse, L_B - h)
-                R, spline = self._integrate(state.attitude, w)
-                if np.abs(R - before).max() < 1e-12:
-                    break
+        if not state.L.any():
+            w = -rotate(inverse, h)
+            return Trajectory(state, *self._integrate(state.attitude, w))
+        # With momentum the velocity depends on the attitude: repeat until it no longer moves.
+        R = state.attitude.as_matrix() if near is None else near.R
+        for _ in range(60):
+            before = R
+            R, w, spline = self._integrate(state.attitude, rotate(inverse, state.L @ R - h))
+            if np.abs(R - before).max() < 1e-12:
+                break
         return Trajectory(state, R, w, spline)
 
     def _integrate(
         self, start: Rotation, w: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], CubicSpline]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], CubicSpline]:
+        """Return the attitudes at the nodes, w itself and its spline."""
         spline = CubicSpline(self.nodes, w)
         h = self.nodes[1] - self.nodes[0]
-        turn = np.diff(spline.antiderivative()(self.nodes), axis=0)
-        turn += h**2 / 12 * np.cross(w[:-1], w[1:])
-        steps = Rotation.from_rotvec(turn).as_matrix()
+        powers = h ** np.arange(4, 0, -1) / np.arange(4, 0, -1)
+        turn = np.tensordot(powers, spline.c, axes=1)  # its integral over each step
+        a, b = w[:-1].T, w[1:].T
+        turn += h**2 / 12 * (a[[1, 2, 0]] * b[[2, 0, 1]] - a[[2, 0, 1]] * b[[1, 2, 0]]).T
         R = np.empty((len(w), 3, 3))
         R[0] = start.as_matrix()
-        for k, step in enumerate(steps):
-            np.matmul(R[k], step, out=R[k + 1])
-        return R, spline
+        R[1:] = R[0] @ _products(Rotation.from_rotvec(turn).as_matrix())
+        return R, w, spline
 
     # -- residuals and derivatives, whitened ------------------------------------------------------
 
@@ -376,7 +388,7 @@ class TrajectoryModel:
             samples = getattr(self.measurements, name)
             sigmas = self.suite.sigmas(name)
             if name == "gyro":
-                rows = self._interpolated(w, samples.time)
+                rows = self._interpolated(w, name)
                 if of_unknowns:
                     weights = self._bias_weights()
                     rows[:, :, columns["bias"]] = np.kron(weights, np.eye(3)).reshape(
@@ -385,7 +397,7 @@ class TrajectoryModel:
                 parts.append((rows / sigmas[:, None]).reshape(-1, w.shape[-1]))
                 continue
             R = trajectory.rotations(samples.time)
-            turn = self._interpolated(xi, samples.time)
+            turn = self._interpolated(xi, name)
             if name == "attitude":
                 R_SW = self.suite.attitude.R_BS.T @ np.swapaxes(R, -1, -2)
                 rows = R_SW @ turn
@@ -401,9 +413,8 @@ class TrajectoryModel:
                 arm = rotate(R, self._com_velocity(trajectory))
                 rho = self._velocity_dynamics.com(state.psi)
                 w_B = trajectory.spline(samples.time)
-                turning = skew(w_B) @ com_at_velocity - skew(rho) @ self._interpolated(
-                    w, samples.time
-                )
+                w_change = self._interpolated(w, name)
+                turning = skew(w_B) @ com_at_velocity - skew(rho) @ w_change
                 rows = skew(arm) @ -turn - R @ (turning + com_rate)
                 if of_unknowns and "v_Wcm" in columns:
                     rows[:, :, columns["v_Wcm"]] += np.eye(3)
@@ -421,37 +432,51 @@ class TrajectoryModel:
     def _attitude_change(
         self, trajectory: Trajectory, w: NDArray[np.float64], initial: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ)) by the trapezoidal rule; return ξ and all of w."""
+        """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ)); return ξ and all of w.
+
+        Cubics through four nodes for the first term, the trapezoidal rule for the second.
+        """
         h = self.nodes[1] - self.nodes[0]
         R, L = trajectory.R, trajectory.state.L
-        drive = R @ w
+        added = _integrals(R @ w, h)
         if not L.any():
-            xi = np.empty_like(drive)
-            xi[0] = initial
-            np.cumsum((drive[1:] + drive[:-1]) * (h / 2), axis=0, out=xi[1:])
-            xi[1:] += initial
-            return xi, w
+            xi = np.zeros_like(w)
+            np.cumsum(added, axis=0, out=xi[1:])
+            return xi + initial, w
         J = self.dynamics.inertia(trajectory.state.psi)
         coupling = np.linalg.solve(J, np.swapaxes(R, -1, -2) @ skew(L))
         A = R @ coupling
         left = np.linalg.inv(np.eye(3) - h / 2 * A[1:])
         forward = left @ (np.eye(3) + h / 2 * A[:-1])
-        added = left @ ((drive[1:] + drive[:-1]) * (h / 2))
-        xi = np.empty_like(drive)
+        added = left @ added
+        xi = np.empty_like(w)
         xi[0] = initial
         for k in range(len(forward)):
             xi[k + 1] = forward[k] @ xi[k] + added[k]
         return xi, w + coupling @ xi
 
-    def _interpolated(
-        self, values: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Linear interpolation of (N, 3, n) from the nodes."""
-        h = self.nodes[1] - self.nodes[0]
-        place = (times - self.nodes[0]) / h
-        k = np.clip(place.astype(int), 0, len(self.nodes) - 2)
-        part = (place - k)[:, None, None]
-        return values[k] * (1 - part) + values[k + 1] * part
+    def _interpolation(self, name: str) -> csr_array:
+        """Return (M, N) weights of the nodes at a sensor's samples: cubics through four nodes."""
+        times, N = getattr(self.measurements, name).time, len(self.nodes)
+        place = (times - self.nodes[0]) / (self.nodes[1] - self.nodes[0])
+        first = np.clip(place.astype(int) - 1, 0, N - 4)
+        x = (place - first)[:, None] - np.arange(4)
+        weights = np.stack(
+            [
+                x[:, 1] * x[:, 2] * x[:, 3] / -6,
+                x[:, 0] * x[:, 2] * x[:, 3] / 2,
+                x[:, 0] * x[:, 1] * x[:, 3] / -2,
+                x[:, 0] * x[:, 1] * x[:, 2] / 6,
+            ],
+            axis=1,
+        )
+        columns = first[:, None] + np.arange(4)
+        ends = 4 * np.arange(len(times) + 1)
+        return csr_array((weights.ravel(), columns.ravel(), ends), shape=(len(times), N))
+
+    def _interpolated(self, values: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+        """Return (M, 3, n) at a sensor's samples of (N, 3, n) at the nodes."""
+        return (self._at[name] @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
     def _com_velocity(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """ω × ρ + ρ' at the velocity samples, in B: how fast the centre of mass moves off B."""
@@ -501,6 +526,32 @@ class TrajectoryModel:
 
     def _bias_prior(self, bias: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         return [-self._bias_prior_matrix() @ bias.ravel()] if len(bias) else []
+
+
+def _products(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S_0, S_0 S_1, S_0 S_1 S_2, … of matrices S (N, 3, 3), in blocks of about √N."""
+    N = len(steps)
+    size = int(np.ceil(np.sqrt(N)))
+    count = -(-N // size)
+    result = np.broadcast_to(np.eye(3), (count * size, 3, 3)).copy()
+    result[:N] = steps
+    blocks = result.reshape(count, size, 3, 3)
+    for k in range(1, size):
+        blocks[:, k] = blocks[:, k - 1] @ blocks[:, k]
+    before = np.eye(3)
+    for block in blocks:
+        block[:] = before @ block
+        before = block[-1].copy()
+    return result[:N]
+
+
+def _integrals(f: NDArray[np.float64], h: float) -> NDArray[np.float64]:
+    """Return the integrals (N − 1, ...) of f (N, ...) over each of the steps h."""
+    result = np.empty_like(f[1:])
+    result[1:-1] = h / 24 * (13 * (f[1:-2] + f[2:-1]) - f[:-3] - f[3:])
+    result[0] = h / 24 * (9 * f[0] + 19 * f[1] - 5 * f[2] + f[3])
+    result[-1] = h / 24 * (9 * f[-1] + 19 * f[-2] - 5 * f[-3] + f[-4])
+    return result
 
 
 def _padded(columns: NDArray[np.float64], size: int) -> NDArray[np.float64]:
