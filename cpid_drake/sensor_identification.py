@@ -59,7 +59,7 @@ def identify_from_sensors(
         unknown_momentum: whether the total momentum is constant and unknown, and not known.
         momentum: what it is, if it is known and not zero; not with the momentum filter.
         known_bodies: how well the spacecraft itself is known; what that adds to the covariance is
-            reported by the trajectory fit.
+            in that of the trajectory fit and of the momentum filter, not of the rows.
         robust: Huber loss in the trajectory fit.
 
     Raises:
@@ -90,7 +90,11 @@ def identify_from_sensors(
         return identification_of_fit(fit)
     if estimator == "momentum_filter":
         online = online_estimator(spacecraft, suite, unknown_momentum=unknown_momentum)
-        return identification_of_filter(online, online.run(measurements))
+        state = online.run(measurements)
+        consider = None
+        if known_bodies is not None:
+            consider = consider_covariance(online, state, measurements, known_bodies)
+        return identification_of_filter(online, state, consider)
     motion = smooth(measurements, suite)
     family = row_family(estimator, unknown_momentum)
     return identify_smoothed(spacecraft.tree, motion, family, unknown_momentum, momentum)
@@ -196,17 +200,48 @@ def online_estimator(
     return OnlineEstimator(spacecraft.tree, spacecraft.joint_names, momentum_filter)
 
 
-def identification_of_filter(online: OnlineEstimator, state: OnlineState) -> Identification:
-    """Return what the online estimator has found so far."""
+def identification_of_filter(
+    online: OnlineEstimator, state: OnlineState, consider: NDArray[np.float64] | None = None
+) -> Identification:
+    """Return what the online estimator has found so far.
+
+    Args:
+        online: the estimator.
+        state: its state.
+        consider: (10, 10) covariance to add for what was taken as known but is not.
+
+    """
     prior, known_mass = online.filter.prior, sum(body.mass for body in online.tree.bodies)
     P = state.filter.P[PSI, PSI]
     scale = prior.psi_sigma
     scaled = np.linalg.inv(P / scale / scale[:, None])
     information = (scaled - np.eye(10)) / scale / scale[:, None]
-    solution = solution_of_information(state.filter.psi, information, scale)
+    solution = solution_of_information(state.filter.psi, information, scale, consider=consider)
     return Identification(
         relative_unknowns(known_mass), solution, int(state.filter.used[:-1].sum())
     )
+
+
+def consider_covariance(
+    online: OnlineEstimator,
+    state: OnlineState,
+    measurements: Measurements,
+    known_bodies: BodyUncertainty,
+) -> NDArray[np.float64]:
+    """Return what the known bodies' uncertainty adds to the covariance of ψ, (10, 10).
+
+    It is that of the trajectory fit on the same samples: both estimators weigh them alike.
+    """
+    suite = online.filter.suite
+    model = TrajectoryModel(
+        online.tree,
+        smooth_joints(measurements, suite),
+        measurements,
+        suite,
+        unknown_momentum=not online.filter.prior.momentum_known,
+    )
+    now = replace(model.start(state.filter.psi), L=state.filter.L, v_Wcm=state.filter.v_Wcm)
+    return state_information(model, model.trajectory(now), known_bodies)[1]
 
 
 # -- least squares on rows ------------------------------------------------------------------------

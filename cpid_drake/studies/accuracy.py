@@ -28,6 +28,7 @@ from cpid_drake.scenario import Scenario, SpacecraftConfig
 from cpid_drake.sensor_files import load_sensors
 from cpid_drake.sensor_identification import (
     ESTIMATORS,
+    consider_covariance,
     cramer_rao_bound,
     fit_measurements,
     identification_of_filter,
@@ -445,7 +446,10 @@ def _filter(
     online = online_estimator(spacecraft, case.suite, unknown_momentum=case.unknown_momentum)
     state = online.run(measurements)
     changes = (state.filter.momentum_changes, state.filter.momentum_change_time)
-    return identification_of_filter(online, state), changes
+    consider = None
+    if case.known_bodies is not None:
+        consider = consider_covariance(online, state, measurements, case.known_bodies)
+    return identification_of_filter(online, state, consider), changes
 
 
 def _outcome(result: Identification, changes: tuple[int, float] | None) -> Outcome:
