@@ -24,6 +24,7 @@ from cpid_drake.momentum_sensitivity import BodyUncertainty
 HUBER = 2.5
 """From so many σ of one sample (its three axes together) on, the robust loss grows linearly."""
 
+_LITTLE = 0.1  # a step's share of the cost, before the unknowns are set free
 _STEP_TOLERANCE = 1e-4  # of a step in units of σ: far below what the data can tell
 
 
@@ -186,19 +187,18 @@ def fit_trajectory(
         InputError: the prediction cannot be made even at the start.
 
     """
-    state = model.start(psi)
-    plain = _Weighted(None, np.ones(len(model.sample_rows())))
-    state, first = _log_cholesky_stage(model, state, plain, max_iterations)
-    trajectory = model.trajectory(state)
+    weights = np.ones(len(model.sample_rows()))
+    trajectory, iterations = _neighbourhood(model, psi, _Weighted(None, weights), max_iterations)
     nuisance = model.nuisance(trajectory)
-    weighted = _Weighted(nuisance, plain.weights)
-    second, converged = 0, False
-    for _ in range(8 if robust else 1):
+    weighted = _Weighted(nuisance, weights)
+    for k in range(8 if robust else 1):
         if robust:
+            if k == 1:  # outliers have led the first stage, and its derivatives, astray
+                nuisance = model.nuisance(trajectory)
             weights = _huber_weights(model, model.residuals(trajectory))
             weighted = _Weighted(nuisance, weights)
         trajectory, count, converged = _free_stage(model, trajectory, weighted, max_iterations)
-        second += count
+        iterations += count
         if robust and np.allclose(
             weights, _huber_weights(model, model.residuals(trajectory)), atol=1e-3
         ):
@@ -210,10 +210,10 @@ def fit_trajectory(
         information,
         consider,
         chi_squared,
-        len(weighted.weights),
-        first + second,
+        len(weights),
+        iterations,
         converged,
-        int((weighted.weights < 1).sum() // 3),
+        int((weights < 1).sum() // 3),
     )
 
 
@@ -249,10 +249,34 @@ def _uncertainty(
     return information, consider, chi_squared
 
 
+def _neighbourhood(
+    model: TrajectoryModel, psi: NDArray[np.float64], weighted: _Weighted, max_iterations: int
+) -> tuple[Trajectory, int]:
+    """Return the best fit that does without the joint errors, and how many steps it took.
+
+    As soon as steps through rigid bodies bring little, as they do near a flat one, the unknowns are
+    set free; where that leads nowhere it goes on through rigid bodies.
+    """
+    state, iterations = model.start(psi), 0
+    for little in (_LITTLE, 1e-3):
+        state, count = _log_cholesky_stage(model, state, weighted, max_iterations, little)
+        iterations += count
+        rigid = model.trajectory(state)
+        free, count, converged = _free_stage(model, rigid, weighted, max_iterations)
+        iterations += count
+        if converged:
+            return free, iterations
+    return rigid, iterations
+
+
 def _log_cholesky_stage(
-    model: TrajectoryModel, state: TrajectoryState, weighted: _Weighted, max_iterations: int
+    model: TrajectoryModel,
+    state: TrajectoryState,
+    weighted: _Weighted,
+    max_iterations: int,
+    little: float,
 ) -> tuple[TrajectoryState, int]:
-    """Descend through rigid bodies until steps no longer pay."""
+    """Descend through rigid bodies until a step lowers the cost by little, as a share of it."""
     form = LogCholesky(np.abs(state.psi))
     parameters = form.from_psi(state.psi)
     psi, by_parameters = form.to_psi(parameters)
@@ -288,7 +312,7 @@ def _log_cholesky_stage(
             damping *= 10
         else:
             break
-        if before - cost < 1e-3 * cost:
+        if before - cost < little * cost:
             break
     return state, count
 
