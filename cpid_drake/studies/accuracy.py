@@ -6,6 +6,7 @@ estimators get the sensors' samples and the nominal spacecraft, nothing else.
 """
 
 import os
+import signal
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -346,7 +347,7 @@ def _run_trials(
         return
     with (
         _one_thread_each(),
-        ProcessPoolExecutor(jobs, get_context("spawn"), _prepare, (case, perfect)) as pool,
+        ProcessPoolExecutor(jobs, get_context("spawn"), _prepare_process, (case, perfect)) as pool,
     ):
         yield from pool.map(_trial, range(trials))
 
@@ -381,6 +382,11 @@ def _prepare(case: Case, perfect: Measurements) -> None:
         packages=config.packages,
     )
     _process = case, spacecraft, perfect
+
+
+def _prepare_process(case: Case, perfect: Measurements) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interruption is the first process's business
+    _prepare(case, perfect)
 
 
 def _trial(number: int) -> dict[str, Outcome]:
