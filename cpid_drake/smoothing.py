@@ -111,7 +111,7 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
         count = (len(positions) + len(rates) - basis.size) * positions.value.shape[1]
         return JointSpline(basis, coefficients, covariance, chi_squared, count)
 
-    return _best(fit, len(positions))
+    return _best(fit, len(positions), finer=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,11 +237,17 @@ def _solve_normal(
     return solution, covariance
 
 
-def _best(fit: Callable, samples: int, first: int = 2) -> object:
-    """Return the fit by so many samples that is one size finer than Akaike's: least χ² + 2 K.
+def _best(fit: Callable, samples: int, *, first: int = 2, finer: bool = False) -> object:
+    """Return the fit by so many samples of the least χ² + 2 K (Akaike).
 
-    What is left of the error is noise then, which the covariance covers, and not misfit, which it
-    does not. Intervals are tried from `first` on, few to many.
+    Args:
+        fit: makes one of so many intervals.
+        samples: their number.
+        first: number of intervals to try first; more come after.
+        finer: take one size more than Akaike's. What is left of the error is noise then, which the
+            covariance covers, and not misfit, which it does not; but the noise itself is larger,
+            and the bias that it causes in rows.
+
     """
     fits, least, worse = [], np.inf, 0
     for intervals in _INTERVALS[np.searchsorted(_INTERVALS, first) :]:
@@ -255,7 +261,7 @@ def _best(fit: Callable, samples: int, first: int = 2) -> object:
             worse += 1
             if worse == 3:
                 break
-    return fits[min(best + 1, len(fits) - 1)]
+    return fits[min(best + finer, len(fits) - 1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -388,7 +394,7 @@ def _smooth_attitude(
         return latest
 
     samples, first = len(attitude) + len(gyro), reference.basis.size - reference.basis.degree
-    chosen = _best(fit, samples, first)
+    chosen = _best(fit, samples, first=first)
     chosen = refined(chosen, chosen.basis, last=True)
     R, w, columns = chosen.evaluate(times)
     return R, w, ErrorBlock(np.arange(6), columns, chosen.covariance), chosen.bias
