@@ -6,6 +6,7 @@ there are is chosen by Akaike's criterion. Rates, where no sensor gives them, ar
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,6 +38,25 @@ class Basis:
         breaks = np.quantile(times, np.linspace(0.0, 1.0, intervals + 1))
         knots = np.concatenate([degree * [breaks[0]], breaks, degree * [breaks[-1]]])
         return cls(knots, degree)
+
+    def bridging(self, times: NDArray[np.float64]) -> tuple["Basis", NDArray[np.float64]]:
+        """Return a basis without pieces that gaps of the times (N,) make long, and where it is new.
+
+        These are the middles of its new pieces.
+        """
+        breaks = np.unique(self.knots)
+        usual, between = np.median(np.diff(breaks)), np.median(np.diff(times))
+        new, middles = [], []
+        for a, b in pairwise(breaks):
+            inside = times[(times >= a) & (times <= b)]
+            gap = np.diff(np.concatenate([[a], inside, [b]])).max()
+            count = int(np.ceil((b - a) / usual)) if gap > max(5 * between, usual / 4) else 1
+            pieces = np.linspace(a, b, count + 1)
+            new.append(pieces[1:-1])
+            if count > 1:
+                middles.append((pieces[1:] + pieces[:-1]) / 2)
+        knots = np.sort(np.concatenate([self.knots, *new]))
+        return Basis(knots, self.degree), np.concatenate([[], *middles])
 
     @property
     def size(self) -> int:
@@ -92,6 +112,9 @@ def measured_by(suite: SensorSuite, measurements: Measurements) -> Measurements:
 def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline:
     """Smooth encoder samples, and joint rates where there are any, by a quintic spline.
 
+    In a gap of the samples it has as many pieces as elsewhere, and a jerk that is zero give or take
+    what it is elsewhere: so the covariance says how little is known there.
+
     Raises:
         InputError: fewer than eight encoder samples.
 
@@ -105,13 +128,22 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
     sigma_rate = suite.sigmas("joint_rates")[0] if len(rates) else 1.0
     rows = [(positions, 0, sigma), (rates, 1, sigma_rate)]
 
-    def fit(intervals: int) -> JointSpline:
-        basis = Basis.through(positions.time, intervals, degree=5)
-        coefficients, covariance, chi_squared = _fit(basis, rows)
-        count = (len(positions) + len(rates) - basis.size) * positions.value.shape[1]
+    def spline(basis: Basis, jerk: list[tuple[Samples, int, float]]) -> JointSpline:
+        coefficients, covariance, chi_squared = _fit(basis, [*rows, *jerk])
+        known = len(positions) + len(rates) + sum(len(samples) for samples, _, _ in jerk)
+        count = (known - basis.size) * positions.value.shape[1]
         return JointSpline(basis, coefficients, covariance, chi_squared, count)
 
-    return _best(fit, len(positions), finer=True)
+    def fit(intervals: int) -> JointSpline:
+        return spline(Basis.through(positions.time, intervals, degree=5), [])
+
+    best = _best(fit, len(positions), finer=True)
+    basis, bridges = best.basis.bridging(np.union1d(positions.time, rates.time))
+    if not len(bridges):
+        return best
+    jerk = best.basis(positions.time, 3) @ best.coefficients
+    still = Samples(bridges, np.zeros((len(bridges), jerk.shape[1])))
+    return spline(basis, [(still, 3, max(float(np.sqrt(np.mean(jerk**2))), 1e-9))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +293,17 @@ def _best(fit: Callable, samples: int, *, first: int = 2, finer: bool = False) -
             worse += 1
             if worse == 3:
                 break
-    return fits[min(best + finer, len(fits) - 1)]
+    # Knots are not nested: a few more, elsewhere, may fit worse.
+    better = [f for f in fits[best + 1 :] if f.chi_squared < fits[best].chi_squared]
+    return better[0] if finer and better else fits[best]
+
+
+def _misfit(fit: object, rows: int) -> float:
+    """Return χ² of a fit to so many rows over its degrees of freedom, if that is above one.
+
+    Samples too rare for the motion leave more than noise; the covariance has to cover that as well.
+    """
+    return max(fit.chi_squared / max(rows - fit.coefficients.size, 1), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,7 +439,8 @@ def _smooth_attitude(
     chosen = _best(fit, samples, first=first)
     chosen = refined(chosen, chosen.basis, last=True)
     R, w, columns = chosen.evaluate(times)
-    return R, w, ErrorBlock(np.arange(6), columns, chosen.covariance), chosen.bias
+    covariance = chosen.covariance * _misfit(chosen, 3 * samples)
+    return R, w, ErrorBlock(np.arange(6), columns, covariance), chosen.bias
 
 
 @dataclass(frozen=True, eq=False)
@@ -426,5 +469,6 @@ def _smooth_position(
     best = _best(fit, len(position) + len(velocity))
     B, B_dot = best.basis(times), best.basis(times, 1)
     basis = np.stack([B, B_dot], axis=1)
-    blocks = [ErrorBlock(np.array([6 + i, 9 + i]), basis, best.covariance) for i in range(3)]
+    covariance = best.covariance * _misfit(best, 3 * (len(position) + len(velocity)))
+    blocks = [ErrorBlock(np.array([6 + i, 9 + i]), basis, covariance) for i in range(3)]
     return B @ best.coefficients, B_dot @ best.coefficients, blocks

@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
 from cpid_drake.errors import InputError
+from cpid_drake.estimators.momentum_filter import psi_scale
 from cpid_drake.estimators.trajectory_model import Trajectory, TrajectoryModel, TrajectoryState
 from cpid_drake.inertia import pseudo_inertia_to_standard, standard_to_pseudo_inertia
 from cpid_drake.momentum_sensitivity import BodyUncertainty
@@ -63,6 +64,22 @@ class TrajectoryFit:
     def psi_information(self) -> NDArray[np.float64]:
         """Return the information (10, 10) about the relative unknowns, all else eliminated."""
         return marginal(self.information, 10)
+
+    def explain(self) -> str:
+        """Say in words whether it converged, how well it fits, and what it determines."""
+        ended = "converged" if self.converged else "did not converge"
+        dynamics = self.model.dynamics
+        scale = psi_scale(dynamics.mass, dynamics.I_K[0])
+        values = np.linalg.eigvalsh(self.psi_information() * scale * scale[:, None])
+        rank = int((values > 1.0).sum())
+        known = f"{rank} of 10 unknowns are determined"
+        if rank == 10:
+            known += f" (condition {np.sqrt(values[-1] / values[0]):.3g})"
+        text = (
+            f"trajectory fit {ended} after {self.iterations} steps; "
+            f"χ² {self.chi_squared:.0f} of {self.rows} rows; {known}"
+        )
+        return f"{text}; {self.downweighted} samples count less" if self.downweighted else text
 
 
 def marginal(information: NDArray[np.float64], kept: int) -> NDArray[np.float64]:

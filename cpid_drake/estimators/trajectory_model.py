@@ -163,7 +163,7 @@ class TrajectoryModel:
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return self.columns["bias"].stop
+        return int(self.columns["bias"].stop)
 
     def start(self, psi: NDArray[np.float64]) -> TrajectoryState:
         """Return a state to start from: the first samples, the momentum given, no bias."""
