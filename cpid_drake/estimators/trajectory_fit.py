@@ -130,6 +130,13 @@ class _Weighted:
             c -= float(to_b @ cho_solve(self._factor, to_b))
         return c
 
+    def own_noise(self, b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what is left of b without the most likely errors of the joint motion."""
+        if self.nuisance is None:
+            return b
+        errors = cho_solve(self._factor, self.nuisance.T @ (b * self.weights))
+        return b - self.nuisance @ errors / self.weights
+
     def cross(self, A: NDArray[np.float64], K: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return AᵀC⁻¹K."""
         A, K = A * self.weights[:, None], K * self.weights[:, None]
@@ -212,14 +219,14 @@ def fit_trajectory(
         if robust:
             if k == 1:  # outliers have led the first stage, and its derivatives, astray
                 nuisance = model.nuisance(trajectory)
-            weights = _huber_weights(model, model.residuals(trajectory))
+            weights = _huber_weights(model, weighted.own_noise(model.residuals(trajectory)))
             weighted = _Weighted(nuisance, weights)
         trajectory, count, converged = _free_stage(model, trajectory, weighted, max_iterations)
         iterations += count
-        if robust and np.allclose(
-            weights, _huber_weights(model, model.residuals(trajectory)), atol=1e-3
-        ):
-            break
+        if robust:
+            residuals = weighted.own_noise(model.residuals(trajectory))
+            if np.allclose(weights, _huber_weights(model, residuals), atol=1e-3):
+                break
     information, consider, chi_squared = _uncertainty(model, trajectory, weighted, known_bodies)
     return TrajectoryFit(
         model,
@@ -373,7 +380,10 @@ def _damped(N: NDArray[np.float64], g: NDArray[np.float64], damping: float) -> N
 
 
 def _huber_weights(model: TrajectoryModel, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the square roots of the robust loss's weights, the same for a sample's three rows."""
+    """Return the square roots of the robust loss's weights, one for a sample's three rows.
+
+    The residuals are those without the joint motion's errors, which a sample is not to blame for.
+    """
     rows = model.sample_rows()
     weights = np.ones(len(rows))
     of_samples = rows >= 0
