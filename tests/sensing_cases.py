@@ -1,0 +1,168 @@
+"""What tests of the sensors' estimators share: a small spacecraft, its motion, its sensors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake import InertialParameters, Spacecraft, Telemetry
+from cpid_drake.base_motion import propagate_base
+from cpid_drake.inertia import relative_unknowns
+from cpid_drake.relative_motion import relative_dynamics
+from cpid_drake.sensors import (
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    Measurements,
+    SensorSuite,
+    VectorSensor,
+    perfect_measurements,
+)
+
+RPY = (0.3, -0.2, 0.4)
+"""Attitude of every joint's frame on its parent, as in URDF."""
+
+
+def _link(
+    name: str, mass: float, com: str, moments: tuple[float, ...], rpy: str = "0.2 0.1 -0.3"
+) -> str:
+    xx, yy, zz = moments
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{com}" rpy="{rpy}"/>'
+        f'<mass value="{mass}"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" '
+        'iyz="0"/></inertial></link>'
+    )
+
+
+def _joint(name: str, parent: str, child: str, kind: str, axis: str, xyz: str) -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="{RPY[0]} {RPY[1]} {RPY[2]}"/><axis xyz="{axis}"/>'
+        '<limit lower="-9" upper="9" effort="10" velocity="5"/></joint>'
+    )
+
+
+_PARTS = {
+    "arm": (
+        _link("base", 400.0, "0.05 -0.02 0.1", (60.0, 70.0, 50.0)),
+        _link("boom", 15.0, "0.3 0.0 0.1", (0.5, 2.0, 2.1)),
+        _link("tube", 10.0, "0.2 0.1 0.0", (0.3, 1.0, 1.1)),
+        _link("wrist", 6.0, "0.1 0.0 0.05", (0.1, 0.2, 0.2)),
+        _link("hand", 5.0, "0.0 0.1 0.1", (0.1, 0.1, 0.1)),
+        _joint("shoulder", "base", "boom", "revolute", "0 0 1", "0.6 0.1 0.2"),
+        _joint("slide", "boom", "tube", "prismatic", "0.8 0 0.6", "0.5 0.0 0.1"),
+        _joint("elbow", "tube", "wrist", "revolute", "0 1 0", "0.4 0.1 0.0"),
+        _joint("roll", "wrist", "hand", "revolute", "0.6 0.8 0", "0.3 0.0 0.0"),
+    ),
+    "wheels": (
+        _link("wheel_x", 4.0, "0 0 0", (0.04, 0.03, 0.03), "0 0 0"),
+        _link("wheel_y", 4.0, "0 0 0", (0.03, 0.05, 0.03), "0 0 0"),
+        _joint("spin_x", "base", "wheel_x", "continuous", "1 0 0", "0.2 0.0 -0.3"),
+        _joint("spin_y", "base", "wheel_y", "continuous", "0 1 0", "-0.2 0.1 -0.3"),
+    ),
+}
+
+
+def small_craft(folder, *, wheels: bool = False) -> Spacecraft:
+    """Return a base with an arm of three turning joints and a sliding one, and reaction wheels."""
+    path = folder / "craft.urdf"
+    parts = "".join([*_PARTS["arm"], *(_PARTS["wheels"] if wheels else ())])
+    path.write_text(f'<?xml version="1.0"?><robot name="craft">{parts}</robot>')
+    return Spacecraft(path, base="base", capture_frame="hand")
+
+
+@dataclass(frozen=True, eq=False)
+class Sines:
+    """Every joint a sum of two sines; it moves from the start on."""
+
+    middle: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    phase: NDArray[np.float64]
+    frequency: NDArray[np.float64]
+    duration: float
+
+    @classmethod
+    def drawn(cls, joints: int, seed: int, duration: float, size: float = 0.4) -> "Sines":
+        """Return one whose amplitudes and phases a seed fixes; 0.1 Hz and 0.23 Hz."""
+        rng = np.random.default_rng(seed)
+        return cls(
+            rng.uniform(-0.5, 0.5, joints),
+            size * rng.uniform(0.5, 1.0, (2, joints)),
+            rng.uniform(0.0, 2 * np.pi, (2, joints)),
+            2 * np.pi * np.array([[0.1], [0.23]]),
+            duration,
+        )
+
+    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+        t = np.asarray(time, dtype=float)[..., None, None]
+        angle, a, w = self.frequency * t + self.phase, self.amplitude, self.frequency
+        q = self.middle + (a * np.sin(angle)).sum(-2)
+        qdot, qddot = (a * w * np.cos(angle)).sum(-2), -(a * w**2 * np.sin(angle)).sum(-2)
+        return np.stack([q, qdot, qddot], axis=-2)
+
+
+def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) -> Telemetry:
+    """Return the true motion at increasing times, by `propagate_base` from W's origin."""
+    base = propagate_base(
+        tree,
+        motion,
+        target.to_standard_vector(),
+        times,
+        momentum_W=momentum_W,
+        max_step=0.04,
+    )
+    samples = motion.evaluate(times)
+    return Telemetry(
+        joint_names,
+        times,
+        quaternion_WB=base.quaternion_WB,
+        p_WB=base.p_WB,
+        w_WB=base.w_WB,
+        v_WB=base.v_WB,
+        q=samples[:, 0],
+        qdot=samples[:, 1],
+    )
+
+
+def measured(
+    spacecraft: Spacecraft,
+    motion,
+    target: InertialParameters,
+    suite: SensorSuite,
+    momentum_W=None,
+    tree=None,
+) -> Measurements:
+    """Return what the sensors would give without noise; of a spacecraft that is `tree` in truth."""
+    tree, names = tree or spacecraft.tree, spacecraft.joint_names
+    return perfect_measurements(
+        suite,
+        names,
+        lambda times: true_telemetry(tree, names, motion, target, times, momentum_W),
+        motion.duration,
+    )
+
+
+def true_psi(spacecraft: Spacecraft, target: InertialParameters) -> NDArray[np.float64]:
+    return relative_unknowns(spacecraft.mass).from_parameters(target.to_vector())
+
+
+def momentum_about_com(
+    spacecraft: Spacecraft, motion, target: InertialParameters, momentum_W: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (L, v_Wcm) of a momentum [L; P] about W's origin, where the base starts."""
+    start = motion.evaluate(np.zeros(1))
+    dynamics = relative_dynamics(spacecraft.tree, start[:, 0], start[:, 1])
+    p_Wcm = dynamics.com(true_psi(spacecraft, target))[0]
+    L, P = momentum_W[:3], momentum_W[3:]
+    return L - np.cross(p_Wcm, P), P / (spacecraft.mass + target.mass)
+
+
+def coarse_suite(**changes) -> SensorSuite:
+    """Return sensors of flight quality, slow for speed."""
+    sensors = {
+        "attitude": AttitudeSensor(5.0, 5.0, 40.0, np.array([0.0, 0.6, 0.8])),
+        "gyro": Gyro(20.0, 0.005, 1.0, 0.1),
+        "position": VectorSensor(5.0, 1e-3),
+        "encoders": JointSensor(20.0, 1e-5),
+    }
+    return SensorSuite("coarse", **(sensors | changes))

@@ -1,0 +1,173 @@
+"""Motion about the centre of mass, against the 6x6 formulation, Drake, and propagated motion."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sensing_cases import RPY, small_craft, true_psi, true_telemetry
+
+from cpid_drake import HalfCosine, InertialParameters
+from cpid_drake.base_motion import base_twist, known_dynamics
+from cpid_drake.kinematics import rotate
+from cpid_drake.known_bodies import KnownBodies
+from cpid_drake.relative_motion import RelativeDynamics, relative_dynamics
+
+MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])  # [L; P] about W's origin, in W
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    """With turning and sliding joints and reaction wheels."""
+    return small_craft(tmp_path_factory.mktemp("craft"), wheels=True)
+
+
+@pytest.fixture(scope="module")
+def states(craft):
+    """Joint positions and rates at random instants; the wheels spin fast."""
+    rng = np.random.default_rng(71)
+    q, qdot = rng.normal(size=(2, 12, len(craft.joint_names)))
+    qdot[:, -2:] *= 300.0
+    return q, qdot
+
+
+@pytest.fixture(scope="module")
+def dynamics(craft, states):
+    return relative_dynamics(craft.tree, *states)
+
+
+def test_the_base_turns_as_in_the_six_by_six_formulation(craft, states, dynamics, skewed_target):
+    """ω = J⁻¹ (L − h) and v = v_cm − ω × ρ − ρ', with the momentum about any point."""
+    rng = np.random.default_rng(72)
+    momentum_B = 10 * rng.normal(size=(12, 6))  # about B's origin, in B
+    V = base_twist(
+        known_dynamics(craft.tree, *states), skewed_target.to_standard_vector(), momentum_B
+    )
+    psi = true_psi(craft, skewed_target)
+    rho, P = dynamics.com(psi), momentum_B[:, 3:]
+    L = momentum_B[:, :3] - np.cross(rho, P)
+    h = dynamics.momentum_at_rest(psi)
+    w = np.linalg.solve(dynamics.inertia(psi), (L - h)[..., None])[..., 0]
+    v = P / (craft.mass + skewed_target.mass) - np.cross(w, rho) - dynamics.com_rate(psi)
+    np.testing.assert_allclose(w, V[:, :3], rtol=0, atol=1e-12 * np.abs(V).max())
+    np.testing.assert_allclose(v, V[:, 3:], rtol=0, atol=1e-12 * np.abs(V).max())
+
+
+def test_angular_momentum_is_constant_and_the_centre_of_mass_goes_straight(servicer, skewed_target):
+    rng = np.random.default_rng(73)
+    ends = rng.uniform(-1, 1, (2, len(servicer.joint_names)))
+    motion, times = HalfCosine(*ends, duration=10.0), np.linspace(0.0, 10.0, 11)
+    telemetry = true_telemetry(
+        servicer.tree, servicer.joint_names, motion, skewed_target, times, MOMENTUM
+    )
+    dynamics = relative_dynamics(servicer.tree, telemetry.q, telemetry.qdot)
+    psi, R = true_psi(servicer, skewed_target), telemetry.R_WB
+    w = rotate(np.swapaxes(R, -1, -2), telemetry.w_WB)
+    L = rotate(R, rotate(dynamics.inertia(psi), w) + dynamics.momentum_at_rest(psi))
+    p_Wcm = telemetry.p_WB + rotate(R, dynamics.com(psi))
+    mass = servicer.mass + skewed_target.mass
+    straight = p_Wcm[0] + times[:, None] * MOMENTUM[3:] / mass
+    about_com = MOMENTUM[:3] - np.cross(p_Wcm[0], MOMENTUM[3:])
+    np.testing.assert_allclose(p_Wcm, straight, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(L, np.tile(about_com, (11, 1)), rtol=0, atol=1e-7)
+
+
+def test_com_rate_is_the_rate_of_com(craft, states, skewed_target):
+    """By differences over joint motion at constant rates."""
+    q, qdot = states
+    qdot = np.where(np.abs(qdot) > 50, 1.0, qdot)
+    psi, h = true_psi(craft, skewed_target), 1e-5
+    ahead, behind = (relative_dynamics(craft.tree, q + s * qdot, qdot).com(psi) for s in (h, -h))
+    rate = relative_dynamics(craft.tree, q, qdot).com_rate(psi)
+    np.testing.assert_allclose((ahead - behind) / (2 * h), rate, rtol=0, atol=1e-9)
+
+
+def test_everything_is_linear_in_psi(dynamics):
+    """J, h, ρ and ρ' are affine in ψ, and their regressors are their derivatives."""
+    rng = np.random.default_rng(74)
+    a, b, w = rng.normal(size=10), rng.normal(size=10), rng.normal(size=(12, 3))
+    for function in (
+        dynamics.inertia,
+        dynamics.momentum_at_rest,
+        dynamics.com,
+        dynamics.com_rate,
+    ):
+        known = function(np.zeros(10))
+        both = function(2 * a - 3 * b) - known
+        apart = 2 * (function(a) - known) - 3 * (function(b) - known)
+        np.testing.assert_allclose(both, apart, rtol=0, atol=1e-12 * np.abs(apart).max())
+
+    known = rotate(dynamics.I_K, w) + dynamics.h_K
+    target = rotate(dynamics.inertia(a), w) + dynamics.momentum_at_rest(a) - known
+    Y = dynamics.regressor(w)
+    np.testing.assert_allclose(Y @ a, target, rtol=0, atol=1e-12 * np.abs(Y).max())
+    for regressor, function in (
+        (dynamics.com_regressor(), dynamics.com),
+        (dynamics.com_rate_regressor(), dynamics.com_rate),
+    ):
+        by_hand = function(a) - function(np.zeros(10))
+        np.testing.assert_allclose(regressor @ a[:4], by_hand, rtol=0, atol=1e-14)
+
+
+def test_the_identity_of_two_targets_is_exact(dynamics):
+    """J(ψ')(ω − ω') = Rᵀ(L − L') − Y(ω)(ψ − ψ') however far apart the two are."""
+    rng = np.random.default_rng(75)
+    psi = np.array([[40.0, 5, -3, 2, 20, 1, -2, 25, 3, 22], [5.0, -1, 2, 0, 9, 0, 1, 6, -1, 8]])
+    L_B = 10 * rng.normal(size=(2, 12, 3))
+    w, other = (
+        np.linalg.solve(dynamics.inertia(p), (L - dynamics.momentum_at_rest(p))[..., None])[..., 0]
+        for p, L in zip(psi, L_B, strict=True)
+    )
+    left = rotate(dynamics.inertia(psi[1]), w - other)
+    right = L_B[0] - L_B[1] - dynamics.regressor(w) @ (psi[0] - psi[1])
+    np.testing.assert_allclose(left, right, rtol=0, atol=1e-12 * np.abs(left).max())
+
+
+@pytest.mark.parametrize("which", ["servicer", "craft"])
+def test_drake_sees_the_same_known_bodies(which, request):
+    """`KnownBodies` one configuration at a time, several rates at once."""
+    craft, rng = request.getfixturevalue(which), np.random.default_rng(76)
+    bodies, J = KnownBodies(craft), len(craft.joint_names)
+    for _ in range(4):
+        q, qdot = rng.normal(size=J), rng.normal(size=(3, J))
+        drake, ours = bodies(q, qdot), relative_dynamics(craft.tree, np.tile(q, (3, 1)), qdot)
+        assert drake.mass == pytest.approx(ours.mass, rel=1e-14)
+        for name in ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot"):
+            mine = getattr(ours, name)
+            his = np.broadcast_to(getattr(drake, name), mine.shape)
+            atol = 1e-12 * max(np.abs(mine).max(), 1.0)
+            np.testing.assert_allclose(his, mine, rtol=0, atol=atol, err_msg=name)
+
+
+def test_reaction_wheels_are_known_bodies(craft, tmp_path):
+    """At rest they add mass and inertia; spinning, just their own spin, whatever their angle."""
+    assert craft.joint_names[-2:] == ("spin_x", "spin_y")
+    assert craft.mass == pytest.approx(small_craft(tmp_path).mass + 8.0)
+    rng = np.random.default_rng(77)
+    q, qdot = rng.normal(size=(2, 5, len(craft.joint_names)))
+    qdot[:, -2:] = 0.0
+    still = relative_dynamics(craft.tree, q, qdot)
+    qdot[:, -2:] = rates = np.array([100.0, -250.0])
+    q[:, -2:] += 1.0
+    spinning = relative_dynamics(craft.tree, q, qdot)
+    axes = Rotation.from_euler("xyz", RPY).as_matrix()[:, :2]
+    momentum = axes @ (np.array([0.04, 0.05]) * rates)
+    np.testing.assert_allclose(
+        spinning.h_K - still.h_K, np.tile(momentum, (5, 1)), rtol=0, atol=1e-12
+    )
+    for name in ("I_K", "p_BK", "v_BK", "s", "sdot", "w_BC"):
+        before, after = getattr(still, name), getattr(spinning, name)
+        np.testing.assert_allclose(after, before, rtol=0, atol=1e-13, err_msg=name)
+
+
+def test_no_target_is_the_spacecraft_alone(dynamics):
+    none = np.zeros(10)
+    np.testing.assert_array_equal(dynamics.inertia(none), dynamics.I_K)
+    np.testing.assert_array_equal(dynamics.momentum_at_rest(none), dynamics.h_K)
+    np.testing.assert_array_equal(dynamics.com(none), dynamics.p_BK)
+
+
+def test_no_instants_give_no_samples(craft):
+    empty = np.empty((0, len(craft.joint_names)))
+    dynamics = relative_dynamics(craft.tree, empty, empty)
+    psi = true_psi(craft, InertialParameters(1.0, [0, 0, 0], np.eye(3)))
+    assert dynamics.inertia(psi).shape == (0, 3, 3)
+    assert isinstance(dynamics, RelativeDynamics)
