@@ -6,19 +6,29 @@ roads: the first from joint motion through conservation of angular momentum, the
 gyro. That they must agree is what tells ψ; both roads' noise is white, the encoders' because it
 does not add up: only the latest encoder sample's error is in the attitude by momentum.
 
+What a thruster does is found in two ways. A strong one puts many readings in a row out of their
+gates. A weak one does not: so the filter carries along, for some recent instants, what a change of
+momentum there would have made of its errors and innovations since, and tests whether it explains
+them (the generalized likelihood ratio of Willsky & Jones 1976); if so, it corrects the estimate and
+its covariance by just that, as if it had let the momentum go at that instant.
+
 ψ are the relative unknowns. In them conservation is linear, whatever they are linearized about
 (see `relative_motion`), as long as the angular velocity in the regressor is the true one: the
 gyro's is. So the filter may start from a prior as vague as one likes.
 
-Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass; the filter is ours.
+Sources: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass; Willsky & Jones 1976, A
+generalized likelihood ratio approach to the detection and estimation of jumps in linear systems,
+IEEE TAC 21(1); the filter is ours.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.regressors import relative_regressor
 from cpid_drake.relative_motion import RelativeDynamics
 from cpid_drake.sensors import SENSOR_NAMES, Measurements, SensorSuite
 
@@ -34,31 +44,67 @@ PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (
 """Where in the error state: ψ, the two attitudes (turned in W), p_Wcm, gyro bias, L and v_Wcm."""
 
 SIZE = 28
+
+FILTER_ORDER = ("gyro", "attitude", "encoders", "position", "velocity")
+"""The order in which samples of one instant are best given to the filter."""
+
+Sample = tuple[str, float, NDArray[np.float64]]
+"""Sensor, time [s] and value, as in `Measurements`."""
+
+# -- what can be believed of a sample ------------------------------------------------------------
+
 GATE = 35.0
 """Innovations whose normalized square (3 degrees of freedom) is above are not used: 1e-7."""
 
-IN_A_ROW = {"agreement": 5, "attitude": 3, "position": 3, "velocity": 3}
-"""So many rejections in a row are not outliers: momentum has changed, or the prediction is lost."""
+IN_A_ROW = {"agreement": 3, "attitude": 3, "position": 3, "velocity": 3}
+"""So many rejections in a row are not outliers: the prediction is lost."""
 
-FASTEST = 2.0
-"""Angular acceleration of the base that arms can cause [rad/s²]; more is a gyro sample to doubt."""
-
-LARGEST_STEP = 0.03
-"""Change of the base's angular velocity that a thruster is expected to cause at once [rad/s]."""
+LARGEST = 1e9
+"""No sensor reads more, in SI units."""
 
 LONGEST_GAP = 0.25
 """Integration does not bridge longer gaps in gyro or encoder samples [s]."""
 
+LONGEST_SILENCE = 1.0
+"""A stamp that is later than all before by more is believed once the next one agrees [s]."""
+
+SPIKE = 8.0
+"""A sample off by more σ than this, and by more than the motion allows, must be confirmed."""
+
+SMOOTHEST = {"gyro": (2.0, 10.0, 30.0), "encoders": (10.0, 10.0, 30.0)}
+"""First, second and third derivative that are not exceeded without a jerk [rad/s, rad/s², …]; of
+the gyro's signal, which is a rate itself, and of joint positions."""
+
+FASTEST_JOINT = 20.0
+"""Joints do not move faster [rad/s]."""
+
+HARDEST_BRAKE = 1.0
+"""Deceleration at which no arm stops all its joints at once [rad/s²]; a stuck sensor shows more."""
+
 SLOWEST = 200.0
 """For so many samples, at most, a creeping joint's rounding error is taken to be the same."""
 
+# -- changes of momentum -------------------------------------------------------------------------
+
+LARGEST_STEP = 0.03
+"""Change of the base's angular velocity that a thruster is expected to cause at once [rad/s]."""
+
+WATCHED, SPACING = 6, 0.2
+"""For how many instants changes of momentum are watched, and how far the latest are apart [s]."""
+
+CHANGED = 60.0
+"""Likelihood ratio (χ² of 6) above which momentum has changed: 5e-11, and one outlier is less."""
+
+OFFSETS = (0.003, 0.003)
+"""σ of what a change between two watched instants moves attitude [rad] and centre of mass [m]."""
+
+SAME_CAUSE = 1.0
+"""Attitudes that part again so soon after they were put together do so by momentum [s]."""
+
 _SENSORS = (*SENSOR_NAMES, "agreement")
-_GYRO, _ENCODERS = _SENSORS.index("gyro"), _SENSORS.index("encoders")
-
-ATTITUDE_KNOWN, CHANGES, CHANGE_TIME, DOUBTFUL_TIME, COM_KNOWN, NOISE_TIME = range(6)
-
-FILTER_ORDER = ("gyro", "attitude", "encoders", "position", "velocity")
-"""The order in which samples of one instant are best given to the filter."""
+_INDEX = {name: k for k, name in enumerate(_SENSORS)}
+_GYRO, _ENCODERS, _AGREEMENT = _INDEX["gyro"], _INDEX["encoders"], _INDEX["agreement"]
+_IN_ORDER = np.arange(SIZE)
 
 
 @dataclass(frozen=True)
@@ -68,9 +114,11 @@ class FilterPrior:
     Attributes:
         psi: (10,) mean of the relative unknowns, those of a rigid body.
         psi_sigma: (10,) their σ.
-        momentum_known: whether the momentum is zero, instead of unknown.
+        momentum_known: whether the momentum is what `L` and `v_Wcm` say, instead of unknown.
         angular_momentum: σ of an unknown angular momentum [N·m·s].
         velocity: σ of an unknown velocity of the centre of mass [m/s].
+        L: (3,) mean of the angular momentum about the centre of mass, in W [N·m·s].
+        v_Wcm: (3,) mean of the velocity of the centre of mass, in W [m/s].
 
     """
 
@@ -79,6 +127,8 @@ class FilterPrior:
     momentum_known: bool
     angular_momentum: float
     velocity: float
+    L: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    v_Wcm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
 
 def vague_prior(
@@ -113,42 +163,78 @@ def psi_scale(known_mass: float, known_inertia: NDArray[np.float64]) -> NDArray[
 
 @dataclass(eq=False)
 class FilterState:
-    """All that the filter remembers; the estimates are the means, `P` their covariance.
+    """All that the filter remembers: arrays and numpy scalars, each with a `copy` method.
+
+    J joints; n sensors, with the two attitudes' agreement as the last.
 
     Attributes:
         psi: (10,) relative unknowns.
+        P: (28, 28) covariance of the error state.
         R_by_momentum, R_by_gyro: (3, 3) attitude R_WB by either road.
         p_Wcm: (3,) the system's centre of mass [m].
         bias: (3,) of the gyro [rad/s].
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) velocity of the centre of mass [m/s].
-        P: (28, 28) covariance of the error state.
+        momentum_known: whether the momentum is still the one that was known beforehand.
+        attitude_known, com_known: whether there has been a sample to start from.
+        momentum_changes: how often the momentum was found to have changed.
+        momentum_change_time: when that was last found [s]; NaN for never.
         joints: (2, 1 + J) time and joint positions where the attitude by momentum has got to, and
             of one later sample that waits for the next; NaN for none.
-        q_before: (J,) joint positions when the joint noise was last computed.
+        rates: (J,) joint rates at the first of them [rad/s].
+        response, known_part: (3, J + 3, 10), (3, J + 3) angular momentum by unit joint rates and
+            unit angular velocity, there: by ψ, and that of the known bodies.
+        com_part: (3, 5) the centre of mass from B's origin, there, in B: the known bodies' part,
+            and the derivative by (μ, μc).
+        q_before: (J,) joint positions when the joint noise was last computed; `noise_time` when.
         joint_noise, com_noise: (3, 3) what one encoder sample's error does to the attitude by
             momentum and to the centre of mass, in B; `unsure_noise` the part of the first that is
             for not knowing ψ.
         rate_noise: growth of the attitude by momentum's variance [rad²/s] by the noise of the
             angular velocity in its regressor.
         w: (3,) latest angular velocity, in B [rad/s]; `w_before` the one that momentum predicts.
-        gyro: (4, 4) time and value of the latest gyro samples, the newest last.
-        doubtful_gyro: (3,) a gyro sample that waits to be confirmed.
-        times: latest stamp used, of every sensor [s]; −inf before the first.
-        used, rejected: number of samples, of every sensor and of the two attitudes' agreement.
-        in_a_row: rejections in a row.
-        flags: single numbers; see `momentum_changes` and `momentum_change_time` for two of them.
+        gyro: (4, 4) time and value of the latest gyro samples, the newest last; NaN for none.
+        rejoin_time: when the attitude by momentum was last put onto that by gyro for disagreeing.
+        effects: (28, 12 · WATCHED) what unit changes at the watched instants have made of the
+            error state: angular (L, attitude by momentum), then linear (v_Wcm, p_Wcm).
+        watch_information, watch_score: (WATCHED, 12, 12), (WATCHED, 12) the information about them
+            in the innovations since, and its product with the most likely changes.
+        watch_start: (WATCHED,) the watched instants [s].
+        used, rejected: (n,) number of samples.
+        in_a_row: (n,) rejections in a row.
+        times: (n,) latest stamp admitted [s]; −inf before the first.
+        latest: (n, max(4, J)) value of the latest sample; `repeats` (n,) how often it came again.
+        recent_gyro, recent_encoders: (3, 4), (3, 1 + J) latest samples admitted, the newest last.
+        doubtful_gyro, doubtful_encoders: (4,), (1 + J,) a sample that waits to be confirmed.
+        late: (2 + max(4, J),) sensor, time and value of a sample with too late a stamp, waiting.
+        step_time: stamp of the gyro sample that came by a step [s].
 
     """
 
     psi: NDArray[np.float64]
     P: NDArray[np.float64]
     joints: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    response: NDArray[np.float64]
+    known_part: NDArray[np.float64]
     q_before: NDArray[np.float64]
+    latest: NDArray[np.float64]
+    recent_encoders: NDArray[np.float64]
+    doubtful_encoders: NDArray[np.float64]
+    late: NDArray[np.float64]
+    momentum_known: np.bool_
+    attitude_known: np.bool_ = np.False_
+    com_known: np.bool_ = np.False_
+    momentum_changes: np.int64 = field(default_factory=lambda: np.int64(0))
+    momentum_change_time: np.float64 = field(default_factory=lambda: np.float64(np.nan))
+    noise_time: np.float64 = field(default_factory=lambda: np.float64(-np.inf))
+    rejoin_time: np.float64 = field(default_factory=lambda: np.float64(-np.inf))
+    step_time: np.float64 = field(default_factory=lambda: np.float64(np.nan))
+    rate_noise: np.float64 = field(default_factory=lambda: np.float64(0.0))
+    com_part: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 5)))
     joint_noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
     com_noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
     unsure_noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
-    rate_noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     R_by_momentum: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     R_by_gyro: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     p_Wcm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
@@ -158,36 +244,39 @@ class FilterState:
     w: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     w_before: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     gyro: NDArray[np.float64] = field(default_factory=lambda: np.full((4, 4), np.nan))
-    doubtful_gyro: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    times: NDArray[np.float64] = field(default_factory=lambda: np.full(len(_SENSORS), -np.inf))
+    effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((SIZE, 12 * WATCHED)))
+    watch_information: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((WATCHED, 12, 12))
+    )
+    watch_score: NDArray[np.float64] = field(default_factory=lambda: np.zeros((WATCHED, 12)))
+    watch_start: NDArray[np.float64] = field(default_factory=lambda: np.full(WATCHED, -np.inf))
     used: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_SENSORS)))
     rejected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_SENSORS)))
     in_a_row: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_SENSORS)))
-    flags: NDArray[np.float64] = field(
-        default_factory=lambda: np.array([0.0, 0.0, np.nan, np.nan, 0.0, -np.inf])
-    )
+    times: NDArray[np.float64] = field(default_factory=lambda: np.full(len(_SENSORS), -np.inf))
+    repeats: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_SENSORS)))
+    recent_gyro: NDArray[np.float64] = field(default_factory=lambda: np.full((3, 4), np.nan))
+    doubtful_gyro: NDArray[np.float64] = field(default_factory=lambda: np.full(4, np.nan))
 
-    @property
-    def momentum_changes(self) -> int:
-        """How often the momentum was found to have changed."""
-        return int(self.flags[CHANGES])
-
-    @property
-    def momentum_change_time(self) -> float:
-        """When it was last found to have changed [s]; NaN for never."""
-        return float(self.flags[CHANGE_TIME])
+    def copy(self) -> "FilterState":
+        """Return a copy that shares nothing with this one."""
+        return FilterState(**{name: value.copy() for name, value in vars(self).items()})
 
     def pack(self) -> NDArray[np.float64]:
         """Return all of it as one vector."""
         return np.concatenate([np.ravel(value) for value in vars(self).values()])
 
-    def unpack(self, vector: NDArray[np.float64]) -> "FilterState":
-        """Return the state that `pack` has made a vector of; this one gives the shapes."""
-        parts, start = {}, 0
-        for name, value in vars(self).items():
-            parts[name] = vector[start : start + value.size].reshape(value.shape).copy()
-            start += value.size
-        return FilterState(**parts)
+    def keep_admission(self, other: "FilterState") -> None:
+        """Take over what another state remembers of samples and of changes, not of estimates."""
+        for name in _ADMISSION:
+            setattr(self, name, getattr(other, name))
+
+
+_ADMISSION = (
+    *("momentum_known", "momentum_changes", "momentum_change_time", "step_time", "used"),
+    *("rejected", "times", "latest", "repeats", "recent_gyro", "recent_encoders", "late"),
+    *("doubtful_gyro", "doubtful_encoders"),
+)
 
 
 class MomentumFilter:
@@ -210,6 +299,7 @@ class MomentumFilter:
     ) -> None:
         self.suite, self.joint_count, self.prior = suite, joint_count, prior
         self.dynamics = dynamics
+        self._present = suite.present()
         self._has_gyro = suite.gyro is not None
         if self._has_gyro:
             self._gyro_variance = suite.sigmas("gyro")[0] ** 2
@@ -224,6 +314,30 @@ class MomentumFilter:
         if suite.attitude is not None:
             R_BS = suite.attitude.R_BS
             self._variance["attitude"] = R_BS * suite.sigmas("attitude") ** 2 @ R_BS.T
+        self._unit_rates = np.eye(joint_count)
+        fastest = max((sensor.rate for sensor in self._present.values()), default=1.0)
+        self._silence = max(LONGEST_SILENCE, 2.5 / fastest)
+        self._repeats_allowed = self._allowed_repeats()
+        angular, velocity = prior.angular_momentum, prior.velocity
+        self._change = np.zeros((SIZE, 12))
+        for k, (where, sigma) in enumerate(
+            zip((ANGULAR, BY_MOMENTUM, VELOCITY, COM), (angular, OFFSETS[0], velocity, OFFSETS[1]))
+        ):
+            self._change[where, 3 * k : 3 * k + 3] = sigma * np.eye(3)
+
+    def _allowed_repeats(self) -> dict[str, int]:
+        """How often a sensor with noise may give the very same value: what is stuck gives more."""
+        sensors = self.suite.present()
+        noisy = {"attitude": 1, "gyro": 0, "position": 0, "velocity": 0}
+        noisy = {name: count for name, count in noisy.items() if name in sensors}
+        if self.suite.digits is not None:
+            return {}
+        return {
+            name: count
+            for name, count in noisy.items()
+            if max(np.atleast_1d(getattr(sensors[name], "sigmas", 0.0)).max(), 0.0)
+            or getattr(sensors[name], "sigma", 0.0)
+        }
 
     def start(self) -> FilterState:
         """Return the state before the first sample."""
@@ -233,64 +347,199 @@ class MomentumFilter:
         if self._has_gyro:
             P[BIAS, BIAS] = max(self.suite.gyro.bias_sigma, 1e-9) ** 2 * np.eye(3)
         state = FilterState(
-            prior.psi.copy(), P, joints=np.full((2, 1 + J), np.nan), q_before=np.zeros(J)
+            prior.psi.copy(),
+            P,
+            joints=np.full((2, 1 + J), np.nan),
+            rates=np.zeros(J),
+            response=np.zeros((3, J + 3, 10)),
+            known_part=np.zeros((3, J + 3)),
+            q_before=np.zeros(J),
+            latest=np.full((len(_SENSORS), max(4, J)), np.nan),
+            recent_encoders=np.full((3, 1 + J), np.nan),
+            doubtful_encoders=np.full(1 + J, np.nan),
+            late=np.full(2 + max(4, J), np.nan),
+            momentum_known=np.bool_(prior.momentum_known),
+            L=np.array(prior.L, dtype=float),
+            v_Wcm=np.array(prior.v_Wcm, dtype=float),
         )
         if not prior.momentum_known:
-            self._open_momentum(state, angular=True)
+            self.open_momentum(state)
         return state
 
-    def update(self, state: FilterState, name: str, time: float, value: NDArray) -> FilterState:
-        """Return the state after one sample of a sensor; what cannot be used is counted.
+    @staticmethod
+    def index(name: str) -> int:
+        """Return a sensor's place in `FilterState.times`, `used`, `rejected` and `in_a_row`."""
+        return _INDEX[name]
 
-        Samples of one instant are best given in `FILTER_ORDER`. The given state is
-        not changed.
+    def take(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
+        """Take one sample of a sensor in, in place; what cannot be used is counted.
+
+        Samples of one instant are best given in `FILTER_ORDER`.
 
         Args:
-            state: before.
+            state: changed.
             name: of the sensor.
             time: the sample's stamp [s].
             value: as in `Measurements`, (width,).
 
         """
-        new = FilterState(**{key: entry.copy() for key, entry in vars(state).items()})
-        self.take(new, name, time, value)
-        return new
+        for sample in self.admit(state, name, time, value):
+            self.use(state, *sample)
 
-    def take(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
-        """As `update`, in place."""
-        k = _SENSORS.index(name)
-        if not (np.isfinite(time) and np.isfinite(value).all() and time > state.times[k]):
-            state.rejected[k] += 1
-            return
-        if name == "joint_rates":
-            return  # the filter uses encoders only: their noise does not add up
-        now = state.times[[_ENCODERS, _GYRO]].max()
-        if name not in ("encoders", "gyro") and time < now - LONGEST_GAP:
-            state.rejected[k] += 1
-            return
-        outcome = getattr(self, f"_{name}")(state, time, value)
-        if outcome:
-            state.used[k] += 1
-            state.times[k] = time
-            state.in_a_row[k] = 0
-        elif outcome is not None:
-            state.rejected[k] += 1
+    # -- admission: checks that need no prediction ------------------------------------------------
+
+    def admit(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
+        """Return the samples that can be used now that this one has come: none, it, or two.
+
+        A sample is out if it is not finite, no attitude, not later than the sensor's last one, or
+        of a sensor that is stuck: one with noise that repeats itself, encoders that all stand still
+        from one sample to the next. Held back until the next one comes is
+
+        - a stamp that is later than all others by more than `LONGEST_SILENCE`, the very first one
+          too: two in a row that agree are a gap, a single one is an error;
+        - a gyro or encoder sample that no smooth motion leads to (see `SMOOTHEST`): if the next one
+          is where the motion before would have led, it was a spike.
+        """
+        value = np.asarray(value, dtype=float)
+        entries = value.tolist()
+        possible = name in self._present and math.isfinite(time)
+        possible = possible and all(abs(entry) < LARGEST for entry in entries)
+        if possible and name == "attitude":
+            possible = abs(math.hypot(*entries) - 1) < 1e-3
+        if not possible:
+            state.rejected[_INDEX[name]] += 1
+            return []
+        newest, waiting = state.times.max(), state.late[1]
+        if time - newest > self._silence:
+            if not abs(time - waiting) <= self._silence:
+                self._forget_late(state)
+                state.late[:2] = _INDEX[name], time
+                state.late[2 : 2 + value.size] = value
+                return []
+            k = int(state.late[0])
+            width = self.joint_count if _SENSORS[k] in ("encoders", "joint_rates") else 3
+            first = state.late[2 : 2 + (4 if _SENSORS[k] == "attitude" else width)].copy()
+            state.late[:] = np.nan
+            samples = self._screened(state, _SENSORS[k], float(waiting), first)
+            return samples + self._screened(state, name, time, value)
+        if waiting == waiting:
+            self._forget_late(state)
+        return self._screened(state, name, time, value)
 
     @staticmethod
-    def index(name: str) -> int:
-        """Return a sensor's place in `FilterState.times`, `used`, `rejected` and `in_a_row`."""
-        return _SENSORS.index(name)
+    def _forget_late(state: FilterState) -> None:
+        if not np.isnan(state.late[0]):
+            state.rejected[int(state.late[0])] += 1
+            state.late[:] = np.nan
+
+    def _screened(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
+        """As `admit`, of a sample with a believable stamp."""
+        k = _INDEX[name]
+        last = state.times[k]
+        if not time > last or self._is_stuck(state, k, name, time, value):
+            state.rejected[k] += 1
+            return []
+        state.times[k] = time
+        if name not in SMOOTHEST:
+            return [(name, time, value)]
+        sigma = self._joint_sigma if name == "encoders" else math.sqrt(self._gyro_variance)
+        recent = getattr(state, f"recent_{name}")
+        doubtful = getattr(state, f"doubtful_{name}")
+        pending = doubtful[0] == doubtful[0]
+        if time - (doubtful[0] if pending else last) > LONGEST_GAP:
+            # Nothing to compare with: what comes begins anew.
+            if pending:
+                state.rejected[k] += 1
+                doubtful[0] = np.nan
+            recent[:] = np.nan
+            pending = False
+        elif not self._follows(recent, time, value, sigma, SMOOTHEST[name]):
+            sample = np.concatenate([[time], value])
+            if pending:
+                earlier = doubtful.copy()
+                doubtful[0] = np.nan
+                if not self._follows(earlier[None], time, value, sigma, SMOOTHEST[name]):
+                    state.rejected[k] += 1
+                    doubtful[:] = sample
+                    return []
+                # A step, or a jerk: the motion goes on from there.
+                recent[0], recent[1], recent[2] = np.nan, earlier, sample
+                if name == "gyro":
+                    state.step_time = np.float64(earlier[0])
+                return [(name, float(earlier[0]), earlier[1:]), (name, time, value)]
+            doubtful[:] = sample
+            return []
+        if pending:
+            state.rejected[k] += 1
+            doubtful[0] = np.nan
+        recent[:-1] = recent[1:]
+        recent[-1, 0], recent[-1, 1:] = time, value
+        return [(name, time, value)]
+
+    def _is_stuck(self, state: FilterState, k: int, name: str, time: float, value: NDArray) -> bool:
+        latest = state.latest[k, : value.size]
+        same = (latest == value).all()
+        if not same:
+            state.latest[k, : value.size], state.repeats[k] = value, 0.0
+            return False
+        state.repeats[k] += 1
+        if name != "encoders":
+            return state.repeats[k] > self._repeats_allowed.get(name, math.inf)
+        (before, last), (q, q_last) = state.recent_encoders[-2:, 0], state.recent_encoders[-2:, 1:]
+        if state.repeats[k] == 1 and last - before <= LONGEST_GAP:
+            moved = np.abs(q_last - q).max()
+            braked = moved / (last - before) / (time - last)
+            if braked > HARDEST_BRAKE and moved > 10 * self._joint_sigma:
+                state.repeats[k] = math.inf  # until another value comes
+        return math.isinf(state.repeats[k])
+
+    @staticmethod
+    def _follows(recent: NDArray, time: float, value: NDArray, sigma: float, bounds: tuple) -> bool:
+        """Whether a sample is where the polynomial through the recent ones (time, value) leads.
+
+        The bounds are those of the derivative that the polynomial lacks.
+        """
+        times = [t for t in recent[:, 0].tolist() if t == t]
+        order = len(times)
+        if not order:
+            return True
+        weights, rest = [], 1.0
+        for i, t in enumerate(times):
+            weight = 1.0
+            for j, other in enumerate(times):
+                if i != j:
+                    weight *= (time - other) / (t - other)
+            weights.append(weight)
+            rest *= (time - t) / (i + 1)
+        off = np.array(weights) @ recent[-order:, 1:] - value
+        gain = math.sqrt(1 + sum(weight * weight for weight in weights))
+        limit = SPIKE * gain * sigma + bounds[order - 1] * rest
+        return max(off.max(), -off.min()) <= limit
+
+    # -- use of admitted samples ------------------------------------------------------------------
+
+    def use(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
+        """Take an admitted sample in, in place; outliers are counted."""
+        if name == "joint_rates":
+            return  # the filter uses encoders only: their noise does not add up
+        k = _INDEX[name]
+        if getattr(self, f"_{name}")(state, time, value):
+            state.used[k] += 1
+            state.in_a_row[k] = 0
+        else:
+            state.rejected[k] += 1
 
     def resume(
         self, state: FilterState, time: float, q: NDArray, measurements: Measurements
     ) -> None:
         """Set what else a state needs to go on at `time`, after the last of these measurements."""
-        state.flags[ATTITUDE_KNOWN] = 1.0
-        state.flags[COM_KNOWN] = float(len(measurements.position) > 0)
+        state.attitude_known = np.True_
+        state.com_known = np.bool_(len(measurements.position) > 0)
         state.joints[0, 0], state.joints[0, 1:] = time, q
-        before = np.searchsorted(measurements.encoders.time, time - 0.1)
-        state.q_before[:] = measurements.encoders.value[min(before, len(measurements.encoders) - 1)]
-        state.flags[NOISE_TIME] = time - 0.1
+        encoders = measurements.encoders
+        before = min(np.searchsorted(encoders.time, time - 0.1), len(encoders) - 1)
+        state.q_before[:] = encoders.value[before]
+        state.noise_time = np.float64(time - 0.1)
         gyro = measurements.gyro
         count = min(len(gyro), len(state.gyro))
         if count:
@@ -300,9 +549,10 @@ class MomentumFilter:
             # The attitude is that at `time`; the gyro's may be a little older.
             turn = _exp(state.w * (gyro.time[-1] - time))
             state.R_by_gyro = state.R_by_gyro @ turn
-        self._refresh_joint_noise(state, time)
+        self._refresh_joint_noise(state, time, self._look(state))
         R = state.R_by_momentum
         state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
+        self._watch_anew(state, time)
 
     def well_known(self, state: FilterState) -> bool:
         """Whether ψ is known well enough for this filter to go on with.
@@ -310,24 +560,30 @@ class MomentumFilter:
         Encoder errors are in the regressors too. That does no harm once it hardly matters to their
         effect which of the still possible ψ is the true one: 1 % of its variance here.
         """
-        self._refresh_joint_noise(state, state.joints[0, 0])
+        self._refresh_joint_noise(state, state.joints[0, 0], self._look(state))
         return bool(np.trace(state.unsure_noise) < 0.01 * np.trace(state.joint_noise))
 
-    # -- sensors ---------------------------------------------------------------------------------
+    def open_momentum(self, state: FilterState, angular: bool = True) -> None:
+        """Forget the momentum, or the linear one only; keep all else."""
+        state.momentum_known = np.False_
+        state.P[VELOCITY, VELOCITY] += self.prior.velocity**2 * np.eye(3)
+        # The centre of mass may have moved since, unnoticed.
+        state.P[COM, COM] += (0.1 * self.prior.velocity) ** 2 * np.eye(3)
+        if angular:
+            state.P[ANGULAR, ANGULAR] += self.prior.angular_momentum**2 * np.eye(3)
+
+    # -- attitude --------------------------------------------------------------------------------
 
     def _attitude(self, state: FilterState, time: float, value: NDArray) -> bool:
-        norm = np.sqrt(value @ value)
-        if abs(norm - 1) > 1e-3:
-            return False
-        R = _rotation_of(value / norm)
+        R = _rotation_of(value)
         noise = self._variance["attitude"]
-        if not state.flags[ATTITUDE_KNOWN]:
-            at = state.gyro[-1, 0]
-            behind = time - at if np.isfinite(at) else 0.0
-            self._set_attitude(state, R @ _exp(-state.w * behind), noise)
+        if not state.attitude_known:
+            self._set_attitude(state, R, time)
             return True
         where, R_state, at = self._best_attitude(state)
-        R_predicted = R_state @ _exp(state.w * (time - at)) if np.isfinite(at) else R_state
+        if not abs(time - at) <= LONGEST_GAP:
+            return False
+        R_predicted = R_state @ _exp(state.w * (time - at)) if time != at else R_state
         H = np.zeros((3, SIZE))
         H[:, where] = R_predicted.T
         if where == BY_MOMENTUM:
@@ -336,48 +592,70 @@ class MomentumFilter:
         if self._correct(state, innovation, H, noise):
             return True
         if self._too_many(state, "attitude"):
-            if where == BY_MOMENTUM:
-                self._momentum_changed(state, time, angular=True)
-            self._set_attitude(state, R, self._variance["attitude"])
+            if where == BY_GYRO or not self._compensate(state, time, (0,), GATE):
+                if where == BY_MOMENTUM:
+                    self._momentum_changed(state, time)
+                    self.open_momentum(state)
+                self._set_attitude(state, R, time)
             return True
         return False
 
-    def _gyro(self, state: FilterState, time: float, value: NDArray) -> bool | None:
-        last, doubtful = state.gyro[-1, 0], state.flags[DOUBTFUL_TIME]
-        if not (state.flags[ATTITUDE_KNOWN] and time - last <= LONGEST_GAP):
-            # Nothing to carry on from: the attitude by momentum stands in until now.
-            self._adopt(state, BY_GYRO, "R_by_gyro", BY_MOMENTUM, state.R_by_momentum)
+    def _best_attitude(self, state: FilterState) -> tuple[slice, NDArray, float]:
+        """Return the attitude that sensors of the pose are compared with, and its time."""
+        newest = state.gyro[-1, 0]
+        if newest == newest and not state.joints[0, 0] - newest > LONGEST_GAP:
+            return BY_GYRO, state.R_by_gyro, newest
+        return BY_MOMENTUM, state.R_by_momentum, state.joints[0, 0]
+
+    def _set_attitude(self, state: FilterState, R: NDArray, time: float) -> None:
+        """Take the attitude from one sample, with no memory of what it was."""
+        noise = self._variance["attitude"]
+        gyro, joints = state.gyro[-1, 0], state.joints[0, 0]
+        behind = [0.0 if np.isnan(at) else time - at for at in (joints, gyro)]
+        state.R_by_momentum = R @ _exp(-state.w * behind[0])
+        state.R_by_gyro = R @ _exp(-state.w * behind[1])
+        variance = R @ noise @ R.T
+        for where in (BY_MOMENTUM, BY_GYRO):
+            state.P[where, :] = state.P[:, where] = 0.0
+        for a in (BY_MOMENTUM, BY_GYRO):
+            for b in (BY_MOMENTUM, BY_GYRO):
+                state.P[a, b] = variance
+        slip = 0.0 if np.isfinite(gyro) else (LARGEST_STEP * behind[0]) ** 2
+        R = state.R_by_momentum
+        state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T + slip * np.eye(3)
+        state.attitude_known = np.True_
+        self._watch_anew(state, time)
+
+    # -- gyro ------------------------------------------------------------------------------------
+
+    def _gyro(self, state: FilterState, time: float, value: NDArray) -> bool:
+        last = state.gyro[-1, 0]
+        if not (state.attitude_known and time - last <= LONGEST_GAP):
+            # Nothing to carry on from.
+            if last == last:
+                state.P[BIAS, BIAS] += self._bias_growth * (time - last) * np.eye(3)
             state.gyro[:] = np.nan
-            state.gyro[-1] = [time, *value]
+            state.gyro[-1, 0], state.gyro[-1, 1:] = time, value
             state.w[:] = value - state.bias
-            state.flags[DOUBTFUL_TIME] = np.nan
+            self._carry_gyro_on(state, time)
             return True
-        if not np.isnan(doubtful):
-            if time <= doubtful:
-                return False
-            state.flags[DOUBTFUL_TIME] = np.nan
-            if self._alike(state.doubtful_gyro, value, time - doubtful):
-                # Confirmed: a step between two samples, at an unknown instant.
-                self._turn_by_gyro(state, doubtful, state.doubtful_gyro, stepped=True)
-                state.used[_GYRO] += 1
-            else:
-                state.rejected[_GYRO] += 1
-        if not self._alike(state.gyro[-1, 1:], value, time - state.gyro[-1, 0]):
-            state.doubtful_gyro[:], state.flags[DOUBTFUL_TIME] = value, time
-            return None  # the next sample decides
-        self._turn_by_gyro(state, time, value)
+        self._turn_by_gyro(state, time, value, stepped=time == state.step_time)
         return True
 
-    def _alike(self, one: NDArray, other: NDArray, elapsed: float) -> bool:
-        """Whether two gyro samples can follow each other: no arm jerks a base harder."""
-        step = other - one
-        limit = 10 * np.sqrt(self._gyro_variance) + FASTEST * elapsed
-        return step @ step <= limit**2
+    def _carry_gyro_on(self, state: FilterState, time: float) -> None:
+        """Let the gyro's attitude begin where that by momentum has got to."""
+        behind = time - state.joints[0, 0]
+        if behind > LONGEST_GAP:
+            state.attitude_known = np.False_  # that is no longer there: wait for a sample
+        if not (state.attitude_known and behind > 0):
+            return
+        state.R_by_gyro = state.R_by_momentum @ _exp(state.w * behind)
+        self._adopt(state, BY_GYRO, BY_MOMENTUM)
+        # One angular velocity for all of the time between: off by what it changes.
+        state.P[_BY_GYRO_DIAGONAL] += (SMOOTHEST["gyro"][0] * behind**2) ** 2 / 12
 
-    def _turn_by_gyro(
-        self, state: FilterState, time: float, value: NDArray, stepped: bool = False
-    ) -> None:
-        (before, last), (w_before, w_last) = state.gyro[-2:, 0], state.gyro[-2:, 1:]
+    def _turn_by_gyro(self, state: FilterState, time: float, value: NDArray, stepped: bool) -> None:
+        (before, last), (w_before, w_last) = state.gyro[-2:, 0].tolist(), state.gyro[-2:, 1:]
         elapsed, gap = time - last, last - before
         if stepped or not gap <= LONGEST_GAP:
             mean = (value + w_last) / 2
@@ -386,109 +664,156 @@ class MomentumFilter:
             newest = (elapsed / 3 + gap / 2) / (elapsed + gap)
             oldest = -(elapsed**2) / (6 * gap * (elapsed + gap))
             mean = newest * value + oldest * w_before + (1 - newest - oldest) * w_last
+        w = value - state.bias
         turn = (mean - state.bias) * elapsed
-        turn += elapsed**2 / 12 * _cross(w_last - state.bias, value - state.bias)
-        A = np.eye(SIZE)
-        A[BY_GYRO, BIAS] = -elapsed * state.R_by_gyro
-        state.P = A @ state.P @ A.T
+        turn += elapsed**2 / 12 * _cross(w_last - state.bias, w)
+        M = np.zeros((3, SIZE))
+        M[:, BY_GYRO] = _EYE
+        M[:, BIAS] = -elapsed * state.R_by_gyro
         growth = self._attitude_growth * elapsed
         if stepped:
+            # It came at an unknown instant between the two samples.
             jump = value - w_last
             growth += (jump @ jump) * elapsed**2 / 12
-        index = np.arange(BY_GYRO.start, BY_GYRO.stop)
-        state.P[index, index] += growth
-        index = np.arange(BIAS.start, BIAS.stop)
-        state.P[index, index] += self._bias_growth * elapsed
+        _drive(state.P, BY_GYRO, M, growth)
+        state.P[_BIAS_DIAGONAL] += self._bias_growth * elapsed
+        state.effects[BY_GYRO] = M @ state.effects
         state.R_by_gyro = state.R_by_gyro @ _exp(turn)
         if stepped:
             state.gyro[:] = np.nan
         state.gyro[:-1] = state.gyro[1:]
-        state.gyro[-1] = [time, *value]
-        state.w[:] = value - state.bias
-        state.times[_GYRO] = time
+        state.gyro[-1, 0], state.gyro[-1, 1:] = time, value
+        state.w[:] = w
+
+    # -- encoders --------------------------------------------------------------------------------
 
     def _encoders(self, state: FilterState, time: float, value: NDArray) -> bool:
         start, middle = state.joints
-        last = state.times[_ENCODERS]
-        if not (state.flags[ATTITUDE_KNOWN] and time - last <= LONGEST_GAP):
+        waiting = middle[0] == middle[0]
+        last = middle[0] if waiting else start[0]
+        if not (state.attitude_known and time - last <= LONGEST_GAP):
             self._start_joints(state, time, value)
             return True
-        if np.isnan(middle[0]):
+        if not waiting:
             middle[0], middle[1:] = time, value
             return True
-        self._turn_by_momentum(state, time, value)
-        start[0], start[1:], middle[0] = time, value, np.nan
-        if time - state.flags[NOISE_TIME] > 0.1 - 1e-9:
-            self._refresh_joint_noise(state, time)
+        if np.abs(value - start[1:]).max() > FASTEST_JOINT * (time - start[0]):
+            self._start_joints(state, time, value)
+            return True
+        dynamics = self._turn_by_momentum(state, time, value)
+        if time - state.noise_time > 0.1 - 1e-9:
+            self._refresh_joint_noise(state, time, dynamics)
         if self._has_gyro:
             self._agree(state, time)
+        self._watch(state, time)
         return True
 
     def _start_joints(self, state: FilterState, time: float, value: NDArray) -> None:
         """Begin with the joints anew, at the attitude by gyro if there is one."""
-        lost = np.isfinite(state.times[_ENCODERS])
+        before = state.joints[0, 0]
+        lost = before == before
+        if lost:
+            self._move_com(state, time - before)
         state.joints[0, 0], state.joints[0, 1:], state.joints[1, 0] = time, value, np.nan
+        state.rates[:] = 0.0
         state.q_before[:] = value
-        self._refresh_joint_noise(state, time)
-        if state.flags[ATTITUDE_KNOWN] and self._has_gyro:
-            self._rejoin(state)
+        self._refresh_joint_noise(state, time, self._look(state))
+        if state.attitude_known and 0 <= time - state.gyro[-1, 0] <= LONGEST_GAP:
+            self._rejoin(state, time)
         elif lost:
-            state.flags[ATTITUDE_KNOWN] = 0.0  # no gyro to bridge the gap: wait for an attitude
+            state.attitude_known = np.False_  # no gyro to bridge the gap: wait for an attitude
+        self._watch_anew(state, time)
 
-    def _turn_by_momentum(self, state: FilterState, time: float, value: NDArray) -> None:
-        """Integrate over two encoder intervals: a parabola through three samples, and Simpson."""
-        (t0, *_), (t1, *_) = state.joints
+    def _turn_by_momentum(
+        self, state: FilterState, time: float, value: NDArray
+    ) -> RelativeDynamics:
+        """Integrate over two encoder intervals: a parabola through three samples, and Simpson.
+
+        Returns:
+            The dynamics at the end, for unit joint rates.
+
+        """
+        t0, t1 = state.joints[:, 0].tolist()
         q0, q1 = state.joints[:, 1:]
         T, part = time - t0, (t1 - t0) / (time - t0)
-        curved = 0.0
+        curved = np.zeros(len(value))
         if 0.2 < part < 0.8:
             curved = ((value - q0) - (q1 - q0) / part) / (1 - part)
         slope = (value - q0) - curved
-        q = np.stack([q0, q0 + slope / 2 + curved / 4, value])
-        qdot = np.stack([slope, slope + curved, slope + 2 * curved]) / T
-        dynamics = _joined([self.dynamics(q[i], qdot[i : i + 1]) for i in range(3)])
+        rates = np.stack([slope, slope + curved, slope + 2 * curved]) / T
+        middle = self.dynamics(q0 + slope / 2 + curved / 4, rates[1:2])
+        parts = [(state.response, state.known_part, rates[0]), (*_response(middle), _ONE)]
+        state.joints[0, 0], state.joints[0, 1:], state.joints[1, 0] = time, value, np.nan
+        state.rates[:] = rates[2]
+        end = self._look(state)
+        parts.append((state.response, state.known_part, rates[2]))
 
-        psi = state.psi
-        J, h = dynamics.inertia(psi), dynamics.momentum_at_rest(psi)
-        if not _well_positive(J[1], dynamics.I_K[1]):
-            psi = self.prior.psi  # any ψ will do to linearize about, but a possible one
-            J, h = dynamics.inertia(psi), dynamics.momentum_at_rest(psi)
-        inverse = np.linalg.inv(J)
         fresh = self._has_gyro and time - state.gyro[-1, 0] <= LONGEST_GAP
         mean = state.w if fresh else state.w_before
-        to_nodes = np.stack([np.eye(3), _exp(mean * T / 2), _exp(mean * T)])
+        half = _exp(mean * (T / 2))
+        nodes = np.stack([_EYE, half, half @ half])
         # The attitude for the derivatives: the gyro's is the better one.
-        R = state.R_by_gyro @ _exp(-state.w * T) if fresh else state.R_by_momentum
-        R_nodes = R @ to_nodes
-        R_inverse = np.swapaxes(R_nodes, -1, -2)
-        if fresh:
-            w_true = self._angular_velocities(state, np.array([t0, t0 + T / 2, time]))
-        else:
-            w_true = (inverse @ (R_inverse @ state.L - h)[..., None])[..., 0]
-        Y = dynamics.regressor(w_true)
-        momentum = np.swapaxes(state.R_by_momentum @ to_nodes, -1, -2) @ state.L
-        w = (inverse @ (momentum - h - Y @ (state.psi - psi))[..., None])[..., 0]
+        R = state.R_by_gyro @ nodes[2].T if fresh else state.R_by_momentum
+        R_nodes = R @ nodes
 
-        turn = T / 6 * (w[0] + 4 * w[1] + w[2]) + T**2 / 12 * _cross(w[0], w[2])
-        by_momentum = R_nodes @ inverse * (T / 6 * np.array([1.0, 4.0, 1.0]))[:, None, None]
-        A = np.eye(SIZE)
-        A[BY_MOMENTUM, PSI] = -(by_momentum @ Y).sum(axis=0)
-        spread = (by_momentum @ R_inverse).sum(axis=0)
-        A[BY_MOMENTUM, ANGULAR] = spread
-        if state.L.any():
-            A[BY_MOMENTUM, BY_MOMENTUM] += spread @ _skew(state.L)
-        A[COM, VELOCITY] = T * np.eye(3)
-        state.P = A @ state.P @ A.T
-        index = np.arange(BY_MOMENTUM.start, BY_MOMENTUM.stop)
-        state.P[index, index] += state.rate_noise * T
+        psi = state.psi
+        J, h = _momenta(parts, psi)
+        if not _well_positive(J[1], middle.I_K[0]):
+            psi = self.prior.psi  # any ψ will do to linearize about, but a possible one
+            J, h = _momenta(parts, psi)
+        inverse = np.linalg.inv(J)
+        if fresh:
+            w_true = self._angular_velocities(state, (t0, t0 + T / 2, time))
+        else:
+            L_B = state.L @ R_nodes
+            w_true = (inverse @ (L_B - h)[..., None])[..., 0]
+        Y = np.stack(
+            [np.concatenate([by, w]) @ response for (response, _, by), w in zip(parts, w_true)]
+        )
+        if psi is not state.psi:
+            h = h + Y @ (state.psi - psi)
+        turning = state.L.any()
+        nodes = state.R_by_momentum @ nodes
+        for _ in range(2 if turning else 1):
+            momentum = state.L @ nodes if turning else 0.0
+            w = (inverse @ (momentum - h)[..., None])[..., 0]
+            turn = T / 6 * (w[0] + 4 * w[1] + w[2]) + T**2 / 12 * _cross(w[0], w[2])
+            if turning:  # with momentum the velocities depend on where the base turns to
+                halfway = T / 24 * (5 * w[0] + 8 * w[1] - w[2])
+                R = state.R_by_momentum
+                nodes = np.stack([R, R @ _exp(halfway), R @ _exp(turn)])
+
+        weighted = R_nodes @ inverse * (T / 6 * _SIMPSON)
+        M = np.zeros((3, SIZE))
+        M[:, PSI] = -(weighted @ Y).sum(axis=0)
+        M[:, BY_MOMENTUM] = _EYE
+        M[:, ANGULAR] = spread = (weighted @ R_nodes.transpose(0, 2, 1)).sum(axis=0)
+        if turning:
+            M[:, BY_MOMENTUM] += spread @ _skew(state.L)
+        _drive(state.P, BY_MOMENTUM, M, state.rate_noise * T)
+        state.effects[BY_MOMENTUM] = M @ state.effects
         state.R_by_momentum = state.R_by_momentum @ _exp(turn)
         state.w_before[:] = w[2]
-        state.p_Wcm += state.v_Wcm * T
+        self._move_com(state, T)
         if not fresh:
             state.w[:] = w[2]
+        return end
 
-    def _angular_velocities(self, state: FilterState, times: NDArray) -> NDArray:
+    @staticmethod
+    def _move_com(state: FilterState, elapsed: float) -> None:
+        """Move the centre of mass on by its velocity."""
+        state.p_Wcm += state.v_Wcm * elapsed
+        P = state.P
+        P[COM] += elapsed * P[VELOCITY]
+        P[:, COM] += elapsed * P[:, VELOCITY]
+        state.effects[COM] += elapsed * state.effects[VELOCITY]
+
+    @staticmethod
+    def _angular_velocities(state: FilterState, times: tuple) -> NDArray:
         """Return the gyro's angular velocities, without bias, at times in its latest samples."""
+        latest = state.gyro[-3:]
+        if all(abs(a - b) < 1e-9 for a, b in zip(latest[:, 0].tolist(), times)):
+            return latest[:, 1:] - state.bias
         known = np.isfinite(state.gyro[:, 0])
         at, samples = state.gyro[known, 0], state.gyro[known, 1:]
         return np.stack([np.interp(times, at, axis) for axis in samples.T], axis=1) - state.bias
@@ -496,7 +821,7 @@ class MomentumFilter:
     def _agree(self, state: FilterState, time: float) -> None:
         """Both roads lead to one attitude, but for the latest encoder sample's error."""
         behind = time - state.gyro[-1, 0]
-        if not 0 <= behind <= LONGEST_GAP or not np.isnan(state.flags[DOUBTFUL_TIME]):
+        if not 0 <= behind <= LONGEST_GAP or state.doubtful_gyro[0] == state.doubtful_gyro[0]:
             return
         R = state.R_by_gyro @ _exp(state.w * behind) if behind > 1e-9 else state.R_by_gyro
         H = np.zeros((3, SIZE))
@@ -504,12 +829,39 @@ class MomentumFilter:
         H[:, BY_GYRO] = -R.T
         innovation = _log(state.R_by_momentum.T @ R)
         if self._correct(state, innovation, H, state.joint_noise):
-            state.used[-1] += 1
-            state.in_a_row[-1] = 0
+            state.used[_AGREEMENT] += 1
+            state.in_a_row[_AGREEMENT] = 0
             return
-        state.rejected[-1] += 1
-        if self._too_many(state, "agreement"):
-            self._momentum_changed(state, time, angular=True)
+        state.rejected[_AGREEMENT] += 1
+        if not self._too_many(state, "agreement"):
+            return
+        if time - state.rejoin_time > SAME_CAUSE:
+            # Once: an error of gyro or encoders that has stayed in one of the attitudes.
+            state.P[_BY_GYRO_DIAGONAL] += innovation @ innovation
+        else:
+            self._momentum_changed(state, time)
+            self.open_momentum(state)
+            # The step came at an unknown instant between two gyro samples.
+            state.P[_BY_GYRO_DIAGONAL] += (LARGEST_STEP / self.suite.gyro.rate) ** 2
+        state.rejoin_time = np.float64(time)
+        self._rejoin(state, time)
+        self._watch_anew(state, time)
+
+    def _rejoin(self, state: FilterState, time: float) -> None:
+        """Put the attitude by momentum onto that by gyro, but for the latest encoder error."""
+        behind = time - state.gyro[-1, 0]
+        state.R_by_momentum = R = state.R_by_gyro @ _exp(state.w * behind)
+        self._adopt(state, BY_MOMENTUM, BY_GYRO)
+        state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
+
+    @staticmethod
+    def _adopt(state: FilterState, where: slice, other: slice) -> None:
+        """Give one of the two attitudes the other's error."""
+        state.P[where, :] = state.P[other, :]
+        state.P[:, where] = state.P[:, other]
+        state.effects[where] = state.effects[other]
+
+    # -- position and velocity --------------------------------------------------------------------
 
     def _position(self, state: FilterState, time: float, value: NDArray) -> bool:
         return self._about_com(state, time, value, "position")
@@ -519,73 +871,87 @@ class MomentumFilter:
 
     def _about_com(self, state: FilterState, time: float, value: NDArray, name: str) -> bool:
         start, middle = state.joints
-        if not state.flags[ATTITUDE_KNOWN] or np.isnan(start[0]):
-            return False
         ahead = time - start[0]
-        if not -LONGEST_GAP <= ahead <= LONGEST_GAP:
-            return False
-        # The joints from the latest samples, carried on or back a little.
-        qdot = np.zeros_like(start[1:])
-        if not np.isnan(middle[0]):
-            qdot = (middle[1:] - start[1:]) / (middle[0] - start[0])
-        dynamics = self.dynamics(start[1:] + qdot * ahead, qdot[None])
         where, R, at = self._best_attitude(state)
-        R = R @ _exp(state.w * (time - at)) if abs(time - at) > 1e-9 else R
+        if not (state.attitude_known and abs(ahead) <= LONGEST_GAP):
+            return False
+        if not abs(time - at) <= LONGEST_GAP:
+            return False
+        if abs(time - at) > 1e-9:
+            R = R @ _exp(state.w * (time - at))
+        com_part = state.com_part
+        if abs(ahead) > 1e-9:
+            # The joints from the latest samples, carried on or back a little.
+            rates = state.rates
+            if middle[0] == middle[0]:
+                rates = (middle[1:] - start[1:]) / (middle[0] - start[0])
+            com_part = _com_part(self.dynamics(start[1:] + rates * ahead, rates[None]))
+        by_rho = com_part[:, 1:]
+        rho = com_part[:, 0] + by_rho @ state.psi[:4]
         H = np.zeros((3, SIZE))
         noise = self._variance[name] + R @ state.com_noise @ R.T
-        rho, by_rho = dynamics.com(state.psi)[0], dynamics.com_regressor()[0]
         if name == "position":
-            arm = rho
-            predicted = state.p_Wcm + state.v_Wcm * ahead - R @ rho
-            H[:, COM] = np.eye(3)
-            H[:, VELOCITY] = ahead * np.eye(3)
+            arm = R @ rho
+            predicted = state.p_Wcm + state.v_Wcm * ahead - arm
+            H[:, COM] = _EYE
+            H[:, VELOCITY] = ahead * _EYE
             H[:, :4] = -R @ by_rho
         else:
+            dynamics = self.dynamics(start[1:] + state.rates * ahead, state.rates[None])
             W = _skew(state.w)
-            arm = W @ rho + dynamics.com_rate(state.psi)[0]
-            predicted = state.v_Wcm - R @ arm
-            H[:, VELOCITY] = np.eye(3)
+            arm = R @ (W @ rho + dynamics.com_rate(state.psi)[0])
+            predicted = state.v_Wcm - arm
+            H[:, VELOCITY] = _EYE
             H[:, :4] = -R @ (W @ by_rho + dynamics.com_rate_regressor()[0])
-            # Rates from differences of two encoder samples, and the gyro's own noise.
+            # Rates at the end of a parabola through three encoder samples; the gyro's own noise.
             period = 1 / self.suite.encoders.rate
-            noise = noise + R @ state.com_noise @ R.T * (2 / period**2 - 1)
+            noise = noise + R @ state.com_noise @ R.T * (6.5 / period**2)
             if self._has_gyro:
-                lever = _skew(rho)
-                noise = noise + self._gyro_variance * R @ lever @ lever.T @ R.T
-        H[:, where] = _skew(R @ arm)
-        if name == "position" and not state.flags[COM_KNOWN]:
-            state.p_Wcm[:] = value + R @ rho
+                lever = R @ _skew(rho)
+                noise = noise + self._gyro_variance * lever @ lever.T
+        H[:, where] = _skew(arm)
+        if name == "position" and not state.com_known:
+            state.p_Wcm[:] = value + arm - state.v_Wcm * ahead
             state.P[COM, :] = state.P[:, COM] = 0.0
-            state.P[COM, COM] = 1e2 * (1 + rho @ rho) * np.eye(3)
-            state.flags[COM_KNOWN] = 1.0
+            state.P[COM, COM] = 1e2 * (1 + rho @ rho) * _EYE
+            state.com_known = np.True_
             predicted = value
         if self._correct(state, value - predicted, H, noise):
             return True
-        if self._too_many(state, name):
-            self._momentum_changed(state, time, angular=False)
+        if self._too_many(state, name) and not self._compensate(state, time, (1,), GATE):
+            self._momentum_changed(state, time)
+            self.open_momentum(state, angular=False)
+            self._watch_anew(state, time)
+            state.com_known = np.False_
         return False
 
     # -- the filter's steps ----------------------------------------------------------------------
-
-    def _best_attitude(self, state: FilterState) -> tuple[slice, NDArray, float]:
-        """Return the attitude that sensors of the pose are compared with, and its time."""
-        if self._has_gyro and np.isfinite(state.times[_GYRO]):
-            return BY_GYRO, state.R_by_gyro, state.gyro[-1, 0]
-        return BY_MOMENTUM, state.R_by_momentum, state.joints[0, 0]
 
     def _correct(self, state: FilterState, innovation: NDArray, H: NDArray, noise: NDArray) -> bool:
         """Take an innovation in, unless it is out of the gate."""
         P = state.P
         PHt = P @ H.T
-        S = H @ PHt + noise
-        solved = np.linalg.solve(S, np.column_stack([PHt.T, innovation]))
-        if innovation @ solved[:, -1] > GATE:
+        inverse = np.linalg.inv(H @ PHt + noise)
+        weighted = inverse @ innovation
+        if not innovation @ weighted <= GATE:
             return False
-        K = solved[:, :-1].T
-        change = K @ innovation
-        A = np.eye(SIZE) - K @ H
+        K = PHt @ inverse
+        # Joseph's form, (1 − K H) P (1 − K H)ᵀ + K noise Kᵀ.
+        A = _IDENTITY - K @ H
         P = A @ P @ A.T + K @ noise @ K.T
         state.P = (P + P.T) / 2
+        seen = H @ state.effects
+        state.effects -= K @ seen
+        seen = seen.reshape(3, WATCHED, 12).transpose(1, 2, 0)
+        by_change = seen @ inverse
+        state.watch_information += by_change @ seen.transpose(0, 2, 1)
+        state.watch_score += by_change @ innovation
+        self._move(state, K @ innovation)
+        return True
+
+    @staticmethod
+    def _move(state: FilterState, change: NDArray) -> None:
+        """Add an error (28,) to the estimate."""
         state.psi += change[PSI]
         state.R_by_momentum = _exp(change[BY_MOMENTUM]) @ state.R_by_momentum
         state.R_by_gyro = _exp(change[BY_GYRO]) @ state.R_by_gyro
@@ -593,70 +959,115 @@ class MomentumFilter:
         state.bias += change[BIAS]
         state.L += change[ANGULAR]
         state.v_Wcm += change[VELOCITY]
-        return True
 
-    def _too_many(self, state: FilterState, name: str) -> bool:
-        k = _SENSORS.index(name)
+    @staticmethod
+    def _too_many(state: FilterState, name: str) -> bool:
+        k = _INDEX[name]
         state.in_a_row[k] += 1
         return state.in_a_row[k] >= IN_A_ROW[name]
 
-    def _momentum_changed(self, state: FilterState, time: float, angular: bool) -> None:
-        """Forget the momentum, and what was integrated with it; keep all else."""
-        state.flags[CHANGES] += 1
-        state.flags[CHANGE_TIME] = time
+    # -- changes of momentum -----------------------------------------------------------------------
+
+    @staticmethod
+    def _momentum_changed(state: FilterState, time: float) -> None:
+        state.momentum_changes += 1
+        state.momentum_change_time = np.float64(time)
         state.in_a_row[:] = 0
-        self._open_momentum(state, angular)
-        if angular and self._has_gyro:
-            # The step came at an unknown instant between two gyro samples.
-            slip = LARGEST_STEP / self.suite.gyro.rate
-            state.P[BY_GYRO, BY_GYRO] += slip**2 * np.eye(3)
-            self._rejoin(state)
 
-    def _open_momentum(self, state: FilterState, angular: bool) -> None:
-        state.P[VELOCITY, VELOCITY] += self.prior.velocity**2 * np.eye(3)
-        # The centre of mass may have moved since, unnoticed.
-        state.P[COM, COM] += (0.1 * self.prior.velocity) ** 2 * np.eye(3)
-        if angular:
-            state.P[ANGULAR, ANGULAR] += self.prior.angular_momentum**2 * np.eye(3)
+    def _watch_anew(self, state: FilterState, time: float) -> None:
+        """Forget all watched instants, and watch this one."""
+        state.effects[:] = 0.0
+        state.watch_information[:] = 0.0
+        state.watch_score[:] = 0.0
+        state.watch_start[:] = -np.inf
+        self._watch_also(state, 0, time)
 
-    def _rejoin(self, state: FilterState) -> None:
-        """Put the attitude by momentum onto that by gyro, but for the latest encoder error."""
-        R = state.R_by_gyro
-        self._adopt(state, BY_MOMENTUM, "R_by_momentum", BY_GYRO, R)
-        state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
+    def _watch_also(self, state: FilterState, slot: int, time: float) -> None:
+        state.effects[:, 12 * slot : 12 * slot + 12] = self._change
+        state.watch_information[slot] = 0.0
+        state.watch_score[slot] = 0.0
+        state.watch_start[slot] = time
 
-    def _adopt(self, state: FilterState, where: slice, name: str, other: slice, R: NDArray) -> None:
-        """Make one of the two attitudes a copy of the other."""
-        setattr(state, name, R.copy())
-        state.P[where, :] = state.P[other, :]
-        state.P[:, where] = state.P[:, other]
+    def _watch(self, state: FilterState, time: float) -> None:
+        """Now and then: see whether momentum has changed, and watch one more instant."""
+        if time - state.watch_start.max() < SPACING - 1e-9:
+            return
+        if not self._compensate(state, time, (0, 1), CHANGED):
+            # The further back, the fewer: drop the one that its neighbours can best stand in for.
+            age = time - state.watch_start
+            order = np.argsort(age)
+            older = np.append(age[order[1:]], np.inf)
+            younger = np.insert(age[order[:-1]], 0, 0.0)
+            slot = (
+                order[(older - younger)[:-1].argmin()] if np.isfinite(age).all() else age.argmax()
+            )
+            self._watch_also(state, int(slot), time)
 
-    def _set_attitude(self, state: FilterState, R: NDArray, noise: NDArray) -> None:
-        """Take the attitude from one sample, with no memory of what it was."""
-        variance = R @ noise @ R.T
-        for where in (BY_MOMENTUM, BY_GYRO):
-            state.P[where, :] = state.P[:, where] = 0.0
-        for a in (BY_MOMENTUM, BY_GYRO):
-            for b in (BY_MOMENTUM, BY_GYRO):
-                state.P[a, b] = variance
-        R_noise = R @ state.joint_noise @ R.T
-        state.P[BY_MOMENTUM, BY_MOMENTUM] += R_noise
-        state.R_by_momentum, state.R_by_gyro = R.copy(), R.copy()
-        state.flags[ATTITUDE_KNOWN] = 1.0
+    def _compensate(
+        self, state: FilterState, time: float, groups: tuple[int, ...], threshold: float
+    ) -> bool:
+        """Correct for the most likely change of momentum, if one is likely enough.
 
-    def _refresh_joint_noise(self, state: FilterState, time: float) -> None:
+        Args:
+            state: changed.
+            time: now [s].
+            groups: 0 for angular, 1 for linear momentum.
+            threshold: of the likelihood ratio.
+
+        """
+        started = np.isfinite(state.watch_start)
+        columns = []
+        for group in groups:
+            mine = np.arange(6 * group, 6 * group + 6)
+            if self._likeliest(state, mine)[1][started].max(initial=0.0) > threshold:
+                columns.extend(mine)
+        if not columns:
+            return False
+        found, ratio, covariance = self._likeliest(state, np.array(columns))
+        slot = int(np.where(started, ratio, -1.0).argmax())
+        effects = state.effects[:, 12 * slot + np.array(columns)]
+        self._move(state, effects @ found[slot])
+        P = state.P + effects @ covariance[slot] @ effects.T
+        state.P = (P + P.T) / 2
+        state.momentum_known = np.False_
+        self._momentum_changed(state, time)
+        self._watch_anew(state, time)
+        return True
+
+    @staticmethod
+    def _likeliest(
+        state: FilterState, columns: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the likeliest changes (WATCHED, n), how likely, and their covariances."""
+        information = state.watch_information[:, columns[:, None], columns]
+        score = state.watch_score[:, columns]
+        covariance = np.linalg.inv(information + np.eye(len(columns)))
+        found = (covariance @ score[..., None])[..., 0]
+        return found, (found * score).sum(axis=-1), covariance
+
+    # -- joints ---------------------------------------------------------------------------------
+
+    def _look(self, state: FilterState) -> RelativeDynamics:
+        """Compute what the joint positions in `state.joints[0]` tell; return it for unit rates."""
+        dynamics = self.dynamics(state.joints[0, 1:], self._unit_rates)
+        state.response, state.known_part = _response(dynamics)
+        state.com_part = _com_part(dynamics)
+        return dynamics
+
+    def _refresh_joint_noise(
+        self, state: FilterState, time: float, dynamics: RelativeDynamics
+    ) -> None:
         """Compute what one encoder sample's error does to attitude and centre of mass, in B."""
-        unit = self.dynamics(state.joints[0, 1:], np.eye(self.joint_count))
-        psi = state.psi
-        inertia = unit.inertia(psi)[0]
-        if not _well_positive(inertia, unit.I_K[0]):
+        joints, psi = self.joint_count, state.psi
+        response, known = state.response, state.known_part
+        momenta = response @ psi + known
+        if not _well_positive(momenta[:, joints:], dynamics.I_K[0]):
             psi = self.prior.psi
-            inertia = unit.inertia(psi)[0]
-        inverse, P = np.linalg.inv(inertia), state.P[PSI, PSI]
-        Y = unit.regressor(np.zeros((self.joint_count, 3)))
-        turn, com = inverse @ unit.momentum_at_rest(psi).T, unit.com_rate(psi).T
-        variance = np.full(self.joint_count, self._joint_sigma**2)
-        step, elapsed = self.suite.encoders.step, time - state.flags[NOISE_TIME]
+            momenta = response @ psi + known
+        inverse = np.linalg.inv(momenta[:, joints:])
+        turn, com = inverse @ momenta[:, :joints], dynamics.com_rate(psi).T
+        variance = np.full(joints, self._joint_sigma**2)
+        step, elapsed = self.suite.encoders.step, time - state.noise_time
         q = state.joints[0, 1:]
         if step:
             # Rounding is white only where every sample is another step; a joint that creeps makes
@@ -664,28 +1075,89 @@ class MomentumFilter:
             moved = np.abs(q - state.q_before) / max(elapsed * self.suite.encoders.rate, 1.0)
             variance *= np.clip(step / np.maximum(moved, 1e-300), 1.0, SLOWEST)
         # A ψ that is not well known does not say well what an error of the joints does.
-        unsure = np.einsum("j,jik,jlk->il", variance, Y @ P, Y)
+        by_psi = (response @ state.P[PSI, PSI]).reshape(3, -1)
+        weights = np.concatenate([variance, np.zeros(3)])[:, None]
+        unsure = by_psi @ (weights * response).reshape(3, -1).T
         # 1e-9 rad and m: what the arithmetic of a filter in double precision is good for.
         state.unsure_noise = inverse @ unsure @ inverse.T
-        state.joint_noise = turn * variance @ turn.T + state.unsure_noise + 1e-18 * np.eye(3)
-        state.com_noise = com * variance @ com.T + 1e-18 * np.eye(3)
+        state.joint_noise = turn * variance @ turn.T + state.unsure_noise + 1e-18 * _EYE
+        state.com_noise = com * variance @ com.T + 1e-18 * _EYE
         if self._has_gyro:
-            still = self.dynamics(q, np.zeros((1, self.joint_count)))
-            D = np.concatenate([still.regressor(axis[None]) for axis in np.eye(3)])
-            unsure = inverse @ np.einsum("jik,jlk->il", D @ P, D) @ inverse.T
-            state.rate_noise[:] = self._attitude_growth * np.trace(unsure) / 3
+            by_turn = response[:, joints:]
+            unsure = by_psi.reshape(3, -1, 10)[:, joints:].reshape(3, -1) @ by_turn.reshape(3, -1).T
+            variance_of_rate = np.trace(inverse @ unsure @ inverse.T) / 3
+            state.rate_noise = np.float64(self._attitude_growth * variance_of_rate)
         state.q_before[:] = q
-        state.flags[NOISE_TIME] = time
+        state.noise_time = np.float64(time)
 
 
-def _joined(parts: list[RelativeDynamics]) -> RelativeDynamics:
-    """Put single instants together."""
-    arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in vars(parts[0])
-        if name != "mass"
-    }
-    return RelativeDynamics(mass=parts[0].mass, **arrays)
+# -- angular momentum as a linear function ---------------------------------------------------------
+
+_EYE, _ONE, _IDENTITY = np.eye(3), np.ones(1), np.eye(SIZE)
+_SIMPSON = np.array([1.0, 4.0, 1.0])[:, None, None]
+_BIAS_DIAGONAL = (_IN_ORDER[BIAS], _IN_ORDER[BIAS])
+_BY_GYRO_DIAGONAL = (_IN_ORDER[BY_GYRO], _IN_ORDER[BY_GYRO])
+
+
+def _regressor_of_units() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return relative regressors of unit (ṡ, ω): (3, 6, 10) at s = 0, and what s adds (3, 180).
+
+    It is linear in (ṡ, ω), and its coefficients are in s.
+    """
+    units, still = np.eye(6), np.zeros((6, 3))
+    at = [
+        relative_regressor(still + s, units[:, :3], units[:, 3:]).transpose(1, 0, 2)
+        for s in (np.zeros(3), *np.eye(3))
+    ]
+    return at[0], np.stack([(one - at[0]).ravel() for one in at[1:]])
+
+
+_AT_ZERO, _BY_S = _regressor_of_units()
+
+
+def _response(dynamics: RelativeDynamics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Angular momentum about the centre of mass, in B, by the N rates and unit ω of the base.
+
+    Returns:
+        (3, N + 3, 10) by ψ, and (3, N + 3) of the known bodies: for rates that are the given ones
+        times x (N,), it is (known + by_ψ ψ) [x, ω].
+
+    """
+    R_BC, s = dynamics.R_BC[0], dynamics.s[0]
+    N = len(dynamics.sdot)
+    motions = np.empty((N + 3, 6))
+    motions[:N, :3], motions[:N, 3:] = dynamics.sdot, dynamics.w_BC
+    motions[N:, :3], motions[N:, 3:] = R_BC @ _skew(s), R_BC
+    in_C = motions @ (_AT_ZERO + (s @ _BY_S).reshape(3, 6, 10))
+    known = np.empty((3, N + 3))
+    known[:, :N], known[:, N:] = dynamics.h_K.T, dynamics.I_K[0]
+    return (R_BC @ in_C.reshape(3, -1)).reshape(3, N + 3, 10), known
+
+
+def _momenta(parts: list[tuple], psi: NDArray) -> tuple[NDArray, NDArray]:
+    """J (n, 3, 3) and h (n, 3) of responses, each with the rates that go with it."""
+    momenta = [response @ psi + known for response, known, _ in parts]
+    J = np.stack([momentum[:, -3:] for momentum in momenta])
+    h = np.stack([m[:, :-3] @ rates for m, (_, _, rates) in zip(momenta, parts)])
+    return J, h
+
+
+def _com_part(dynamics: RelativeDynamics) -> NDArray[np.float64]:
+    """Return (3, 5): ρ of the known bodies, and the derivative of ρ by (μ, μc)."""
+    R_BC = dynamics.R_BC[0]
+    part = np.empty((3, 5))
+    part[:, 0] = dynamics.p_BK[0]
+    part[:, 1], part[:, 2:] = R_BC @ dynamics.s[0] / dynamics.mass, R_BC / dynamics.mass
+    return part
+
+
+def _drive(P: NDArray, where: slice, M: NDArray, growth: float) -> None:
+    """Let three of the errors become M (3, 28) times all, and grow by a variance; in place."""
+    rows = M @ P
+    block = rows @ M.T
+    P[where] = rows
+    P[:, where] = rows.T
+    P[where, where] = (block + block.T) / 2 + growth * _EYE
 
 
 def _well_positive(J: NDArray, reference: NDArray) -> bool:
@@ -697,34 +1169,58 @@ def _well_positive(J: NDArray, reference: NDArray) -> bool:
     return True
 
 
+# -- rotations -------------------------------------------------------------------------------------
+
+
 def _skew(v: NDArray) -> NDArray:
-    x, y, z = v
+    x, y, z = v.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _cross(a: NDArray, b: NDArray) -> NDArray:
-    return _skew(a) @ b
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
 def _exp(r: NDArray) -> NDArray:
     """Rotation (3, 3) of a rotation vector (3,)."""
-    angle = np.sqrt(r @ r)
-    K = _skew(r)
-    if angle < 1e-6:
-        return np.eye(3) + K + K @ K / 2
-    return np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * K @ K
+    x, y, z = r.tolist()
+    square = x * x + y * y + z * z
+    if square < 1e-6:
+        a, b = 1 - square / 6 * (1 - square / 20), (1 - square / 12 * (1 - square / 30)) / 2
+    else:
+        angle = math.sqrt(square)
+        a, b = math.sin(angle) / angle, (1 - math.cos(angle)) / square
+    xy, xz, yz = b * x * y, b * x * z, b * y * z
+    x2, y2, z2 = b * x * x, b * y * y, b * z * z
+    x, y, z = a * x, a * y, a * z
+    return np.array(
+        [
+            [1 - y2 - z2, xy - z, xz + y],
+            [xy + z, 1 - x2 - z2, yz - x],
+            [xz - y, yz + x, 1 - x2 - y2],
+        ]
+    )
 
 
 def _log(R: NDArray) -> NDArray:
-    """Rotation vector (3,) of a rotation by less than a half turn."""
-    v = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    sine, cosine = np.sqrt(v @ v), (np.trace(R) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    return v * (angle / sine if sine > 1e-9 else 1.0)
+    """Rotation vector (3,) of a rotation; about any axis if it is a half turn."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    x, y, z = (h - f) / 2, (c - g) / 2, (d - b) / 2
+    sine, cosine = math.sqrt(x * x + y * y + z * z), (a + e + i - 1) / 2
+    if sine < 1e-9:
+        return np.array([x, y, z] if cosine > 0 else [math.pi, 0.0, 0.0])
+    factor = math.atan2(sine, cosine) / sine
+    return np.array([factor * x, factor * y, factor * z])
 
 
 def _rotation_of(quaternion: NDArray) -> NDArray:
-    """Rotation (3, 3) of a unit quaternion (w, x, y, z)."""
-    w, v = quaternion[0], quaternion[1:]
-    K = _skew(v)
-    return np.eye(3) + 2 * w * K + 2 * K @ K
+    """Rotation (3, 3) of a quaternion (w, x, y, z) of about unit length."""
+    w, x, y, z = (quaternion / math.sqrt(quaternion @ quaternion)).tolist()
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

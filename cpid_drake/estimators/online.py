@@ -4,6 +4,9 @@ With hardly any motion seen, every error of a sensor looks like a sign of the ta
 takes samples one by one would never forget what it made of the first ones. So the samples are kept
 at first and fitted together, again and again at growing intervals; once the target is known well
 enough (`MomentumFilter.well_known`), the filter goes on from the last fit, sample by sample.
+
+Samples that no constant momentum explains are given up, and all begins anew with the momentum
+unknown: a thruster has fired among them.
 """
 
 from dataclasses import dataclass, field
@@ -19,7 +22,9 @@ from cpid_drake.estimators.momentum_filter import (
     BY_MOMENTUM,
     COM,
     FILTER_ORDER,
+    LONGEST_GAP,
     PSI,
+    SPIKE,
     VELOCITY,
     FilterState,
     MomentumFilter,
@@ -32,6 +37,15 @@ from cpid_drake.smoothing import smooth_joints
 
 FIRST_FIT, NEXT_FIT, LONGEST_FIT = 1.0, 1.3, 60.0
 """When the first fit is made, by what factor later each next one, the last at the latest [s]."""
+
+MISFIT = 4.0
+"""So many σ of χ² too much are no chance: the momentum is not constant."""
+
+FEW = 0.05
+"""This part of the samples, at most, are outliers."""
+
+FASTEST_BASE = {"attitude": 0.5, "position": 1.0, "velocity": 1.0}
+"""The base does not turn, move or speed up faster [rad/s, m/s, m/s²], but for a spike."""
 
 
 @dataclass(eq=False)
@@ -78,39 +92,53 @@ class OnlineEstimator:
         return OnlineState(self.filter.start())
 
     def take(self, state: OnlineState, name: str, time: float, value: NDArray) -> None:
-        """Take one sample of a sensor in, in place; see `MomentumFilter.update`."""
-        if not state.acquiring:
-            self.filter.take(state.filter, name, time, value)
-            return
-        if not self._usable(state, name, time, value):
-            state.filter.rejected[self.filter.index(name)] += 1
-            return
-        if np.isnan(state.first_time):
+        """Take one sample of a sensor in, in place; see `MomentumFilter.take`."""
+        for sample in self.filter.admit(state.filter, name, time, value):
+            self._use(state, *sample)
+
+    def _use(self, state: OnlineState, name: str, time: float, value: NDArray) -> None:
+        if state.acquiring and name == "encoders" and self._joints_lost(state, time):
+            state.samples, state.first_time = [], np.nan
+        if state.acquiring and np.isnan(state.first_time):
             state.first_time, state.next_fit = time, time + FIRST_FIT
-        if time > state.next_fit:
-            self._fit(state)
-            if not state.acquiring:
-                self.filter.take(state.filter, name, time, value)
-                return
-            elapsed = state.next_fit - state.first_time
-            state.next_fit = state.first_time + elapsed * NEXT_FIT
-        k = self.filter.index(name)
-        state.filter.used[k] += 1
-        state.filter.times[k] = time
+        if state.acquiring and time > state.next_fit:
+            self._fit(state, time)
+        if not state.acquiring:
+            self.filter.use(state.filter, name, time, value)
+            return
+        state.filter.used[self.filter.index(name)] += 1
         state.samples.append((name, time, np.array(value)))
 
-    def _usable(self, state: OnlineState, name: str, time: float, value: NDArray) -> bool:
-        """Whether a sample passes the checks that need no prediction."""
-        k = self.filter.index(name)
-        good = np.isfinite(time) and np.isfinite(value).all() and time > state.filter.times[k]
-        if good and name == "attitude":
-            good = abs(np.sqrt(value @ value) - 1) < 1e-3
-        newest = state.filter.times.max()
-        return bool(good and (np.isinf(newest) or -1.0 < time - newest < LONGEST_FIT))
+    def _joints_lost(self, state: OnlineState, time: float) -> bool:
+        """Whether the joints' motion since their last sample is anybody's guess."""
+        longest = max(LONGEST_GAP, 5 / self.filter.suite.encoders.rate)
+        for sensor, last, _ in reversed(state.samples):
+            if sensor == "encoders":
+                return time - last > longest
+        return False
 
-    def _fit(self, state: OnlineState) -> None:
+    def _fit(self, state: OnlineState, time: float) -> None:
         """Fit all samples so far, and decide whether the filter can go on alone."""
-        prior = self.filter.prior
+        elapsed = state.next_fit - state.first_time
+        state.next_fit = state.first_time + elapsed * NEXT_FIT
+        self._drop_spikes(state)
+        fit = self._fitted(state)
+        if fit is not None and _misfit(fit) and self._drop_outliers(state, fit):
+            fit = self._fitted(state)
+        if fit is None:
+            return
+        if _misfit(fit):
+            self._begin_anew(state, time)
+            return
+        found = self.filter_state(fit)
+        found.keep_admission(state.filter)
+        state.filter = found
+        if fit.converged and (elapsed * NEXT_FIT > LONGEST_FIT or self.filter.well_known(found)):
+            state.next_fit, state.samples = np.nan, []
+
+    def _fitted(self, state: OnlineState) -> TrajectoryFit | None:
+        """Return the fit of all samples so far; None if there are too few."""
+        prior, known = self.filter.prior, bool(state.filter.momentum_known)
         measurements = self._measurements(state.samples)
         try:
             model = TrajectoryModel(
@@ -118,20 +146,64 @@ class OnlineEstimator:
                 smooth_joints(measurements, self.filter.suite),
                 measurements,
                 self.filter.suite,
-                unknown_momentum=not prior.momentum_known,
+                unknown_momentum=not known,
+                momentum=(prior.L, prior.v_Wcm),
                 psi_prior=(prior.psi, prior.psi_sigma),
             )
-            fit = fit_trajectory(model, prior.psi, robust=True)
-        except InputError:
-            return  # too few samples yet
-        used, rejected = state.filter.used, state.filter.rejected
-        times = state.filter.times
-        state.filter = self.filter_state(fit)
-        state.filter.used[:], state.filter.rejected[:] = used, rejected
-        state.filter.times[:] = times
-        late = state.next_fit - state.first_time > LONGEST_FIT
-        if fit.converged and (late or self.filter.well_known(state.filter)):
-            state.next_fit, state.samples = np.nan, []
+            return fit_trajectory(model, prior.psi, robust=True)
+        except (InputError, np.linalg.LinAlgError):
+            return None
+
+    def _begin_anew(self, state: OnlineState, time: float) -> None:
+        """Give up what there is of samples: momentum has changed among them."""
+        start = self.filter.start()
+        start.keep_admission(state.filter)
+        if start.momentum_known:
+            self.filter.open_momentum(start)
+        start.momentum_changes += 1
+        start.momentum_change_time = np.float64(time)
+        state.filter, state.samples = start, []
+        state.first_time, state.next_fit = time, time + FIRST_FIT
+
+    def _drop_spikes(self, state: OnlineState) -> None:
+        """Leave out samples that none of their neighbours in time agree with."""
+        for name, fastest in FASTEST_BASE.items():
+            if getattr(self.filter.suite, name) is None:
+                continue
+            sigma = self.filter.suite.sigmas(name).max()
+            mine = [k for k, sample in enumerate(state.samples) if sample[0] == name]
+            bad = _spikes(name, [state.samples[k] for k in mine], fastest, SPIKE * sigma)
+            self._drop(state, [k for k, is_bad in zip(mine, bad) if is_bad])
+
+    def _drop_outliers(self, state: OnlineState, fit: TrajectoryFit) -> bool:
+        """Leave out a few samples that are far off while the others fit; whether there were any."""
+        model = fit.model
+        rows = model.sample_rows()
+        of_samples = rows >= 0
+        squares = model.residuals(fit.trajectory)[of_samples] ** 2
+        size = np.sqrt(np.bincount(rows[of_samples], squares) / 3)
+        names = np.repeat(
+            model.sensors, [len(getattr(model.measurements, n)) for n in model.sensors]
+        )
+        far = np.zeros(len(size), dtype=bool)
+        for name in model.sensors:
+            mine = names == name
+            far[mine] = size[mine] > SPIKE * max(np.median(size[mine]), 1.0)
+        if not 0 < far.sum() <= FEW * len(size):
+            return False
+        times = np.concatenate([getattr(model.measurements, n).time for n in model.sensors])
+        out = set(zip(names[far], times[far]))
+        self._drop(state, [k for k, s in enumerate(state.samples) if (s[0], s[1]) in out])
+        return True
+
+    def _drop(self, state: OnlineState, places: list[int]) -> None:
+        """Leave samples out, and count them."""
+        for k in places:
+            sensor = self.filter.index(state.samples[k][0])
+            state.filter.used[sensor] -= 1
+            state.filter.rejected[sensor] += 1
+        out = set(places)
+        state.samples = [sample for k, sample in enumerate(state.samples) if k not in out]
 
     def filter_state(self, fit: TrajectoryFit) -> FilterState:
         """Return the filter's state at the end of a fit."""
@@ -153,11 +225,14 @@ class OnlineEstimator:
             F[VELOCITY, columns["v_Wcm"]] = np.eye(3)
         if "L" in columns:
             F[ANGULAR, columns["L"]] = np.eye(3)
+            state.momentum_known = np.False_
         if len(now.bias):
             last = slice(columns["bias"].stop - 3, columns["bias"].stop)
             F[BIAS, last] = np.eye(3)
             state.bias[:] = now.bias[-1]
         state.P = F @ covariance @ F.T
+        if "L" in columns and "v_Wcm" not in columns:
+            state.P[VELOCITY, VELOCITY] = self.filter.prior.velocity**2 * np.eye(3)
         state.psi[:] = now.psi
         state.R_by_gyro, state.R_by_momentum = trajectory.R[-1].copy(), trajectory.R[-1].copy()
         state.p_Wcm[:] = now.p_Wcm + elapsed * now.v_Wcm
@@ -185,6 +260,35 @@ class OnlineEstimator:
         for name, time, value in in_order(measurements):
             self.take(state, name, time, value)
         return state
+
+
+def _misfit(fit: TrajectoryFit) -> bool:
+    """Whether χ² is too large to be by chance."""
+    return bool(fit.chi_squared > fit.rows + MISFIT * np.sqrt(2 * fit.rows))
+
+
+def _spikes(name: str, samples: list, fastest: float, limit: float) -> list[bool]:
+    """Return which samples are further from both neighbours than these are from each other.
+
+    Of the first and the last one, the neighbours are the two on one side.
+    """
+    if len(samples) < 3:
+        return len(samples) * [False]
+    times, values = np.array([s[1] for s in samples]), np.array([s[2] for s in samples])
+
+    def apart(i: NDArray, j: NDArray) -> NDArray:
+        """Whether two samples are too far from each other."""
+        if name == "attitude":
+            cosine = np.abs(np.einsum("ni,ni->n", values[i], values[j]))
+            distance = 2 * np.arccos(np.minimum(cosine, 1.0))
+        else:
+            distance = np.linalg.norm(values[i] - values[j], axis=1)
+        return distance > limit + fastest * np.abs(times[i] - times[j])
+
+    k = np.arange(len(samples))
+    one = np.where(k == 0, 1, np.where(k == k[-1], k - 2, k - 1))
+    other = np.where(k == 0, 2, np.where(k == k[-1], k - 1, np.minimum(k + 1, k[-1])))
+    return list(apart(k, one) & apart(k, other) & ~apart(one, other))
 
 
 def in_order(measurements: Measurements) -> list[tuple[str, float, NDArray[np.float64]]]:
