@@ -415,7 +415,7 @@ class TrajectoryModel:
                 w_B = trajectory.spline(samples.time)
                 w_change = self._interpolated(w, name)
                 turning = skew(w_B) @ com_at_velocity - skew(rho) @ w_change
-                rows = skew(arm) @ -turn - R @ (turning + com_rate)
+                rows = skew(arm) @ turn - R @ (turning + com_rate)
                 if of_unknowns and "v_Wcm" in columns:
                     rows[:, :, columns["v_Wcm"]] += np.eye(3)
             parts.append((rows / sigmas[:, None]).reshape(-1, w.shape[-1]))
