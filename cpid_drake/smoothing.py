@@ -4,7 +4,7 @@ Regression splines: least squares in a B-spline basis whose knots follow the sam
 there are is chosen by Akaike's criterion. Rates, where no sensor gives them, are the spline's.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -25,6 +25,10 @@ _INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512
 _NEAR = 0.02  # of a rough attitude path from the samples [rad]: Gauss-Newton is at home there
 
 
+_Rows = tuple[Samples, int, float]
+"""Samples of a function, or of its derivative of this order, and their σ."""
+
+
 @dataclass(frozen=True, eq=False)
 class Basis:
     """A B-spline basis on [start, end]: K functions of one degree."""
@@ -39,24 +43,20 @@ class Basis:
         knots = np.concatenate([degree * [breaks[0]], breaks, degree * [breaks[-1]]])
         return cls(knots, degree)
 
-    def bridging(self, times: NDArray[np.float64]) -> tuple["Basis", NDArray[np.float64]]:
-        """Return a basis without pieces that gaps of the times (N,) make long, and where it is new.
-
-        These are the middles of its new pieces.
-        """
+    def bridged(self) -> tuple["Basis", NDArray[np.float64]]:
+        """Return a basis without the long pieces that gaps make, and the middles of new ones."""
         breaks = np.unique(self.knots)
-        usual, between = np.median(np.diff(breaks)), np.median(np.diff(times))
+        usual = np.median(np.diff(breaks))
         new, middles = [], []
         for a, b in pairwise(breaks):
-            inside = times[(times >= a) & (times <= b)]
-            gap = np.diff(np.concatenate([[a], inside, [b]])).max()
-            count = int(np.ceil((b - a) / usual)) if gap > max(5 * between, usual / 4) else 1
-            pieces = np.linspace(a, b, count + 1)
-            new.append(pieces[1:-1])
+            count = round((b - a) / usual)
             if count > 1:
+                pieces = np.linspace(a, b, count + 1)
+                new.append(pieces[1:-1])
                 middles.append((pieces[1:] + pieces[:-1]) / 2)
-        knots = np.sort(np.concatenate([self.knots, *new]))
-        return Basis(knots, self.degree), np.concatenate([[], *middles])
+        return Basis(np.sort(np.concatenate([self.knots, *new])), self.degree), np.concatenate(
+            [[], *middles]
+        )
 
     @property
     def size(self) -> int:
@@ -112,8 +112,8 @@ def measured_by(suite: SensorSuite, measurements: Measurements) -> Measurements:
 def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline:
     """Smooth encoder samples, and joint rates where there are any, by a quintic spline.
 
-    In a gap of the samples it has as many pieces as elsewhere, and a jerk that is zero give or take
-    what it is elsewhere: so the covariance says how little is known there.
+    In a gap of the samples it has as many pieces as elsewhere (`Basis.bridged`), and a jerk that is
+    zero give or take what it is elsewhere: so the covariance says how little is known there.
 
     Raises:
         InputError: fewer than eight encoder samples.
@@ -128,9 +128,9 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
     sigma_rate = suite.sigmas("joint_rates")[0] if len(rates) else 1.0
     rows = [(positions, 0, sigma), (rates, 1, sigma_rate)]
 
-    def spline(basis: Basis, jerk: list[tuple[Samples, int, float]]) -> JointSpline:
-        coefficients, covariance, chi_squared = _fit(basis, [*rows, *jerk])
-        known = len(positions) + len(rates) + sum(len(samples) for samples, _, _ in jerk)
+    def spline(basis: Basis, bridges: list[_Rows]) -> JointSpline:
+        coefficients, covariance, chi_squared = _fit(basis, [*rows, *bridges])
+        known = sum(len(samples) for samples, _, _ in (*rows, *bridges))
         count = (known - basis.size) * positions.value.shape[1]
         return JointSpline(basis, coefficients, covariance, chi_squared, count)
 
@@ -138,12 +138,8 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
         return spline(Basis.through(positions.time, intervals, degree=5), [])
 
     best = _best(fit, len(positions), finer=True)
-    basis, bridges = best.basis.bridging(np.union1d(positions.time, rates.time))
-    if not len(bridges):
-        return best
-    jerk = best.basis(positions.time, 3) @ best.coefficients
-    still = Samples(bridges, np.zeros((len(bridges), jerk.shape[1])))
-    return spline(basis, [(still, 3, max(float(np.sqrt(np.mean(jerk**2))), 1e-9))])
+    basis, bridges = _bridges(best.basis, best.coefficients)
+    return spline(basis, bridges) if bridges else best
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,9 +236,18 @@ def smooth(
     return SmoothedMotion(telemetry, (attitude_error, *position_error, *joint_errors), bias)
 
 
-def _fit(
-    basis: Basis, rows: list[tuple[Samples, int, float]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def _bridges(basis: Basis, coefficients: NDArray[np.float64]) -> tuple[Basis, list[_Rows]]:
+    """Return a spline's basis with gaps bridged, and what to add to its samples there, if any."""
+    bridged, middles = basis.bridged()
+    if not len(middles):
+        return basis, []
+    width = coefficients.shape[1]
+    elsewhere = np.setdiff1d((basis.knots[1:] + basis.knots[:-1]) / 2, basis.knots)
+    jerk = float(np.sqrt(np.mean((basis(elsewhere, 3) @ coefficients) ** 2)))
+    return bridged, [(Samples(middles, np.zeros((len(middles), width))), 3, max(jerk, 1e-9))]
+
+
+def _fit(basis: Basis, rows: list[_Rows]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Least squares on samples of a function and of its derivatives, with their σ."""
     A = np.vstack([basis(s.time, derivative) / sigma for s, derivative, sigma in rows])
     b = np.vstack([s.value / sigma for s, _, sigma in rows])
@@ -400,7 +405,9 @@ def _smooth_attitude(
     rough = _AttitudeFit(reference, linear, np.zeros((2, 3)), np.empty(0), np.zeros(3), np.inf)
     latest = rough
 
-    def refined(start: _AttitudeFit, basis: Basis, last: bool = False) -> _AttitudeFit:
+    def refined(
+        start: _AttitudeFit, basis: Basis, bridges: Sequence[_Rows] = (), last: bool = False
+    ) -> _AttitudeFit:
         """Take one Gauss-Newton step from a fit, in another basis; covariance only of the last."""
         K = basis.size
         dense = np.linspace(knot_times[0], knot_times[-1], 4 * K)
@@ -418,6 +425,10 @@ def _smooth_attitude(
         b[:n] = (residual @ whiten.T).ravel()
         b[n:-3] = (gyro.value - w - start.bias).ravel() / sigma_rate
         b[-3:] = -bias_rows @ start.bias
+        for samples, derivative, sigma in bridges:
+            rows = np.kron(basis(samples.time, derivative) / sigma, np.eye(3))
+            A = np.vstack([A, np.pad(rows, [(0, 0), (0, 3)])])
+            b = np.append(b, -rows @ r.ravel())
         step, covariance = _solve_normal(A, b[:, None], last)
         return _AttitudeFit(
             reference,
@@ -437,7 +448,7 @@ def _smooth_attitude(
 
     samples, first = len(attitude) + len(gyro), reference.basis.size - reference.basis.degree
     chosen = _best(fit, samples, first=first)
-    chosen = refined(chosen, chosen.basis, last=True)
+    chosen = refined(chosen, *_bridges(chosen.basis, chosen.coefficients), last=True)
     R, w, columns = chosen.evaluate(times)
     covariance = chosen.covariance * _misfit(chosen, 3 * samples)
     return R, w, ErrorBlock(np.arange(6), columns, covariance), chosen.bias
@@ -467,6 +478,9 @@ def _smooth_position(
         return _PositionFit(basis, *_fit(basis, rows))
 
     best = _best(fit, len(position) + len(velocity))
+    basis, bridges = _bridges(best.basis, best.coefficients)
+    if bridges:
+        best = _PositionFit(basis, *_fit(basis, [*rows, *bridges]))
     B, B_dot = best.basis(times), best.basis(times, 1)
     basis = np.stack([B, B_dot], axis=1)
     covariance = best.covariance * _misfit(best, 3 * (len(position) + len(velocity)))

@@ -102,12 +102,14 @@ class Sines:
 
 
 def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) -> Telemetry:
-    """Return the true motion at increasing times, by `propagate_base` from W's origin."""
+    """Return the true motion at increasing times, by `propagate_base` from W's origin at 0 s."""
+    times = np.asarray(times, dtype=float)
+    later = int(times[0] > 0)
     base = propagate_base(
         tree,
         motion,
         target.to_standard_vector(),
-        times,
+        np.append(0.0, times) if later else times,
         momentum_W=momentum_W,
         max_step=0.04,
     )
@@ -115,10 +117,10 @@ def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) ->
     return Telemetry(
         joint_names,
         times,
-        quaternion_WB=base.quaternion_WB,
-        p_WB=base.p_WB,
-        w_WB=base.w_WB,
-        v_WB=base.v_WB,
+        quaternion_WB=base.quaternion_WB[later:],
+        p_WB=base.p_WB[later:],
+        w_WB=base.w_WB[later:],
+        v_WB=base.v_WB[later:],
         q=samples[:, 0],
         qdot=samples[:, 1],
     )
