@@ -36,13 +36,45 @@ Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Rows A (N, 6, 10) and right-hand sides b (N, 6)."""
 
 
+def _linear_form(columns: int, entries: dict[tuple[int, int], tuple[int, float]]) -> NDArray:
+    """Return the matrix (3, 3 columns) that makes v the matrix with these entries ±v_k."""
+    form = np.zeros((3, 3, columns))
+    for (row, column), (k, sign) in entries.items():
+        form[k, row, column] = sign
+    return form.reshape(3, -1)
+
+
+_SKEW = _linear_form(
+    3,
+    {
+        (0, 1): (2, -1.0),
+        (0, 2): (1, 1.0),
+        (1, 2): (0, -1.0),
+        (1, 0): (2, 1.0),
+        (2, 0): (1, -1.0),
+        (2, 1): (0, 1.0),
+    },
+)
+_INERTIA_OPERATOR = _linear_form(
+    6,
+    {
+        (0, 0): (0, 1.0),
+        (0, 1): (1, 1.0),
+        (0, 2): (2, 1.0),
+        (1, 1): (0, 1.0),
+        (1, 3): (1, 1.0),
+        (1, 4): (2, 1.0),
+        (2, 2): (0, 1.0),
+        (2, 4): (1, 1.0),
+        (2, 5): (2, 1.0),
+    },
+)
+
+
 def skew(v: ArrayLike) -> NDArray[np.float64]:
     """Return ṽ (..., 3, 3) with ṽ u = v × u (Ning et al. 2016, Eq. 8)."""
     v = np.asarray(v, dtype=float)
-    result = np.zeros((*v.shape, 3))
-    result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return result
+    return (v @ _SKEW).reshape(*v.shape, 3)
 
 
 def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
@@ -51,11 +83,7 @@ def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
     Source: Ning et al. 2016, Eq. 11.
     """
     v = np.asarray(v, dtype=float)
-    result = np.zeros((*v.shape, 6))
-    result[..., 0, 0], result[..., 0, 1], result[..., 0, 2] = v[..., 0], v[..., 1], v[..., 2]
-    result[..., 1, 1], result[..., 1, 3], result[..., 1, 4] = v[..., 0], v[..., 1], v[..., 2]
-    result[..., 2, 2], result[..., 2, 4], result[..., 2, 5] = v[..., 0], v[..., 1], v[..., 2]
-    return result
+    return (v @ _INERTIA_OPERATOR).reshape(*v.shape, 6)
 
 
 # -- the paper's equations, one instant at a time, in W ----------------------------------------
