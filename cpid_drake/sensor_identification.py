@@ -113,20 +113,29 @@ def fit_measurements(
     known_bodies: BodyUncertainty | None = None,
     robust: bool = False,
 ) -> TrajectoryFit:
-    """Fit the target to screened measurements, started from the mean of a vague prior.
+    """Fit the target to screened measurements and a vague prior, started from its mean.
 
-    Arguments as for `identify_from_sensors`; of an unknown momentum, `momentum` is where to start.
+    The prior keeps what the data leave open within what is plausible at all; it has no part in what
+    `identification_of_fit` says is known. Arguments as for `identify_from_sensors`; of an unknown
+    momentum, `momentum` is where to start.
 
     Raises:
         InputError: too few samples.
 
     """
-    joints = smooth_joints(measurements, suite)
+    still = np.zeros((1, len(measurements.joint_names)))
+    known = relative_dynamics(tree, still, still)
+    prior = vague_prior(known.mass, known.I_K[0])
     model = TrajectoryModel(
-        tree, joints, measurements, suite, unknown_momentum=unknown_momentum, momentum=momentum
+        tree,
+        smooth_joints(measurements, suite),
+        measurements,
+        suite,
+        unknown_momentum=unknown_momentum,
+        momentum=momentum,
+        psi_prior=(prior.psi, prior.psi_sigma),
     )
-    start = vague_prior(model.dynamics.mass, model.dynamics.I_K[0]).psi
-    return fit_trajectory(model, start, known_bodies=known_bodies, robust=robust)
+    return fit_trajectory(model, prior.psi, known_bodies=known_bodies, robust=robust)
 
 
 def identification_of_fit(fit: TrajectoryFit) -> Identification:
@@ -134,7 +143,7 @@ def identification_of_fit(fit: TrajectoryFit) -> Identification:
     dynamics = fit.model.dynamics
     solution = solution_of_information(
         fit.state.psi,
-        fit.psi_information(),
+        fit.data_information(),
         psi_scale(dynamics.mass, dynamics.I_K[0]),
         consider=fit.consider[PSI, PSI],
         residual_sum=fit.chi_squared,

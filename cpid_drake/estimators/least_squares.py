@@ -13,6 +13,10 @@ With noisy rows a full rank says little: read the covariance.
 """
 
 
+KNOWN = 0.1
+"""Share of what is plausible at all to which a combination must be known, or it is open."""
+
+
 @dataclass(frozen=True)
 class LeastSquaresSolution:
     """The solution of A x = b in n unknowns, and what the rows say about its quality.
@@ -138,8 +142,8 @@ def solution_of_information(
     Args:
         estimate: (n,) unknowns.
         information: (n, n) inverse covariance, of the data alone.
-        scale: (n,) what is plausible at all: a combination that is not known better than that is
-            open.
+        scale: (n,) what is plausible at all: a combination that is not known to a tenth of that is
+            open. Noise alone looks like that much information: it is in the regressors too.
         consider: (n, n) covariance to add for what was taken as known but is not.
         residual_sum: of the whitened rows.
         row_count: number of whitened rows.
@@ -148,7 +152,7 @@ def solution_of_information(
     scaled = information * scale * scale[:, None]
     values, axes = np.linalg.eigh((scaled + scaled.T) / 2)
     values, axes = values[::-1], axes[:, ::-1]
-    seen = values > 1.0
+    seen = values > KNOWN**-2
     rank = int(seen.sum())
     unobservable = axes[:, ~seen].T
     is_open = np.linalg.norm(unobservable, axis=0) > 1e-3

@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
 from cpid_drake.errors import InputError
+from cpid_drake.estimators.least_squares import KNOWN
 from cpid_drake.estimators.momentum_filter import psi_scale
 from cpid_drake.estimators.trajectory_model import Trajectory, TrajectoryModel, TrajectoryState
 from cpid_drake.inertia import pseudo_inertia_to_standard, standard_to_pseudo_inertia
@@ -25,6 +26,7 @@ from cpid_drake.momentum_sensitivity import BodyUncertainty
 HUBER = 2.5
 """From so many σ of one sample (its three axes together) on, the robust loss grows linearly."""
 
+_WELL_KNOWN = 0.01  # to this share of what is plausible at all, whatever the noise may feign
 _LITTLE = 0.1  # a step's share of the cost, before the unknowns are set free
 _STEP_TOLERANCE = 1e-4  # of a step in units of σ: far below what the data can tell
 
@@ -43,6 +45,7 @@ class TrajectoryFit:
         iterations: of both stages.
         converged: whether the last step was far below σ.
         downweighted: samples to which the robust loss gives less than full weight.
+        weights: (rows,) square roots of the weights that it gives.
 
     """
 
@@ -55,6 +58,7 @@ class TrajectoryFit:
     iterations: int
     converged: bool
     downweighted: int
+    weights: NDArray[np.float64]
 
     @property
     def state(self) -> TrajectoryState:
@@ -65,13 +69,37 @@ class TrajectoryFit:
         """Return the information (10, 10) about the relative unknowns, all else eliminated."""
         return marginal(self.information, 10)
 
+    def data_information(self) -> NDArray[np.float64]:
+        """Return what the data alone, without a prior, say about the relative unknowns, (10, 10).
+
+        Unknowns that the data leave open go wherever they make noise look like motion, such as to
+        a target that cancels the spacecraft's inertia; there even the open ones seem to be known.
+        So if something is hardly known this is taken at a rigid body near by.
+        """
+        information = self.psi_information() - self._prior
+        dynamics = self.model.dynamics
+        scale = psi_scale(dynamics.mass, dynamics.I_K[0])
+        if np.linalg.eigvalsh(information * scale * scale[:, None])[0] > _WELL_KNOWN**-2:
+            return information
+        form = LogCholesky(scale)
+        psi, _ = form.to_psi(form.from_psi(self.state.psi))
+        rigid = self.model.trajectory(replace(self.state, psi=psi), self.trajectory)
+        weighted = _Weighted(self.model.nuisance(rigid), self.weights)
+        information, _, _ = _uncertainty(self.model, rigid, weighted, None)
+        return marginal(information, 10) - self._prior
+
+    @property
+    def _prior(self) -> NDArray[np.float64]:
+        prior = self.model.psi_prior
+        return np.zeros((10, 10)) if prior is None else np.diag(prior[1] ** -2.0)
+
     def explain(self) -> str:
         """Say in words whether it converged, how well it fits, and what it determines."""
         ended = "converged" if self.converged else "did not converge"
         dynamics = self.model.dynamics
         scale = psi_scale(dynamics.mass, dynamics.I_K[0])
-        values = np.linalg.eigvalsh(self.psi_information() * scale * scale[:, None])
-        rank = int((values > 1.0).sum())
+        values = np.linalg.eigvalsh(self.data_information() * scale * scale[:, None])
+        rank = int((values > KNOWN**-2).sum())
         known = f"{rank} of 10 unknowns are determined"
         if rank == 10:
             known += f" (condition {np.sqrt(values[-1] / values[0]):.3g})"
@@ -238,6 +266,7 @@ def fit_trajectory(
         iterations,
         converged,
         int((weights < 1).sum() // 3),
+        weights,
     )
 
 
