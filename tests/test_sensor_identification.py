@@ -1,0 +1,400 @@
+"""Five estimators on the same sensors: who is right, who is biased, and what none can know."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+from sensing_cases import (
+    Sines,
+    coarse_suite,
+    measured,
+    momentum_about_com,
+    small_craft,
+    true_psi,
+)
+
+from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft
+from cpid_drake.base_motion import propagate_base
+from cpid_drake.estimators.trajectory_fit import marginal
+from cpid_drake.inertia import parameters_to_standard
+from cpid_drake.sensor_identification import (
+    ESTIMATORS,
+    cramer_rao_bound,
+    identify_from_sensors,
+)
+from cpid_drake.sensors import (
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    Samples,
+    VectorSensor,
+    add_noise,
+)
+
+DURATION = 8.0
+MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])  # [L; P] about W's origin, in W
+UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")
+FAST = {"gyro": Gyro(50.0, 0.005, 1.0, 0.1), "encoders": JointSensor(50.0, 1e-5)}
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return Sines.drawn(4, seed=101, duration=DURATION, size=0.6)
+
+
+@pytest.fixture(scope="module")
+def at_rest(craft, motion, skewed_target):
+    """What the sensors would give without noise, at zero momentum."""
+    return measured(craft, motion, skewed_target, coarse_suite(**FAST))
+
+
+@pytest.fixture(scope="module")
+def tumbling(craft, motion, skewed_target):
+    return measured(craft, motion, skewed_target, coarse_suite(**FAST), MOMENTUM)
+
+
+@pytest.fixture(scope="module")
+def scale(skewed_target):
+    """What errors are compared with: m, half a metre, tr I."""
+    true = skewed_target.to_vector()
+    return np.array([true[0], 0.5, 0.5, 0.5, *6 * [true[4:7].sum()]])
+
+
+# -- the estimators -------------------------------------------------------------------------------
+
+
+def runs(craft, suite, samples, estimator, true, **options):
+    """Return errors (N, 10) and normalized errors squared (N,) of some samples."""
+    errors, values = [], []
+    for noisy in samples:
+        result = identify_from_sensors(craft, noisy, suite, estimator=estimator, **options)
+        error = result.parameters - true
+        errors.append(error)
+        values.append(error @ np.linalg.solve(result.covariance, error))
+    return np.array(errors), np.array(values)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_every_estimator_is_near_and_gives_a_rigid_body(
+    craft, at_rest, skewed_target, scale, estimator
+):
+    """Within 0.2 % of m, 0.5 m and tr I on flight-like sensors; Eq. 18 within 2 %."""
+    suite, true = coarse_suite(**FAST), skewed_target.to_vector()
+    result = identify_from_sensors(craft, add_noise(suite, at_rest, 1), suite, estimator=estimator)
+    assert result.solution.rank == 10
+    assert np.isfinite(result.covariance).all()
+    assert np.linalg.eigvalsh(result.covariance / np.outer(scale, scale))[0] > 0
+    tolerance = 0.02 if estimator == "eq18" else 2e-3
+    assert np.abs((result.parameters - true) / scale).max() < tolerance
+    M_TCo_C = result.spatial_inertia()
+    assert M_TCo_C.IsPhysicallyValid()
+    assert M_TCo_C.get_mass() == pytest.approx(true[0], rel=tolerance)
+    assert "determine 10 of 10 parameters" in result.explain()
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_covariances_hold_but_for_eq18(craft, at_rest, skewed_target, estimator):
+    """Mean NEES over seeds: ten. Of Eq. 18, whose rows hold the noise's products, far more."""
+    suite, seeds = coarse_suite(**FAST), 6
+    samples = [add_noise(suite, at_rest, seed) for seed in range(seeds)]
+    _, nees = runs(craft, suite, samples, estimator, skewed_target.to_vector())
+    low, high = chi2.ppf([0.0005, 0.9995], 10 * seeds) / seeds
+    if estimator == "eq18":
+        assert nees.mean() > 20 * high
+    else:
+        assert low < nees.mean() < high
+
+
+def mirrored(perfect, noisy):
+    """Return the same samples with every error's sign turned."""
+    changed = {}
+    for name in ("gyro", "position", "encoders"):
+        true, off = getattr(perfect, name), getattr(noisy, name)
+        changed[name] = Samples(off.time, 2 * true.value - off.value)
+    pair = (perfect, noisy)
+    true, off = (Rotation.from_quat(samples.attitude.value, scalar_first=True) for samples in pair)
+    attitude = (true * (true.inv() * off).inv()).as_quat(scalar_first=True)
+    return replace(noisy, attitude=Samples(noisy.attitude.time, attitude), **changed)
+
+
+def test_eq18_is_biased_and_the_others_are_not(craft, at_rest, skewed_target):
+    """The mean of estimates with errors of either sign: what is odd in them cancels, bias stays.
+
+    In units of σ of the best there can be. A position sensor of 3 mm gives velocities whose noise
+    is in Eq. 18 multiplied by itself.
+    """
+    suite = coarse_suite(position=VectorSensor(5.0, 3e-3), **FAST)
+    true = skewed_target.to_vector()
+    bound = cramer_rao_bound(craft.tree, true_psi(craft, skewed_target), at_rest, suite)
+    samples = []
+    for seed in range(2):
+        noisy = add_noise(suite, at_rest, seed)
+        samples += [noisy, mirrored(at_rest, noisy)]
+    bias = {}
+    for estimator in ESTIMATORS:
+        errors, _ = runs(craft, suite, samples, estimator, true)
+        bias[estimator] = np.abs(errors.mean(axis=0) / np.sqrt(np.diag(bound))).max()
+    assert bias["eq18"] > 20
+    for estimator in UNBIASED:
+        assert bias[estimator] < 1, estimator
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, estimator):
+    suite, true = coarse_suite(**FAST), skewed_target.to_vector()
+    samples = [add_noise(suite, tumbling, seed) for seed in range(3)]
+    known = momentum_about_com(craft, motion, skewed_target, MOMENTUM)
+    if estimator == "momentum_filter":
+        with pytest.raises(InputError, match="takes the momentum as zero or as unknown"):
+            runs(craft, suite, samples, estimator, true, momentum=known)
+        return
+    errors, nees = runs(craft, suite, samples, estimator, true, momentum=known)
+    if estimator == "eq18":
+        assert np.abs(errors[:, 0] / true[0]).max() < 0.02
+    else:
+        assert chi2.ppf(0.001, 30) < nees.sum() < chi2.ppf(0.999, 30)
+    _, untold = runs(craft, suite, samples[:1], estimator, true)
+    assert untold[0] > 100 * max(nees[0], 10)
+
+
+@pytest.mark.parametrize("estimator", UNBIASED)
+def test_an_unknown_momentum_costs_no_consistency(craft, tumbling, skewed_target, estimator):
+    suite, true = coarse_suite(**FAST), skewed_target.to_vector()
+    samples = [add_noise(suite, tumbling, seed) for seed in range(3)]
+    _, nees = runs(craft, suite, samples, estimator, true, unknown_momentum=True)
+    assert chi2.ppf(0.0005, 30) < nees.sum() < chi2.ppf(0.9995, 30)
+
+
+@pytest.mark.parametrize("unknown_momentum", [False, True])
+def test_eq18_takes_no_unknown_momentum(craft, at_rest, unknown_momentum):
+    suite = coarse_suite(**FAST)
+    options = {"estimator": "eq18", "unknown_momentum": unknown_momentum}
+    if unknown_momentum:
+        with pytest.raises(InputError, match="rows 'eq18' need zero momentum"):
+            identify_from_sensors(craft, at_rest, suite, **options)
+    else:
+        assert identify_from_sensors(craft, at_rest, suite, **options).is_observable
+
+
+def test_what_is_not_of_this_spacecraft_is_refused(craft, at_rest):
+    suite, samples = coarse_suite(**FAST), at_rest
+    with pytest.raises(InputError, match="no estimator 'best'; choose from eq18, standard"):
+        identify_from_sensors(craft, samples, suite, estimator="best")
+    with pytest.raises(InputError, match="are not of this spacecraft"):
+        identify_from_sensors(craft, replace(samples, joint_names=("a", "b", "c", "d")), suite)
+
+
+@pytest.mark.parametrize("estimator", UNBIASED)
+def test_bad_samples_are_screened_out(craft, at_rest, skewed_target, scale, estimator):
+    """Not a number, a quaternion of no length, a stamp out of turn: left out, not fatal."""
+    suite = coarse_suite(**FAST)
+    samples = add_noise(suite, at_rest, 2)
+    attitude, gyro = samples.attitude.value.copy(), samples.gyro.value.copy()
+    attitude[7], gyro[50, 1] = 0.0, np.nan
+    time = samples.position.time.copy()
+    time[11] = time[9]
+    bad = replace(
+        samples,
+        attitude=Samples(samples.attitude.time, attitude),
+        gyro=Samples(samples.gyro.time, gyro),
+        position=Samples(time, samples.position.value),
+    )
+    result = identify_from_sensors(craft, bad, suite, estimator=estimator)
+    assert np.abs((result.parameters - skewed_target.to_vector()) / scale).max() < 2e-3
+
+
+# -- what cannot be known -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory):
+    """Return a spacecraft that moves in the plane z = 0 only, and a target that keeps it there."""
+
+    def link(name, mass, x, inertia):
+        return (
+            f'<link name="{name}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/><inertia '
+            f'ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial></link>"
+        )
+
+    def joint(name, parent, child, x):
+        return (
+            f'<joint name="{name}" type="continuous"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="{x} 0.1 0"/><axis xyz="0 0 1"/></joint>'
+        )
+
+    text = "".join(
+        [
+            link("base", 300.0, 0.1, 40.0),
+            link("arm", 12.0, 0.4, 1.0),
+            link("hand", 6.0, 0.2, 0.5),
+            joint("shoulder", "base", "arm", 0.7),
+            joint("elbow", "arm", "hand", 0.8),
+        ]
+    )
+    path = tmp_path_factory.mktemp("planar") / "planar.urdf"
+    path.write_text(f'<?xml version="1.0"?><robot name="planar">{text}</robot>')
+    target = InertialParameters(50.0, [0.4, 0.1, 0.0], [[8, 1, 0], [1, 12, 0], [0, 0, 15]])
+    return Spacecraft(path, base="base", capture_frame="hand"), target
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_planar_motion_leaves_the_in_plane_inertia_open(planar, seed):
+    """Ixx, Iyy and Ixy never matter; that the base does not tilt tells cz, Ixz and Iyz.
+
+    Whatever the noise: it must not be taken for tilting.
+    """
+    craft, target = planar
+    suite = coarse_suite(**FAST)
+    motion = Sines.drawn(2, seed=111, duration=DURATION, size=0.6)
+    perfect = measured(craft, motion, target, suite)
+    result = identify_from_sensors(craft, add_noise(suite, perfect, seed), suite)
+    assert result.solution.rank == 7
+    open_ = np.isnan(result.parameters)
+    np.testing.assert_array_equal(np.flatnonzero(open_), [4, 5, 7])  # Ixx, Iyy, Ixy
+    known = ~open_
+    true = target.to_vector()
+    size = np.array([50.0, 0.5, 0.5, 0.5, *6 * [35.0]])
+    assert np.abs((result.parameters - true) / size)[known].max() < 5e-3
+    text = result.explain()
+    assert "determine 7 of 10" in text
+    for name in ("I*11", "I*12", "I*22"):
+        assert name in text.split("not determined")[0]
+    assert np.isnan(result.spatial_inertia().get_mass())
+    with pytest.raises(InputError, match="determine 7 of 10"):
+        result.feasible()
+
+
+@pytest.mark.parametrize("estimator", ["momentum_filter", "trajectory_fit"])
+def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
+    """No rank, or a little from noise; nothing comes out that looks like an answer."""
+    q = np.array([0.2, 0.1, -0.3, 0.4])
+    suite = coarse_suite(**FAST)
+    perfect = measured(craft, HalfCosine(q, q, 4.0), skewed_target, suite)
+    result = identify_from_sensors(craft, add_noise(suite, perfect, 1), suite, estimator=estimator)
+    assert result.solution.rank < 4
+    assert not result.is_observable
+    assert np.isnan(result.parameters).any()
+    assert np.isnan(result.covariance).all()
+    assert np.isnan(result.spatial_inertia().get_mass())
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
+    """Of a flat target estimates lie beyond what can be; what leaves never does."""
+    flat = InertialParameters(60.0, [0.4, 0.1, 0.0], np.diag([10.0, 20.0, 30.0]))
+    suite = coarse_suite(position=VectorSensor(5.0, 3e-3))
+    perfect = measured(craft, motion, flat, suite)
+    beyond = 0
+    for seed in range(3):
+        samples = add_noise(suite, perfect, seed)
+        result = identify_from_sensors(craft, samples, suite, estimator=estimator)
+        beyond += not result.raw().is_feasible()
+        assert result.feasible().is_feasible()
+        assert result.spatial_inertia().IsPhysicallyValid()
+    assert beyond or estimator == "momentum_filter"  # at these rates it errs to one side
+
+
+# -- the Cramér-Rao bound -------------------------------------------------------------------------
+
+
+def numerical_bound(craft, motion, target, suite, times, momentum_W):
+    """Return the bound by differences of readings predicted with `propagate_base`; joints known.
+
+    Unknowns: π, attitude and position at the start, gyro bias, and [L; P] where it is not zero.
+    """
+    everything = np.unique(np.round(np.concatenate([[0.0], *times]), 9))
+    index = [np.searchsorted(everything, np.round(t, 9)) for t in times]
+    steps = np.array([1e-2, *3 * [1e-4], *6 * [1e-2], *3 * [1e-5], *3 * [1e-3], *3 * [1e-5]])
+    if momentum_W is not None:
+        steps = np.append(steps, 6 * [1e-2])
+    moves = np.diag(steps)
+    x = np.concatenate([moves, -moves])
+    base = propagate_base(
+        craft.tree,
+        motion,
+        np.stack([parameters_to_standard(target.to_vector() + row[:10]) for row in x]),
+        everything,
+        quaternion_WB=Rotation.from_rotvec(x[:, 10:13]).as_quat(scalar_first=True),
+        p_WB=x[:, 13:16],
+        momentum_W=None if momentum_W is None else momentum_W + x[:, 19:],
+        max_step=0.05,
+    )
+    columns, n = [], len(steps)
+    for k, step in enumerate(steps):
+        readings = []
+        for j in (k, n + k):
+            R = Rotation.from_quat(base.quaternion_WB[j], scalar_first=True)
+            w = R[index[1]].inv().apply(base.w_WB[j, index[1]]) + x[j, 16:19]
+            readings.append((R[index[0]], w, base.p_WB[j, index[2]]))
+        ahead, behind = readings
+        turn = (behind[0].inv() * ahead[0]).as_rotvec() @ suite.attitude.R_BS
+        parts = [
+            turn / suite.sigmas("attitude"),
+            (ahead[1] - behind[1]) / suite.sigmas("gyro"),
+            (ahead[2] - behind[2]) / suite.sigmas("position"),
+        ]
+        columns.append(np.concatenate([part.ravel() for part in parts]) / (2 * step))
+    J = np.stack(columns, axis=1)
+    information = J.T @ J
+    information[16:19, 16:19] += np.eye(3) / suite.gyro.bias_sigma**2
+    return np.linalg.inv(marginal(information, 10))
+
+
+@pytest.mark.parametrize("momentum_W", [None, MOMENTUM], ids=["at rest", "tumbling"])
+def test_the_bound_agrees_with_an_independent_one(craft, motion, skewed_target, momentum_W):
+    """To 1e-3 of each σ and of each correlation, with encoders as good as perfect."""
+    suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0), encoders=JointSensor(50.0, 0.0))
+    samples = measured(craft, motion, skewed_target, suite, momentum_W)
+    psi = true_psi(craft, skewed_target)
+    momentum = momentum_W is not None and momentum_about_com(
+        craft, motion, skewed_target, momentum_W
+    )
+    bound = cramer_rao_bound(
+        craft.tree,
+        psi,
+        samples,
+        suite,
+        momentum=momentum or None,
+        unknown_momentum=momentum_W is not None,
+    )
+    times = [samples.attitude.time, samples.gyro.time, samples.position.time]
+    expected = numerical_bound(craft, motion, skewed_target, suite, times, momentum_W)
+    sigma, right = np.sqrt(np.diag(bound)), np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(sigma, right, rtol=1e-3)
+    np.testing.assert_allclose(
+        bound / np.outer(sigma, sigma), expected / np.outer(right, right), rtol=0, atol=1e-3
+    )
+
+
+def assert_tighter(better, worse) -> None:
+    """Every combination of the parameters is known at least as well, and one far better."""
+    size = 1 / np.sqrt(np.diag(worse))
+    difference = (worse - better) * size * size[:, None]
+    values = np.linalg.eigvalsh(difference)
+    assert values[0] > -1e-9
+    assert values[-1] > 0.05
+
+
+def test_more_and_better_sensors_and_longer_data_tighten_the_bound(craft, motion, skewed_target):
+    rich = coarse_suite(velocity=VectorSensor(5.0, 2e-4))
+    samples = measured(craft, motion, skewed_target, rich)
+    psi = true_psi(craft, skewed_target)
+
+    def bound(suite, samples=samples, **options):
+        return cramer_rao_bound(craft.tree, psi, samples, suite, **options)
+
+    reference = bound(rich)
+    assert_tighter(reference, bound(replace(rich, gyro=None)))
+    assert_tighter(bound(replace(rich, gyro=None)), bound(replace(rich, gyro=None, velocity=None)))
+    assert_tighter(bound(replace(rich, attitude=AttitudeSensor(5.0, 1.0, 8.0))), reference)
+    assert_tighter(bound(replace(rich, encoders=JointSensor(20.0, 1e-7))), reference)
+    assert_tighter(reference, bound(rich, samples.between(0.0, 5.0)))
+    assert_tighter(reference, bound(rich, unknown_momentum=True))
