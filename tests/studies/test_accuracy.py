@@ -159,7 +159,7 @@ def test_failures_are_counted_and_left_out(case, covariance):
     assert np.isnan(none.rmse).all()
 
 
-# -- the truth that trials are drawn from ------------------------------------------------------------
+# -- the truth that trials are drawn from ----------------------------------------------------------
 
 
 def test_a_firing_changes_the_momentum_and_not_the_place(scenario, case):
