@@ -164,8 +164,6 @@ class SmoothedMotion:
 
     The quantities whose errors are meant are, in order: attitude (3, right perturbation, in B),
     angular velocity (3, in B), position (3) and velocity (3) in W, joint positions (J), rates (J).
-    Rates of the base that no sensor gives are somewhat smoother than the truth: their errors can be
-    one and a half times what the covariance says.
 
     Attributes:
         telemetry: the motion.

@@ -125,7 +125,7 @@ def mirrored(perfect, noisy):
 
 
 def test_eq18_is_biased_and_the_others_are_not(craft, at_rest, skewed_target):
-    """The mean of two estimates, with errors and with their opposites: all but bias cancels.
+    """The mean of estimates with errors of either sign: what is odd in them cancels, bias stays.
 
     In units of σ of the best there can be. A position sensor of 3 mm gives velocities whose noise
     is in Eq. 18 multiplied by itself.
@@ -133,8 +133,10 @@ def test_eq18_is_biased_and_the_others_are_not(craft, at_rest, skewed_target):
     suite = coarse_suite(position=VectorSensor(5.0, 3e-3), **FAST)
     true = skewed_target.to_vector()
     bound = cramer_rao_bound(craft.tree, true_psi(craft, skewed_target), at_rest, suite)
-    noisy = add_noise(suite, at_rest, 1)
-    samples = [noisy, mirrored(at_rest, noisy)]
+    samples = []
+    for seed in range(2):
+        noisy = add_noise(suite, at_rest, seed)
+        samples += [noisy, mirrored(at_rest, noisy)]
     bias = {}
     for estimator in ESTIMATORS:
         errors, _ = runs(craft, suite, samples, estimator, true)
@@ -147,7 +149,7 @@ def test_eq18_is_biased_and_the_others_are_not(craft, at_rest, skewed_target):
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
-    samples = [add_noise(suite, tumbling, seed) for seed in range(2)]
+    samples = [add_noise(suite, tumbling, seed) for seed in range(3)]
     known = momentum_about_com(craft, motion, skewed_target, MOMENTUM)
     if estimator == "momentum_filter":
         with pytest.raises(InputError, match="takes the momentum as zero or as unknown"):
@@ -157,7 +159,7 @@ def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, es
     if estimator == "eq18":
         assert np.abs(errors[:, 0] / true[0]).max() < 0.02
     else:
-        assert chi2.ppf(0.001, 20) < nees.sum() < chi2.ppf(0.999, 20)
+        assert chi2.ppf(0.001, 30) < nees.sum() < chi2.ppf(0.999, 30)
     _, untold = runs(craft, suite, samples[:1], estimator, true)
     assert untold[0] > 100 * max(nees[0], 10)
 
@@ -165,9 +167,9 @@ def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, es
 @pytest.mark.parametrize("estimator", UNBIASED)
 def test_an_unknown_momentum_costs_no_consistency(craft, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
-    samples = [add_noise(suite, tumbling, seed) for seed in range(2)]
+    samples = [add_noise(suite, tumbling, seed) for seed in range(3)]
     _, nees = runs(craft, suite, samples, estimator, true, unknown_momentum=True)
-    assert chi2.ppf(0.001, 20) < nees.sum() < chi2.ppf(0.999, 20)
+    assert chi2.ppf(0.0005, 30) < nees.sum() < chi2.ppf(0.9995, 30)
 
 
 @pytest.mark.parametrize("unknown_momentum", [False, True])
@@ -243,16 +245,17 @@ def planar(tmp_path_factory):
     return Spacecraft(path, base="base", capture_frame="hand"), target
 
 
-def test_planar_motion_leaves_the_in_plane_inertia_open(planar):
+@pytest.mark.parametrize("seed", [2, 3])
+def test_planar_motion_leaves_the_in_plane_inertia_open(planar, seed):
     """Ixx, Iyy and Ixy never matter; that the base does not tilt tells cz, Ixz and Iyz.
 
-    Noise must not be taken for tilting: with this seed it once was.
+    Whatever the noise: it must not be taken for tilting.
     """
     craft, target = planar
     suite = coarse_suite(**FAST)
     motion = Sines.drawn(2, seed=111, duration=DURATION, size=0.6)
     perfect = measured(craft, motion, target, suite)
-    result = identify_from_sensors(craft, add_noise(suite, perfect, 2), suite)
+    result = identify_from_sensors(craft, add_noise(suite, perfect, seed), suite)
     assert result.solution.rank == 7
     open_ = np.isnan(result.parameters)
     np.testing.assert_array_equal(np.flatnonzero(open_), [4, 5, 7])  # Ixx, Iyy, Ixy

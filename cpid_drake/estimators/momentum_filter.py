@@ -1,9 +1,9 @@
 """Momentum filter: online estimation from sensors that each come at their own rate.
 
-An error-state Kalman filter on (ψ, attitude by gyro, attitude by momentum, centre of mass, gyro
+An error-state Kalman filter on (ψ, attitude by momentum, attitude by gyro, centre of mass, gyro
 bias, momentum). The two attitudes are one and the same to the spacecraft, but come by different
-roads: the first from the gyro, the second from joint motion through conservation of angular
-momentum. That they must agree is what tells ψ; both roads' noise is white, the encoders' because it
+roads: the first from joint motion through conservation of angular momentum, the second from the
+gyro. That they must agree is what tells ψ; both roads' noise is white, the encoders' because it
 does not add up: only the latest encoder sample's error is in the attitude by momentum.
 
 What a thruster does is found in two ways. A strong one puts many readings in a row out of their
@@ -32,7 +32,7 @@ from cpid_drake.regressors import relative_regressor
 from cpid_drake.relative_motion import RelativeDynamics
 from cpid_drake.sensors import SENSOR_NAMES, Measurements, SensorSuite
 
-PSI, BY_GYRO, BY_MOMENTUM, COM, BIAS, ANGULAR, VELOCITY = (
+PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (
     slice(0, 10),
     slice(10, 13),
     slice(13, 16),
@@ -41,8 +41,7 @@ PSI, BY_GYRO, BY_MOMENTUM, COM, BIAS, ANGULAR, VELOCITY = (
     slice(22, 25),
     slice(25, 28),
 )
-"""Where in the error state: ψ, attitudes by gyro and by momentum (turned in W), p_Wcm, gyro bias, L
-and v_Wcm."""
+"""Where in the error state: ψ, the two attitudes (turned in W), p_Wcm, gyro bias, L and v_Wcm."""
 
 SIZE = 28
 
@@ -64,10 +63,7 @@ LARGEST = 1e9
 """No sensor reads more, in SI units."""
 
 LONGEST_GAP = 0.25
-"""After longer gaps a gyro or encoder sample cannot be judged by those before [s]."""
-
-PERIODS = 2.5
-"""Integration and prediction do not bridge gaps of more periods of gyro or encoders."""
+"""Integration does not bridge longer gaps in gyro or encoder samples [s]."""
 
 LONGEST_SILENCE = 1.0
 """A stamp that is later than all before by more is believed once the next one agrees [s]."""
@@ -90,20 +86,11 @@ SLOWEST = 200.0
 
 # -- changes of momentum -------------------------------------------------------------------------
 
-UNSURE = 1e-3
-"""Share of ignorance of ψ in the joint noise with which the filter may begin."""
-
-SECOND_ORDER = 0.1
-"""Without a gyro: part of the attitude's σ over a second that linearization may cost at most."""
-
 LARGEST_STEP = 0.03
 """Change of the base's angular velocity that a thruster is expected to cause at once [rad/s]."""
 
 WATCHED, SPACING = 6, 0.2
 """For how many instants changes of momentum are watched, and how far the latest are apart [s]."""
-
-LONGEST_WATCH = 6.0
-"""For how long, at most [s]."""
 
 CHANGED = 60.0
 """Likelihood ratio (χ² of 6) above which momentum has changed: 5e-11, and one outlier is less."""
@@ -205,7 +192,7 @@ class FilterState:
             for not knowing ψ.
         rate_noise: growth of the attitude by momentum's variance [rad²/s] by the noise of the
             angular velocity in its regressor.
-        w_by_gyro, w_by_momentum: (2, 3) latest angular velocity, in B [rad/s], and its rate.
+        w: (3,) latest angular velocity, in B [rad/s]; `w_before` the one that momentum predicts.
         gyro: (4, 4) time and value of the latest gyro samples, the newest last; NaN for none.
         rejoin_time: when the attitude by momentum was last put onto that by gyro for disagreeing.
         effects: (28, 12 · WATCHED) what unit changes at the watched instants have made of the
@@ -215,7 +202,7 @@ class FilterState:
         watch_start: (WATCHED,) the watched instants [s].
         used, rejected: (n,) number of samples.
         in_a_row: (n,) rejections in a row.
-        times: (n,) latest stamp admitted [s]; −inf before the first. `newest` the latest of all.
+        times: (n,) latest stamp admitted [s]; −inf before the first.
         latest: (n, max(4, J)) value of the latest sample; `repeats` (n,) how often it came again.
         recent_gyro, recent_encoders: (3, 4), (3, 1 + J) latest samples admitted, the newest last.
         doubtful_gyro, doubtful_encoders: (4,), (1 + J,) a sample that waits to be confirmed.
@@ -236,7 +223,6 @@ class FilterState:
     doubtful_encoders: NDArray[np.float64]
     late: NDArray[np.float64]
     momentum_known: np.bool_
-    newest: np.float64 = field(default_factory=lambda: np.float64(-np.inf))
     attitude_known: np.bool_ = np.False_
     com_known: np.bool_ = np.False_
     momentum_changes: np.int64 = field(default_factory=lambda: np.int64(0))
@@ -255,8 +241,8 @@ class FilterState:
     bias: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     L: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     v_Wcm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    w_by_gyro: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2, 3)))
-    w_by_momentum: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2, 3)))
+    w: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    w_before: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     gyro: NDArray[np.float64] = field(default_factory=lambda: np.full((4, 4), np.nan))
     effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((SIZE, 12 * WATCHED)))
     watch_information: NDArray[np.float64] = field(
@@ -288,7 +274,7 @@ class FilterState:
 
 _ADMISSION = (
     *("momentum_known", "momentum_changes", "momentum_change_time", "step_time", "used"),
-    *("rejected", "times", "newest", "latest", "repeats", "recent_gyro", "recent_encoders", "late"),
+    *("rejected", "times", "latest", "repeats", "recent_gyro", "recent_encoders", "late"),
     *("doubtful_gyro", "doubtful_encoders"),
 )
 
@@ -329,8 +315,6 @@ class MomentumFilter:
             R_BS = suite.attitude.R_BS
             self._variance["attitude"] = R_BS * suite.sigmas("attitude") ** 2 @ R_BS.T
         self._unit_rates = np.eye(joint_count)
-        self._joint_gap = PERIODS / suite.encoders.rate
-        self._gyro_gap = PERIODS / suite.gyro.rate if self._has_gyro else 0.0
         fastest = max((sensor.rate for sensor in self._present.values()), default=1.0)
         self._silence = max(LONGEST_SILENCE, 2.5 / fastest)
         self._repeats_allowed = self._allowed_repeats()
@@ -425,8 +409,8 @@ class MomentumFilter:
         if not possible:
             state.rejected[_INDEX[name]] += 1
             return []
-        waiting = state.late[1]
-        if time - state.newest > self._silence:
+        newest, waiting = state.times.max(), state.late[1]
+        if time - newest > self._silence:
             if not abs(time - waiting) <= self._silence:
                 self._forget_late(state)
                 state.late[:2] = _INDEX[name], time
@@ -456,7 +440,6 @@ class MomentumFilter:
             state.rejected[k] += 1
             return []
         state.times[k] = time
-        state.newest = np.float64(max(time, state.newest))
         if name not in SMOOTHEST:
             return [(name, time, value)]
         sigma = self._joint_sigma if name == "encoders" else math.sqrt(self._gyro_variance)
@@ -494,7 +477,9 @@ class MomentumFilter:
         return [(name, time, value)]
 
     def _is_stuck(self, state: FilterState, k: int, name: str, time: float, value: NDArray) -> bool:
-        if state.latest[k, : value.size].tolist() != value.tolist():
+        latest = state.latest[k, : value.size]
+        same = (latest == value).all()
+        if not same:
             state.latest[k, : value.size], state.repeats[k] = value, 0.0
             return False
         state.repeats[k] += 1
@@ -518,25 +503,18 @@ class MomentumFilter:
         order = len(times)
         if not order:
             return True
-        if order == 3:
-            a, b, c = times
-            x, y, z = time - a, time - b, time - c
-            weights = [
-                y * z / ((a - b) * (a - c)),
-                x * z / ((b - a) * (b - c)),
-                x * y / ((c - a) * (c - b)),
-            ]
-            rest = x * y * z / 6
-        elif order == 2:
-            a, b = times
-            x, y = time - a, time - b
-            weights, rest = [y / (a - b), x / (b - a)], x * y / 2
-        else:
-            weights, rest = [1.0], time - times[0]
+        weights, rest = [], 1.0
+        for i, t in enumerate(times):
+            weight = 1.0
+            for j, other in enumerate(times):
+                if i != j:
+                    weight *= (time - other) / (t - other)
+            weights.append(weight)
+            rest *= (time - t) / (i + 1)
         off = np.array(weights) @ recent[-order:, 1:] - value
         gain = math.sqrt(1 + sum(weight * weight for weight in weights))
         limit = SPIKE * gain * sigma + bounds[order - 1] * rest
-        return max(map(abs, off.tolist())) <= limit
+        return max(off.max(), -off.min()) <= limit
 
     # -- use of admitted samples ------------------------------------------------------------------
 
@@ -552,26 +530,12 @@ class MomentumFilter:
             state.rejected[k] += 1
 
     def resume(
-        self,
-        state: FilterState,
-        time: float,
-        q: NDArray,
-        rates: NDArray,
-        measurements: Measurements,
+        self, state: FilterState, time: float, q: NDArray, measurements: Measurements
     ) -> None:
-        """Set what else a state needs to go on at `time`, after the last of these measurements.
-
-        Args:
-            state: changed.
-            time: [s].
-            q: (J,) joint positions.
-            rates: (J,) joint rates.
-            measurements: so far.
-
-        """
+        """Set what else a state needs to go on at `time`, after the last of these measurements."""
         state.attitude_known = np.True_
         state.com_known = np.bool_(len(measurements.position) > 0)
-        state.joints[0, 0], state.joints[0, 1:], state.rates[:] = time, q, rates
+        state.joints[0, 0], state.joints[0, 1:] = time, q
         encoders = measurements.encoders
         before = min(np.searchsorted(encoders.time, time - 0.1), len(encoders) - 1)
         state.q_before[:] = encoders.value[before]
@@ -581,18 +545,12 @@ class MomentumFilter:
         if count:
             state.gyro[-count:, 0] = gyro.time[-count:]
             state.gyro[-count:, 1:] = gyro.value[-count:]
-            state.w_by_gyro[0] = gyro.value[-1] - state.bias
+            state.w[:] = gyro.value[-1] - state.bias
             # The attitude is that at `time`; the gyro's may be a little older.
-            if count > 1:
-                elapsed = gyro.time[-1] - gyro.time[-2]
-                state.w_by_gyro[1] = (gyro.value[-1] - gyro.value[-2]) / elapsed
-            state.R_by_gyro = _turned(state.R_by_gyro, state.w_by_gyro, gyro.time[-1] - time)
+            turn = _exp(state.w * (gyro.time[-1] - time))
+            state.R_by_gyro = state.R_by_gyro @ turn
         self._refresh_joint_noise(state, time, self._look(state))
         R = state.R_by_momentum
-        momenta = state.response @ state.psi + state.known_part
-        J = self.joint_count
-        rest = R.T @ state.L - momenta[:, :J] @ rates
-        state.w_by_momentum[0] = np.linalg.solve(momenta[:, J:], rest)
         state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
         self._watch_anew(state, time)
 
@@ -600,27 +558,10 @@ class MomentumFilter:
         """Whether ψ is known well enough for this filter to go on with.
 
         Encoder errors are in the regressors too. That does no harm once it hardly matters to their
-        effect which of the still possible ψ is the true one: `UNSURE` of its variance. Without a
-        gyro, neither may it matter that the angular velocity there follows from a wrong ψ.
+        effect which of the still possible ψ is the true one: 1 % of its variance here.
         """
-        time = state.joints[0, 0]
-        self._refresh_joint_noise(state, time, self._look(state))
-        if np.trace(state.unsure_noise) > UNSURE * np.trace(state.joint_noise):
-            return False
-        if self._gyro_is_there(state, time):
-            return True
-        # Without a gyro the angular velocity in the regressors is itself predicted.
-        if "attitude" not in self._variance:
-            return False
-        J = self.joint_count
-        inverse = np.linalg.inv(state.response[:, J:] @ state.psi + state.known_part[:, J:])
-        P = state.P[PSI, PSI]
-        Y = inverse @ (np.concatenate([state.rates, state.w_by_momentum[0]]) @ state.response)
-        by_turn = [inverse @ state.response[:, J + k] for k in range(3)]
-        relative = sum(np.trace(D @ P @ D.T) for D in by_turn) / 3
-        wrong = np.sqrt(np.trace(Y @ P @ Y.T) * relative)
-        attitude = np.sqrt(np.trace(self._variance["attitude"]) / 3 / self.suite.attitude.rate)
-        return bool(wrong < SECOND_ORDER * attitude)
+        self._refresh_joint_noise(state, state.joints[0, 0], self._look(state))
+        return bool(np.trace(state.unsure_noise) < 0.01 * np.trace(state.joint_noise))
 
     def open_momentum(self, state: FilterState, angular: bool = True) -> None:
         """Forget the momentum, or the linear one only; keep all else."""
@@ -639,16 +580,16 @@ class MomentumFilter:
         if not state.attitude_known:
             self._set_attitude(state, R, time)
             return True
-        found = self._predicted_attitude(state, time)
-        if found is None:
+        where, R_state, at = self._best_attitude(state)
+        if not abs(time - at) <= LONGEST_GAP:
             return False
-        where, R_predicted = found
+        R_predicted = R_state @ _exp(state.w * (time - at)) if time != at else R_state
         H = np.zeros((3, SIZE))
         H[:, where] = R_predicted.T
         if where == BY_MOMENTUM:
             noise = noise + state.joint_noise
         innovation = _log(R_predicted.T @ R)
-        if self._correct(state, innovation, H, noise, watched=where == BY_MOMENTUM):
+        if self._correct(state, innovation, H, noise):
             return True
         if self._too_many(state, "attitude"):
             if where == BY_GYRO or not self._compensate(state, time, (0,), GATE):
@@ -659,36 +600,27 @@ class MomentumFilter:
             return True
         return False
 
-    def _predicted_attitude(
-        self, state: FilterState, time: float
-    ) -> tuple[slice, NDArray[np.float64]] | None:
-        """Return the attitude that a sensor of the pose is compared with; None if there is none."""
-        if self._gyro_is_there(state, time):
-            ahead = time - state.gyro[-1, 0]
-            return BY_GYRO, _turned(state.R_by_gyro, state.w_by_gyro, ahead)
-        ahead = time - state.joints[0, 0]
-        if abs(ahead) <= self._joint_gap:
-            return BY_MOMENTUM, _turned(state.R_by_momentum, state.w_by_momentum, ahead)
-        return None
-
-    def _gyro_is_there(self, state: FilterState, time: float) -> bool:
-        """Whether the gyro's latest sample is of about that time."""
-        return abs(time - state.gyro[-1, 0]) <= self._gyro_gap
+    def _best_attitude(self, state: FilterState) -> tuple[slice, NDArray, float]:
+        """Return the attitude that sensors of the pose are compared with, and its time."""
+        newest = state.gyro[-1, 0]
+        if newest == newest and not state.joints[0, 0] - newest > LONGEST_GAP:
+            return BY_GYRO, state.R_by_gyro, newest
+        return BY_MOMENTUM, state.R_by_momentum, state.joints[0, 0]
 
     def _set_attitude(self, state: FilterState, R: NDArray, time: float) -> None:
         """Take the attitude from one sample, with no memory of what it was."""
         noise = self._variance["attitude"]
         gyro, joints = state.gyro[-1, 0], state.joints[0, 0]
-        ahead = [0.0 if np.isnan(at) else at - time for at in (joints, gyro)]
-        state.R_by_momentum = _turned(R, state.w_by_momentum, ahead[0])
-        state.R_by_gyro = _turned(R, state.w_by_gyro, ahead[1])
+        behind = [0.0 if np.isnan(at) else time - at for at in (joints, gyro)]
+        state.R_by_momentum = R @ _exp(-state.w * behind[0])
+        state.R_by_gyro = R @ _exp(-state.w * behind[1])
         variance = R @ noise @ R.T
         for where in (BY_MOMENTUM, BY_GYRO):
             state.P[where, :] = state.P[:, where] = 0.0
         for a in (BY_MOMENTUM, BY_GYRO):
             for b in (BY_MOMENTUM, BY_GYRO):
                 state.P[a, b] = variance
-        slip = 0.0 if abs(ahead[1]) <= self._gyro_gap else (LARGEST_STEP * ahead[0]) ** 2
+        slip = 0.0 if np.isfinite(gyro) else (LARGEST_STEP * behind[0]) ** 2
         R = state.R_by_momentum
         state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T + slip * np.eye(3)
         state.attitude_known = np.True_
@@ -698,13 +630,13 @@ class MomentumFilter:
 
     def _gyro(self, state: FilterState, time: float, value: NDArray) -> bool:
         last = state.gyro[-1, 0]
-        if not (state.attitude_known and time - last <= self._gyro_gap):
+        if not (state.attitude_known and time - last <= LONGEST_GAP):
             # Nothing to carry on from.
             if last == last:
                 state.P[BIAS, BIAS] += self._bias_growth * (time - last) * np.eye(3)
             state.gyro[:] = np.nan
             state.gyro[-1, 0], state.gyro[-1, 1:] = time, value
-            state.w_by_gyro[0], state.w_by_gyro[1] = value - state.bias, 0.0
+            state.w[:] = value - state.bias
             self._carry_gyro_on(state, time)
             return True
         self._turn_by_gyro(state, time, value, stepped=time == state.step_time)
@@ -712,20 +644,20 @@ class MomentumFilter:
 
     def _carry_gyro_on(self, state: FilterState, time: float) -> None:
         """Let the gyro's attitude begin where that by momentum has got to."""
-        ahead = time - state.joints[0, 0]
-        if not ahead <= self._joint_gap:
+        behind = time - state.joints[0, 0]
+        if behind > LONGEST_GAP:
             state.attitude_known = np.False_  # that is no longer there: wait for a sample
-        if not state.attitude_known:
+        if not (state.attitude_known and behind > 0):
             return
-        state.R_by_gyro = _turned(state.R_by_momentum, state.w_by_momentum, ahead)
+        state.R_by_gyro = state.R_by_momentum @ _exp(state.w * behind)
         self._adopt(state, BY_GYRO, BY_MOMENTUM)
-        # The angular velocity between is off by what it changes.
-        state.P[_BY_GYRO_DIAGONAL] += (SMOOTHEST["gyro"][0] * ahead**2) ** 2 / 12
+        # One angular velocity for all of the time between: off by what it changes.
+        state.P[_BY_GYRO_DIAGONAL] += (SMOOTHEST["gyro"][0] * behind**2) ** 2 / 12
 
     def _turn_by_gyro(self, state: FilterState, time: float, value: NDArray, stepped: bool) -> None:
         (before, last), (w_before, w_last) = state.gyro[-2:, 0].tolist(), state.gyro[-2:, 1:]
         elapsed, gap = time - last, last - before
-        if stepped or not gap <= self._gyro_gap:
+        if stepped or not gap <= LONGEST_GAP:
             mean = (value + w_last) / 2
         else:
             # The mean over the interval of the parabola through three samples.
@@ -743,16 +675,15 @@ class MomentumFilter:
             # It came at an unknown instant between the two samples.
             jump = value - w_last
             growth += (jump @ jump) * elapsed**2 / 12
-        _drive(state, BY_GYRO, M)
-        state.P[_BY_GYRO_DIAGONAL] += growth
+        _drive(state.P, BY_GYRO, M, growth)
         state.P[_BIAS_DIAGONAL] += self._bias_growth * elapsed
+        state.effects[BY_GYRO] = M @ state.effects
         state.R_by_gyro = state.R_by_gyro @ _exp(turn)
         if stepped:
             state.gyro[:] = np.nan
         state.gyro[:-1] = state.gyro[1:]
         state.gyro[-1, 0], state.gyro[-1, 1:] = time, value
-        state.w_by_gyro[0] = w
-        state.w_by_gyro[1] = 0.0 if stepped else (value - w_last) / elapsed
+        state.w[:] = w
 
     # -- encoders --------------------------------------------------------------------------------
 
@@ -760,13 +691,13 @@ class MomentumFilter:
         start, middle = state.joints
         waiting = middle[0] == middle[0]
         last = middle[0] if waiting else start[0]
-        if not (state.attitude_known and time - last <= self._joint_gap):
+        if not (state.attitude_known and time - last <= LONGEST_GAP):
             self._start_joints(state, time, value)
             return True
         if not waiting:
             middle[0], middle[1:] = time, value
             return True
-        if max(map(abs, (value - start[1:]).tolist())) > FASTEST_JOINT * (time - start[0]):
+        if np.abs(value - start[1:]).max() > FASTEST_JOINT * (time - start[0]):
             self._start_joints(state, time, value)
             return True
         dynamics = self._turn_by_momentum(state, time, value)
@@ -782,13 +713,12 @@ class MomentumFilter:
         before = state.joints[0, 0]
         lost = before == before
         if lost:
-            state.p_Wcm += state.v_Wcm * (time - before)
-            _drive(state, _MOVED, _moves(time - before))
+            self._move_com(state, time - before)
         state.joints[0, 0], state.joints[0, 1:], state.joints[1, 0] = time, value, np.nan
         state.rates[:] = 0.0
         state.q_before[:] = value
         self._refresh_joint_noise(state, time, self._look(state))
-        if state.attitude_known and self._gyro_is_there(state, time):
+        if state.attitude_known and 0 <= time - state.gyro[-1, 0] <= LONGEST_GAP:
             self._rejoin(state, time)
         elif lost:
             state.attitude_known = np.False_  # no gyro to bridge the gap: wait for an attitude
@@ -810,41 +740,39 @@ class MomentumFilter:
         if 0.2 < part < 0.8:
             curved = ((value - q0) - (q1 - q0) / part) / (1 - part)
         slope = (value - q0) - curved
-        J = self.joint_count
-        motion = np.empty((3, J + 3))
-        rates = motion[:, :J]
-        rates[0], rates[1], rates[2] = slope / T, (slope + curved) / T, (slope + 2 * curved) / T
-        middle = self.dynamics(q0 + slope / 2 + curved / 4, self._unit_rates)
-        response, known = np.empty((3, 3, J + 3, 10)), np.empty((3, 3, J + 3))
-        response[0], known[0] = state.response, state.known_part
-        response[1], known[1] = _response(middle)
+        rates = np.stack([slope, slope + curved, slope + 2 * curved]) / T
+        middle = self.dynamics(q0 + slope / 2 + curved / 4, rates[1:2])
+        parts = [(state.response, state.known_part, rates[0]), (*_response(middle), _ONE)]
         state.joints[0, 0], state.joints[0, 1:], state.joints[1, 0] = time, value, np.nan
         state.rates[:] = rates[2]
         end = self._look(state)
-        response[2], known[2] = state.response, state.known_part
+        parts.append((state.response, state.known_part, rates[2]))
 
-        fresh = self._gyro_is_there(state, time)
-        half = _exp((state.w_by_gyro if fresh else state.w_by_momentum)[0] * (T / 2))
-        nodes = np.empty((3, 3, 3))
-        nodes[0], nodes[1], nodes[2] = _EYE, half, half @ half
+        fresh = self._has_gyro and time - state.gyro[-1, 0] <= LONGEST_GAP
+        mean = state.w if fresh else state.w_before
+        half = _exp(mean * (T / 2))
+        nodes = np.stack([_EYE, half, half @ half])
         # The attitude for the derivatives: the gyro's is the better one.
         R = state.R_by_gyro @ nodes[2].T if fresh else state.R_by_momentum
         R_nodes = R @ nodes
 
         psi = state.psi
-        inertia, h = _momenta(response, known, rates, psi)
-        if not _well_positive(inertia[1], middle.I_K[0]):
+        J, h = _momenta(parts, psi)
+        if not _well_positive(J[1], middle.I_K[0]):
             psi = self.prior.psi  # any ψ will do to linearize about, but a possible one
-            inertia, h = _momenta(response, known, rates, psi)
-        inverse = np.linalg.inv(inertia)
+            J, h = _momenta(parts, psi)
+        inverse = np.linalg.inv(J)
         if fresh:
-            motion[:, J:] = self._angular_velocities(state, (t0, t0 + T / 2, time))
+            w_true = self._angular_velocities(state, (t0, t0 + T / 2, time))
         else:
-            motion[:, J:] = (inverse @ (state.L @ R_nodes - h)[..., None])[..., 0]
-        Y = (motion[:, None, None] @ response)[:, :, 0]
+            L_B = state.L @ R_nodes
+            w_true = (inverse @ (L_B - h)[..., None])[..., 0]
+        Y = np.stack(
+            [np.concatenate([by, w]) @ response for (response, _, by), w in zip(parts, w_true)]
+        )
         if psi is not state.psi:
             h = h + Y @ (state.psi - psi)
-        turning = bool(state.L @ state.L)
+        turning = state.L.any()
         nodes = state.R_by_momentum @ nodes
         for _ in range(2 if turning else 1):
             momentum = state.L @ nodes if turning else 0.0
@@ -853,22 +781,32 @@ class MomentumFilter:
             if turning:  # with momentum the velocities depend on where the base turns to
                 halfway = T / 24 * (5 * w[0] + 8 * w[1] - w[2])
                 R = state.R_by_momentum
-                nodes[1], nodes[2] = R @ _exp(halfway), R @ _exp(turn)
+                nodes = np.stack([R, R @ _exp(halfway), R @ _exp(turn)])
 
-        # Sums over the nodes, as products of what stands side by side.
-        weighted = (R_nodes @ inverse * (T / 6 * _SIMPSON)).transpose(1, 0, 2).reshape(3, 9)
-        M = _moves(T)
-        M[:3, PSI] = -(weighted @ Y.reshape(9, 10))
-        M[:3, ANGULAR] = spread = weighted @ R_nodes.transpose(0, 2, 1).reshape(9, 3)
+        weighted = R_nodes @ inverse * (T / 6 * _SIMPSON)
+        M = np.zeros((3, SIZE))
+        M[:, PSI] = -(weighted @ Y).sum(axis=0)
+        M[:, BY_MOMENTUM] = _EYE
+        M[:, ANGULAR] = spread = (weighted @ R_nodes.transpose(0, 2, 1)).sum(axis=0)
         if turning:
-            M[:3, BY_MOMENTUM] += spread @ _skew(state.L)
-        _drive(state, _MOVED, M)
-        state.P[_BY_MOMENTUM_DIAGONAL] += state.rate_noise * T
+            M[:, BY_MOMENTUM] += spread @ _skew(state.L)
+        _drive(state.P, BY_MOMENTUM, M, state.rate_noise * T)
+        state.effects[BY_MOMENTUM] = M @ state.effects
         state.R_by_momentum = state.R_by_momentum @ _exp(turn)
-        state.p_Wcm += state.v_Wcm * T
-        state.w_by_momentum[0] = w[2]
-        state.w_by_momentum[1] = (w[0] - 4 * w[1] + 3 * w[2]) / T
+        state.w_before[:] = w[2]
+        self._move_com(state, T)
+        if not fresh:
+            state.w[:] = w[2]
         return end
+
+    @staticmethod
+    def _move_com(state: FilterState, elapsed: float) -> None:
+        """Move the centre of mass on by its velocity."""
+        state.p_Wcm += state.v_Wcm * elapsed
+        P = state.P
+        P[COM] += elapsed * P[VELOCITY]
+        P[:, COM] += elapsed * P[:, VELOCITY]
+        state.effects[COM] += elapsed * state.effects[VELOCITY]
 
     @staticmethod
     def _angular_velocities(state: FilterState, times: tuple) -> NDArray:
@@ -876,23 +814,16 @@ class MomentumFilter:
         latest = state.gyro[-3:]
         if all(abs(a - b) < 1e-9 for a, b in zip(latest[:, 0].tolist(), times)):
             return latest[:, 1:] - state.bias
-        at = [t for t in state.gyro[:, 0].tolist() if t == t]
-        weights = np.zeros((3, len(at)))
-        for row, t in zip(weights, times):
-            k = min(max(sum(a < t for a in at), 1), len(at) - 1)
-            if k:
-                part = min(max((t - at[k - 1]) / (at[k] - at[k - 1]), 0.0), 1.0)
-                row[k - 1], row[k] = 1 - part, part
-            else:
-                row[0] = 1.0
-        return weights @ state.gyro[-len(at) :, 1:] - state.bias
+        known = np.isfinite(state.gyro[:, 0])
+        at, samples = state.gyro[known, 0], state.gyro[known, 1:]
+        return np.stack([np.interp(times, at, axis) for axis in samples.T], axis=1) - state.bias
 
     def _agree(self, state: FilterState, time: float) -> None:
         """Both roads lead to one attitude, but for the latest encoder sample's error."""
-        doubtful = state.doubtful_gyro[0] == state.doubtful_gyro[0]
-        if doubtful or not self._gyro_is_there(state, time):
+        behind = time - state.gyro[-1, 0]
+        if not 0 <= behind <= LONGEST_GAP or state.doubtful_gyro[0] == state.doubtful_gyro[0]:
             return
-        R = _turned(state.R_by_gyro, state.w_by_gyro, time - state.gyro[-1, 0])
+        R = state.R_by_gyro @ _exp(state.w * behind) if behind > 1e-9 else state.R_by_gyro
         H = np.zeros((3, SIZE))
         H[:, BY_MOMENTUM] = R.T
         H[:, BY_GYRO] = -R.T
@@ -908,19 +839,18 @@ class MomentumFilter:
             # Once: an error of gyro or encoders that has stayed in one of the attitudes.
             state.P[_BY_GYRO_DIAGONAL] += innovation @ innovation
         else:
-            if not self._compensate(state, time, (0, 1), GATE):
-                self._momentum_changed(state, time)
+            self._momentum_changed(state, time)
             self.open_momentum(state)
             # The step came at an unknown instant between two gyro samples.
             state.P[_BY_GYRO_DIAGONAL] += (LARGEST_STEP / self.suite.gyro.rate) ** 2
-            self._watch_anew(state, time)
         state.rejoin_time = np.float64(time)
         self._rejoin(state, time)
+        self._watch_anew(state, time)
 
     def _rejoin(self, state: FilterState, time: float) -> None:
         """Put the attitude by momentum onto that by gyro, but for the latest encoder error."""
-        R = _turned(state.R_by_gyro, state.w_by_gyro, time - state.gyro[-1, 0])
-        state.R_by_momentum = R
+        behind = time - state.gyro[-1, 0]
+        state.R_by_momentum = R = state.R_by_gyro @ _exp(state.w * behind)
         self._adopt(state, BY_MOMENTUM, BY_GYRO)
         state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
 
@@ -942,10 +872,13 @@ class MomentumFilter:
     def _about_com(self, state: FilterState, time: float, value: NDArray, name: str) -> bool:
         start, middle = state.joints
         ahead = time - start[0]
-        found = self._predicted_attitude(state, time)
-        if found is None or not (state.attitude_known and abs(ahead) <= self._joint_gap):
+        where, R, at = self._best_attitude(state)
+        if not (state.attitude_known and abs(ahead) <= LONGEST_GAP):
             return False
-        where, R = found
+        if not abs(time - at) <= LONGEST_GAP:
+            return False
+        if abs(time - at) > 1e-9:
+            R = R @ _exp(state.w * (time - at))
         com_part = state.com_part
         if abs(ahead) > 1e-9:
             # The joints from the latest samples, carried on or back a little.
@@ -965,8 +898,7 @@ class MomentumFilter:
             H[:, :4] = -R @ by_rho
         else:
             dynamics = self.dynamics(start[1:] + state.rates * ahead, state.rates[None])
-            by = state.w_by_gyro if where == BY_GYRO else state.w_by_momentum
-            W = _skew(by[0])
+            W = _skew(state.w)
             arm = R @ (W @ rho + dynamics.com_rate(state.psi)[0])
             predicted = state.v_Wcm - arm
             H[:, VELOCITY] = _EYE
@@ -995,42 +927,25 @@ class MomentumFilter:
 
     # -- the filter's steps ----------------------------------------------------------------------
 
-    def _correct(
-        self,
-        state: FilterState,
-        innovation: NDArray,
-        H: NDArray,
-        noise: NDArray,
-        watched: bool = True,
-    ) -> bool:
-        """Take an innovation in, unless it is out of the gate.
-
-        Args:
-            state: changed.
-            innovation: (3,) measured minus predicted.
-            H: (3, 28) its derivative by the error state.
-            noise: (3, 3) its own covariance.
-            watched: whether it can tell changes of momentum.
-
-        """
+    def _correct(self, state: FilterState, innovation: NDArray, H: NDArray, noise: NDArray) -> bool:
+        """Take an innovation in, unless it is out of the gate."""
         P = state.P
         PHt = P @ H.T
-        inverse = _inverse(H @ PHt + noise)
+        inverse = np.linalg.inv(H @ PHt + noise)
         weighted = inverse @ innovation
         if not innovation @ weighted <= GATE:
             return False
         K = PHt @ inverse
-        # Joseph's form, (1 − K H) P (1 − K H)ᵀ + K noise Kᵀ, by products with three columns only.
-        P = P - K @ PHt.T
-        P -= (P @ H.T - K @ noise) @ K.T
-        state.P = (P + P.T) * 0.5
+        # Joseph's form, (1 − K H) P (1 − K H)ᵀ + K noise Kᵀ.
+        A = _IDENTITY - K @ H
+        P = A @ P @ A.T + K @ noise @ K.T
+        state.P = (P + P.T) / 2
         seen = H @ state.effects
         state.effects -= K @ seen
-        if watched:
-            seen = seen.reshape(3, WATCHED, 12).transpose(1, 2, 0)
-            by_change = seen @ inverse
-            state.watch_information += by_change @ seen.transpose(0, 2, 1)
-            state.watch_score += by_change @ innovation
+        seen = seen.reshape(3, WATCHED, 12).transpose(1, 2, 0)
+        by_change = seen @ inverse
+        state.watch_information += by_change @ seen.transpose(0, 2, 1)
+        state.watch_score += by_change @ innovation
         self._move(state, K @ innovation)
         return True
 
@@ -1075,20 +990,18 @@ class MomentumFilter:
 
     def _watch(self, state: FilterState, time: float) -> None:
         """Now and then: see whether momentum has changed, and watch one more instant."""
-        if time - max(state.watch_start.tolist()) < SPACING - 1e-9:
+        if time - state.watch_start.max() < SPACING - 1e-9:
             return
         if not self._compensate(state, time, (0, 1), CHANGED):
-            self._watch_also(state, self._dispensable(time - state.watch_start), time)
-
-    @staticmethod
-    def _dispensable(ages: NDArray[np.float64]) -> int:
-        """Return which watched instant to give up: the older they are, the fewer are needed."""
-        order = ages.argsort()
-        ages = ages[order]
-        if ages[-1] > LONGEST_WATCH:
-            return int(order[-1])
-        younger = np.insert(ages[:-2], 0, 0.0)
-        return int(order[((ages[1:] + SPACING) / (younger + SPACING)).argmin()])
+            # The further back, the fewer: drop the one that its neighbours can best stand in for.
+            age = time - state.watch_start
+            order = np.argsort(age)
+            older = np.append(age[order[1:]], np.inf)
+            younger = np.insert(age[order[:-1]], 0, 0.0)
+            slot = (
+                order[(older - younger)[:-1].argmin()] if np.isfinite(age).all() else age.argmax()
+            )
+            self._watch_also(state, int(slot), time)
 
     def _compensate(
         self, state: FilterState, time: float, groups: tuple[int, ...], threshold: float
@@ -1184,8 +1097,6 @@ _EYE, _ONE, _IDENTITY = np.eye(3), np.ones(1), np.eye(SIZE)
 _SIMPSON = np.array([1.0, 4.0, 1.0])[:, None, None]
 _BIAS_DIAGONAL = (_IN_ORDER[BIAS], _IN_ORDER[BIAS])
 _BY_GYRO_DIAGONAL = (_IN_ORDER[BY_GYRO], _IN_ORDER[BY_GYRO])
-_BY_MOMENTUM_DIAGONAL = (_IN_ORDER[BY_MOMENTUM], _IN_ORDER[BY_MOMENTUM])
-_MOVED = slice(BY_MOMENTUM.start, COM.stop)
 
 
 def _regressor_of_units() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -1223,12 +1134,12 @@ def _response(dynamics: RelativeDynamics) -> tuple[NDArray[np.float64], NDArray[
     return (R_BC @ in_C.reshape(3, -1)).reshape(3, N + 3, 10), known
 
 
-def _momenta(
-    response: NDArray, known: NDArray, rates: NDArray, psi: NDArray
-) -> tuple[NDArray, NDArray]:
-    """Return J (n, 3, 3) and h (n, 3) of n responses to unit rates, at rates (n, J)."""
-    momenta = response @ psi + known
-    return momenta[:, :, -3:], (momenta[:, :, :-3] @ rates[..., None])[..., 0]
+def _momenta(parts: list[tuple], psi: NDArray) -> tuple[NDArray, NDArray]:
+    """J (n, 3, 3) and h (n, 3) of responses, each with the rates that go with it."""
+    momenta = [response @ psi + known for response, known, _ in parts]
+    J = np.stack([momentum[:, -3:] for momentum in momenta])
+    h = np.stack([m[:, :-3] @ rates for m, (_, _, rates) in zip(momenta, parts)])
+    return J, h
 
 
 def _com_part(dynamics: RelativeDynamics) -> NDArray[np.float64]:
@@ -1240,39 +1151,22 @@ def _com_part(dynamics: RelativeDynamics) -> NDArray[np.float64]:
     return part
 
 
-def _moves(elapsed: float) -> NDArray[np.float64]:
-    """Return (6, 28): what becomes of the errors `_MOVED`, but for turning."""
-    M = np.zeros((6, SIZE))
-    M[:3, BY_MOMENTUM] = M[3:, COM] = _EYE
-    M[3:, VELOCITY] = elapsed * _EYE
-    return M
-
-
-def _drive(state: FilterState, where: slice, M: NDArray) -> None:
-    """Let some of the errors become M (n, 28) times all."""
-    P = state.P
+def _drive(P: NDArray, where: slice, M: NDArray, growth: float) -> None:
+    """Let three of the errors become M (3, 28) times all, and grow by a variance; in place."""
     rows = M @ P
+    block = rows @ M.T
     P[where] = rows
     P[:, where] = rows.T
-    block = rows @ M.T
-    P[where, where] = (block + block.T) * 0.5
-    state.effects[where] = M @ state.effects
+    P[where, where] = (block + block.T) / 2 + growth * _EYE
 
 
 def _well_positive(J: NDArray, reference: NDArray) -> bool:
     """Whether J is at least a third of the known bodies' own inertia, in every direction."""
-    (a, b, c), (_, d, e), (_, _, f) = (J - reference / 3).tolist()
-    minor = a * d - b * b
-    return a > 0 and minor > 0 and f * minor - a * e * e + 2 * b * c * e - d * c * c > 0
-
-
-def _inverse(S: NDArray) -> NDArray[np.float64]:
-    """Inverse of a symmetric positive definite matrix (3, 3)."""
-    (a, b, c), (_, d, e), (_, _, f) = S.tolist()
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    scale = 1 / (a * A + b * B + c * C)
-    return scale * np.array([[A, B, C], [B, D, E], [C, E, F]])
+    try:
+        np.linalg.cholesky(J - reference / 3)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 # -- rotations -------------------------------------------------------------------------------------
@@ -1307,13 +1201,6 @@ def _exp(r: NDArray) -> NDArray:
             [xz - y, yz + x, 1 - x2 - y2],
         ]
     )
-
-
-def _turned(R: NDArray, motion: NDArray, elapsed: float) -> NDArray:
-    """Attitude a little later, or before, by an angular velocity and its rate (2, 3)."""
-    if abs(elapsed) < 1e-9:
-        return R
-    return R @ _exp(motion[0] * elapsed + motion[1] * (elapsed**2 / 2))
 
 
 def _log(R: NDArray) -> NDArray:

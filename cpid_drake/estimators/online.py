@@ -39,14 +39,13 @@ FIRST_FIT, NEXT_FIT, LONGEST_FIT = 1.0, 1.3, 60.0
 """When the first fit is made, by what factor later each next one, the last at the latest [s]."""
 
 MISFIT = 4.0
-"""So many σ of χ² too much are no chance: the momentum is not constant, or sensors are worse than
-they are said to be. With such sensors there will be no estimate, but a count of changes."""
+"""So many σ of χ² too much are no chance: the momentum is not constant."""
 
 FEW = 0.05
 """This part of the samples, at most, are outliers."""
 
-FASTEST = {"attitude": 0.5, "position": 1.0, "velocity": 1.0, "gyro": 2.0, "encoders": 3.0}
-"""What sensors read does not change faster [1/s], but for a spike."""
+FASTEST_BASE = {"attitude": 0.5, "position": 1.0, "velocity": 1.0}
+"""The base does not turn, move or speed up faster [rad/s, m/s, m/s²], but for a spike."""
 
 
 @dataclass(eq=False)
@@ -57,7 +56,7 @@ class OnlineState:
         filter: its state; ψ and its covariance are the estimate at any time.
         samples: (sensor, time, value) so far, while there are fits to make.
         next_fit: when the next fit is due [s]; NaN once the filter runs alone.
-        first_time: of the encoders' samples; NaN before.
+        first_time: of all samples; NaN before.
 
     """
 
@@ -98,13 +97,12 @@ class OnlineEstimator:
             self._use(state, *sample)
 
     def _use(self, state: OnlineState, name: str, time: float, value: NDArray) -> None:
-        if state.acquiring and name == "encoders":  # how long they have been seen is what counts
-            if self._joints_lost(state, time):
-                state.samples, state.first_time = [], np.nan
-            if np.isnan(state.first_time):
-                state.first_time, state.next_fit = time, time + FIRST_FIT
-            elif time > state.next_fit:
-                self._fit(state, time)
+        if state.acquiring and name == "encoders" and self._joints_lost(state, time):
+            state.samples, state.first_time = [], np.nan
+        if state.acquiring and np.isnan(state.first_time):
+            state.first_time, state.next_fit = time, time + FIRST_FIT
+        if state.acquiring and time > state.next_fit:
+            self._fit(state, time)
         if not state.acquiring:
             self.filter.use(state.filter, name, time, value)
             return
@@ -136,12 +134,7 @@ class OnlineEstimator:
         found.keep_admission(state.filter)
         state.filter = found
         if fit.converged and (elapsed * NEXT_FIT > LONGEST_FIT or self.filter.well_known(found)):
-            # Samples that came before the encoders of their time are still to be used.
-            later = [s for s in state.samples if s[1] > found.joints[0, 0] + 1e-9]
             state.next_fit, state.samples = np.nan, []
-            for sample in later:
-                found.used[self.filter.index(sample[0])] -= 1
-                self.filter.use(found, *sample)
 
     def _fitted(self, state: OnlineState) -> TrajectoryFit | None:
         """Return the fit of all samples so far; None if there are too few."""
@@ -165,7 +158,7 @@ class OnlineEstimator:
         """Give up what there is of samples: momentum has changed among them."""
         start = self.filter.start()
         start.keep_admission(state.filter)
-        if self.filter.prior.momentum_known:
+        if start.momentum_known:
             self.filter.open_momentum(start)
         start.momentum_changes += 1
         start.momentum_change_time = np.float64(time)
@@ -174,7 +167,7 @@ class OnlineEstimator:
 
     def _drop_spikes(self, state: OnlineState) -> None:
         """Leave out samples that none of their neighbours in time agree with."""
-        for name, fastest in FASTEST.items():
+        for name, fastest in FASTEST_BASE.items():
             if getattr(self.filter.suite, name) is None:
                 continue
             sigma = self.filter.suite.sigmas(name).max()
@@ -237,19 +230,16 @@ class OnlineEstimator:
             last = slice(columns["bias"].stop - 3, columns["bias"].stop)
             F[BIAS, last] = np.eye(3)
             state.bias[:] = now.bias[-1]
-        before = state.P
         state.P = F @ covariance @ F.T
-        if not len(now.bias):
-            state.P[BIAS, BIAS] = before[BIAS, BIAS]  # the gyro may yet come
         if "L" in columns and "v_Wcm" not in columns:
             state.P[VELOCITY, VELOCITY] = self.filter.prior.velocity**2 * np.eye(3)
         state.psi[:] = now.psi
         state.R_by_gyro, state.R_by_momentum = trajectory.R[-1].copy(), trajectory.R[-1].copy()
         state.p_Wcm[:] = now.p_Wcm + elapsed * now.v_Wcm
         state.L[:], state.v_Wcm[:] = now.L, now.v_Wcm
-        end = model.nodes[-1]
-        q, rates, _ = model.joints.evaluate(end)
-        self.filter.resume(state, end, q, rates, model.measurements)
+        self.filter.resume(
+            state, model.nodes[-1], model.joints.evaluate(model.nodes[-1])[0], model.measurements
+        )
         return state
 
     def _measurements(self, samples: list) -> Measurements:

@@ -2,11 +2,11 @@
 
 Levenberg-Marquardt on the predicted readings of `trajectory_model`, in two stages. The first works
 in the log-Cholesky form of the pseudo-inertia, so that every iterate is a rigid body (Rucker &
-Wensing 2022); it finds the neighbourhood, and ends where steps no longer pay. The second works in
-the relative unknowns themselves and takes the joint motion's errors into account, as unknowns that
-are eliminated. Its result is the plain maximum: of a target at the edge of what is physically
-possible (a flat one) it may lie beyond, which keeps the estimate unbiased and its intervals honest.
-What leaves as a spatial inertia is projected (`Identification.feasible`).
+Wensing 2022); it finds the neighbourhood. The second works in the relative unknowns themselves and
+takes the joint motion's errors into account, as unknowns that are eliminated. Its result is the
+plain maximum: of a target at the edge of what is physically possible (a flat one) it may lie
+beyond, which keeps the estimate unbiased and its intervals honest. What leaves as a spatial inertia
+is projected (`Identification.feasible`).
 """
 
 from dataclasses import dataclass, replace

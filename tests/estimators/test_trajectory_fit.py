@@ -374,7 +374,7 @@ def test_errors_are_as_its_covariance_and_the_bound_say(craft, motion, skewed_ta
 def test_uncertain_known_bodies_are_covered_by_their_share(craft, motion, skewed_target, psi):
     """Fitted as if the spacecraft were the nominal one: right with its share, far off without."""
     suite, uncertainty = coarse_suite(), BodyUncertainty(mass=0.01, com=0.002, inertia=0.01)
-    rng, seeds, true = np.random.default_rng(104), 10, skewed_target.to_vector()
+    rng, seeds, true = np.random.default_rng(104), 12, skewed_target.to_vector()
     with_share, without = [], []
     for seed in range(seeds):
         tree = disturbed(craft.tree, uncertainty, rng)
