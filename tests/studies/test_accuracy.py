@@ -74,7 +74,8 @@ def test_same_seed_same_numbers_in_any_number_of_processes(scenario):
     one = run_accuracy(scenario, jobs=1, **options).results[0]
     two = run_accuracy(scenario, jobs=2, **options).results[0]
     other = run_accuracy(scenario, jobs=1, **(options | {"seed": 6})).results[0]
-    np.testing.assert_allclose(one.rmse, two.rmse, rtol=1e-9)
+    # Another number of threads adds up in another order: equal but for rounding.
+    np.testing.assert_allclose(one.rmse, two.rmse, rtol=1e-6)
     assert (one.rmse != other.rmse).all()
 
 
