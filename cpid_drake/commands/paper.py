@@ -1,0 +1,46 @@
+"""`cpid paper`."""
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from cpid_drake.commands.folders import make_folder
+
+
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for figures and summary.json; made if needed.")],
+    scenario: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Scenario to run instead of the paper's own."),
+    ] = None,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="Print no tables and no progress.")
+    ] = False,
+) -> None:
+    """Run the study of Ning et al. 2016: simulate, identify, print its tables, draw its figures."""
+    start = time.perf_counter()
+    # Imported here so that `cpid --help` does not wait for Drake.
+    from cpid_drake.report.paper import print_tables, write_figures
+    from cpid_drake.scenario import load_scenario, shipped_scenario
+    from cpid_drake.studies.paper import run_paper_study, summarize
+
+    make_folder(out)
+    log = Console(stderr=True, quiet=quiet, markup=False)
+    with log.status("reading the scenario") as status:
+
+        def progress(step: str) -> None:
+            status.update(step)
+
+        study = run_paper_study(load_scenario(scenario or shipped_scenario("paper")), progress)
+        progress("drawing the figures")
+        files = write_figures(study, out)
+    files.append(out / "summary.json")
+    summary = summarize(study, time.perf_counter() - start)
+    files[-1].write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    if not quiet:
+        print_tables(study, Console(markup=False))
+    log.print(f"\n{len(files)} files in {out}, {summary['wall_seconds']:.1f} s", highlight=False)
