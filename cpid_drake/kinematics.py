@@ -95,12 +95,28 @@ def rotate(R: ArrayLike, vectors: ArrayLike) -> NDArray[np.float64]:
     return np.einsum("...ij,...j->...i", R, vectors)
 
 
-def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
-    """Return the (N, 3, 3) rotations by angles (N,) [rad] about one unit axis (3,) (Rodrigues)."""
+def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a × b of (..., 3) vectors, broadcast; several times as fast as `numpy.cross`."""
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+
+
+def _times(R: NDArray[np.float64], constant: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return R @ constant of (N, 3, 3) rotations and one (3, ...) array, as one large product."""
+    return (R.reshape(-1, 3) @ constant).reshape(len(R), 3, *constant.shape[1:])
+
+
+def turned(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
+    """Return R (N, 3, 3) turned by angles (N,) [rad] about one unit axis (3,) (Rodrigues).
+
+    The axis is fixed in the frame that R's columns are the axes of: R @ rotation(axis, angle).
+    """
     x, y, z = np.asarray(axis, dtype=float)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = np.asarray(angle, dtype=float)[:, None, None]
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+    R, angle = np.asarray(R, dtype=float), np.asarray(angle, dtype=float)[:, None, None]
+    by_axis = _times(R, np.hstack([K, K @ K]))
+    return R + np.sin(angle) * by_axis[:, :, :3] + (1 - np.cos(angle)) * by_axis[:, :, 3:]
 
 
 def angular_velocity(w_m: ArrayLike, H_k: ArrayLike, qdot_k: ArrayLike) -> NDArray[np.float64]:
@@ -131,7 +147,7 @@ def centroid_velocity(
     v_m: ArrayLike, w_m: ArrayLike, b_m: ArrayLike, w_k: ArrayLike, c_k: ArrayLike
 ) -> NDArray[np.float64]:
     """v_k = v_m + ω_m × b_m + ω_k × c_k (Ning et al. 2016, Eq. 3). All (N, 3), in W."""
-    return np.asarray(v_m) + np.cross(w_m, b_m) + np.cross(w_k, c_k)
+    return np.asarray(v_m) + cross(w_m, b_m) + cross(w_k, c_k)
 
 
 def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, CaptureMotion]:
@@ -148,33 +164,33 @@ def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, Ca
         m = body.parent
         if m < 0:
             R[k], w[k] = telemetry.R_WB, telemetry.w_WB
-            c_k = rotate(R[k], body.p_BBcm)
+            c_k = _times(R[k], body.p_BBcm)
             r[k] = telemetry.p_WB + c_k
-            v[k] = telemetry.v_WB + np.cross(w[k], c_k)
+            v[k] = telemetry.v_WB + cross(w[k], c_k)
             continue
-        R_WF = R[m] @ body.R_PF
-        b_m = rotate(R[m], body.p_PF - tree.bodies[m].p_BBcm)
+        R_WF = _times(R[m], body.R_PF)
+        b_m = _times(R[m], body.p_PF - tree.bodies[m].p_BBcm)
         H_k, rate, slide = np.zeros((N, 3)), np.zeros(N), 0.0
         if body.joint < 0:
             R_WM = R_WF
         else:
             q_k, qdot_k = telemetry.q[:, body.joint], telemetry.qdot[:, body.joint]
-            axis = rotate(R_WF, body.axis_F)
+            axis = _times(R_WF, body.axis_F)
             if body.prismatic:
                 R_WM = R_WF
                 b_m = b_m + axis * q_k[:, None]
                 slide = axis * qdot_k[:, None]
             else:
-                R_WM = R_WF @ axis_rotation(body.axis_F, q_k)
+                R_WM = turned(R_WF, body.axis_F, q_k)
                 H_k, rate = axis, qdot_k
-        R[k] = R_WM @ body.R_MB
-        c_k = rotate(R_WM, body.p_MB) + rotate(R[k], body.p_BBcm)
+        R[k] = _times(R_WM, body.R_MB)
+        c_k = _times(R_WM, body.p_MB) + _times(R[k], body.p_BBcm)
         w[k] = angular_velocity(w[m], H_k, rate)
         r[k] = centroid_position(r[m], b_m, c_k)
         v[k] = centroid_velocity(v[m], w[m], b_m, w[k], c_k) + slide
 
     n_i = tree.capture_body
-    R_WC = R[n_i] @ tree.R_BC
-    b_ni = rotate(R[n_i], tree.p_BC - tree.bodies[n_i].p_BBcm)
-    v_WC = v[n_i] + np.cross(w[n_i], b_ni)
+    R_WC = _times(R[n_i], tree.R_BC)
+    b_ni = _times(R[n_i], tree.p_BC - tree.bodies[n_i].p_BBcm)
+    v_WC = v[n_i] + cross(w[n_i], b_ni)
     return BodyMotion(R, r, w, v), CaptureMotion(R_WC, r[n_i] + b_ni, w[n_i].copy(), v_WC)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.inertia import InertialParameters
-from cpid_drake.kinematics import BodyMotion, CaptureMotion, KinematicTree, propagate, rotate
+from cpid_drake.kinematics import BodyMotion, CaptureMotion, KinematicTree, cross, propagate, rotate
 from cpid_drake.telemetry import Telemetry
 
 
@@ -58,7 +58,7 @@ def angular_momentum(
     for k, body in enumerate(tree.bodies):
         w_B = rotate(np.swapaxes(motion.R[k], -1, -2), motion.w[k])
         spin = rotate(motion.R[k], w_B @ body.I_BBcm)
-        total += spin + body.mass * np.cross(motion.r[k] - p_WQ, motion.v[k])
+        total += spin + body.mass * cross(motion.r[k] - p_WQ, motion.v[k])
     return total
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.kinematics import axis_rotation, propagate
+from cpid_drake.kinematics import propagate, turned
 
 
 @pytest.fixture(scope="module")
@@ -70,10 +70,11 @@ def test_velocities_are_the_derivatives_of_the_positions(servicer, random_motion
     np.testing.assert_allclose((ahead - behind) / (2 * step), v, rtol=0, atol=1e-8)
 
 
-def test_axis_rotation_agrees_with_scipy():
+def test_turning_agrees_with_scipy():
     rng = np.random.default_rng(13)
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     angles = rng.uniform(-4, 4, 10)
-    expected = Rotation.from_rotvec(angles[:, None] * axis).as_matrix()
-    np.testing.assert_allclose(axis_rotation(axis, angles), expected, atol=1e-14)
+    start = Rotation.random(10, rng)
+    expected = (start * Rotation.from_rotvec(angles[:, None] * axis)).as_matrix()
+    np.testing.assert_allclose(turned(start.as_matrix(), axis, angles), expected, atol=1e-14)
