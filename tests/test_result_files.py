@@ -1,0 +1,225 @@
+"""Result files: what is written is read back, and a file that is wrong anywhere is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cpid_drake import InertialParameters, InputError
+from cpid_drake.result_files import (
+    IdentificationResult,
+    SpacecraftReference,
+    read_result,
+    write_result,
+)
+
+
+@pytest.fixture
+def result(skewed_target) -> IdentificationResult:
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(10, 10))
+    return IdentificationResult(
+        parameters=skewed_target.to_vector() + 1e-3 * rng.normal(size=10),
+        covariance=root @ root.T,
+        feasible=skewed_target,
+        rank=10,
+        condition=29.4,
+        samples_used=20,
+        samples_rejected=1,
+        warnings=("σ of Ixx is large",),
+        estimator="least_squares",
+        rows="standard",
+        spacecraft=SpacecraftReference("/models/mine.urdf", "bus", "arm::gripper"),
+        details={"momentum": [1.0, None], "nested": {"a": "b"}},
+    )
+
+
+@pytest.fixture
+def document(result, tmp_path) -> dict:
+    write_result(tmp_path / "right.json", result)
+    return json.loads((tmp_path / "right.json").read_text())
+
+
+@pytest.fixture
+def refusal(tmp_path):
+    """Return a function that reads a file with this content, and gives the error's message."""
+
+    def read(content) -> str:
+        path = tmp_path / "wrong.json"
+        if isinstance(content, dict):
+            content = json.dumps(content)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        with pytest.raises(InputError) as caught:
+            read_result(path)
+        message = str(caught.value)
+        assert message.startswith(f"{path}: ")
+        assert len(message) < len(str(path)) + 250
+        return message.removeprefix(f"{path}: ")
+
+    return read
+
+
+def assert_same(one: IdentificationResult, other: IdentificationResult) -> None:
+    for name, value in vars(one).items():
+        again = getattr(other, name)
+        if isinstance(value, InertialParameters):
+            np.testing.assert_array_equal(value.to_vector(), again.to_vector())
+        else:
+            np.testing.assert_equal(again, value)
+
+
+# -- there and back ------------------------------------------------------------------------------
+
+
+def test_what_is_written_is_read_back_to_the_last_digit(result, tmp_path):
+    write_result(tmp_path / "r.json", result)
+    assert_same(result, read_result(tmp_path / "r.json"))
+
+
+def test_unknown_numbers_are_null_in_the_file(result, tmp_path):
+    parameters, covariance = result.parameters.copy(), np.full((10, 10), np.nan)
+    parameters[4:] = np.nan
+    part = replace(
+        result,
+        parameters=parameters,
+        covariance=covariance,
+        feasible=None,
+        rank=7,
+        condition=np.inf,
+        rows=None,
+        warnings=(),
+    )
+    write_result(tmp_path / "r.json", part)
+    document = json.loads((tmp_path / "r.json").read_text())
+    assert document["inertia"] == 6 * [None]
+    assert document["covariance"] == 10 * [10 * [None]]
+    assert document["com"] == parameters[1:4].tolist()
+    assert [document[key] for key in ("condition", "feasible", "rows")] == 3 * [None]
+    assert_same(replace(part, condition=np.nan), read_result(tmp_path / "r.json"))
+
+
+def test_a_file_from_an_editor_that_marks_utf8_is_read(document, result, tmp_path):
+    (tmp_path / "bom.json").write_text(json.dumps(document), encoding="utf-8-sig")
+    assert_same(result, read_result(tmp_path / "bom.json"))
+
+
+@pytest.mark.parametrize(
+    ("details", "words"),
+    [
+        ({"mass": 1}, "a detail cannot be called 'mass'"),
+        ({"noise": np.nan}, "JSON cannot hold"),
+        ({"noise": np.ones(3)}, "JSON cannot hold"),
+    ],
+)
+def test_details_that_no_file_can_hold_are_refused(result, details, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        write_result(tmp_path / "r.json", replace(result, details=details))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"covariance": np.eye(3)}, "covariance must be a list of 10x10 numbers"),
+        ({"rank": 11}, "rank must be 10 at most"),
+        ({"estimator": None}, "estimator must be a string"),
+    ],
+)
+def test_a_result_that_could_not_be_read_is_not_written(result, change, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        write_result(tmp_path / "r.json", replace(result, **change))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_not_there_is_named(result, tmp_path):
+    with pytest.raises(InputError, match=r"no/r\.json: cannot write there: No such file"):
+        write_result(tmp_path / "no" / "r.json", result)
+
+
+# -- wrong files ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "not JSON"),
+        (b"\x00\xff\xfe\x80", "not JSON"),
+        (b'{"mass": 1', "not JSON"),
+        (b"mass: 1", "not JSON"),
+        (b'{"mass": NaN}', "NaN is not a finite number; unknown numbers are null"),
+        (b'{"mass": -Infinity}', "-Infinity is not a finite number"),
+        (b'{"other": 1e999}', "1e999 is not a finite number"),
+        (b'{"mass": 1, "mass": 2}', "the key 'mass' is given twice"),
+        (b'{"mass": ' + b"9" * 5000 + b"}", "not JSON"),
+        (b"[" * 200_000, "nested too deeply"),
+        (b'{"a":' * 200_000, "nested too deeply"),
+        (b"[]", "a result must be an object, not []"),
+        (b"null", "a result must be an object, not None"),
+        (b"{}", "the key 'spacecraft' is missing"),
+        (b" " * (2**24 + 1), "larger than 16 MiB"),
+    ],
+)
+def test_what_is_no_result_file_is_refused(refusal, content, words):
+    assert refusal(content).startswith(words)
+
+
+REQUIRED = (
+    *("mass", "com", "inertia", "covariance", "feasible", "rank", "condition", "samples_used"),
+    *("samples_rejected", "warnings", "estimator", "rows", "spacecraft"),
+)
+
+
+@pytest.mark.parametrize("key", REQUIRED)
+def test_every_key_must_be_there_and_of_its_kind(refusal, document, key):
+    assert key in refusal({**document, key: {"surprise": True}})
+    document.pop(key)
+    assert refusal(document) == f"the key '{key}' is missing"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("mass", "100", "mass must hold numbers, not '100'"),
+        ("mass", True, "mass must hold numbers, not True"),
+        pytest.param("mass", 10**400, "mass holds a number that is not finite", id="400 digits"),
+        ("com", [1, 2], "com must be a list of 3 numbers"),
+        ("com", [1, 2, [3]], "com must hold numbers, not [3]"),
+        ("inertia", 7, "inertia must be a list of 6 numbers"),
+        ("covariance", 10 * [9 * [0]], "covariance must be a list of 10x10 numbers"),
+        ("rank", 3.5, "rank must be a whole number, not 3.5"),
+        ("rank", 11, "rank must be 10 at most"),
+        ("rank", True, "rank must be a whole number, not True"),
+        ("samples_used", -1, "samples_used must be a whole number, not -1"),
+        ("warnings", "one", "warnings must be a list of strings, not 'one'"),
+        ("warnings", [1], "warnings must be a string, not 1"),
+        ("estimator", "\ud800", "estimator is not text: '\\ud800'"),
+        ("rows", 4, "rows must be a string, not 4"),
+        ("spacecraft", "mine.urdf", "spacecraft must be an object, not 'mine.urdf'"),
+        ("spacecraft", {"model": "m"}, "the key 'spacecraft.base' is missing"),
+    ],
+)
+def test_a_value_of_another_kind_is_named(refusal, document, key, value, words):
+    assert refusal({**document, key: value}) == words
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mass": None}, "feasible.mass must hold numbers, not None"),
+        ({"mass": -1.0}, "feasible: no rigid body has these: the mass -1 kg is not positive"),
+        ({"inertia": [1, 1, 3, 0, 0, 0]}, "feasible: no rigid body has these: principal moments"),
+        ({"inertia": 6 * [1e308]}, "feasible: 1e+308 is too large for a rigid body"),
+        ({"volume": 2}, "unknown key 'feasible.volume'"),
+    ],
+)
+def test_feasible_must_be_what_it_says(refusal, document, change, words):
+    document["feasible"] |= change
+    assert refusal(document).startswith(words)
+
+
+@pytest.mark.parametrize("name", ["none.json", "folder", "x" * 300])
+def test_what_is_not_a_file_is_refused(name, tmp_path):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match=r"no such file|not a file|File name too long"):
+        read_result(tmp_path / name)
