@@ -286,7 +286,8 @@ class Spacecraft:
         if plant.num_constraints() > 0:
             raise self._error(
                 f"{plant.num_constraints()} constraint(s) couple its joints (closed loop, mimic or "
-                "equality); only trees of independent joints can be identified with"
+                "equality); only trees of independent joints can be identified with: in a copy of "
+                "the file, make joints fixed that hold still, such as a hand's fingers"
             )
         try:
             plant.Finalize()
@@ -340,7 +341,11 @@ class Spacecraft:
         floating = [plant.get_body(k) for k in sorted(plant.GetFloatingBaseBodies(), key=int)]
         if plant.IsAnchored(base):
             raise self._error(
-                f"base '{base.name()}' is welded to the world; a spacecraft's base must be free"
+                f"base '{base.name()}' is welded to the world{self._weld_to_world()}; a "
+                "spacecraft's base must be free. Take that weld out of a copy of the file (MJCF: "
+                "add a freejoint); to put an arm on a base, write model directives (.dmd.yaml): "
+                "add_model the base, add_model the arm, add_weld with parent BASE::LINK and child "
+                "ARM::FIRST_LINK"
             )
         if base.index() not in [body.index() for body in floating]:
             names = _listed([body.name() for body in floating])
@@ -370,6 +375,17 @@ class Spacecraft:
                     f"joint '{joint.name()}' is of type {joint.type_name()}; only revolute, "
                     "prismatic and fixed joints are supported"
                 )
+
+    def _weld_to_world(self) -> str:
+        """Name the joint that holds the base in the world: a vendor's arm may have brought it."""
+        joints = [self.plant.get_joint(k) for k in self.plant.GetJointIndices()]
+        welds = [
+            f"{joint.name()} (on {joint.child_body().name()})"
+            for joint in joints
+            if isinstance(joint, WeldJoint)
+            and joint.parent_body().index() == self.plant.world_body().index()
+        ]
+        return f" by {_listed(welds)}" if welds else ""
 
     def _movable_joints(self) -> list[Joint]:
         joints = [self.plant.get_joint(k) for k in self.plant.GetJointIndices()]
