@@ -1,0 +1,302 @@
+"""ROS 2 bags: written with the package rosbags, read back; topics, frames, clocks, damage."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpid_drake import InputError
+from cpid_drake.kinematics import rotate
+from cpid_drake.rosbag_files import TOPIC_TYPES, read_rosbag
+from cpid_drake.sensors import SENSOR_NAMES, perfect_value, screen
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
+typesys = pytest.importorskip("rosbags.typesys")
+STORE = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+START = 1_763_737_800_123_456_789  # ns; as float seconds it would be off by up to 1.2e-7 s
+STEP = 10_000_001  # ns
+COUNT = 40
+TYPES = {name.split("/")[-1]: STORE.types[name] for name in STORE.types if "/msg/" in name}
+
+
+def header(nanoseconds: int, frame: str = "world"):
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return TYPES["Header"](STORE.types["builtin_interfaces/msg/Time"](seconds, rest), frame)
+
+
+def vector(values):
+    return TYPES["Vector3"](*map(float, values))
+
+
+def pose(telemetry, k):
+    w, x, y, z = telemetry.quaternion_WB[k]
+    return TYPES["Pose"](TYPES["Point"](*telemetry.p_WB[k]), TYPES["Quaternion"](x, y, z, w))
+
+
+def odometry(telemetry, k, stamp, child="bus"):
+    """As a ROS driver gives it: the twist is in the child frame."""
+    R_BW = telemetry.R_WB[k].T
+    twist = TYPES["Twist"](
+        vector(R_BW @ telemetry.v_WB[k]),
+        vector(R_BW @ telemetry.w_WB[k]),
+    )
+    none = np.zeros(36)
+    posed = TYPES["PoseWithCovariance"](pose(telemetry, k), none)
+    return TYPES["Odometry"](header(stamp), child, posed, TYPES["TwistWithCovariance"](twist, none))
+
+
+def stamped_pose(telemetry, k, stamp):
+    return TYPES["PoseStamped"](header(stamp), pose(telemetry, k))
+
+
+def imu(telemetry, k, stamp, oriented=True, w_error=0.0):
+    known, unknown = np.zeros(9), np.array([-1.0] + 8 * [0.0])
+    w, x, y, z = telemetry.quaternion_WB[k]
+    return TYPES["Imu"](
+        header(stamp, "bus"),
+        TYPES["Quaternion"](x, y, z, w),
+        known if oriented else unknown,
+        vector(telemetry.R_WB[k].T @ telemetry.w_WB[k] + w_error),
+        known,
+        vector(np.zeros(3)),
+        unknown,
+    )
+
+
+def joint_state(telemetry, k, stamp, order=None, rates=True):
+    order = np.arange(len(telemetry.joint_names)) if order is None else order
+    return TYPES["JointState"](
+        header(stamp, ""),
+        [telemetry.joint_names[j] for j in order],
+        telemetry.q[k, order],
+        telemetry.qdot[k, order] if rates else np.empty(0),
+        np.empty(0),
+    )
+
+
+def stamps(count=COUNT):
+    return [START + k * STEP for k in range(count)]
+
+
+@pytest.fixture(scope="module")
+def telemetry(zero_momentum_motion, skewed_target):
+    return zero_momentum_motion(skewed_target, COUNT, 3)
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function (topics, storage) -> bag, topics being lists of messages by name."""
+
+    def make(topics: dict[str, list], storage: str = "SQLITE3", received=None) -> Path:
+        folder = tmp_path / f"bag{len(list(tmp_path.iterdir()))}"
+        plugin = rosbag2.StoragePlugin[storage]
+        with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+            for topic, messages in topics.items():
+                kind = messages[0].__msgtype__
+                connection = writer.add_connection(topic, kind, typestore=STORE)
+                for k, message in enumerate(messages):
+                    when = START + 5_000_000 + k * STEP if received is None else received[k]
+                    writer.write(connection, when, STORE.serialize_cdr(message, kind))
+        return folder
+
+    return make
+
+
+def series(make, telemetry, **options):
+    return [make(telemetry, k, stamp, **options) for k, stamp in enumerate(stamps(len(telemetry)))]
+
+
+def odometry_and_joints(telemetry):
+    return {"/odom": series(odometry, telemetry), "/joints": series(joint_state, telemetry)}
+
+
+def assert_equal(measurements, telemetry, sensors=SENSOR_NAMES):
+    assert measurements.joint_names == telemetry.joint_names
+    for name in SENSOR_NAMES:
+        samples = getattr(measurements, name)
+        if name not in sensors:
+            assert len(samples) == 0
+            continue
+        expected = np.arange(len(telemetry)) * STEP / 1e9
+        np.testing.assert_allclose(samples.time, expected, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(samples.value, perfect_value(name, telemetry), atol=1e-12)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_a_bag_gives_back_the_motion(write, telemetry, storage):
+    bag = write(odometry_and_joints(telemetry), storage)
+    assert_equal(read_rosbag(bag), telemetry)
+    (file,) = [file for file in bag.iterdir() if file.suffix in (".db3", ".mcap")]
+    assert_equal(read_rosbag(str(file)), telemetry)
+
+
+def test_poses_give_attitude_and_position_only(write, telemetry):
+    topics = {"/mocap": series(stamped_pose, telemetry), "/j": series(joint_state, telemetry)}
+    joint_and_pose = ("attitude", "position", "encoders", "joint_rates")
+    assert_equal(read_rosbag(write(topics)), telemetry, joint_and_pose)
+
+
+def test_an_imu_gives_the_gyro_and_an_attitude_if_it_says_so(write, telemetry):
+    joints = series(joint_state, telemetry, rates=False)
+    bag = write({"/imu": series(imu, telemetry), "/j": joints})
+    assert_equal(read_rosbag(bag), telemetry, ("attitude", "gyro", "encoders"))
+    bag = write({"/imu": series(imu, telemetry, oriented=False), "/j": joints})
+    assert_equal(read_rosbag(bag), telemetry, ("gyro", "encoders"))
+
+
+def test_the_imu_is_the_gyro_beside_odometry_unless_it_is_left_out(write, telemetry):
+    topics = odometry_and_joints(telemetry) | {"/imu": series(imu, telemetry, w_error=0.5)}
+    bag = write(topics)
+    gyro = perfect_value("gyro", telemetry)
+    measurements = read_rosbag(bag)
+    np.testing.assert_allclose(measurements.gyro.value, gyro + 0.5, atol=1e-12)
+    np.testing.assert_allclose(measurements.attitude.value, telemetry.quaternion_WB, atol=1e-12)
+    assert_equal(read_rosbag(bag, topics={"imu": ""}), telemetry)
+
+
+def test_joints_may_change_their_order_and_messages_may_be_late(write, telemetry):
+    rng = np.random.default_rng(1)
+    topics = odometry_and_joints(telemetry)
+    for k in range(1, COUNT):
+        order = rng.permutation(len(telemetry.joint_names))
+        topics["/joints"][k] = joint_state(telemetry, k, stamps()[k], order=order)
+    received = (START + STEP * (np.arange(COUNT) + rng.uniform(0, 20, COUNT))).astype(int)
+    assert (np.diff(received) < 0).any()
+    assert_equal(read_rosbag(write(topics, received=received.tolist())), telemetry)
+
+
+def test_times_count_from_the_first_stamp_of_all_topics(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    topics["/joints"] = topics["/joints"][10:]
+    measurements = read_rosbag(write(topics))
+    assert measurements.attitude.time[0] == 0.0
+    assert measurements.encoders.time[0] == pytest.approx(10 * STEP / 1e9, abs=1e-15)
+
+
+def test_a_stamp_of_a_clock_not_yet_set_does_not_spoil_the_others(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    topics["/odom"][0] = odometry(telemetry, 0, 0)
+    measurements, rejected = screen(read_rosbag(write(topics)))
+    assert rejected["attitude"] == 1
+    expected = np.arange(1, COUNT) * STEP / 1e9
+    np.testing.assert_allclose(measurements.attitude.time, expected, rtol=0, atol=1e-15)
+
+
+def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    topics["/odom"][7].pose.pose.orientation = TYPES["Quaternion"](0.0, 0.0, 0.0, 0.0)
+    measurements, rejected = screen(read_rosbag(write(topics)))
+    assert (rejected["attitude"], rejected["velocity"], rejected["position"]) == (1, 1, 0)
+    v_WB_B = rotate(np.swapaxes(telemetry.R_WB, 1, 2), telemetry.v_WB)
+    assert np.abs(v_WB_B - telemetry.v_WB).max() > 0.1  # else the turn into W would not show
+    others = np.delete(np.arange(COUNT), 7)
+    np.testing.assert_allclose(measurements.velocity.value, telemetry.v_WB[others], atol=1e-12)
+
+
+def test_one_of_several_topics_is_chosen_by_name(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    topics["/slam"] = [odometry(telemetry, 0, stamp) for stamp in stamps()]
+    bag = write(topics)
+    with pytest.raises(InputError, match=r"several .*: /odom, /slam; .*'odometry': '/odom'"):
+        read_rosbag(bag)
+    assert_equal(read_rosbag(bag, topics={"odometry": "/odom"}), telemetry)
+    assert np.ptp(read_rosbag(bag, topics={"odometry": "/slam"}).position.value) > 0
+    assert np.ptp(read_rosbag(bag, topics={"odometry": "/slam"}).position.value[:, 0]) == 0
+
+
+def test_topics_that_are_not_there_are_refused(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    bag = write(topics)
+    for chosen, words in [
+        ({"odometry": "/joints"}, "no topic /joints of type nav_msgs/msg/Odometry; of it: /odom"),
+        ({"imu": "/imu"}, "no topic /imu of type sensor_msgs/msg/Imu; of it: none"),
+        ({"gps": "/fix"}, "no topics of kind 'gps'; choose from odometry, pose, imu, joints"),
+        ({"joints": ""}, "no topic with joint positions (sensor_msgs/msg/JointState)"),
+        ({"odometry": ""}, "no topic with the motion of the base"),
+    ]:
+        with pytest.raises(InputError, match=re.escape(words)):
+            read_rosbag(bag, topics=chosen)
+
+
+def test_messages_that_contradict_each_other_are_refused(write, telemetry):
+    def damaged(topic, k, message):
+        topics = odometry_and_joints(telemetry)
+        topics[topic][k] = message
+        return write(topics)
+
+    stamp = stamps()[9]
+    left = joint_state(telemetry, 9, stamp, order=np.arange(6))
+    short = joint_state(telemetry, 9, stamp)
+    short.position = short.position[:-1]
+    twice = joint_state(telemetry, 0, stamps()[0])
+    twice.name[1] = twice.name[0]
+    for bag, words in [
+        (damaged("/joints", 9, left), "message 9 is of joints .* must be of all joints"),
+        (damaged("/joints", 9, short), "message 9 has 11 values for 12 joints"),
+        (damaged("/joints", 0, twice), "must name every joint once"),
+        (damaged("/odom", 9, odometry(telemetry, 9, stamp, child="debris")), "several frames"),
+        (damaged("/odom", 9, odometry(telemetry, 9, 0)), "jump back by 1.76374e.09 s at message 9"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            read_rosbag(bag)
+
+
+def test_headers_without_a_stamp_are_refused(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    topics["/odom"] = [odometry(telemetry, k, 0) for k in range(COUNT)]
+    with pytest.raises(InputError, match="/odom: all headers have the stamp 0 s"):
+        read_rosbag(write(topics))
+
+
+def test_what_is_not_a_bag_is_refused(tmp_path):
+    for name in ("x.db3", "x.mcap", "x.bag"):
+        (tmp_path / name).write_text("time,qw\n0,1\n")
+    (tmp_path / "empty").mkdir()
+    for name in ("x.db3", "x.mcap", "x.bag", "empty"):
+        with pytest.raises(InputError, match=f"{name}: not a ROS 2 bag, or a damaged one"):
+            read_rosbag(tmp_path / name)
+    with pytest.raises(InputError, match="no such file"):
+        read_rosbag(tmp_path / "nowhere.mcap")
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
+    bag = write(odometry_and_joints(telemetry.select(slice(8))), storage)
+    (file,) = [file for file in bag.iterdir() if file.suffix in (".db3", ".mcap")]
+    whole, rng = file.read_bytes(), np.random.default_rng(5)
+    truncated = [whole[: int(len(whole) * part)] for part in (0.0, 0.01, 0.3, 0.6, 0.95)]
+    for content in truncated:
+        file.write_bytes(content)
+        with pytest.raises(InputError):
+            read_rosbag(bag)
+    refused = 0
+    for _ in range(60):
+        content = np.frombuffer(whole, np.uint8).copy()
+        where = rng.integers(content.size, size=30)
+        content[where] = rng.integers(256, size=where.size)
+        file.write_bytes(content.tobytes())
+        try:
+            read_rosbag(bag)  # noise in the numbers alone cannot be seen
+        except InputError:
+            refused += 1
+    assert refused > 20
+    file.write_bytes(whole)
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 8", "message_count: 9"))
+    with pytest.raises(InputError, match="/odom: only 8 of 9 messages left"):
+        read_rosbag(bag)
+    metadata.write_text("rosbag2_bagfile_information: [1, 2")
+    with pytest.raises(InputError, match="not a ROS 2 bag"):
+        read_rosbag(bag)
+
+
+def test_without_the_package_the_error_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    with pytest.raises(InputError, match=re.escape("pip install 'cpid-drake[ros]'")):
+        read_rosbag(tmp_path)
+
+
+def test_the_types_are_those_of_the_package():
+    assert set(TOPIC_TYPES.values()) <= set(STORE.types)
