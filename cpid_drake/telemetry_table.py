@@ -1,0 +1,269 @@
+"""Telemetry as a table: named columns, one row per instant, absent cells; and what is wrong in it.
+
+Columns, in SI units and radians; a group is there as a whole or not at all:
+
+- `time` [s], strictly increasing;
+- `qw`, `qx`, `qy`, `qz`: attitude R_WB of the base as a unit quaternion;
+- `x`, `y`, `z`: p_WBo_W, the base frame's origin [m];
+- `wx`, `wy`, `wz`: w_WB_W, or `bwx`, `bwy`, `bwz`: w_WB_B, as gyros give it [rad/s];
+- `vx`, `vy`, `vz`: v_WBo_W [m/s];
+- `q:<joint>`, `qd:<joint>`: joint positions and rates [rad, m, rad/s, m/s].
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.errors import InputError
+from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, sample_widths
+from cpid_drake.telemetry import Telemetry
+
+GROUPS = {
+    "attitude": ("qw", "qx", "qy", "qz"),
+    "gyro": ("bwx", "bwy", "bwz"),
+    "angular velocity": ("wx", "wy", "wz"),
+    "position": ("x", "y", "z"),
+    "velocity": ("vx", "vy", "vz"),
+}
+"""Columns of the base's motion by group; `angular velocity` is in W, `gyro` in B."""
+
+_JOINT_GROUPS = {"encoders": "q:", "joint_rates": "qd:"}
+
+LARGEST = 1e9
+"""Largest number in a file that can be meant [SI units, rad]; of times, `LARGEST_TIME`."""
+
+LARGEST_TIME = 1e11
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something wrong in a file: where, such as "line 12, column 'wx'", and what."""
+
+    place: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.text}" if self.place else self.text
+
+
+@dataclass(eq=False)
+class Problems:
+    """What is wrong in a file: the first hundred problems in full, and the number of all."""
+
+    first: list[Problem] = field(default_factory=list)
+    count: int = 0
+
+    def add(self, place: str, text: str) -> None:
+        """Note one more."""
+        self.count += 1
+        if len(self.first) < 100:
+            self.first.append(Problem(place, text))
+
+
+@dataclass(frozen=True, eq=False)
+class TelemetryTable:
+    """N rows of C columns.
+
+    Attributes:
+        columns: their names.
+        values: (N, C), NaN where a cell is absent.
+        lines: (N,) where the rows stand in the file.
+        row_word: what a place is called, "line" or "row".
+
+    """
+
+    columns: tuple[str, ...]
+    values: NDArray[np.float64]
+    lines: NDArray[np.intp]
+    row_word: str = "row"
+
+    def place(self, row: int, column: str = "") -> str:
+        """Say where a row, or one of its cells, is."""
+        cell = f", column '{column}'" if column else ""
+        return f"{self.row_word} {self.lines[row]}{cell}"
+
+
+def known_column(name: str) -> bool:
+    """Return whether a column of this name means something."""
+    joint = any(name.startswith(prefix) and len(name) > len(prefix) for prefix in ("q:", "qd:"))
+    return joint or name == "time" or any(name in group for group in GROUPS.values())
+
+
+def check_columns(names: Sequence[str], where: str) -> None:
+    """Refuse columns from which no telemetry can be read.
+
+    Raises:
+        InputError: a repeated column, no `time`, groups that are not complete, angular velocity
+            both in W and in B, joints with rates but no `q:` column anywhere near, or nothing of
+            the base's motion at all.
+
+    """
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise InputError(f"{where}: the column '{twice[0]}' is there {names.count(twice[0])} times")
+    unknown = [name for name in names if not known_column(name)]
+    if "time" not in names:
+        raise InputError(f"{where}: there is no column 'time'{_likely('time', unknown)}")
+    for group, columns in GROUPS.items():
+        missing = [column for column in columns if column not in names]
+        if 0 < len(missing) < len(columns):
+            raise InputError(
+                f"{where}: {group} needs the columns {', '.join(columns)}; missing: "
+                f"{', '.join(missing)}{_likely(missing[0], unknown)}"
+            )
+    if "bwx" in names and "wx" in names:
+        raise InputError(
+            f"{where}: angular velocity is there twice, in the world (wx, wy, wz) and in the "
+            "body (bwx, bwy, bwz); keep one of them"
+        )
+    if not any(name.startswith("q:") for name in names):
+        near = _likely("q:joint", unknown)
+        raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
+    joints, with_rates = set(_joints(names, "q:")), set(_joints(names, "qd:"))
+    if with_rates and with_rates != joints:
+        odd = sorted(joints ^ with_rates)[0]
+        there, missing = ("q", "qd") if odd in joints else ("qd", "q")
+        raise InputError(
+            f"{where}: there is a column '{there}:{odd}', but no '{missing}:{odd}'; give rates of "
+            "all joints or of none"
+        )
+
+
+def _likely(wanted: str, unknown: Sequence[str]) -> str:
+    if not unknown:
+        return ""
+    close = get_close_matches(wanted, unknown, n=1)
+    shown = ", ".join(f"'{name:.40}'" for name in unknown[:8])
+    more = f" and {len(unknown) - 8} more" if len(unknown) > 8 else ""
+    return (
+        f"; did you mean '{close[0]}'?" if close else f"; columns without a meaning: {shown}{more}"
+    )
+
+
+def measurements_of_table(
+    table: TelemetryTable, problems: Problems
+) -> tuple[Measurements, dict[str, int]]:
+    """Return what a table holds, sensor by sensor, without the rows that have a problem.
+
+    Args:
+        table: columns as `check_columns` lets pass, cells as they were read.
+        problems: those that are found are added.
+
+    Returns:
+        The measurements, and by sensor the number of samples that are there in part only (some
+        cells of the group absent, or an angular velocity in W without the attitude on the same
+        row), which are left out as well.
+
+    """
+    column = {name: k for k, name in enumerate(table.columns)}
+    usable = _usable_rows(table, column, problems)
+    joints = _joints(table.columns, "q:")
+    time = table.values[:, column["time"]]
+    samples, partial = {}, {}
+
+    def take(columns: Sequence[str]) -> tuple[NDArray[np.bool_], NDArray[np.float64], int]:
+        values = table.values[:, [column[name] for name in columns]]
+        absent = np.isnan(values)
+        complete = ~absent.any(axis=1) & usable
+        return complete, values, int(np.sum(usable & ~complete & ~absent.all(axis=1)))
+
+    for name in SENSOR_NAMES:
+        if name in _JOINT_GROUPS:
+            columns = [_JOINT_GROUPS[name] + joint for joint in joints]
+        else:
+            columns = GROUPS[name]
+        if name == "gyro" and "wx" in column:
+            there, values, partial[name] = take((*GROUPS["angular velocity"], *GROUPS["attitude"]))
+            # Without the attitude on the same row it cannot be turned into B.
+            w_WB_W, quaternion = values[there, :3], values[there, 3:]
+            R_WB = Rotation.from_quat(quaternion, scalar_first=True) if there.any() else None
+            samples[name] = Samples(time[there], R_WB.inv().apply(w_WB_W) if R_WB else w_WB_W)
+        elif all(c in column for c in columns):
+            there, values, partial[name] = take(columns)
+            samples[name] = Samples(time[there], values[there])
+        else:
+            width = sample_widths(joints)[name]
+            samples[name] = Samples(np.empty(0), np.empty((0, width)))
+    return Measurements(joints, **samples), {k: n for k, n in partial.items() if n}
+
+
+def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.float64]]:
+    """Return columns and values (N, C) of telemetry or measurements; NaN where a cell is absent.
+
+    Telemetry has its angular velocity in W, measurements have theirs in B: gyros give it there.
+    """
+    joints = motion.joint_names
+    if isinstance(motion, Telemetry):
+        groups = {
+            GROUPS["attitude"]: motion.quaternion_WB,
+            GROUPS["position"]: motion.p_WB,
+            GROUPS["angular velocity"]: motion.w_WB,
+            GROUPS["velocity"]: motion.v_WB,
+            tuple(f"q:{joint}" for joint in joints): motion.q,
+            tuple(f"qd:{joint}" for joint in joints): motion.qdot,
+        }
+        values = np.hstack([motion.time[:, None], *groups.values()])
+        return ["time", *(name for group in groups for name in group)], values
+    time = np.unique(np.concatenate([getattr(motion, name).time for name in SENSOR_NAMES]))
+    names, blocks = ["time"], [time[:, None]]
+    for name in SENSOR_NAMES:
+        samples = getattr(motion, name)
+        if not len(samples):
+            continue
+        if name in _JOINT_GROUPS:
+            names += [_JOINT_GROUPS[name] + joint for joint in joints]
+        else:
+            names += GROUPS[name]
+        block = np.full((time.size, samples.value.shape[1]), np.nan)
+        block[np.searchsorted(time, samples.time)] = samples.value
+        blocks.append(block)
+    return names, np.hstack(blocks)
+
+
+def _joints(columns: Sequence[str], prefix: str) -> tuple[str, ...]:
+    return tuple(name[len(prefix) :] for name in columns if name.startswith(prefix))
+
+
+def _usable_rows(
+    table: TelemetryTable, column: dict[str, int], problems: Problems
+) -> NDArray[np.bool_]:
+    """Return which rows (N,) have a time that increases, and cells that can be meant."""
+    time = table.values[:, column["time"]]
+    usable = np.isfinite(time)
+    for row in np.flatnonzero(~usable):
+        problems.add(table.place(row, "time"), "there is no time")
+    _check_size(table, column, problems, usable)
+    latest = np.fmax.accumulate(np.where(usable, time, -np.inf))
+    before = np.append(-np.inf, latest[:-1])
+    for row in np.flatnonzero(usable & (time <= before)):
+        what = "is there twice" if time[row] == before[row] else f"comes after {before[row]:.9g} s"
+        problems.add(table.place(row, "time"), f"time {time[row]:.9g} s {what}")
+        usable[row] = False
+    if "qw" in column:
+        values = table.values[:, [column[name] for name in GROUPS["attitude"]]]
+        norm = np.linalg.norm(values, axis=1)
+        for row in np.flatnonzero(usable & (np.abs(norm - 1) > 1e-3)):
+            problems.add(table.place(row), f"the quaternion's norm is {norm[row]:.6g}, not 1")
+            usable[row] = False
+    return usable
+
+
+def _check_size(
+    table: TelemetryTable,
+    column: dict[str, int],
+    problems: Problems,
+    usable: NDArray[np.bool_],
+) -> None:
+    """Note numbers that nothing can measure, and take their rows out of the usable ones."""
+    for name, k in column.items():
+        values = table.values[:, k]
+        with np.errstate(invalid="ignore"):
+            large = np.abs(values) > (LARGEST_TIME if name == "time" else LARGEST)
+        for row in np.flatnonzero(large):
+            problems.add(table.place(row, name), f"{values[row]:g} cannot be meant")
+            usable[row] = False
