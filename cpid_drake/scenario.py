@@ -3,10 +3,14 @@
 Its values are numbers and names; `cpid_drake.simulation` turns them into a Drake Diagram.
 """
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import SimulatorConfig
 
 from cpid_drake.errors import InputError
@@ -15,9 +19,9 @@ from cpid_drake.model_files import models_directory, resolve_model
 from cpid_drake.momentum_sensitivity import BodyUncertainty
 from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.sensor_files import load_sensors, sensor_presets
-from cpid_drake.sensors import SensorSuite
+from cpid_drake.sensors import SensorSuite, check_sensors
 from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.strict_yaml import load_strictly
+from cpid_drake.strict_yaml import choose_from, load_strictly
 
 INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
 """Drake's error-controlled schemes that conserve momentum well enough to identify with."""
@@ -25,19 +29,27 @@ INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "rad
 ONLINE_ESTIMATORS = ("least_squares", "momentum_filter")
 """What can identify in a Diagram: least squares on the exact state, or a filter on sensors."""
 
+LONGEST_LENGTH = 100.0
+"""Centres of mass and radii of gyration beyond are taken for another unit than metres."""
+
+MOST_LOGGED = 1_000_000
+"""Samples of the state that a simulation logs at most."""
+
 
 @dataclass
 class SpacecraftConfig:
     """The known spacecraft: model file, base body and capture frame.
 
     Files are package:// URIs or paths, which start at the scenario's own folder; `packages` gives
-    the folders of further packages by name.
+    the folders of further packages by name. `configuration` is where joints stand that the motion
+    does not name [rad or m by joint name]; joints that it does not name either stand at zero.
     """
 
     model: str = ""
     base: str = ""
     capture_frame: str = ""
     packages: dict[str, str] = field(default_factory=dict)
+    configuration: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass
@@ -52,17 +64,26 @@ class TargetConfig:
 
 @dataclass
 class HalfCosineMotion:
-    """Half-cosine motion between two configurations [rad or m by joint name], T = duration [s]."""
+    """Half-cosine motion between two configurations [rad or m by joint name], T = duration [s].
+
+    Joints that a configuration does not name stand as `spacecraft.configuration` says.
+    """
 
     duration: float = 10.0
     initial: dict[str, float] = field(default_factory=dict)
     final: dict[str, float] = field(default_factory=dict)
 
-    def make(self, spacecraft: Spacecraft) -> HalfCosine:
-        """Return the motion of this spacecraft's joints; errors as `Scenario.make_joint_motion`."""
+    def make(self, spacecraft: Spacecraft, standing: Mapping[str, float]) -> HalfCosine:
+        """Return the motion of this spacecraft's joints; errors as `Scenario.make_joint_motion`.
+
+        Args:
+            spacecraft: whose joints move.
+            standing: where joints are that the motion does not name [rad or m by joint name].
+
+        """
         motion = HalfCosine(
-            spacecraft.configuration(self.initial, "joint_motion.initial"),
-            spacecraft.configuration(self.final, "joint_motion.final"),
+            _configuration(spacecraft, standing, self.initial, "joint_motion.initial"),
+            _configuration(spacecraft, standing, self.final, "joint_motion.final"),
             self.duration,
         )
         _check_rates(motion, spacecraft, "give a longer duration")
@@ -73,9 +94,10 @@ class HalfCosineMotion:
 class MultiSineMotion:
     """Sums of sines about a configuration, tagged `!MultiSineMotion` in YAML.
 
-    `centre` [rad or m], `amplitudes` [rad or m] and `phases` [rad] are by joint name, zero where a
-    joint is not named; the latter two are lists, one entry for each of the frequencies [Hz]. The
-    motion rises over the first `ramp` [s] and falls over the last.
+    `centre` [rad or m], `amplitudes` [rad or m] and `phases` [rad] are by joint name; the latter
+    two are lists, one entry for each of the frequencies [Hz]. Where a joint is not named, its
+    centre is as `spacecraft.configuration` says, the others are zero. The motion rises over the
+    first `ramp` [s] and falls over the last.
     """
 
     duration: float = 10.0
@@ -85,10 +107,10 @@ class MultiSineMotion:
     amplitudes: dict[str, np.ndarray] = field(default_factory=dict)
     phases: dict[str, np.ndarray] = field(default_factory=dict)
 
-    def make(self, spacecraft: Spacecraft) -> MultiSine:
-        """Return the motion of this spacecraft's joints; errors as `Scenario.make_joint_motion`."""
+    def make(self, spacecraft: Spacecraft, standing: Mapping[str, float]) -> MultiSine:
+        """Return the motion of this spacecraft's joints; as `HalfCosineMotion.make`."""
         motion = MultiSine(
-            centre=spacecraft.configuration(self.centre, "joint_motion.centre"),
+            centre=_configuration(spacecraft, standing, self.centre, "joint_motion.centre"),
             amplitudes=self._table(spacecraft, "amplitudes"),
             frequencies=self.frequencies,
             phases=self._table(spacecraft, "phases"),
@@ -106,10 +128,7 @@ class MultiSineMotion:
         names, count = spacecraft.joint_names, np.size(self.frequencies)
         table = np.zeros((count, len(names)))
         for name, values in getattr(self, key).items():
-            if name not in names:
-                raise InputError(
-                    f"joint_motion.{key}: no joint '{name}'; joints are {', '.join(names)}"
-                )
+            _check_joint(spacecraft, name, f"joint_motion.{key}")
             if np.shape(values) != (count,) or not np.isfinite(values).all():
                 raise InputError(
                     f"joint_motion.{key}: {name} needs finite numbers, one for each of the "
@@ -143,11 +162,18 @@ class SensorsConfig:
     """The spacecraft's sensors in the Diagram, and the seed of their errors.
 
     `suite` is a preset's name, a package:// URI or a YAML file's path, which starts at the
-    scenario's own folder; empty for none: the identifier then sees the exact state.
+    scenario's own folder. `explicit` are the sensors themselves, with the keys of such a file. Give
+    one of the two; with neither there are none: the identifier then sees the exact state.
     """
 
     suite: str = ""
+    explicit: SensorSuite | None = None
     seed: int = 1
+
+    @property
+    def present(self) -> bool:
+        """Whether there are sensors."""
+        return bool(self.suite) or self.explicit is not None
 
 
 @dataclass
@@ -270,7 +296,9 @@ class Scenario:
                 as the motion's own class.
 
         """
-        return self.joint_motion.make(spacecraft)
+        standing = self.spacecraft.configuration
+        _configuration(spacecraft, {}, standing, "spacecraft.configuration")
+        return self.joint_motion.make(spacecraft, standing)
 
     def make_suite(self) -> SensorSuite | None:
         """Return the sensors, or None for none.
@@ -279,6 +307,8 @@ class Scenario:
             InputError: as `sensor_files.load_sensors`.
 
         """
+        if self.sensors.explicit is not None:
+            return self.sensors.explicit
         return load_sensors(self.sensors.suite) if self.sensors.suite else None
 
     def body_uncertainty(self) -> BodyUncertainty | None:
@@ -287,6 +317,44 @@ class Scenario:
         if not (config.mass or config.com or config.inertia):
             return None
         return BodyUncertainty(config.mass, config.com, config.inertia)
+
+
+def _configuration(
+    spacecraft: Spacecraft,
+    standing: Mapping[str, float],
+    angles: Mapping[str, float],
+    where: str,
+) -> NDArray[np.float64]:
+    """Return q (J,) with the joints that `angles` names there, and the others as they stand.
+
+    Raises:
+        InputError: as `Spacecraft.configuration`; a position that is degrees is called that.
+
+    """
+    for name, value in angles.items():
+        _check_joint(spacecraft, name, where)
+        try:
+            spacecraft.configuration({name: value}, where)
+        except InputError as error:
+            if abs(value) > 2 * np.pi and _is_possible(spacecraft, name, np.radians(value)):
+                raise InputError(
+                    f"{error}; angles are in radians: {value:g} degrees are {np.radians(value):.4g}"
+                ) from error
+            raise
+    return spacecraft.configuration({**standing, **angles}, where)
+
+
+def _is_possible(spacecraft: Spacecraft, joint: str, position: float) -> bool:
+    try:
+        spacecraft.configuration({joint: position}, "")
+    except InputError:
+        return False
+    return True
+
+
+def _check_joint(spacecraft: Spacecraft, name: str, where: str) -> None:
+    if name not in spacecraft.joint_names:
+        raise InputError(f"{where}: no joint '{name}'; {choose_from(name, spacecraft.joint_names)}")
 
 
 def _check_rates(motion: HalfCosine | MultiSine, spacecraft: Spacecraft, remedy: str) -> None:
@@ -309,9 +377,22 @@ def shipped_scenario(name: str) -> Path:
     folder = models_directory() / "scenarios"
     path = folder / f"{name}.yaml"
     if not path.is_file():
-        names = ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
-        raise InputError(f"no shipped scenario '{name}'; choose from {names}")
+        names = sorted(file.stem for file in folder.glob("*.yaml"))
+        raise InputError(f"no shipped scenario '{name}'; {choose_from(name, names)}")
     return path
+
+
+def find_scenario(name_or_path: str) -> Path | str:
+    """Return what a user means by a scenario: a file, or a shipped one's name, such as "paper".
+
+    What has an ending or a slash is a file (or a package:// URI), whether it exists or not.
+
+    Raises:
+        InputError: a name of no shipped scenario.
+
+    """
+    is_file = Path(name_or_path).suffix or "/" in name_or_path
+    return name_or_path if is_file else shipped_scenario(name_or_path)
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -333,6 +414,31 @@ def load_scenario(path: str | Path) -> Scenario:
         target.visual_model = _from_folder(file.parent, target.visual_model)
     _find_suites(scenario, file.parent, str(path))
     return scenario
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """Return a scenario with all its defaults as YAML; `load_scenario` gives the same again.
+
+    Files that a scenario names are written as absolute paths, as it has been loaded.
+    """
+    text = yaml_dump_typed(scenario)
+    # Not every version of Drake knows this key, and a simulation here does not depend on it.
+    lines = [line for line in text.splitlines() if "publish_every_time_step:" not in line]
+    return "\n".join(lines) + "\n"
+
+
+@contextmanager
+def naming(where: str) -> Iterator[None]:
+    """Let what is wrong with a scenario that has been loaded say which scenario it is.
+
+    Raises:
+        InputError: the one raised inside, with `where` before it.
+
+    """
+    try:
+        yield
+    except InputError as error:
+        raise error if str(error).startswith(where) else InputError(f"{where}: {error}") from error
 
 
 def _from_folder(folder: Path, path: str) -> str:
@@ -374,6 +480,7 @@ def _check(scenario: Scenario, where: str) -> None:
         raise InputError(f"{where}: simulation.momentum_W needs 6 finite numbers: L, then P")
     if not np.isfinite(scenario.target.mass):
         raise InputError(f"{where}: target.mass is missing or not finite")
+    _check_lengths(scenario.target, f"{where}: target")
     positive = {
         "simulation.duration": config.duration,
         "simulation.log_period": config.log_period,
@@ -388,11 +495,23 @@ def _check(scenario: Scenario, where: str) -> None:
     for name, value in positive.items():
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{where}: {name} must be a number > 0, not {value}")
+    if config.duration / config.log_period > MOST_LOGGED:
+        raise InputError(
+            f"{where}: simulation.duration of {config.duration:g} s is more than {MOST_LOGGED} "
+            f"times simulation.log_period, {config.log_period:g} s"
+        )
     offset = scenario.identification.offset
     if not (np.isfinite(offset) and offset >= 0):
         raise InputError(f"{where}: identification.offset must be a number >= 0, not {offset}")
     if config.simulator.accuracy < 1e-13:
         raise InputError(f"{where}: simulation.simulator.accuracy is below rounding; give >= 1e-13")
+    if config.simulator.start_time != 0:
+        raise InputError(f"{where}: simulation.simulator.start_time must be 0, as motions' is")
+    rate = config.simulator.target_realtime_rate
+    if not 0 <= rate < np.inf:
+        raise InputError(
+            f"{where}: simulation.simulator.target_realtime_rate must be a number >= 0, not {rate}"
+        )
     scheme = config.simulator.integration_scheme
     if scheme not in INTEGRATION_SCHEMES:
         raise InputError(
@@ -400,6 +519,21 @@ def _check(scenario: Scenario, where: str) -> None:
             f"{', '.join(INTEGRATION_SCHEMES)}, not '{scheme}'"
         )
     _check_sensing(scenario, where)
+
+
+def _check_lengths(body: TargetConfig, where: str) -> None:
+    """Refuse a body that is as large as if its lengths were in millimetres."""
+    distance = np.linalg.norm(body.p_CTcm_C)
+    radius = np.sqrt(abs(np.trace(body.I_TTcm_C) / body.mass)) if body.mass else 0.0
+    for key, what, length in (
+        ("p_CTcm_C", "a centre of mass", distance),
+        ("I_TTcm_C", "with this mass a radius of gyration", radius),
+    ):
+        if LONGEST_LENGTH < length < np.inf:
+            raise InputError(
+                f"{where}.{key}: {what} of {length:.3g} m; are these millimetres? "
+                "lengths are in metres, masses in kg, inertias in kg·m²"
+            )
 
 
 def _check_sensing(scenario: Scenario, where: str) -> None:
@@ -410,10 +544,15 @@ def _check_sensing(scenario: Scenario, where: str) -> None:
             f"{where}: identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}, "
             f"not '{estimator}'"
         )
-    if estimator == "momentum_filter" and not scenario.sensors.suite:
+    if estimator == "momentum_filter" and not scenario.sensors.present:
         raise InputError(
-            f"{where}: identification.estimator: momentum_filter needs sensors; give sensors.suite"
+            f"{where}: identification.estimator: momentum_filter needs sensors; give sensors.suite "
+            "or sensors.explicit"
         )
+    if scenario.sensors.explicit is not None:
+        if scenario.sensors.suite:
+            raise InputError(f"{where}: sensors.suite and sensors.explicit: give one of the two")
+        check_sensors(scenario.sensors.explicit, f"{where}: sensors.explicit")
     for name, value in vars(scenario.known_bodies).items():
         if not (np.isfinite(value) and value >= 0):
             raise InputError(f"{where}: known_bodies.{name} must be a number >= 0, not {value}")

@@ -114,7 +114,10 @@ class Simulation:
 
         """
         if self.sensors is None:
-            raise InputError("this simulation has no sensors; give sensors.suite in its scenario")
+            raise InputError(
+                "this simulation has no sensors; give sensors.suite or sensors.explicit in its "
+                "scenario"
+            )
         return measurements_from_logs(self.sensors, self.sensor_logs, root_context)
 
 

@@ -1,7 +1,9 @@
 """YAML into dataclasses by Drake's reader, and no silence about what it would let pass."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar, get_args, get_origin
 
@@ -12,6 +14,14 @@ from pydrake.common.yaml import yaml_load_typed
 from cpid_drake.errors import InputError
 
 Schema = TypeVar("Schema")
+
+LARGEST_FILE = 1_000_000
+"""[bytes]; a scenario has some 3000."""
+
+MOST_VALUES, LONGEST_VALUE, DEEPEST = 20_000, 10_000, 50
+"""Values with all aliases written out, characters of one value, and levels of nesting."""
+
+_NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?\.?\d[\d.]*\s*[a-zA-Zµ°'\"].*")
 
 
 def load_strictly(schema: type[Schema], file: Path, where: str, whole: str) -> Schema:
@@ -27,15 +37,23 @@ def load_strictly(schema: type[Schema], file: Path, where: str, whole: str) -> S
         whole: how to call what it holds in error messages, such as "a scenario".
 
     Raises:
-        InputError: not YAML, unknown or repeated keys, unknown tags, or values of another type.
+        InputError: not YAML, larger than `LARGEST_FILE`, `MOST_VALUES` and the like, unknown or
+            repeated keys, unknown tags, or values of another type.
 
     """
     try:
-        text = file.read_text(encoding="utf-8-sig")
+        with file.open("rb") as stream:
+            data = stream.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
+        text = data.decode("utf-8-sig")
+        _check_size(text, where)
         loader = _StrictLoader(text, list(dict.fromkeys(_tags(schema))))
         _Structure(where, whole).check(loader.get_single_data(), schema, "")
         return yaml_load_typed(schema=schema, data=text, defaults=schema())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: not YAML: not text in UTF-8") from error
+    except yaml.YAMLError as error:
         raise InputError(f"{where}: not YAML: {error}") from error
     except RecursionError as error:
         raise InputError(f"{where}: nested too deeply") from error
@@ -53,9 +71,57 @@ def load_strictly(schema: type[Schema], file: Path, where: str, whole: str) -> S
         raise InputError(f"{where}: a value does not fit: {error}") from error
 
 
+def choose_from(name: object, choices: Iterable[str]) -> str:
+    """Return the end of a complaint about a wrong name: what was perhaps meant, and the choices."""
+    choices = list(choices)
+    near = get_close_matches(str(name), choices, n=1)
+    return (
+        "".join(f"did you mean '{word}'? " for word in near) + f"choose from {', '.join(choices)}"
+    )
+
+
+def _check_size(text: str, where: str) -> None:
+    """Refuse what would take a reader long, or much memory: a few aliases can stand for billions.
+
+    Raises:
+        InputError: more than `MOST_VALUES` and the like, or an alias within what it stands for.
+        yaml.YAMLError: not YAML.
+
+    """
+    total, sizes = 0, {}
+    open_collections: list[tuple[str | None, int]] = []
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in sizes:
+                raise InputError(f"{where}: the alias *{event.anchor} stands for nothing or itself")
+            total += sizes[event.anchor]
+        elif isinstance(event, yaml.CollectionStartEvent):
+            open_collections.append((event.anchor, total))
+            total += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, before = open_collections.pop()
+            sizes[anchor] = total - before
+        elif isinstance(event, yaml.ScalarEvent):
+            total += 1
+            sizes[event.anchor] = 1
+            if len(event.value) > LONGEST_VALUE:
+                raise InputError(f"{where}: a value of {len(event.value)} characters")
+        if len(open_collections) > DEEPEST:
+            raise InputError(f"{where}: nested too deeply, more than {DEEPEST} levels")
+        if total > MOST_VALUES:
+            raise InputError(f"{where}: more than {MOST_VALUES} values, aliases written out")
+
+
+def _members(schema: type) -> dict[str, type]:
+    """Return the members of a dataclass, or of one of Drake's own structs, and their types."""
+    entries = fields(schema) if is_dataclass(schema) else schema.__fields__
+    return {entry.name: entry.type for entry in entries}
+
+
 def _choices(kind: type) -> list[type]:
-    """Return the dataclasses that a member of this type can be."""
-    return [choice for choice in get_args(kind) or [kind] if is_dataclass(choice)]
+    """Return the dataclasses (or structs of Drake's) that a member of this type can be."""
+    choices = get_args(kind) or [kind]
+    return [each for each in choices if is_dataclass(each) or hasattr(each, "__fields__")]
 
 
 def _tags(kind: type) -> Iterator[str]:
@@ -63,8 +129,8 @@ def _tags(kind: type) -> Iterator[str]:
     for choice in _choices(kind)[1:]:
         yield f"!{choice.__name__}"
     for choice in _choices(kind):
-        for entry in fields(choice):
-            yield from _tags(entry.type)
+        for member in _members(choice).values():
+            yield from _tags(member)
 
 
 class _TaggedMapping(dict):
@@ -86,8 +152,10 @@ class _StrictLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         seen: set[str] = set()
         for key, _ in node.value:
+            line = key.start_mark.line + 1
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.YAMLError(f"a key must be a word, not a collection (line {line})")
             if key.value in seen:
-                line = key.start_mark.line + 1
                 raise yaml.YAMLError(f"the key '{key.value}' is given twice (line {line})")
             seen.add(key.value)
         return super().construct_mapping(node, deep)
@@ -96,7 +164,7 @@ class _StrictLoader(yaml.SafeLoader):
         line = node.start_mark.line + 1
         if tag not in self._tags:
             known = f"choose from {', '.join(self._tags)}" if self._tags else "there are none here"
-            raise yaml.YAMLError(f"unknown tag {tag}; {known} (line {line})")
+            raise yaml.YAMLError(f"unknown tag {tag:.80}; {known} (line {line})")
         if not isinstance(node, yaml.MappingNode):
             raise yaml.YAMLError(f"what is tagged {tag} must be a mapping (line {line})")
         mapping = _TaggedMapping(self.construct_mapping(node, deep=True))
@@ -129,32 +197,67 @@ class _Structure:
             self._check_section(value, sections[0], key)
         elif get_origin(kind) is dict:
             if not isinstance(value, dict):
-                raise self._error(key, f"must be a mapping, not {value!r:.60}")
+                raise self._error(key, f"must be a mapping, not {_shown(value)}")
             for name, item in value.items():
                 self.check(item, get_args(kind)[1], f"{key}.{name}")
-        elif kind is int:
-            if not isinstance(value, int) or isinstance(value, bool):
-                raise self._error(key, f"must be a whole number, not {value!r:.60}")
-        elif kind in (float, np.ndarray):
-            try:
-                fits = (np.asarray(value, dtype=float).ndim > 0) == (kind is np.ndarray)
-            except (TypeError, ValueError, OverflowError):
-                fits = False
-            if not fits:
-                what = "a number" if kind is float else "a list of numbers"
-                raise self._error(key, f"must be {what}, not {value!r:.60}")
+        elif get_origin(kind) is list:
+            if not isinstance(value, list):
+                raise self._error(key, f"must be a list, not {_shown(value)}")
+            for k, item in enumerate(value):
+                self.check(item, get_args(kind)[0], f"{key}[{k}]")
+        elif kind in _WANTED and not _fits(value, kind):
+            hint = _HINT if kind in (float, np.ndarray) and _has_unit(value) else ""
+            raise self._error(key, f"must be {_WANTED[kind]}, not {_shown(value)}{hint}")
 
     def _check_section(self, value: object, schema: type, key: str) -> None:
         """Refuse sections that are no mappings, and keys that the schema does not have."""
         if not isinstance(value, dict):
-            raise self._error(key, f"must be a mapping, not {value!r:.60}")
-        known = {entry.name: entry.type for entry in fields(schema)}
+            raise self._error(key, f"must be a mapping, not {_shown(value)}")
+        known = _members(schema)
         for name, item in value.items():
             inner = f"{key}.{name}" if key else str(name)
             if name not in known:
-                choices = ", ".join(known)
-                raise InputError(f"{self._where}: unknown key '{inner}'; choose from {choices}")
+                choices = choose_from(name, known)
+                raise InputError(f"{self._where}: unknown key '{inner:.200}'; {choices}")
             self.check(item, known[name], inner)
 
     def _error(self, key: str, problem: str) -> InputError:
         return InputError(f"{self._where}: {key or self._whole} {problem}")
+
+
+_WANTED = {
+    int: "a whole number",
+    float: "a number",
+    np.ndarray: "a list of numbers",
+    str: "text",
+    bool: "true or false",
+}
+
+_HINT = (
+    "; numbers are written without units: lengths in metres, angles in radians, masses in kg, "
+    "times in s"
+)
+
+
+def _fits(value: object, kind: type) -> bool:
+    """Whether a value is of one of the simple kinds; numbers may be text, as YAML 1.1 reads 1e3."""
+    if kind in (float, np.ndarray):
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            return False
+        return (array.ndim > 0) == (kind is np.ndarray) and value is not None
+    return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
+
+
+def _has_unit(value: object) -> bool:
+    """Whether it is text such as "433 mm", or a list with some in it."""
+    if isinstance(value, list):
+        return any(map(_has_unit, value))
+    return isinstance(value, str) and _NUMBER_WITH_UNIT.fullmatch(value) is not None
+
+
+def _shown(value: object) -> str:
+    """Return a value for a message, as YAML says it and cut to a line."""
+    words = {None: "null", True: "true", False: "false"}
+    return words[value] if value is None or isinstance(value, bool) else f"{value!r:.60}"

@@ -2,6 +2,7 @@
 
 import copy
 import re
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
+from cpid_drake.model_files import models_directory
 from cpid_drake.momentum_sensitivity import BodyUncertainty
 from cpid_drake.scenario import HalfCosineMotion, MultiSineMotion
 from cpid_drake.sensor_files import load_sensors
@@ -147,6 +149,49 @@ def test_what_is_no_scenario_is_refused(write, content):
     assert "scenario.yaml" in refusal(load_scenario, write(content))
 
 
+def ten_times_ten(levels: int) -> str:
+    """A list of ten tens of ten … of itself: a line for every power of ten."""
+    lines = ["a0: &a0 [1]"]
+    for k in range(1, levels):
+        lines.append(f"a{k}: &a{k} [{', '.join(10 * [f'*a{k - 1}'])}]")
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("content", "cause"),
+    [
+        (ten_times_ten(12), "more than 20000 values, aliases written out"),
+        (ten_times_ten(12).replace("[", "{<<: [").replace("]", "]}"), "more than 20000 values"),
+        ("target: {p_CTcm_C: &a [*a, *a]}", "the alias *a stands for nothing or itself"),
+        ("target: *b", "the alias *b stands for nothing"),
+        (300_000 * "[", "nested too deeply"),
+        ("\n".join(" " * k + "a:" for k in range(1000)), "nested too deeply"),
+        ("a: [" + 400_000 * "1," + "]", "more than 20000 values"),
+        ("a: 1" + 200_000 * ":10", "a value of 600001 characters"),
+        (3_000_000 * "#", "larger than 1 MB: not a scenario"),
+        ("spacecraft: {}".encode("utf-16"), "not text in UTF-8"),
+        ("spacecraft: {}".encode("utf-16-le"), "not YAML"),
+        ("a: !!python/object/apply:os.system [exit]", "unknown tag"),
+        ("!" + 100_000 * "x" + " {}", "unknown tag"),
+        ("? [a]\n: 1", "a key must be a word"),
+    ],
+    ids=range(14),
+)
+def test_what_would_take_long_or_much_memory_is_refused_at_once(write, content, cause):
+    start = time.process_time()
+    message = refusal(load_scenario, write(content))
+    assert cause in message
+    assert len(message) < 1000
+    assert time.process_time() - start < 2.0
+
+
+def test_aliases_may_save_typing(write, paper_yaml):
+    text = yaml.safe_dump({key: paper_yaml[key] for key in ("spacecraft", "target")})
+    motion = "joint_motion: {initial: &held {capture_arm_joint1: 0.5}, final: *held}"
+    scenario = load_scenario(write(f"{text}{motion}"))
+    assert scenario.joint_motion.final == {"capture_arm_joint1": 0.5}
+
+
 @pytest.mark.parametrize(
     "path", ["nowhere.yaml", "", ".", "package://nobody/a.yaml", "https://example.org/a.yaml"]
 )
@@ -169,6 +214,60 @@ def test_a_key_given_twice_is_refused(paper_yaml, write):
     """Which of the two was meant cannot be known."""
     text = yaml.safe_dump(paper_yaml).replace("mass: 100.0", "mass: 100.0\n  mass: 7.0")
     assert "mass" in refusal(load_scenario, write(text))
+
+
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    [
+        ("target.masss", "mass"),
+        ("spacecraft.capture_fram", "capture_frame"),
+        ("simulation.simulator.max_step", "max_step_size"),
+    ],
+)
+def test_a_key_with_a_slip_is_answered_with_the_one_that_was_meant(write, edited, key, meant):
+    message = refusal(load_scenario, write(edited(key, 1.0)))
+    assert f"scenario.yaml: unknown key '{key}'; did you mean '{meant}'? choose from " in message
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("target.p_CTcm_C", ["433 mm", 0, 0]),
+        ("target.mass", "100 kg"),
+        ("joint_motion.duration", "10s"),
+        ("joint_motion.initial.capture_arm_joint1", "30 deg"),
+        ("joint_motion.initial.capture_arm_joint1", "30°"),
+    ],
+)
+def test_a_number_with_its_unit_is_answered_with_the_units_of_numbers(write, edited, key, value):
+    message = refusal(load_scenario, write(edited(key, value)))
+    assert f"scenario.yaml: {key} must be a" in message
+    assert "without units: lengths in metres, angles in radians" in message
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("p_CTcm_C", [433.0, 0.0, 0.0]), ("I_TTcm_C", np.diag([2e7, 3e7, 1e7]).tolist())],
+)
+def test_millimetres_are_asked_about(write, edited, key, value):
+    message = refusal(load_scenario, write(edited(f"target.{key}", value)))
+    assert f"target.{key}" in message
+    assert "are these millimetres? lengths are in metres" in message
+
+
+def test_degrees_are_called_so_where_radians_are_possible(write, edited):
+    key = "joint_motion.initial"
+    message = refusal(build, write(edited(key, {"capture_arm_joint1": -30.0})))
+    assert "joint_motion.initial: capture_arm_joint1 = -30 is outside [-3.1, 3.1]" in message
+    assert "angles are in radians: -30 degrees are -0.5236" in message
+    # Slightly out of limits, or also as degrees: no guess.
+    for value in (3.2, 1e6):
+        assert "degrees" not in refusal(build, write(edited(key, {"capture_arm_joint1": value})))
+
+
+def test_a_joint_with_a_slip_is_answered_with_the_one_that_was_meant(write, edited):
+    message = refusal(build, write(edited("joint_motion.final", {"capture_arm_joint_1": 0.0})))
+    assert "no joint 'capture_arm_joint_1'; did you mean 'capture_arm_joint1'?" in message
 
 
 SECTIONS = ("spacecraft", "target", "joint_motion", "controller", "identification", "simulation")
@@ -201,6 +300,9 @@ def test_a_section_that_is_no_mapping_is_refused(write, edited, section, value):
         ("controller.knows_target", 1),
         ("identification.rows", 18),
         ("simulation.simulator.use_error_control", "no"),
+        ("simulation.simulator.start_time", 1.0),
+        ("simulation.simulator.target_realtime_rate", np.inf),
+        ("simulation.log_period", 1e-7),
     ],
 )
 def test_a_value_of_the_wrong_type_is_refused(write, edited, key, value):
@@ -274,7 +376,11 @@ def test_a_nominal_mass_that_is_none_is_refused(write, edited, value):
         ("identification.rows", "eq99", "no row family 'eq99'; choose from eq18"),
         ("simulation.simulator.integration_scheme", "leapfrog", "must be one of runge_kutta3"),
         ("simulation.simulator.integration_scheme", "explicit_euler", "not 'explicit_euler'"),
-        ("joint_motion.initial", {"elbow": 0.1}, "no joint 'elbow'; joints are capture_arm_joint1"),
+        (
+            "joint_motion.initial",
+            {"elbow": 0.1},
+            "no joint 'elbow'; choose from capture_arm_joint1",
+        ),
         ("joint_motion.final", {"capture_arm_joint1": 3.2}, r"= 3.2 is outside [-3.1, 3.1]"),
         ("joint_motion.final", {"capture_arm_joint1": np.nan}, "outside"),
         ("joint_motion.duration", 1.0, "above its limit 0.4 rad/s; give a longer duration"),
@@ -336,6 +442,36 @@ def test_sines_arrive_at_the_joints_they_are_for(tagged, servicer):
     )
     np.testing.assert_array_equal(motion.phases, [0.5 * first, -1.0 * first])
     make_simulation(scenario)
+
+
+def test_joints_that_a_motion_does_not_name_stand_as_the_spacecraft_is_configured(
+    write, edited, tagged, servicer
+):
+    standing = {"capture_arm_joint1": 0.5, "operating_arm_joint6": -0.25}
+    named = {"capture_arm_joint1": 0.2}
+    content = edited("spacecraft.configuration", standing)
+    content["joint_motion"] = {"duration": 10.0, "initial": named}
+    motion = load_scenario(write(content)).make_joint_motion(servicer)
+    first, last = np.eye(12)[0], np.eye(12)[11]
+    np.testing.assert_array_equal(motion.q_initial, 0.2 * first - 0.25 * last)
+    np.testing.assert_array_equal(motion.q_final, 0.5 * first - 0.25 * last)
+    scenario = load_scenario(tagged({}))
+    scenario.spacecraft.configuration = standing
+    centre = scenario.make_joint_motion(servicer).centre
+    np.testing.assert_array_equal(centre, -0.4 * first - 0.25 * last)
+
+
+@pytest.mark.parametrize(
+    ("standing", "cause"),
+    [
+        ({"elbow": 0.1}, "spacecraft.configuration: no joint 'elbow'; choose from capture_arm"),
+        ({"operating_arm_joint4": 9.0}, "spacecraft.configuration: operating_arm_joint4 = 9 is"),
+        ({"operating_arm_joint4": "in"}, "spacecraft.configuration.operating_arm_joint4 must be"),
+        ([0.1], "spacecraft.configuration must be a mapping"),
+    ],
+)
+def test_a_configuration_that_cannot_be_is_refused(write, edited, standing, cause):
+    assert cause in refusal(build, write(edited("spacecraft.configuration", standing)))
 
 
 def test_keys_left_out_of_sines_keep_their_defaults(paper_yaml, write):
@@ -414,7 +550,7 @@ def test_a_key_of_sines_given_twice_is_refused(tagged, write):
         ("duration", "long", "joint_motion.duration must be a number, not 'long'"),
         ("duration", 10**400, "joint_motion.duration must be a number"),
         ("ramp", [1.0], "joint_motion.ramp must be a number"),
-        ("ramp", None, "'ramp'"),
+        ("ramp", None, "joint_motion.ramp must be a number, not null"),
         ("ramp", 4.1, "ramp must be > 0 and at most half the duration"),
         ("frequencies", 0.1, "joint_motion.frequencies must be a list of numbers, not 0.1"),
         ("frequencies", "12", "joint_motion.frequencies must be a list of numbers"),
@@ -427,12 +563,20 @@ def test_a_key_of_sines_given_twice_is_refused(tagged, write):
         ("frequencies", [0.1, 3.0], "capture_arm_joint1 would reach 1."),
         ("centre", [0.1], "joint_motion.centre must be a mapping"),
         ("centre", {"capture_arm_joint1": "far"}, "joint_motion.centre.capture_arm_joint1 must be"),
-        ("centre", {"elbow": 0.1}, "joint_motion.centre: no joint 'elbow'; joints are capture_arm"),
+        (
+            "centre",
+            {"elbow": 0.1},
+            "joint_motion.centre: no joint 'elbow'; choose from capture_arm",
+        ),
         ("centre", {"capture_arm_joint1": 3.2}, "centre: capture_arm_joint1 = 3.2 is outside"),
         ("centre", {"capture_arm_joint1": 3.0}, "outside [-3.1, 3.1]"),
         ("centre", {"capture_arm_joint1": -3.0}, "outside [-3.1, 3.1]"),
         ("amplitudes", [[0.1, 0.2]], "joint_motion.amplitudes must be a mapping"),
-        ("amplitudes", {"elbow": [0.1, 0.2]}, "joint_motion.amplitudes: no joint 'elbow'; joints"),
+        (
+            "amplitudes",
+            {"elbow": [0.1, 0.2]},
+            "joint_motion.amplitudes: no joint 'elbow'; choose from",
+        ),
         ("amplitudes", {"capture_arm_joint1": 0.1}, "capture_arm_joint1 must be a list of numbers"),
         ("amplitudes", {"capture_arm_joint1": [0.1]}, "one for each of the 2 frequencies"),
         ("amplitudes", {"capture_arm_joint1": [0.1, np.nan]}, "needs finite numbers"),
@@ -519,6 +663,17 @@ def test_every_value_of_the_new_sections_arrives(write, paper_yaml):
     np.testing.assert_array_equal(accuracy.firing.momentum_W, np.arange(1.0, 7.0))
 
 
+def test_sensors_may_be_written_into_the_scenario(write, paper_yaml):
+    """Those of a preset's file, word by word, are the same sensors."""
+    text = (models_directory() / "sensors" / "servicer.yaml").read_text()
+    explicit = {"sensors": {"explicit": yaml.safe_load(text), "seed": 3}}
+    filtering = {"identification": {"estimator": "momentum_filter"}}
+    scenario = load_scenario(write(paper_yaml | explicit | filtering))
+    assert repr(scenario.make_suite()) == repr(load_sensors("servicer"))
+    assert scenario.sensors.present
+    make_simulation(scenario)
+
+
 @pytest.mark.parametrize("key", ["mass", "com", "inertia"])
 def test_one_uncertainty_is_enough(write, paper_yaml, key):
     scenario = load_scenario(write(paper_yaml | {"known_bodies": {key: 0.03}}))
@@ -547,12 +702,29 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
     ("section", "values", "cause"),
     [
         ("sensors", None, "sensors must be a mapping"),
-        ("sensors", {"sweet": "flight"}, "unknown key 'sensors.sweet'; choose from suite, seed"),
+        ("sensors", {"kind": "x"}, "unknown key 'sensors.kind'; choose from suite, explicit, seed"),
         ("sensors", {"suite": "nothing"}, "sensors.suite: no sensors: "),
         ("sensors", {"suite": "~nobody_at_all/a.yaml"}, "sensors.suite: "),
         ("sensors", {"suite": "."}, "sensors.suite: no sensors: "),
         ("sensors", {"suite": "scenario.yaml"}, "sensors.suite: "),
         ("sensors", {"suite": 3}, "scenario.yaml: "),
+        (
+            "sensors",
+            {"suite": "flight", "explicit": {"encoders": {}}},
+            "sensors.suite and sensors.explicit: give one of the two",
+        ),
+        ("sensors", {"explicit": {}}, "sensors.explicit: encoders are missing"),
+        ("sensors", {"explicit": "flight"}, "sensors.explicit must be a mapping, not 'flight'"),
+        (
+            "sensors",
+            {"explicit": {"encoders": {"rates": 1}}},
+            "unknown key 'sensors.explicit.encoders.rates'; did you mean 'rate'?",
+        ),
+        (
+            "sensors",
+            {"explicit": {"encoders": {"rate": -1.0}}},
+            "scenario.yaml: sensors.explicit: encoders.rate must be from",
+        ),
         ("sensors", {"seed": -1}, "sensors.seed must be >= 0, not -1"),
         ("sensors", {"seed": 1.5}, "sensors.seed must be a whole number"),
         (
