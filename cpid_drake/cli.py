@@ -5,6 +5,7 @@ import sys
 import typer
 
 from cpid_drake.commands.accuracy import accuracy
+from cpid_drake.commands.export import export
 from cpid_drake.commands.paper import paper
 from cpid_drake.errors import InputError
 
@@ -17,6 +18,7 @@ app = typer.Typer(
 )
 app.command()(paper)
 app.command()(accuracy)
+app.command()(export)
 
 
 def main() -> None:

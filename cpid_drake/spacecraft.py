@@ -93,6 +93,7 @@ class Spacecraft:
         packages: Mapping[str, str | Path] | None = None,
     ) -> None:
         self.model = str(model)
+        self._given = {"base": base, "capture_frame": capture_frame, "packages": packages}
         self._packages = package_map(packages)
         self._path = resolve_model(model, self._packages)
         if not self._path.name.endswith(_MODEL_ENDINGS):
@@ -123,6 +124,15 @@ class Spacecraft:
             "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
             "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
+
+    @property
+    def path(self) -> Path:
+        """The model's file."""
+        return self._path
+
+    def reread(self, model: str | Path) -> "Spacecraft":
+        """Return the spacecraft of another model with this one's base, C and packages by name."""
+        return Spacecraft(model, **self._given)
 
     # -- plants ------------------------------------------------------------------------------
 

@@ -1,0 +1,113 @@
+"""Edits of an XML file that leave every other byte as it is: comments, order, spelling."""
+
+import re
+from dataclasses import dataclass
+from textwrap import indent
+from xml.parsers.expat import ExpatError, ParserCreate
+from xml.sax.saxutils import escape
+
+from cpid_drake.errors import InputError
+
+_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+
+
+def attribute_text(value: str) -> str:
+    """Return a value as it stands between double quotes."""
+    return escape(value, {'"': "&quot;"})
+
+
+@dataclass(eq=False)
+class Element:
+    """An XML element: tag, attributes, the element around it, and the bytes that it takes.
+
+    The start tag is data[start:inside], the content data[inside:end]; both are empty after `start`
+    where an element has no end tag, `<like this/>`.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    parent: "Element | None"
+    start: int
+    inside: int
+    end: int
+
+
+class XmlEdits:
+    """An XML file and what shall be changed in it.
+
+    Attributes:
+        elements: all elements in the file's order.
+
+    Raises:
+        InputError: it is not XML that an edit could be trusted with.
+
+    """
+
+    def __init__(self, data: bytes, where: str) -> None:
+        self.elements: list[Element] = []
+        self._data = data
+        self._edits: list[tuple[int, int, bytes]] = []
+        open_elements: list[Element] = []
+        parser = ParserCreate()
+
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            at = parser.CurrentByteIndex
+            found = _TAG.match(data, at)
+            if not found:
+                raise InputError(f"{where}: not XML in UTF-8")
+            parent = open_elements[-1] if open_elements else None
+            element = Element(tag, attributes, parent, at, found.end(), found.end())
+            self.elements.append(element)
+            open_elements.append(element)
+
+        def end(_: str) -> None:
+            element = open_elements.pop()
+            element.end = max(element.inside, parser.CurrentByteIndex)
+
+        def entity(*_: object) -> None:
+            raise InputError(f"{where}: it declares XML entities")
+
+        parser.StartElementHandler, parser.EndElementHandler = start, end
+        parser.EntityDeclHandler = entity
+        try:
+            parser.Parse(data, True)
+        except ExpatError as error:
+            raise InputError(f"{where}: not well-formed XML: {error}") from error
+
+    def text(self, element: Element) -> str:
+        """Return what is between an element's tags, as it is spelled."""
+        return self._data[element.inside : element.end].decode("utf-8", "replace")
+
+    def set_text(self, element: Element, text: str) -> None:
+        """Put this text between an element's tags."""
+        self._edits.append((element.inside, element.end, escape(text).encode()))
+
+    def set_attribute(self, element: Element, name: str, value: str) -> None:
+        """Give an attribute that the element has another value."""
+        tag = self._data[element.start : element.inside]
+        found = re.search(rb"""\s%s\s*=\s*("[^"]*"|'[^']*')""" % name.encode(), tag)
+        if found:
+            first, last = (element.start + k for k in found.span(1))
+            self._edits.append((first, last, f'"{attribute_text(value)}"'.encode()))
+
+    def append(self, element: Element, xml: str) -> None:
+        """Put lines of XML in as the last of what an element contains."""
+        if self._data[: element.inside].endswith(b"/>"):
+            inner = ">\n" + indent(xml, "  ") + f"</{element.tag}>"
+            self._edits.append((element.inside - 2, element.inside, inner.encode()))
+            return
+        before = self._data[element.inside : element.end]
+        margin = before[before.rfind(b"\n") + 1 :]
+        if b"\n" in before and not margin.strip():
+            at = element.end - len(margin)
+            inner = indent(xml, margin.decode() + "  ")
+        else:
+            at, inner = element.end, "\n" + xml
+        self._edits.append((at, at, inner.encode()))
+
+    def result(self) -> bytes:
+        """Return the file with its edits."""
+        data = self._data
+        for first, last, text in sorted(self._edits, reverse=True):
+            data = data[:first] + text + data[last:]
+        return data
