@@ -10,15 +10,18 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimators.least_squares import (
     DEFAULT_RANK_TOLERANCE,
     LeastSquaresSolution,
-    solve_least_squares,
 )
 from cpid_drake.estimators.observability import describe_unobservable
 from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
 from cpid_drake.inertia import InertialParameters, UnknownVector
+from cpid_drake.kinematics import KinematicTree
 from cpid_drake.momentum import momentum_samples
 from cpid_drake.regressors import ROW_FAMILIES, RowFamily
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.telemetry import Telemetry
+
+_AT_ONCE = 4096
+"""Samples that are made rows of at once: their arrays fit into a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +54,15 @@ class Identification:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """(10, 10) covariance of `parameters`, to first order; NaN until all are observable."""
-        if not self.is_observable:
-            return np.full((10, 10), np.nan)
-        jacobian = self.unknowns.jacobian(self.solution.estimate)
-        return jacobian @ self.solution.covariance @ jacobian.T
+        """(10, 10) covariance of `parameters`, to first order; NaN where not observable."""
+        # A parameter that is known depends on known unknowns only.
+        known = np.isfinite(self.solution.estimate)
+        jacobian = self.unknowns.jacobian(self.solution.estimate)[:, known]
+        is_open = ~np.isfinite(self.parameters)
+        jacobian[is_open] = 0.0
+        covariance = jacobian @ self.solution.covariance[np.ix_(known, known)] @ jacobian.T
+        covariance[is_open, :] = covariance[:, is_open] = np.nan
+        return covariance
 
     def raw(self) -> InertialParameters:
         """Return the estimate as it is: no rigid body may have it.
@@ -141,13 +148,29 @@ def identify(
             f"telemetry of joints {', '.join(telemetry.joint_names)} is not of this spacecraft, "
             f"whose joints are {', '.join(spacecraft.joint_names)}"
         )
-    samples = momentum_samples(spacecraft.tree, telemetry)
-    if unknown_momentum:
-        rows_ = family.full_rows(samples, unknown_momentum)
-        root = update_root(empty_root(rows_.shape[1] - 1), rows_)
-        solution = solve_root(
-            root, len(rows_), eliminated=family.momentum_size, rank_tolerance=rank_tolerance
-        )
-    else:
-        solution = solve_least_squares(*family.rows(samples), rank_tolerance=rank_tolerance)
+    root, row_count = accumulate_rows(spacecraft.tree, telemetry, family, unknown_momentum)
+    solution = solve_root(
+        root,
+        row_count,
+        eliminated=family.momentum_size if unknown_momentum else 0,
+        rank_tolerance=rank_tolerance,
+    )
     return Identification(family.unknowns(spacecraft.mass), solution, len(telemetry))
+
+
+def accumulate_rows(
+    tree: KinematicTree, telemetry: Telemetry, family: RowFamily, unknown_momentum: bool
+) -> tuple[NDArray[np.float64], int]:
+    """Return the square root (n + 1, n + 1) of the rows [N | A | b], and their number.
+
+    Some thousand samples at a time, so that memory does not grow with their number. Rows that are
+    zero throughout (a sample at rest) say nothing and are not counted.
+    """
+    nuisance = family.momentum_size if unknown_momentum else 0
+    root, count = empty_root(nuisance + 10), 0
+    for start in range(0, len(telemetry), _AT_ONCE):
+        samples = momentum_samples(tree, telemetry.select(slice(start, start + _AT_ONCE)))
+        rows = family.full_rows(samples, unknown_momentum)
+        root = update_root(root, rows)
+        count += int(rows[:, nuisance:].any(axis=1).sum())
+    return root, count
