@@ -1,0 +1,98 @@
+"""How noisy a log's sensors are, from the log itself, for when nobody says so.
+
+Differences of high order leave nothing of a smooth motion and all of the noise: of white noise of
+variance σ², the p-th differences have the variance σ² (2p)!/(p!)².
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import comb
+
+from cpid_drake.errors import InputError
+from cpid_drake.sensors import (
+    ARCSECOND,
+    DEGREE_PER_ROOT_HOUR,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    Measurements,
+    Samples,
+    SensorSuite,
+    VectorSensor,
+)
+
+_ORDERS = range(2, 9)
+_FEWEST = 12
+_LEAST = 1e-13
+
+GYRO_BIAS = 10.0
+"""What is assumed of a gyro's constant bias, σ [°/h]: few are worse once calibrated."""
+
+
+def estimate_suite(measurements: Measurements) -> SensorSuite:
+    """Return sensors with the noise that the samples show: white, the same in all axes.
+
+    Raises:
+        InputError: there are no encoders, or fewer than 12 samples of a sensor.
+
+    """
+    if not len(measurements.encoders):
+        raise InputError("there are no joint positions to estimate noise from")
+    suite = SensorSuite(description="noise estimated from the samples")
+    for name in ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates"):
+        samples = getattr(measurements, name)
+        if not len(samples):
+            continue
+        if len(samples) < _FEWEST:
+            raise InputError(
+                f"{len(samples)} samples of {name} are too few to tell their noise from motion; "
+                f"give the sensors, or at least {_FEWEST} samples"
+            )
+        rate = float(np.clip(1 / np.median(np.diff(samples.time)), 1e-3, 1e5))
+        sigma = noise_level(samples, quaternions=name == "attitude")
+        if name == "attitude":
+            sensor = AttitudeSensor(rate, sigma / ARCSECOND, sigma / ARCSECOND)
+        elif name == "gyro":
+            sensor = Gyro(rate, sigma / (DEGREE_PER_ROOT_HOUR * np.sqrt(rate)), GYRO_BIAS)
+        elif name in ("position", "velocity"):
+            sensor = VectorSensor(rate, sigma)
+        else:
+            sensor = JointSensor(rate, sigma)
+        setattr(suite, name, sensor)
+    return suite
+
+
+def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
+    """Return σ of one entry of a sample (of attitudes: of the turn about one axis [rad]).
+
+    Of the differences of several orders the least is taken: the lower ones hold motion still. A
+    motion too quick for the samples looks like noise.
+    """
+    value = samples.value
+    if quaternions:
+        flips = np.sum(value[1:] * value[:-1], axis=1) < 0
+        value = value * np.cumprod(np.where(np.append(False, flips), -1.0, 1.0))[:, None]
+    steps = np.diff(samples.time)
+    even = np.abs(steps / np.median(steps) - 1) < 0.1
+    least = np.inf
+    for order in _ORDERS:
+        if len(value) <= order + 2:
+            break
+        # Differences over a gap in the samples are no differences.
+        whole = np.convolve(even, np.ones(order), "valid") > order - 0.5
+        if not whole.any():
+            break
+        difference = np.diff(value, n=order, axis=0)[whole]
+        level = _root_mean_square(difference) / np.sqrt(comb(2 * order, order))
+        least = min(least, level)
+    if not np.isfinite(least):
+        raise InputError("samples at such uneven times do not tell their noise; give the sensors")
+    # A turn by δ changes the four entries by δ/2 in all, in three directions.
+    return max(float(least * (2 * np.sqrt(4 / 3) if quaternions else 1.0)), _LEAST)
+
+
+def _root_mean_square(values: NDArray[np.float64]) -> float:
+    """Root of the mean square, without the hundredth that is largest: outliers are no noise."""
+    size = np.sort(np.sum(values**2, axis=1))
+    kept = size[: max(int(np.ceil(0.99 * len(size))), 1)]
+    return float(np.sqrt(np.mean(kept) / values.shape[1]))
