@@ -6,6 +6,7 @@ what was meant before it takes its place.
 
 import os
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -152,13 +153,17 @@ def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
     inertia, total = target.I_TTcm_C, np.trace(target.I_TTcm_C)
     low, middle, high = target.principal_moments()
     along_axes = not np.any(inertia - np.diag(np.diag(inertia)))
-    if min(low, low + middle - high) > 1e-13 * total or (along_axes and low > 0):
+    exact = along_axes and low > 0 and low + middle >= high
+    if exact or min(low, low + middle - high) > 1e-13 * total:
         return target
     return InertialParameters(target.mass, target.p_CTcm_C, inertia + 1e-13 * total * np.eye(3))
 
 
 def _numbers(values: ArrayLike) -> str:
-    return " ".join(repr(value) for value in np.ravel(np.asarray(values, dtype=float)).tolist())
+    values = np.ravel(np.asarray(values, dtype=float))
+    # Some readers refuse numbers below the smallest normal one.
+    values = np.where(np.abs(values) < sys.float_info.min, 0.0, values)
+    return " ".join(repr(value) for value in values.tolist())
 
 
 def _pose(spacecraft: Spacecraft) -> tuple[str, str, str]:
@@ -371,7 +376,9 @@ def _directives(link: Path, name: str, spacecraft: Spacecraft | None) -> str:
 def _require_free(path: Path, spacecraft: Spacecraft | None, overwrite: bool) -> None:
     try:
         if path.is_dir() or (path.exists() and not overwrite):
-            raise InputError(f"{path}: exists already; choose another name, or overwrite it (--force)")
+            raise InputError(
+                f"{path}: exists already; choose another name, or overwrite it (--force)"
+            )
         if spacecraft is not None and path.resolve() == spacecraft.path:
             raise InputError(f"{path}: is the spacecraft's own model; choose another name")
         if not path.parent.is_dir():

@@ -1,0 +1,432 @@
+"""Exported models: every reader finds the target in them that was meant, and nothing else new."""
+
+import os
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InertialParameters, InputError, Spacecraft, identify
+from cpid_drake.export import FORMATS, export_target
+
+RESOLUTION = 1e-12  # of each quantity's size
+
+
+@pytest.fixture(autouse=True)
+def _no_reader_warns(caplog):
+    yield
+    assert [record.getMessage() for record in caplog.records] == []
+
+
+def out_file(folder, format):
+    return folder / f"out{FORMATS[format]}"
+
+
+def assert_same(read, meant, resolution=RESOLUTION):
+    """Compare ten parameters; inertia of what it is about C, where readers hold it."""
+    reach = np.linalg.norm(meant.p_CTcm_C)
+    about_C = np.trace(meant.I_TTcm_C) + meant.mass * reach**2
+    np.testing.assert_allclose(read.mass, meant.mass, rtol=resolution)
+    np.testing.assert_allclose(read.p_CTcm_C, meant.p_CTcm_C, rtol=0, atol=resolution * reach)
+    np.testing.assert_allclose(read.I_TTcm_C, meant.I_TTcm_C, rtol=0, atol=resolution * about_C)
+
+
+def by_drake(path, name) -> InertialParameters:
+    plant = MultibodyPlant(time_step=0.0)
+    Parser(plant).AddModels(str(path))
+    plant.Finalize()
+    body = plant.GetBodyByName(name)
+    return InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
+
+
+def by_mujoco(path, name) -> InertialParameters:
+    mujoco = pytest.importorskip("mujoco")
+    body = mujoco.MjModel.from_xml_path(str(path)).body(name)
+    R = Rotation.from_quat(body.iquat, scalar_first=True).as_matrix()
+    inertia = R @ np.diag(body.inertia) @ R.T
+    return InertialParameters(body.mass[0], body.ipos, inertia)
+
+
+def by_pinocchio(path) -> InertialParameters:
+    pinocchio = pytest.importorskip("pinocchio")
+    model = pinocchio.buildModelFromUrdf(str(path), pinocchio.JointModelFreeFlyer())
+    inertia = model.inertias[1]
+    return InertialParameters(inertia.mass, inertia.lever, inertia.inertia)
+
+
+# -- the target alone ----------------------------------------------------------------------------
+
+
+def rotated(moments, seed=3):
+    R = Rotation.random(random_state=seed).as_matrix()
+    inertia = R @ np.diag(moments) @ R.T
+    return (inertia + inertia.T) / 2
+
+
+TARGETS = {
+    "paper, on the limit": InertialParameters(100.0, [0.4330127, 0, 0], np.diag([20.0, 30, 10])),
+    "skewed": InertialParameters(60.0, [0.5, -0.12, 0.08], rotated([8.0, 11, 6])),
+    "flat, skewed": InertialParameters(60.0, [0.5, -0.12, 0.08], rotated([8.0, 14, 6])),
+    "flat, skewed, far": InertialParameters(2.0, [30.0, -7, 12], rotated([1.0, 3, 2], seed=8)),
+    "rod": InertialParameters(5.0, [0, 0.1, 0.2], rotated([0.0, 2, 2])),
+    "tiny": InertialParameters(1e-6, [1e-3, 2e-3, -1e-4], rotated([3e-13, 4e-13, 5e-13])),
+    "huge": InertialParameters(4.2e5, [20.0, -31.0, 7.0], rotated([1.3e8, 2e8, 1.5e8])),
+}
+targets = pytest.mark.parametrize("target", TARGETS.values(), ids=TARGETS.keys())
+
+
+@targets
+@pytest.mark.parametrize("format", FORMATS)
+def test_drake_reads_what_was_meant(target, format, tmp_path):
+    path = out_file(tmp_path, format)
+    exported = export_target(target, path, format=format)
+    assert exported.name == "target"
+    assert exported.files[0] == path
+    assert sorted(exported.files) == sorted(tmp_path.iterdir())
+    assert_same(by_drake(path, "target"), target)
+
+
+@targets
+def test_pinocchio_reads_what_was_meant(target, tmp_path):
+    path = out_file(tmp_path, "urdf")
+    export_target(target, path, format="urdf")
+    assert_same(by_pinocchio(path), target)
+
+
+@targets
+def test_mujoco_reads_what_was_meant(target, tmp_path):
+    path = out_file(tmp_path, "mjcf")
+    export_target(target, path, format="mjcf")
+    assert_same(by_mujoco(path, "target"), target)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_numbers_are_written_with_all_their_digits(skewed_target, format, tmp_path):
+    odd = InertialParameters.from_vector(skewed_target.to_vector() * (1 + 1 / 3))
+    files = export_target(odd, out_file(tmp_path, format), format=format).files
+    written = re.findall(r"(?<=[\s\">])-?\d[-+.\de]*(?=[\s\"<])", files[-1].read_text())
+    assert {float(text) for text in written} >= set(odd.to_vector().tolist())
+
+
+@st.composite
+def bodies(draw) -> InertialParameters:
+    """Any body from a gram to a thousand tons, from solid to flat, in any attitude and place."""
+    unit = st.floats(0, 1)
+    mass, size, distance = (10 ** draw(st.floats(low, high)) for low, high in BODY_DECADES)
+    second_moments = mass * size**2 * np.array([1.0, draw(unit), draw(unit)])
+    moments = second_moments.sum() - second_moments
+    attitude = draw(arrays(float, 4, elements=st.floats(-1, 1)).filter(lambda q: q @ q > 1e-3))
+    R = Rotation.from_quat(attitude).as_matrix()
+    inertia = R @ np.diag(moments) @ R.T
+    com = distance * draw(arrays(float, 3, elements=st.floats(-1, 1)))
+    return InertialParameters(mass, com, (inertia + inertia.T) / 2)
+
+
+BODY_DECADES = ((-3, 6), (-2, 1.5), (-3, 2))
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(target=bodies())
+def test_every_possible_body_survives(target, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("any")
+    for format in ("urdf", "sdf", "mjcf"):
+        export_target(target, out_file(folder, format), format=format)
+        assert_same(by_drake(out_file(folder, format), "target"), target)
+
+
+# -- attached to a spacecraft --------------------------------------------------------------------
+
+INERTIA = 'ixx="2" iyy="3" izz="4" ixy="0.1" ixz="-0.2" iyz="0.3"'
+PITCHED = "0.3 -1.5707963267948966 0.4"  # roll and yaw are about one axis here
+
+
+def u_link(name, inner="") -> str:
+    return (
+        f'<link name="{name}"><inertial><origin xyz="0.1 -0.2 0.3" rpy="0.2 0.1 -0.3"/>'
+        f'<mass value="10"/><inertia {INERTIA}/></inertial>{inner}</link>'
+    )
+
+
+URDF = f"""\
+<?xml version='1.0' encoding="utf-8"?>
+<!-- Größe: a file's own words -->
+<robot name='mine'>
+  {u_link("base")}
+  {u_link("arm", "<visual><geometry><mesh filename='meshes/a b.obj'/></geometry></visual>")}
+  <joint name="j" type="revolute"><parent link="base"/><child link="arm"/>
+    <origin xyz="0.5 -0.1 0.2" rpy="0.3 -0.2 0.4"/><axis xyz="0.6 0 0.8"/>
+    <limit lower="-2" upper="2.5" effort="10" velocity="0.7"/></joint>
+  <frame name="hand" link="arm" xyz="0.1 0.2 0.3" rpy="{PITCHED}"/><!-- here --></robot>
+<!-- the end -->
+"""
+
+
+def sdf(version="1.9", poses=True) -> str:
+    def link(name, pose):
+        values = re.sub(r'(\w+)="(\S+)"', r"<\1>\2</\1>", INERTIA)
+        return (
+            f'<link name="{name}"><pose>{pose}</pose><inertial><pose>0.1 -0.2 0.3 0.2 0.1 -0.3'
+            f"</pose><mass>10</mass><inertia>{values}</inertia></inertial></link>"
+        )
+
+    frame = f'<frame name="hand" attached_to="arm"><pose>0.1 0.2 0.3 {PITCHED}</pose></frame>'
+    return f"""\
+<?xml version="1.0"?>
+<sdf version="{version}">
+  <!-- a file's own words -->
+  <model name="mine">
+    {link("base", "1 2 3 0 0 0")}
+    {link("arm", "0.5 -0.1 0.2 0.3 -0.2 0.4")}
+    <joint name="j" type="revolute"><parent>base</parent><child>arm</child>
+      <axis><xyz>0.6 0 0.8</xyz></axis></joint>
+    {frame if poses else ""}
+  </model>
+</sdf>
+"""
+
+
+MJCF = """\
+<mujoco model="mine">
+  <compiler angle="degree"/><!-- a file's own words -->
+  <worldbody>
+    <body name="base"><freejoint/>
+      <inertial pos="0.1 -0.2 0.3" mass="10" fullinertia="2 3 4 0.1 -0.2 0.3"/>
+      <body name="arm" pos="0.5 -0.1 0.2" euler="20 30 40">
+        <joint name="j" type="hinge" axis="0.6 0 0.8" limited="true" range="-90 90"/>
+        <inertial pos="0.1 -0.2 0.3" mass="10" fullinertia="2 3 4 0.1 -0.2 0.3"/>
+        <body name='hand' pos="0.1 0.2 0.3" euler="0 90 0"/>
+        <body name="tip" pos="0.1 0.2 0.3" euler="10 20 30">
+          <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+DIRECTIVES = """\
+directives:
+- add_model: {name: whole, file: "file://FOLDER/mine.urdf"}
+- add_frame:
+    name: hold
+    X_PF: {base_frame: "whole::arm", translation: [0.1, 0.2, 0.3], rotation: !Rpy {deg: [5, 90, 9]}}
+"""
+MODELS = {
+    "urdf, its frame": ("mine.urdf", URDF, "hand"),
+    "urdf, a link": ("mine.urdf", URDF, "arm"),
+    "sdf, its frame": ("mine.sdf", sdf(), "hand"),
+    "sdf, a link": ("mine.sdf", sdf(), "arm"),
+    "sdf 1.6": ("mine.sdf", sdf("1.6", poses=False), "arm"),
+    "mjcf, an empty body": ("mine.xml", MJCF, "hand"),
+    "mjcf, a full body": ("mine.xml", MJCF, "tip"),
+}
+models = pytest.mark.parametrize(("file", "text", "frame"), MODELS.values(), ids=MODELS.keys())
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Return a function (file name, text, capture frame) -> Spacecraft, in a folder of its own."""
+
+    def make(file, text, frame) -> Spacecraft:
+        folder = tmp_path / "models"
+        folder.mkdir(exist_ok=True)
+        (folder / file).write_text(text, encoding="utf-8")
+        return Spacecraft(folder / file, base="base", capture_frame=frame)
+
+    return make
+
+
+def assert_joined(path, spacecraft, target, name="target"):
+    """The exported model has the momentum, and the joints, of spacecraft and target in one."""
+    plant = MultibodyPlant(time_step=0.0)
+    Parser(plant).AddModels(str(path))
+    plant.Finalize()
+    whole = spacecraft.make_simulation_plant(target)
+    assert plant.num_positions() == whole.num_positions()
+    assert plant.num_velocities() == whole.num_velocities()
+    context, expected = plant.CreateDefaultContext(), whole.CreateDefaultContext()
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        q, v = rng.normal(size=plant.num_positions()), rng.normal(size=plant.num_velocities())
+        q[:4] /= np.linalg.norm(q[:4])
+        for one, its_context in ((plant, context), (whole, expected)):
+            one.SetPositions(its_context, q)
+            one.SetVelocities(its_context, v)
+        L, L_expected = (
+            one.CalcSpatialMomentumInWorldAboutPoint(its_context, np.zeros(3)).get_coeffs()
+            for one, its_context in ((plant, context), (whole, expected))
+        )
+        np.testing.assert_allclose(L, L_expected, rtol=0, atol=1e-12 * np.abs(L_expected).max())
+    X_WT = plant.GetFrameByName(name).CalcPoseInWorld(context)
+    X_WC = whole.GetFrameByName(spacecraft.capture_frame.name()).CalcPoseInWorld(expected)
+    np.testing.assert_allclose(X_WT.GetAsMatrix34(), X_WC.GetAsMatrix34(), rtol=0, atol=1e-12)
+
+
+def common_start(one, other) -> int:
+    return next(k for k, (a, b) in enumerate(zip(one, other)) if a != b)
+
+
+@models
+def test_the_models_own_format_gets_the_target_and_keeps_all_else(
+    load, file, text, frame, skewed_target, tmp_path
+):
+    spacecraft = load(file, text, frame)
+    format = next(name for name, ending in FORMATS.items() if file.endswith(ending))
+    path = out_file(tmp_path / "models", format)
+    export_target(skewed_target, path, format=format, spacecraft=spacecraft)
+    assert_joined(path, spacecraft, skewed_target)
+    written = path.read_text(encoding="utf-8")
+    before, after = common_start(written, text), common_start(written[::-1], text[::-1])
+    slash = text[before:].startswith("/>")  # of an element that was empty
+    assert before + after >= len(text) - slash
+
+
+@models
+def test_directives_add_the_target_to_any_model(load, file, text, frame, skewed_target, tmp_path):
+    spacecraft = load(file, text, frame)
+    path = out_file(tmp_path, "drake-yaml")
+    exported = export_target(skewed_target, path, format="drake-yaml", spacecraft=spacecraft)
+    assert exported.files == (path, tmp_path / "out_target.urdf")
+    assert_joined(path, spacecraft, skewed_target)
+
+
+def test_the_name_of_a_nested_model_tells_equal_links_apart(load, skewed_target, tmp_path):
+    inner = sdf().partition(">\n  <!--")[2].partition("-->")[2].rpartition("</sdf>")[0]
+    outer = inner.replace('name="mine"', 'name="outer"')
+    joint = """<joint name="k" type="revolute"><parent>arm</parent><child>mine::base</child>
+      <axis><xyz>0 0 1</xyz></axis></joint>"""
+    text = outer.replace("  </model>", inner + joint + "</model>")
+    text = f'<sdf version="1.9">{text}</sdf>'
+    spacecraft_file = tmp_path / "nested.sdf"
+    spacecraft_file.write_text(text)
+    spacecraft = Spacecraft(spacecraft_file, base="outer::base", capture_frame="outer::mine::arm")
+    path = out_file(tmp_path, "sdf")
+    export_target(skewed_target, path, format="sdf", spacecraft=spacecraft)
+    joined = Spacecraft(path, base="outer::base", capture_frame="outer::mine::arm")
+    assert joined.mass == pytest.approx(spacecraft.mass + skewed_target.mass, rel=1e-14)
+    assert joined.plant.GetBodyByName("target").model_instance() == (
+        joined.plant.GetModelInstanceByName("outer::mine")
+    )
+
+
+def test_directives_add_the_target_to_directives(load, skewed_target, tmp_path):
+    load("mine.urdf", URDF, "arm")
+    text = DIRECTIVES.replace("FOLDER", str(tmp_path / "models"))
+    spacecraft = load("mine.dmd.yaml", text, "hold")
+    path = out_file(tmp_path, "drake-yaml")
+    export_target(skewed_target, path, format="drake-yaml", spacecraft=spacecraft)
+    assert_joined(path, spacecraft, skewed_target)
+
+
+def test_mujoco_and_pinocchio_find_the_target_at_its_place(load, skewed_target, tmp_path):
+    """The known bodies and the target have one centre of mass in all readers."""
+    mujoco, pinocchio = pytest.importorskip("mujoco"), pytest.importorskip("pinocchio")
+    urdf, mjcf = (load(*MODELS[name]) for name in ("urdf, its frame", "mjcf, a full body"))
+    path = out_file(tmp_path, "urdf")
+    export_target(skewed_target, path, format="urdf", spacecraft=urdf)
+    model = pinocchio.buildModelFromUrdf(str(path), pinocchio.JointModelFreeFlyer())
+    com = pinocchio.centerOfMass(model, model.createData(), pinocchio.neutral(model))
+    np.testing.assert_allclose(com, default_com(urdf, skewed_target), atol=1e-14)
+    path = out_file(tmp_path, "mjcf")
+    export_target(skewed_target, path, format="mjcf", spacecraft=mjcf)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.subtree_com[0], default_com(mjcf, skewed_target), atol=1e-14)
+
+
+def default_com(spacecraft, target):
+    plant = spacecraft.make_simulation_plant(target)
+    return plant.CalcCenterOfMassPositionInWorld(plant.CreateDefaultContext())
+
+
+def test_the_exported_capture_is_identified_as_known(
+    servicer, skewed_target, zero_momentum_motion, tmp_path
+):
+    """Holding the exported target as part of itself, the spacecraft sees nothing more in it."""
+    path = out_file(tmp_path, "urdf")
+    export_target(skewed_target, path, format="urdf", spacecraft=servicer)
+    joined = Spacecraft(path, base="bus", capture_frame="capture_point")
+    telemetry = zero_momentum_motion(skewed_target, 20, 3)
+    found = identify(servicer, telemetry, rows="standard").parameters
+    np.testing.assert_allclose(found, skewed_target.to_vector(), atol=1e-9)
+    rest = identify(joined, telemetry, rows="standard").solution.estimate
+    np.testing.assert_allclose(rest, 0, atol=1e-9)
+
+
+# -- names and paths -----------------------------------------------------------------------------
+
+
+def test_a_name_that_is_taken_gets_a_number(load, skewed_target, tmp_path):
+    text = URDF.replace('"arm"', '"target"').replace('"j"', '"target_2_weld"')
+    spacecraft = load("mine.urdf", text, "hand")
+    for format in ("urdf", "drake-yaml"):
+        path = out_file(tmp_path, format)
+        exported = export_target(skewed_target, path, format=format, spacecraft=spacecraft)
+        assert exported.name == "target_3"
+        assert_joined(path, spacecraft, skewed_target, "target_3")
+    for taken in ("base", "hand", "mine", "target_2"):
+        with pytest.raises(InputError, match=f"'{taken}' is taken"):
+            export_target(
+                skewed_target,
+                tmp_path / "b.urdf",
+                format="urdf",
+                spacecraft=spacecraft,
+                name=taken,
+            )
+
+
+@pytest.mark.parametrize(
+    "name", ["", " ", "9", "a b", 'a"/><link name="b', "a&amp;b", "../a", "a::b", "ü", "a" * 65]
+)
+def test_a_name_that_is_not_plain_is_refused(name, skewed_target, tmp_path):
+    with pytest.raises(InputError, match="cannot be used"):
+        export_target(skewed_target, tmp_path / "a.urdf", format="urdf", name=name)
+    assert list(tmp_path.iterdir()) == []
+
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+MESH_SDF = "<visual name='v'><geometry><mesh><uri>meshes/a b.obj</uri></mesh></geometry></visual>"
+MESH_MJCF = "<asset><mesh name='m' file='{}'/></asset><worldbody><body name=\"base\">"
+MESH_GEOM = "<geom type='mesh' mesh='m' contype='0' conaffinity='0'/><freejoint/>"
+MJCF_MESH = MJCF.replace('<worldbody>\n    <body name="base">', MESH_MJCF).replace(
+    "<freejoint/>", MESH_GEOM
+)
+WITH_MESHES = {
+    "urdf": ("mine.urdf", URDF, "hand"),
+    "sdf": ("mine.sdf", sdf().replace("<pose>1 2 3", MESH_SDF + "<pose>1 2 3"), "hand"),
+    "mjcf": ("mine.xml", MJCF_MESH.replace("{}", "meshes/a b.obj"), "hand"),
+    "mjcf with meshdir": (
+        "mine.xml",
+        MJCF_MESH.replace("{}", "a b.obj").replace("angle=", 'meshdir = "./meshes" angle='),
+        "hand",
+    ),
+}
+
+
+@pytest.mark.parametrize(("file", "text", "frame"), WITH_MESHES.values(), ids=WITH_MESHES.keys())
+@pytest.mark.parametrize("folder", ["models", "elsewhere/deep & <down>"])
+def test_meshes_are_found_from_another_folder(
+    load, file, text, frame, folder, skewed_target, tmp_path
+):
+    mesh = tmp_path / "models" / "meshes" / "a b.obj"
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text(TETRAHEDRON)
+    spacecraft = load(file, text, frame)
+    format = next(name for name, ending in FORMATS.items() if file.endswith(ending))
+    path = out_file(tmp_path / folder, format)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    export_target(skewed_target, path, format=format, spacecraft=spacecraft)
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    Parser(plant).AddModels(str(path))
+    inspector = scene_graph.model_inspector()
+    shapes = [inspector.GetShape(k) for k in inspector.GetAllGeometryIds()]
+    found = [shape.source().path() for shape in shapes if hasattr(shape, "source")]
+    assert [os.path.realpath(f) for f in found] == [str(mesh)]
