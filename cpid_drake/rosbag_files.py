@@ -4,6 +4,7 @@ Read are the four message types in `TOPIC_TYPES`, from bags of either storage (s
 the PyPI package `rosbags`: ROS itself need not be installed.
 """
 
+from array import array
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,6 @@ _SOURCES = {
 
 LARGEST_STEP_BACK = 1.0
 """Messages may come in another order than their stamps by so much [s], not more."""
-
-_Message = tuple[int, dict[str, NDArray[np.float64]]]  # stamp [ns], values by sensor
 
 
 def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) -> Measurements:
@@ -75,42 +74,36 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     except ImportError as error:
         raise InputError("ROS 2 bags need a package: pip install 'cpid-drake[ros]'") from error
     where = str(path)
-    if not Path(path).exists():
-        raise InputError(f"{where}: no such file or folder")
     # These four types are the same in every ROS 2, and older bags do not hold their definitions.
     typestore = get_typestore(Stores.ROS2_HUMBLE)
-    logs: dict[str, list[_Message]] = {}
-    joint_names: tuple[str, ...] = ()
+    logs: dict[str, _Log] = {}
     try:
+        if not Path(path).exists():
+            raise InputError(f"{where}: no such file or folder")
         with Reader(Path(path)) as reader:
-            chosen = _choose_topics(where, reader.connections, topics or {})
-            for kind, topic in chosen.items():
+            for kind, topic in _choose_topics(where, reader.connections, topics or {}).items():
+                message_type, log = TOPIC_TYPES[kind], _Log(f"{where}: {topic}", kind)
                 connections = [
                     connection
                     for connection in reader.connections
-                    if (connection.topic, connection.msgtype) == (topic, TOPIC_TYPES[kind])
+                    if (connection.topic, connection.msgtype) == (topic, message_type)
                 ]
-                messages = [
-                    typestore.deserialize_cdr(data, TOPIC_TYPES[kind])
-                    for _, _, data in reader.messages(connections=connections)
-                ]
-                topic = f"{where}: {topic}"
-                expected = sum(connection.msgcount for connection in connections)
-                if len(messages) < expected:
-                    raise InputError(f"{topic}: only {len(messages)} of {expected} messages left")
-                if kind == "joints":
-                    joint_names, values = _joint_values(topic, messages)
-                else:
-                    _require_one_frame(topic, messages)
-                    values = [_BASE_VALUES[kind](message) for message in messages]
-                logs[kind] = _in_time(topic, messages, values)
+                for _, _, data in reader.messages(connections=connections):
+                    log.add(typestore.deserialize_cdr(data, message_type))
+                log.check(expected=sum(connection.msgcount for connection in connections))
+                logs[kind] = log
     except InputError:
         raise
     except Exception as error:  # of a damaged bag, the package raises whatever it stumbles on
         problem = f"{type(error).__name__}: {error}"
         raise InputError(f"{where}: not a ROS 2 bag, or a damaged one ({problem})") from error
-    origin = _origin([stamp for log in logs.values() for stamp, _ in log])
-    return Measurements(joint_names, **_samples(logs, origin, sample_widths(joint_names)))
+    joint_names = logs["joints"].joint_names
+    origin = _origin(np.concatenate([log.stamps for log in logs.values()]))
+    samples = {
+        sensor: _samples(sensor, width, logs, origin)
+        for sensor, width in sample_widths(joint_names).items()
+    }
+    return Measurements(joint_names, **samples)
 
 
 def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> dict[str, str]:
@@ -140,35 +133,109 @@ def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> 
     return chosen
 
 
-# -- messages ------------------------------------------------------------------------------------
+class _Log:
+    """The samples of one topic, by sensor, as they come.
+
+    Args:
+        where: the topic, for error messages.
+        kind: of `TOPIC_TYPES`.
+
+    Attributes:
+        stamps: of all messages [ns].
+        sensors: by sensor, the stamps of its samples [ns], and their numbers one after the other.
+        joint_names: as the first message of joints has them.
+
+    """
+
+    def __init__(self, where: str, kind: str) -> None:
+        self.where, self.kind = where, kind
+        self.stamps = array("q")
+        self.sensors: dict[str, tuple[array, array]] = {}
+        self.joint_names: tuple[str, ...] = ()
+        self._frames: set[tuple[str, str]] = set()
+
+    def add(self, message: Any) -> None:
+        """Take one message in."""
+        if self.kind == "joints":
+            values = self._joint_values(message)
+        else:
+            values = _BASE_VALUES[self.kind](message)
+            self._frames.add((message.header.frame_id, getattr(message, "child_frame_id", "")))
+        stamp = message.header.stamp
+        self.stamps.append(stamp.sec * 10**9 + stamp.nanosec)
+        for sensor, numbers in values.items():
+            stamps, all_numbers = self.sensors.setdefault(sensor, (array("q"), array("d")))
+            stamps.append(self.stamps[-1])
+            all_numbers.extend(numbers)
+
+    def check(self, expected: int) -> None:
+        """Refuse messages that are not what they must be together."""
+        if len(self.stamps) < expected:
+            raise InputError(f"{self.where}: only {len(self.stamps)} of {expected} messages left")
+        if self.kind == "joints" and not self.stamps:
+            raise InputError(f"{self.where} has no messages: no joint positions")
+        if len(self._frames) > 1:
+            frames = [" ".join(pair).strip() or "(none)" for pair in sorted(self._frames)[:5]]
+            raise InputError(
+                f"{self.where} is of several frames: {'; '.join(frames)}; only the base's is wanted"
+            )
+        stamps = np.array(self.stamps)
+        if stamps.size > 1 and (stamps == stamps[0]).all():
+            raise InputError(
+                f"{self.where}: all headers have the stamp {stamps[0] / 1e9:g} s; set the time"
+            )
+        back = np.maximum.accumulate(stamps) - stamps
+        far = back > LARGEST_STEP_BACK * 1e9
+        if far.any():
+            raise InputError(
+                f"{self.where}: stamps jump back by {back[far][0] / 1e9:g} s at message "
+                f"{far.argmax()}; a clock was set back, or these are several runs: cut the bag"
+            )
+
+    def _joint_values(self, message: Any) -> dict[str, list[float]]:
+        if not self.joint_names:
+            self.joint_names = tuple(message.name)
+        names, k, values = self.joint_names, len(self.stamps), {}
+        if not names or len(set(names)) < len(names):
+            listed = ", ".join(names) or "none"
+            raise InputError(f"{self.where} must name every joint once, not {listed}")
+        if sorted(message.name) != sorted(names):
+            raise InputError(
+                f"{self.where}: message {k} is of joints {', '.join(message.name)}, the first of "
+                f"{', '.join(names)}; every message must be of all joints"
+            )
+        for sensor, numbers in (("encoders", message.position), ("joint_rates", message.velocity)):
+            if len(numbers) not in (0, len(names)):
+                raise InputError(
+                    f"{self.where}: message {k} has {len(numbers)} values for {len(names)} joints"
+                )
+            if len(numbers):
+                by_name = dict(zip(message.name, numbers.tolist()))
+                values[sensor] = [by_name[name] for name in names]
+        return values
 
 
-def _vector(xyz: Any) -> NDArray[np.float64]:
-    return np.array([xyz.x, xyz.y, xyz.z])
+def _vector(xyz: Any) -> tuple[float, ...]:
+    return xyz.x, xyz.y, xyz.z
 
 
-def _quaternion(orientation: Any) -> NDArray[np.float64]:
+def _quaternion(orientation: Any) -> tuple[float, ...]:
     """Return (w, x, y, z); ROS has w last."""
-    return np.array([orientation.w, orientation.x, orientation.y, orientation.z])
+    return orientation.w, orientation.x, orientation.y, orientation.z
 
 
-def _pose_values(message: Any) -> dict[str, NDArray[np.float64]]:
+def _pose_values(message: Any) -> dict[str, tuple[float, ...]]:
     pose = message.pose
     return {"attitude": _quaternion(pose.orientation), "position": _vector(pose.position)}
 
 
-def _odometry_values(message: Any) -> dict[str, NDArray[np.float64]]:
+def _odometry_values(message: Any) -> dict[str, tuple[float, ...]]:
     twist = message.twist.twist
     values = _pose_values(message.pose)
-    v_WB_B, quaternion = _vector(twist.linear), values["attitude"]
-    # Where the attitude says nothing, neither does the velocity.
-    v_WB_W = np.full(3, np.nan)
-    if abs(np.linalg.norm(quaternion) - 1) < 1e-3:
-        v_WB_W = rotate(Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), v_WB_B)
-    return {**values, "velocity": v_WB_W, "gyro": _vector(twist.angular)}
+    return values | {"velocity": _vector(twist.linear), "gyro": _vector(twist.angular)}
 
 
-def _imu_values(message: Any) -> dict[str, NDArray[np.float64]]:
+def _imu_values(message: Any) -> dict[str, tuple[float, ...]]:
     values = {}
     if message.orientation_covariance[0] != -1:
         values["attitude"] = _quaternion(message.orientation)
@@ -180,78 +247,30 @@ def _imu_values(message: Any) -> dict[str, NDArray[np.float64]]:
 _BASE_VALUES = {"odometry": _odometry_values, "pose": _pose_values, "imu": _imu_values}
 
 
-def _joint_values(
-    topic: str, messages: list
-) -> tuple[tuple[str, ...], list[dict[str, NDArray[np.float64]]]]:
-    """Return the joints of the first message, and every message's values in their order."""
-    if not messages:
-        raise InputError(f"{topic} has no messages: no joint positions")
-    names, result = tuple(messages[0].name), []
-    if not names or len(set(names)) < len(names):
-        raise InputError(f"{topic} must name every joint once, not {', '.join(names) or 'none'}")
-    for k, message in enumerate(messages):
-        if sorted(message.name) != sorted(names):
-            raise InputError(
-                f"{topic}: message {k} is of joints {', '.join(message.name)}, the first of "
-                f"{', '.join(names)}; every message must be of all joints"
-            )
-        order, values = [message.name.index(name) for name in names], {}
-        for sensor, numbers in (("encoders", message.position), ("joint_rates", message.velocity)):
-            if len(numbers) not in (0, len(names)):
-                raise InputError(
-                    f"{topic}: message {k} has {len(numbers)} values for {len(names)} joints"
-                )
-            if len(numbers):
-                values[sensor] = np.array(numbers, dtype=float)[order]
-        result.append(values)
-    return names, result
-
-
-def _require_one_frame(topic: str, messages: list) -> None:
-    frames = {(m.header.frame_id, getattr(m, "child_frame_id", "")) for m in messages}
-    if len(frames) > 1:
-        names = "; ".join(sorted(" ".join(pair).strip() or "(none)" for pair in frames)[:5])
-        raise InputError(f"{topic} is of several frames: {names}; it must be of the base only")
-
-
-# -- times ---------------------------------------------------------------------------------------
-
-
-def _in_time(
-    topic: str, messages: list, values: list[dict[str, NDArray[np.float64]]]
-) -> list[_Message]:
-    """Return the messages' values with their stamps [ns], in the order of stamps."""
-    if not messages:
-        return []
-    times = [message.header.stamp for message in messages]
-    stamps = np.array([time.sec * 10**9 + time.nanosec for time in times])
-    if stamps.size > 1 and (stamps == stamps[0]).all():
-        raise InputError(f"{topic}: all headers have the stamp {stamps[0] / 1e9:g} s; set the time")
-    back = np.maximum.accumulate(stamps) - stamps
-    if back.max() > LARGEST_STEP_BACK * 1e9:
-        k = int((back > LARGEST_STEP_BACK * 1e9).argmax())
-        raise InputError(
-            f"{topic}: stamps jump back by {back[k] / 1e9:g} s at message {k}; a clock was set "
-            "back, or these are several runs: cut the bag there"
-        )
-    return [(int(stamps[k]), values[k]) for k in np.argsort(stamps, kind="stable")]
-
-
-def _origin(stamps: list[int]) -> int:
+def _origin(stamps: NDArray[np.int64]) -> int:
     """Return the first stamp [ns] of those within ten days of the middle one."""
-    middle = sorted(stamps)[len(stamps) // 2]
-    return min(stamp for stamp in stamps if abs(stamp - middle) < 10 * 86400 * 10**9)
+    middle = np.sort(stamps)[stamps.size // 2]
+    return stamps[np.abs(stamps - middle) < 10 * 86400 * 10**9].min()
 
 
-def _samples(
-    logs: dict[str, list[_Message]], origin: int, widths: dict[str, int]
-) -> dict[str, Samples]:
-    samples = {}
-    for sensor, width in widths.items():
-        picked: list[tuple[int, NDArray[np.float64]]] = []
-        for kind in _SOURCES[sensor]:
-            if not picked:
-                picked = [(t, v[sensor]) for t, v in logs.get(kind, []) if sensor in v]
-        time = np.array([stamp - origin for stamp, _ in picked], dtype=np.int64) / 1e9
-        samples[sensor] = Samples(time, np.array([v for _, v in picked]).reshape(-1, width))
-    return samples
+def _samples(sensor: str, width: int, logs: Mapping[str, _Log], origin: int) -> Samples:
+    """Return a sensor's samples in the order of stamps, from the first kind that has any."""
+    for kind in _SOURCES[sensor]:
+        if kind in logs and sensor in logs[kind].sensors:
+            stamps, numbers = (np.array(entries) for entries in logs[kind].sensors[sensor])
+            value = numbers.reshape(-1, width)
+            if sensor == "velocity":
+                value = _to_world(np.reshape(logs[kind].sensors["attitude"][1], (-1, 4)), value)
+            order = np.argsort(stamps, kind="stable")
+            return Samples((stamps[order] - origin) / 1e9, value[order])
+    return Samples(np.empty(0), np.empty((0, width)))
+
+
+def _to_world(
+    quaternion_WB: NDArray[np.float64], v_WB_B: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return v_WB_W (N, 3); NaN where the attitude says nothing: then neither does the velocity."""
+    with np.errstate(over="ignore"):
+        unit = np.abs(np.linalg.norm(quaternion_WB, axis=1, keepdims=True) - 1) < 1e-3
+    attitude = Rotation.from_quat(np.where(unit, quaternion_WB, [1, 0, 0, 0]), scalar_first=True)
+    return np.where(unit, rotate(attitude.as_matrix(), v_WB_B), np.nan)

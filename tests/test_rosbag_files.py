@@ -89,10 +89,12 @@ def telemetry(zero_momentum_motion, skewed_target):
 def write(tmp_path):
     """Return a function (topics, storage) -> bag, topics being lists of messages by name."""
 
-    def make(topics: dict[str, list], storage: str = "SQLITE3", received=None) -> Path:
+    def make(topics: dict[str, list], storage="SQLITE3", received=None, empty=()) -> Path:
         folder = tmp_path / f"bag{len(list(tmp_path.iterdir()))}"
         plugin = rosbag2.StoragePlugin[storage]
         with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+            for topic, kind in empty:
+                writer.add_connection(topic, kind, typestore=STORE)
             for topic, messages in topics.items():
                 kind = messages[0].__msgtype__
                 connection = writer.add_connection(topic, kind, typestore=STORE)
@@ -195,6 +197,23 @@ def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
     np.testing.assert_allclose(measurements.velocity.value, telemetry.v_WB[others], atol=1e-12)
 
 
+def test_attitudes_that_are_all_none_leave_no_velocity(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    for message in topics["/odom"]:
+        message.pose.pose.orientation = TYPES["Quaternion"](0.0, 0.0, 0.0, 0.0)
+    assert np.isnan(read_rosbag(write(topics)).velocity.value).all()
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_a_topic_without_messages_gives_way_to_another(write, telemetry, storage):
+    topics = odometry_and_joints(telemetry)
+    bag = write(topics, storage, empty=[("/imu", TOPIC_TYPES["imu"])])
+    assert_equal(read_rosbag(bag), telemetry)
+    bag = write({"/odom": topics["/odom"]}, storage, empty=[("/joints", TOPIC_TYPES["joints"])])
+    with pytest.raises(InputError, match="/joints has no messages: no joint positions"):
+        read_rosbag(bag)
+
+
 def test_one_of_several_topics_is_chosen_by_name(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/slam"] = [odometry(telemetry, 0, stamp) for stamp in stamps()]
@@ -259,6 +278,8 @@ def test_what_is_not_a_bag_is_refused(tmp_path):
             read_rosbag(tmp_path / name)
     with pytest.raises(InputError, match="no such file"):
         read_rosbag(tmp_path / "nowhere.mcap")
+    with pytest.raises(InputError):
+        read_rosbag("x" * 5000 + ".db3")
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
