@@ -94,9 +94,9 @@ def export_target(
 
     def check(file: Path) -> None:
         if spacecraft is None:
-            _check_alone(file, name, target)
+            _check_alone(file, name, parameters)
         else:
-            _check_attached(spacecraft.reread(file), spacecraft, name, target)
+            _check_attached(spacecraft.reread(file), spacecraft, name, parameters)
 
     _require_free(path, spacecraft, overwrite)
     if format != "drake-yaml":
@@ -111,10 +111,15 @@ def export_target(
     link = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
     _require_free(link, spacecraft, overwrite)
     directives = _directives(link, name, spacecraft).encode()
-    _write_checked(
-        link, _alone(target, name, "urdf").encode(), lambda file: _check_alone(file, name, target)
-    )
-    _write_checked(path, directives, check)
+    data = _alone(target, name, "urdf").encode()
+    new = not link.exists()
+    _write_checked(link, data, lambda file: _check_alone(file, name, parameters))
+    try:
+        _write_checked(path, directives, check)
+    except InputError:
+        if new:
+            link.unlink()
+        raise
     return Exported(name, (path, link))
 
 
@@ -249,11 +254,11 @@ def _attached(
             f"{_USE_DIRECTIVES}"
         )
     try:
-        edits = XmlEdits(spacecraft.path.read_bytes(), spacecraft.model)
+        edits = XmlEdits(spacecraft.path.read_bytes())
         _attach(edits, target, name, format, spacecraft)
         _move_files(edits, format, spacecraft.path.parent, path.resolve().parent)
     except InputError as error:
-        raise InputError(f"{error}; {_USE_DIRECTIVES}") from error
+        raise InputError(f"{spacecraft.model}: {error}; {_USE_DIRECTIVES}") from error
     return edits.result()
 
 
@@ -295,7 +300,7 @@ def _carrier(edits: XmlEdits, tag: str, spacecraft: Spacecraft) -> Element:
         instance = spacecraft.plant.GetModelInstanceName(body.model_instance())
         named = [element for element in named if _scope(element) == instance]
     if len(named) != 1:
-        raise InputError(f"{spacecraft.model}: the file itself has no {tag} '{body.name()}'")
+        raise InputError(f"the file itself has no {tag} '{body.name()}'")
     return named[0]
 
 
@@ -313,8 +318,6 @@ def _move_files(edits: XmlEdits, format: str, old: Path, new: Path) -> None:
     for element in edits.elements:
         if element.tag == "compiler":
             compiler |= element.attributes
-    if format == "mjcf" and compiler.get("inertiafromgeom") == "true":
-        raise InputError("its compiler takes inertias from geoms, not from what is written")
     if old == new:
         return
 
@@ -342,12 +345,15 @@ def _path_attributes(element: Element, format: str, compiler: dict[str, str]) ->
         return ("filename",) if element.tag in ("mesh", "texture") else ()
     if element.tag == "compiler":
         return ("meshdir", "texturedir", "assetdir")
-    if element.tag == "include" or compiler.get("strippath") == "true":
-        raise InputError("its parts are in other files that cannot follow it into another folder")
+    if element.tag == "include":
+        raise InputError("files that it includes cannot follow it into another folder")
     if element.parent is None or element.parent.tag != "asset":
         return ()
-    folder = "texturedir" if element.tag == "texture" else "meshdir"
-    return () if {folder, "assetdir"} & compiler.keys() else ("file",)
+    if {"texturedir" if element.tag == "texture" else "meshdir", "assetdir"} & compiler.keys():
+        return ()
+    if compiler.get("strippath") == "true":
+        raise InputError("files whose path it strips cannot follow it into another folder")
+    return ("file",)
 
 
 def _directives(link: Path, name: str, spacecraft: Spacecraft | None) -> str:
@@ -410,7 +416,7 @@ def _check_alone(file: Path, name: str, target: InertialParameters) -> None:
     try:
         Parser(plant).AddModels(str(file))
         plant.Finalize()
-    except (RuntimeError, SystemExit) as error:
+    except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(str(error)) from error
     if plant.num_bodies() != 2 or not plant.HasBodyNamed(name):
         raise InputError(f"its one body is not '{name}'")

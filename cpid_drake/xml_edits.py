@@ -43,18 +43,18 @@ class XmlEdits:
 
     """
 
-    def __init__(self, data: bytes, where: str) -> None:
+    def __init__(self, data: bytes) -> None:
         self.elements: list[Element] = []
         self._data = data
         self._edits: list[tuple[int, int, bytes]] = []
         open_elements: list[Element] = []
-        parser = ParserCreate()
+        parser = ParserCreate("utf-8")  # whatever the file says: so do the readers of models
 
         def start(tag: str, attributes: dict[str, str]) -> None:
             at = parser.CurrentByteIndex
             found = _TAG.match(data, at)
             if not found:
-                raise InputError(f"{where}: not XML in UTF-8")
+                raise InputError("not XML")
             parent = open_elements[-1] if open_elements else None
             element = Element(tag, attributes, parent, at, found.end(), found.end())
             self.elements.append(element)
@@ -65,14 +65,14 @@ class XmlEdits:
             element.end = max(element.inside, parser.CurrentByteIndex)
 
         def entity(*_: object) -> None:
-            raise InputError(f"{where}: it declares XML entities")
+            raise InputError("it declares XML entities")
 
         parser.StartElementHandler, parser.EndElementHandler = start, end
         parser.EntityDeclHandler = entity
         try:
             parser.Parse(data, True)
         except ExpatError as error:
-            raise InputError(f"{where}: not well-formed XML: {error}") from error
+            raise InputError(f"not well-formed XML: {error}") from error
 
     def text(self, element: Element) -> str:
         """Return what is between an element's tags, as it is spelled."""

@@ -236,7 +236,7 @@ def load(tmp_path):
     def make(file, text, frame) -> Spacecraft:
         folder = tmp_path / "models"
         folder.mkdir(exist_ok=True)
-        (folder / file).write_text(text, encoding="utf-8")
+        (folder / file).write_text(text, "utf-8", "surrogateescape")
         return Spacecraft(folder / file, base="base", capture_frame=frame)
 
     return make
@@ -430,3 +430,141 @@ def test_meshes_are_found_from_another_folder(
     shapes = [inspector.GetShape(k) for k in inspector.GetAllGeometryIds()]
     found = [shape.source().path() for shape in shapes if hasattr(shape, "source")]
     assert [os.path.realpath(f) for f in found] == [str(mesh)]
+
+
+# -- what is refused, and leaves no file ---------------------------------------------------------
+
+
+@pytest.fixture
+def refusal(load, skewed_target, tmp_path):
+    """Return a function that exports what must be refused, and gives the message."""
+
+    def export(file, format, target=skewed_target, **options) -> str:
+        before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        with pytest.raises(InputError) as caught:
+            export_target(target, tmp_path / file, format=format, **options)
+        after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        assert after == before
+        message = str(caught.value)
+        assert "\n" not in message
+        return message.replace(f"{tmp_path}/", "")
+
+    return export
+
+
+def test_no_file_of_what_no_body_has(refusal):
+    target = InertialParameters(1.0, [0, 0, 0], np.diag([1.0, 1, 2.1]))
+    assert refusal("a.urdf", "urdf", target).startswith("a.urdf: not written: no rigid body has")
+    lighter = InertialParameters(-1.0, [0, 0, 0], np.eye(3))
+    assert "mass -1 kg is not positive" in refusal("a.urdf", "urdf", lighter)
+
+
+def test_the_format_must_be_known_and_the_ending_its_own(refusal):
+    assert refusal("a.urdf", "xacro").startswith("no format 'xacro'; choose from urdf, sdf, mjcf")
+    for file, format in (("a.xml", "urdf"), ("a", "sdf"), (".urdf", "urdf"), ("a.yaml", "mjcf")):
+        assert f"must end in {FORMATS[format]}" in refusal(file, format)
+    assert "must end in .dmd.yaml" in refusal("a.yaml", "drake-yaml")
+
+
+def test_a_place_that_cannot_be_written_to_is_named(refusal, tmp_path):
+    assert refusal("no/a.urdf", "urdf") == "no/a.urdf: no such folder: no"
+    (tmp_path / "folder.urdf").mkdir()
+    assert "folder.urdf: exists already" in refusal("folder.urdf", "urdf", overwrite=True)
+    assert "File name too long" in refusal("x" * 300 + ".urdf", "urdf")
+
+
+@pytest.mark.parametrize("taken", ["a.dmd.yaml", "a_target.urdf"])
+def test_only_with_leave_a_file_is_overwritten(refusal, taken, skewed_target, tmp_path):
+    (tmp_path / taken).write_text("mine")
+    assert f"{taken}: exists already" in refusal("a.dmd.yaml", "drake-yaml")
+    path = tmp_path / "a.dmd.yaml"
+    export_target(skewed_target, path, format="drake-yaml", overwrite=True)
+    assert_same(by_drake(path, "target"), skewed_target)
+
+
+def test_the_spacecrafts_own_model_is_never_overwritten(load, refusal):
+    spacecraft = load("mine.urdf", URDF, "hand")
+    options = {"spacecraft": spacecraft, "overwrite": True}
+    assert "the spacecraft's own model" in refusal("models/mine.urdf", "urdf", **options)
+
+
+@pytest.mark.parametrize("format", ["sdf", "mjcf"])
+def test_another_format_than_the_models_is_refused(load, refusal, format):
+    message = refusal(f"a{FORMATS[format]}", format, spacecraft=load("mine.urdf", URDF, "hand"))
+    assert message == (
+        f"models/mine.urdf: not a model in format {format}; choose the model's own, or use format "
+        "drake-yaml, which adds the model as it is"
+    )
+
+
+UNSUITABLE = {
+    "entities": (
+        "mine.urdf",
+        URDF.replace("<!-- Größe", '<!DOCTYPE robot [<!ENTITY a "b">]><!-- Größe'),
+        "declares XML entities",
+    ),
+    "another encoding": (
+        "mine.urdf",
+        URDF.replace("ö", "\udcf6"),  # as Latin-1 has it
+        "not well-formed XML: not well-formed (invalid token): line 2",
+    ),
+    "stripped paths": (
+        "mine.xml",
+        MJCF.replace("angle=", 'strippath="true" angle=').replace(
+            "<worldbody>", "<asset><texture name='t' type='2d' file='x/a.png'/></asset><worldbody>"
+        ),
+        "files whose path it strips",
+    ),
+}
+
+
+@pytest.mark.parametrize(("file", "text", "words"), UNSUITABLE.values(), ids=UNSUITABLE.keys())
+def test_a_model_that_cannot_be_edited_safely_is_for_directives(
+    load, refusal, file, text, words, caplog
+):
+    spacecraft = load(file, text, "arm")
+    caplog.clear()  # what Drake says of such a model is not ours
+    format = "urdf" if file.endswith("urdf") else "mjcf"
+    message = refusal(f"a{FORMATS[format]}", format, spacecraft=spacecraft)
+    assert message.startswith(f"models/{file}: ")
+    assert words in message
+    assert message.endswith("use format drake-yaml, which adds the model as it is")
+
+
+def test_the_declared_encoding_is_as_little_heeded_as_by_the_readers(load, skewed_target, tmp_path):
+    spacecraft = load("mine.urdf", URDF.replace("utf-8", "klingon"), "hand")
+    export_target(skewed_target, tmp_path / "a.urdf", format="urdf", spacecraft=spacecraft)
+    assert_joined(tmp_path / "a.urdf", spacecraft, skewed_target)
+
+
+FORGERIES = {
+    "another mass": ('<mass value="60.0"/>', '<mass value="60.00000001"/>', "the target is"),
+    "another product": ('ixy="-0.7"', 'ixy="0.7"', "the target is"),
+    "another place": ('xyz="0.1 0.2 0.3"', 'xyz="0.1 0.2 0.3001"', "not fixed on the capture"),
+    "another body": ('<parent link="arm"/>\n  <c', '<parent link="base"/>\n  <c', "not fixed"),
+    "a moving joint": ('type="fixed"', 'type="continuous"', "the spacecraft itself has changed"),
+    "a changed link": ('<mass value="10"/>', '<mass value="10.1"/>', "itself has changed"),
+    "a changed limit": ('velocity="0.7"', 'velocity="0.8"', "itself has changed"),
+    "no target": ('<link name="target">', '<link name="tarjet">', "not written, Drake"),
+    "no XML": ("</robot>", "</robat>", "not written, Drake"),
+}
+
+
+@pytest.mark.parametrize(("what", "by", "words"), FORGERIES.values(), ids=FORGERIES.keys())
+def test_a_file_that_drake_reads_otherwise_is_not_written(
+    load, refusal, what, by, words, monkeypatch
+):
+    from cpid_drake import xml_edits
+
+    result = xml_edits.XmlEdits.result
+
+    def forged(edits):
+        data = result(edits)
+        assert what.encode() in data
+        return data.replace(what.encode(), by.encode())
+
+    monkeypatch.setattr(xml_edits.XmlEdits, "result", forged)
+    message = refusal("a.urdf", "urdf", spacecraft=load("mine.urdf", URDF, "hand"))
+    assert message.startswith("a.urdf: not written, Drake reads it otherwise: ")
+    assert words in message
+    assert re.search(r"[0-9a-f]{32}", message) is None  # no word of the draft
