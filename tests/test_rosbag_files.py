@@ -317,7 +317,3 @@ def test_without_the_package_the_error_says_what_to_install(monkeypatch, tmp_pat
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     with pytest.raises(InputError, match=re.escape("pip install 'cpid-drake[ros]'")):
         read_rosbag(tmp_path)
-
-
-def test_the_types_are_those_of_the_package():
-    assert set(TOPIC_TYPES.values()) <= set(STORE.types)
