@@ -1,0 +1,166 @@
+"""`cpid export`: from a result file to a model, and one line where there is none to be had."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from cpid_drake import InertialParameters, Spacecraft
+from cpid_drake.cli import main
+from cpid_drake.model_files import models_directory
+from cpid_drake.result_files import IdentificationResult, SpacecraftReference, write_result
+
+MODEL = models_directory() / "dual_arm_servicer" / "dual_arm_servicer.urdf"
+ESTIMATE = np.array([60.001, 0.5, -0.12, 0.08, 8.0, 11.0, 6.0, -0.7, 0.4, 0.9])
+
+
+@pytest.fixture
+def result(skewed_target, tmp_path):
+    """Return a function that writes `r.json`, with some keys changed."""
+
+    def write(**changes):
+        found = IdentificationResult(
+            parameters=ESTIMATE,
+            covariance=np.eye(10),
+            feasible=skewed_target,
+            rank=10,
+            condition=30.0,
+            samples_used=20,
+            samples_rejected=0,
+            warnings=(),
+            estimator="least_squares",
+            rows="standard",
+            spacecraft=SpacecraftReference(str(MODEL), "bus", "capture_point"),
+        )
+        write_result(tmp_path / "r.json", found)
+        document = json.loads((tmp_path / "r.json").read_text()) | changes
+        (tmp_path / "r.json").write_text(json.dumps(document))
+
+    write()
+    return write
+
+
+@pytest.fixture
+def cpid(monkeypatch, capsys, tmp_path):
+    """Return a function that runs `cpid export r.json`: (code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["cpid", "export", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def refusal(cpid, tmp_path):
+    """Return a function that runs what must be refused, and gives the message."""
+
+    def run(*arguments) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        code, stdout, stderr = cpid(*arguments)
+        assert (code, stdout) == (2, "")
+        assert stderr.startswith("cpid: error: ")
+        assert stderr.count("\n") == 1
+        assert sorted(tmp_path.rglob("*")) == before
+        return stderr.removeprefix("cpid: error: ")
+
+    return run
+
+
+def target_in(path, name="target") -> np.ndarray:
+    joined = Spacecraft(path, base="bus", capture_frame="capture_point")
+    inertia = joined.plant.GetBodyByName(name).default_spatial_inertia()
+    return InertialParameters.from_spatial_inertia(inertia).to_vector()
+
+
+def test_the_feasible_target_alone(cpid, result, tmp_path):
+    code, stdout, stderr = cpid("r.json", "--format", "urdf", "--out", "t.urdf", "--name", "debris")
+    assert (code, stdout) == (0, "")
+    assert stderr == "t.urdf: read again by Drake, and as meant\n"
+    text = (tmp_path / "t.urdf").read_text()
+    assert '<link name="debris">' in text
+    assert '<mass value="60.0"/>' in text
+
+
+def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
+    """Again with --force; what is exported then still has its own spacecraft under it."""
+    options = ("--format", "urdf", "--with-spacecraft", "--raw")
+    code, _, stderr = cpid("r.json", *options, "--out", "whole.urdf")
+    assert (code, stderr) == (0, "whole.urdf: read again by Drake, and as meant\n")
+    np.testing.assert_allclose(target_in("whole.urdf"), ESTIMATE, rtol=1e-12)
+    result(spacecraft={"model": "whole.urdf", "base": "bus", "capture_frame": "capture_point"})
+    (tmp_path / "two.urdf").write_text("mine")
+    code, _, stderr = cpid("r.json", *options, "--out", "two.urdf", "--force")
+    assert code == 0
+    assert "this one is 'target_2'" in stderr
+    for name in ("target", "target_2"):
+        np.testing.assert_allclose(target_in("two.urdf", name), ESTIMATE, rtol=1e-12)
+
+
+def test_directives_with_the_spacecraft(cpid, result, tmp_path, skewed_target):
+    folder = tmp_path / "größer, with: spaces"
+    folder.mkdir()
+    path = folder / "whole.dmd.yaml"
+    code, _, stderr = cpid("r.json", "--format", "drake-yaml", "--with-spacecraft", "--out", path)
+    assert (code, stderr.count("as meant\n")) == (0, 2)
+    np.testing.assert_allclose(target_in(path), skewed_target.to_vector(), rtol=1e-12)
+
+
+def test_what_the_data_leave_open_is_said(refusal, result):
+    result(feasible=None, inertia=[8, 11, None, 0, 0, None], rank=8)
+    for raw in ((), ("--raw",)):
+        message = refusal("r.json", "--format", "urdf", "--out", "t.urdf", *raw)
+        assert message.startswith(
+            "r.json: nothing to export: the data do not determine Izz, Iyz (rank 8 of 10); "
+        )
+    result(feasible=None)
+    assert "'feasible' is null" in refusal("r.json", "--format", "urdf", "--out", "t.urdf")
+
+
+def test_an_estimate_that_no_body_has_is_not_exported_raw(cpid, refusal, result):
+    result(inertia=[8, 15, 6, 0, 0, 0])
+    message = refusal("r.json", "--format", "urdf", "--out", "t.urdf", "--raw")
+    assert "violate the triangle inequality" in message
+    assert "without --raw the nearest possible one is" in message
+    assert cpid("r.json", "--format", "urdf", "--out", "t.urdf")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("none.json", "--format", "urdf", "--out", "t.urdf"), "none.json: no such file"),
+        (("r.json", "--format", "obj", "--out", "t.urdf"), "no format 'obj'; choose from urdf"),
+        (("r.json", "--format", "sdf", "--out", "t.urdf"), "must end in .sdf"),
+        (("r.json", "--format", "urdf", "--out", "no/t.urdf"), "no/t.urdf: no such folder: no"),
+        (("r.json", "--format", "urdf", "--out", "old.urdf"), "old.urdf: exists already"),
+        (("r.json", "--format", "urdf", "--out", "t.urdf", "--name", "<"), "cannot be used"),
+        (("r.json", "--format", "urdf"), "Missing option '--out'"),
+        (
+            ("r.json", "--format", "sdf", "--out", "t.sdf", "--with-spacecraft"),
+            "dual_arm_servicer.urdf: not a model in format sdf",
+        ),
+    ],
+)
+def test_what_cannot_be_is_one_line(refusal, result, arguments, words, tmp_path):
+    (tmp_path / "old.urdf").write_text("mine")
+    assert words in refusal(*arguments)
+    assert (tmp_path / "old.urdf").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("spacecraft", "words"),
+    [
+        (("none.urdf", "bus", "capture_point"), "none.urdf: no such file"),
+        (("http://a/b.urdf", "bus", "capture_point"), "a path or a package:// URI"),
+        ((str(MODEL), "truck", "capture_point"), "no body 'truck'"),
+        ((str(MODEL), "bus", "\0"), "no frame"),
+    ],
+)
+def test_the_spacecraft_of_the_result_must_be_there(refusal, result, spacecraft, words):
+    result(spacecraft=dict(zip(("model", "base", "capture_frame"), spacecraft)))
+    options = ("--format", "urdf", "--out", "t.urdf", "--with-spacecraft")
+    assert words in refusal("r.json", *options)
