@@ -12,10 +12,12 @@ The public names, from the ground up:
   `JointMotionSource`, `TargetVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
+- `export_target`: the target as URDF, SDF, MJCF or directives, alone or on the spacecraft;
 - `InputError`: what bad input raises.
 """
 
 from cpid_drake.errors import InputError
+from cpid_drake.export import export_target
 from cpid_drake.identification import Identification, identify
 from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
 from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
@@ -54,6 +56,7 @@ __all__ = [
     "SpacecraftSensors",
     "TargetVisualizer",
     "Telemetry",
+    "export_target",
     "identify",
     "identify_from_sensors",
     "initial_state",
