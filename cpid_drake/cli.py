@@ -6,7 +6,10 @@ import typer
 
 from cpid_drake.commands.accuracy import accuracy
 from cpid_drake.commands.export import export
+from cpid_drake.commands.identify import identify
 from cpid_drake.commands.paper import paper
+from cpid_drake.commands.scenario import scenario
+from cpid_drake.commands.simulate import simulate
 from cpid_drake.errors import InputError
 
 app = typer.Typer(
@@ -17,6 +20,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command()(paper)
+app.command()(identify)
+app.command()(simulate)
+app.add_typer(scenario, name="scenario")
 app.command()(accuracy)
 app.command()(export)
 

@@ -187,7 +187,11 @@ class SmoothedMotion:
 
 
 def smooth(
-    measurements: Measurements, suite: SensorSuite, times: ArrayLike | None = None
+    measurements: Measurements,
+    suite: SensorSuite,
+    times: ArrayLike | None = None,
+    *,
+    with_position: bool = True,
 ) -> SmoothedMotion:
     """Bring samples of different rates to common instants.
 
@@ -196,6 +200,7 @@ def smooth(
             sensors that the suite lacks are left out.
         suite: how good they are.
         times: (N,) instants [s]; default: ten a second, where all sensors have samples.
+        with_position: whether the base's position and velocity matter; else they are left at zero.
 
     Raises:
         InputError: too few samples of a sensor that is needed.
@@ -203,7 +208,9 @@ def smooth(
     """
     measurements = measured_by(suite, measurements)
     joints = smooth_joints(measurements, suite)
-    needed = {"attitude": measurements.attitude, "position": measurements.position}
+    needed = {"attitude": measurements.attitude}
+    if with_position:
+        needed["position"] = measurements.position
     for name, samples in needed.items():
         if len(samples) < 4:
             raise InputError(f"smoothing needs at least 4 samples of {name}, not {len(samples)}")
@@ -216,7 +223,9 @@ def smooth(
         raise InputError(f"all sensors have samples from {start:g} to {end:g} s only")
 
     attitude, rate, attitude_error, bias = _smooth_attitude(measurements, suite, times)
-    position, velocity, position_error = _smooth_position(measurements, suite, times)
+    position, velocity, position_error = np.zeros((len(times), 3)), np.zeros((len(times), 3)), []
+    if with_position:
+        position, velocity, position_error = _smooth_position(measurements, suite, times)
     q, qdot, _ = np.moveaxis(joints.evaluate(times), 1, 0)
     telemetry = Telemetry(
         measurements.joint_names,

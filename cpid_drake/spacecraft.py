@@ -245,6 +245,14 @@ class Spacecraft:
         return q
 
     @property
+    def position_limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(J,) lowest and highest positions of the joints; infinite where none [rad or m]."""
+        return (
+            np.array([joint.position_lower_limit() for joint in self._joints]),
+            np.array([joint.position_upper_limit() for joint in self._joints]),
+        )
+
+    @property
     def velocity_limits(self) -> NDArray[np.float64]:
         """(J,) largest joint speeds of the model; infinite where it sets none [rad/s or m/s]."""
         return np.array([joint.velocity_upper_limits()[0] for joint in self._joints])

@@ -99,8 +99,8 @@ def check_columns(names: Sequence[str], where: str) -> None:
 
     Raises:
         InputError: a repeated column, no `time`, groups that are not complete, angular velocity
-            both in W and in B, joints with rates but no `q:` column anywhere near, or nothing of
-            the base's motion at all.
+            both in W and in B or in W without the attitude, no joint positions, or rates of some
+            joints only.
 
     """
     twice = [name for name, count in Counter(names).items() if count > 1]
@@ -120,6 +120,11 @@ def check_columns(names: Sequence[str], where: str) -> None:
         raise InputError(
             f"{where}: angular velocity is there twice, in the world (wx, wy, wz) and in the "
             "body (bwx, bwy, bwz); keep one of them"
+        )
+    if "wx" in names and "qw" not in names:
+        raise InputError(
+            f"{where}: angular velocity in the world (wx, wy, wz) needs the attitude (qw, qx, qy, "
+            "qz) to be turned into the body; if it is in the body, call it bwx, bwy, bwz"
         )
     if not any(name.startswith("q:") for name in names):
         near = _likely("q:joint", unknown)

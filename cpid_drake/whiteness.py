@@ -1,0 +1,50 @@
+"""Are residuals white? What is left of good samples, once explained, is noise without memory."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """How residuals hang together from sample to sample.
+
+    Attributes:
+        lag_one: correlation of neighbours, −1 to 1; of white residuals zero give or take `band`.
+        band: two σ of `lag_one` if they are white.
+        correlation_time: number of samples that count as one when averaged; 1 if white.
+        count: number of samples.
+
+    """
+
+    lag_one: float
+    band: float
+    correlation_time: float
+    count: int
+
+    @property
+    def is_white(self) -> bool:
+        """Whether nothing speaks against it."""
+        return bool(abs(self.lag_one) <= max(self.band, 0.05))
+
+
+def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
+    """Return how white residuals (N, channels) at N successive instants are.
+
+    Channels are scaled alike. The correlation time is 1 + 2 Σ ρ_k up to where pairs of ρ turn
+    negative (Geyer 1992, "Practical Markov Chain Monte Carlo", initial positive sequence).
+    """
+    residuals = residuals - residuals.mean(axis=0)
+    size = np.sqrt(np.mean(residuals**2, axis=0))
+    scaled = residuals[:, size > 0] / size[size > 0]
+    count, channels = scaled.shape
+    if count < 4 or not channels:
+        return Whiteness(0.0, np.inf, 1.0, count)
+    spectrum = np.abs(np.fft.rfft(scaled, 2 * count, axis=0)) ** 2
+    covariance = np.fft.irfft(spectrum, axis=0)[: count // 2].sum(axis=1)
+    rho = covariance / covariance[0]
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+    time = 2 * float(pairs[:end].sum()) - 1
+    return Whiteness(float(rho[1]), float(2 / np.sqrt(count * channels)), max(time, 1.0), count)
