@@ -6,6 +6,8 @@ momentum stays zero from rest, whatever the joints really do.
 """
 
 import csv
+import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, identify
+from cpid_drake.cli import main
 from cpid_drake.model_files import resolve_model
 
 mujoco = pytest.importorskip("mujoco", reason="needs the package mujoco")
@@ -173,6 +176,21 @@ def dual_arm_log(dual_arm_file, skewed_target) -> Log:
 def test_what_mujoco_simulates_is_identified(dual_arm, dual_arm_log, skewed_target, rows):
     telemetry = dual_arm_log.telemetry(dual_arm.joint_names)
     assert_identified(identify(dual_arm, telemetry, rows=rows).parameters, skewed_target)
+
+
+def test_the_command_identifies_from_mujocos_log(
+    dual_arm_log, dual_arm_file, skewed_target, tmp_path, monkeypatch
+):
+    log, result = tmp_path / "log.csv", tmp_path / "result.json"
+    dual_arm_log.write(log)
+    arguments = ["identify", log, "--spacecraft", dual_arm_file, "--json", result]
+    names = ["--base", "bus", "--capture-frame", "left_grip"]
+    monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments), *names])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    found = json.loads(result.read_text())
+    assert_identified(np.array([found["mass"], *found["com"], *found["inertia"]]), skewed_target)
 
 
 def test_the_shipped_servicer_moves_in_mujoco_as_here(servicer, paper_target):
