@@ -780,4 +780,4 @@ def test_the_shipped_variants_differ_from_the_exciting_motion_only_where_they_sa
 def test_every_shipped_scenario_has_a_seed_of_its_own():
     files = sorted(shipped_scenario("paper").parent.glob("*.yaml"))
     seeds = {load_scenario(file).accuracy.seed for file in files}
-    assert len(seeds) == len(files) == 5
+    assert len(seeds) == len(files) == 7
