@@ -4,19 +4,14 @@ Every number is written with all its digits, every file is read again by Drake a
 what was meant before it takes its place.
 """
 
-import os
 import re
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 from uuid import uuid4
-from xml.sax.saxutils import escape, unescape
 
 import numpy as np
-import yaml
-from numpy.typing import ArrayLike
-from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInstanceIndex
@@ -25,12 +20,14 @@ from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.kinematics import TreeBody
 from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.xml_edits import Element, XmlEdits, attribute_text
+from cpid_drake.target_models import (
+    FORMATS,
+    directives,
+    joint_name,
+    target_alone,
+    target_attached,
+)
 
-FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml", "drake-yaml": ".dmd.yaml"}
-"""What can be written, and how the names of such files end."""
-
-_WHAT = "The captured target as identified by cpid_drake; its frame is the capture frame."
 _TOLERANCE = 1e-12
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
@@ -101,32 +98,37 @@ def export_target(
     _require_free(path, spacecraft, overwrite)
     if format != "drake-yaml":
         data = (
-            _alone(target, name, format).encode()
+            target_alone(target, name, format).encode()
             if spacecraft is None
-            else _attached(target, name, format, spacecraft, path)
+            else target_attached(target, name, format, spacecraft, path)
         )
         _write_checked(path, data, check)
         return Exported(name, (path,))
 
-    link = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
-    _require_free(link, spacecraft, overwrite)
-    directives = _directives(link, name, spacecraft).encode()
-    data = _alone(target, name, "urdf").encode()
-    new = not link.exists()
-    _write_checked(link, data, lambda file: _check_alone(file, name, parameters))
+    beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
+    _require_free(beside, spacecraft, overwrite)
+    is_new = not beside.exists()
+    data = target_alone(target, name, "urdf").encode()
+    _write_checked(beside, data, lambda file: _check_alone(file, name, parameters))
     try:
-        _write_checked(path, directives, check)
+        _write_checked(path, directives(beside, name, spacecraft).encode(), check)
     except InputError:
-        if new:
-            link.unlink()
+        if is_new:
+            beside.unlink()
         raise
-    return Exported(name, (path, link))
+    return Exported(name, (path, beside))
 
 
 # -- names and numbers ---------------------------------------------------------------------------
 
 
 def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
+    """Return a name for the target's link, instance and (with an ending) joint."""
+    if name is not None and not _NAME.fullmatch(name):
+        raise InputError(
+            f"the name {name!r:.80} cannot be used: a letter, then letters, digits, _ and - (at "
+            "most 64)"
+        )
     taken = {"world"}
     if spacecraft is not None:
         plant = spacecraft.plant
@@ -135,26 +137,15 @@ def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
         taken |= {plant.get_joint(JointIndex(k)).name() for k in plant.GetJointIndices()}
         for k in range(plant.num_model_instances()):
             taken |= set(plant.GetModelInstanceName(ModelInstanceIndex(k)).split("::"))
-    if name is not None and not _NAME.fullmatch(name):
-        raise InputError(
-            f"the name {name!r:.80} cannot be used: a letter, then letters, digits, _ and - (at "
-            "most 64)"
-        )
-    if name is not None and {name, _joint_name(name)} & taken:
-        raise InputError(f"the name '{name}' is taken in the spacecraft's model; choose another")
-    number = 1
-    free = name or "target"
-    while {free, _joint_name(free)} & taken:
-        number += 1
-        free = f"target_{number}"
-    return free
-
-
-def _joint_name(name: str) -> str:
-    return f"{name}_weld"
+    choices = [name] if name else chain(["target"], (f"target_{k}" for k in count(2)))
+    for choice in choices:
+        if not {choice, joint_name(choice)} & taken:
+            return choice
+    raise InputError(f"the name '{name}' is taken in the spacecraft's model; choose another")
 
 
 def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
+    """Return parameters that are possible also after a reader has rounded them."""
     inertia, total = target.I_TTcm_C, np.trace(target.I_TTcm_C)
     low, middle, high = target.principal_moments()
     along_axes = not np.any(inertia - np.diag(np.diag(inertia)))
@@ -162,218 +153,6 @@ def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
     if exact or min(low, low + middle - high) > 1e-13 * total:
         return target
     return InertialParameters(target.mass, target.p_CTcm_C, inertia + 1e-13 * total * np.eye(3))
-
-
-def _numbers(values: ArrayLike) -> str:
-    values = np.ravel(np.asarray(values, dtype=float))
-    # Some readers refuse numbers below the smallest normal one.
-    values = np.where(np.abs(values) < sys.float_info.min, 0.0, values)
-    return " ".join(repr(value) for value in values.tolist())
-
-
-def _pose(spacecraft: Spacecraft) -> tuple[str, str, str]:
-    """Return the position, roll-pitch-yaw and quaternion of C in its body's frame."""
-    R_BC = RotationMatrix(spacecraft.tree.R_BC)
-    rpy, quaternion = RollPitchYaw(R_BC).vector(), R_BC.ToQuaternion().wxyz()
-    return _numbers(spacecraft.tree.p_BC), _numbers(rpy), _numbers(quaternion)
-
-
-# -- the target alone ----------------------------------------------------------------------------
-
-_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-
-
-def _urdf_link(target: InertialParameters, name: str) -> str:
-    moments = " ".join(
-        f'{key}="{_numbers(value)}"' for key, value in zip(_MOMENTS, target.to_vector()[4:])
-    )
-    return f"""\
-<!-- {_WHAT} -->
-<link name="{name}">
-  <inertial>
-    <origin xyz="{_numbers(target.p_CTcm_C)}" rpy="0 0 0"/>
-    <mass value="{_numbers(target.mass)}"/>
-    <inertia {moments}/>
-  </inertial>
-</link>
-"""
-
-
-def _sdf_link(target: InertialParameters, name: str, pose: str = "") -> str:
-    moments = "".join(
-        f"\n      <{key}>{_numbers(value)}</{key}>"
-        for key, value in zip(_MOMENTS, target.to_vector()[4:])
-    )
-    return f"""\
-<!-- {_WHAT} -->
-<link name="{name}">{pose}
-  <inertial>
-    <pose>{_numbers(target.p_CTcm_C)} 0 0 0</pose>
-    <mass>{_numbers(target.mass)}</mass>
-    <inertia>{moments}
-    </inertia>
-  </inertial>
-</link>
-"""
-
-
-def _mjcf_body(target: InertialParameters, name: str, pose: str = "", inner: str = "") -> str:
-    vector = target.to_vector()
-    return f"""\
-<!-- {_WHAT} -->
-<body name="{name}"{pose}>{inner}
-  <inertial pos="{_numbers(target.p_CTcm_C)}" mass="{_numbers(target.mass)}"
-            fullinertia="{_numbers(vector[4:])}"/>
-</body>
-"""
-
-
-def _alone(target: InertialParameters, name: str, format: str) -> str:
-    if format == "urdf":
-        return f'<?xml version="1.0"?>\n<robot name="{name}">\n{_urdf_link(target, name)}</robot>\n'
-    if format == "sdf":
-        return (
-            f'<?xml version="1.0"?>\n<sdf version="1.9">\n<model name="{name}">\n'
-            f"{_sdf_link(target, name)}</model>\n</sdf>\n"
-        )
-    body = _mjcf_body(target, name, inner="\n  <freejoint/>")
-    return f'<mujoco model="{name}">\n<worldbody>\n{body}</worldbody>\n</mujoco>\n'
-
-
-# -- attached to a spacecraft --------------------------------------------------------------------
-
-_USE_DIRECTIVES = "use format drake-yaml, which adds the model as it is"
-
-
-def _attached(
-    target: InertialParameters, name: str, format: str, spacecraft: Spacecraft, path: Path
-) -> bytes:
-    if spacecraft.path.suffix != FORMATS[format]:
-        raise InputError(
-            f"{spacecraft.model}: not a model in format {format}; choose the model's own, or "
-            f"{_USE_DIRECTIVES}"
-        )
-    try:
-        edits = XmlEdits(spacecraft.path.read_bytes())
-        _attach(edits, target, name, format, spacecraft)
-        _move_files(edits, format, spacecraft.path.parent, path.resolve().parent)
-    except InputError as error:
-        raise InputError(f"{spacecraft.model}: {error}; {_USE_DIRECTIVES}") from error
-    return edits.result()
-
-
-def _attach(
-    edits: XmlEdits, target: InertialParameters, name: str, format: str, spacecraft: Spacecraft
-) -> None:
-    body = spacecraft.capture_frame.body().name()
-    xyz, rpy, quaternion = _pose(spacecraft)
-    if format == "urdf":
-        joint = f"""\
-<joint name="{_joint_name(name)}" type="fixed">
-  <parent link="{attribute_text(body)}"/>
-  <child link="{name}"/>
-  <origin xyz="{xyz}" rpy="{rpy}"/>
-</joint>
-"""
-        edits.append(edits.elements[0], _urdf_link(target, name) + joint)
-        return
-    carrier = _carrier(edits, "link" if format == "sdf" else "body", spacecraft)
-    if format == "sdf":
-        pose = f'\n  <pose relative_to="{attribute_text(body)}">{xyz} {rpy}</pose>'
-        joint = f"""\
-<joint name="{_joint_name(name)}" type="fixed">
-  <parent>{escape(body)}</parent>
-  <child>{name}</child>
-</joint>
-"""
-        edits.append(carrier.parent, _sdf_link(target, name, pose) + joint)
-    else:
-        pose = f' pos="{xyz}" quat="{quaternion}"'
-        edits.append(carrier, _mjcf_body(target, name, pose))
-
-
-def _carrier(edits: XmlEdits, tag: str, spacecraft: Spacecraft) -> Element:
-    """Return the element of the body that carries C."""
-    body = spacecraft.capture_frame.body()
-    named = [e for e in edits.elements if e.tag == tag and e.attributes.get("name") == body.name()]
-    if len(named) > 1:
-        instance = spacecraft.plant.GetModelInstanceName(body.model_instance())
-        named = [element for element in named if _scope(element) == instance]
-    if len(named) != 1:
-        raise InputError(f"the file itself has no {tag} '{body.name()}'")
-    return named[0]
-
-
-def _scope(element: Element) -> str:
-    names = []
-    while (element := element.parent) is not None:
-        if element.tag == "model":
-            names.append(element.attributes.get("name", ""))
-    return "::".join(reversed(names))
-
-
-def _move_files(edits: XmlEdits, format: str, old: Path, new: Path) -> None:
-    """Make the relative paths of meshes and the like right for a file in another folder."""
-    compiler = {}
-    for element in edits.elements:
-        if element.tag == "compiler":
-            compiler |= element.attributes
-    if old == new:
-        return
-
-    def move(reference: str) -> str | None:
-        if not reference.strip() or "://" in reference or Path(reference.strip()).is_absolute():
-            return None
-        return os.path.relpath(old / reference.strip(), new)
-
-    for element in edits.elements:
-        if format == "sdf":
-            if element.tag == "uri" or element.tag.endswith("_map"):
-                moved = move(unescape(edits.text(element)))
-                if moved:
-                    edits.set_text(element, moved)
-            continue
-        for key in _path_attributes(element, format, compiler):
-            moved = move(element.attributes.get(key, ""))
-            if moved:
-                edits.set_attribute(element, key, moved)
-
-
-def _path_attributes(element: Element, format: str, compiler: dict[str, str]) -> tuple[str, ...]:
-    """Return which attributes of an element are paths from the model's own folder."""
-    if format == "urdf":
-        return ("filename",) if element.tag in ("mesh", "texture") else ()
-    if element.tag == "compiler":
-        return ("meshdir", "texturedir", "assetdir")
-    if element.tag == "include":
-        raise InputError("files that it includes cannot follow it into another folder")
-    if element.parent is None or element.parent.tag != "asset":
-        return ()
-    if {"texturedir" if element.tag == "texture" else "meshdir", "assetdir"} & compiler.keys():
-        return ()
-    if compiler.get("strippath") == "true":
-        raise InputError("files whose path it strips cannot follow it into another folder")
-    return ("file",)
-
-
-def _directives(link: Path, name: str, spacecraft: Spacecraft | None) -> str:
-    target = {"add_model": {"name": name, "file": f"file://{link.resolve()}"}}
-    directives: list[dict] = [target]
-    if spacecraft is not None:
-        file = spacecraft.model if "://" in spacecraft.model else f"file://{spacecraft.path}"
-        instance = spacecraft.plant.GetModelInstanceName(spacecraft.base.model_instance())
-        known = (
-            {"add_directives": {"file": file}}
-            if spacecraft.path.name.endswith(FORMATS["drake-yaml"])
-            else {"add_model": {"name": instance.partition("::")[0], "file": file}}
-        )
-        frame = spacecraft.capture_frame.scoped_name().get_full()
-        weld = {"add_weld": {"parent": frame, "child": f"{name}::{name}"}}
-        directives = [known, target, weld]
-    text = yaml.safe_dump(
-        {"directives": directives}, sort_keys=False, allow_unicode=True, width=float("inf")
-    )
-    return f"# {_WHAT}\n{text}"
 
 
 # -- writing, and checking what was written ------------------------------------------------------

@@ -14,7 +14,8 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, InputError, Spacecraft, identify
-from cpid_drake.export import FORMATS, export_target
+from cpid_drake.export import export_target
+from cpid_drake.target_models import FORMATS
 
 RESOLUTION = 1e-12  # of each quantity's size
 
@@ -222,7 +223,8 @@ MODELS = {
     "urdf, a link": ("mine.urdf", URDF, "arm"),
     "sdf, its frame": ("mine.sdf", sdf(), "hand"),
     "sdf, a link": ("mine.sdf", sdf(), "arm"),
-    "sdf 1.6": ("mine.sdf", sdf("1.6", poses=False), "arm"),
+    "sdf 1.4": ("mine.sdf", sdf("1.4", poses=False), "arm"),
+    "sdf 1.7": ("mine.sdf", sdf("1.7"), "hand"),
     "mjcf, an empty body": ("mine.xml", MJCF, "hand"),
     "mjcf, a full body": ("mine.xml", MJCF, "tip"),
 }
