@@ -19,6 +19,7 @@ from cpid_drake.model_files import models_directory, resolve_model
 from cpid_drake.momentum_sensitivity import BodyUncertainty
 from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.sensor_files import load_sensors, sensor_presets
+from cpid_drake.sensor_identification import check_guess
 from cpid_drake.sensors import SensorSuite, check_sensors
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.strict_yaml import choose_from, load_strictly
@@ -32,8 +33,8 @@ ONLINE_ESTIMATORS = ("least_squares", "momentum_filter")
 LONGEST_LENGTH = 100.0
 """Centres of mass and radii of gyration beyond are taken for another unit than metres."""
 
-MOST_LOGGED = 1_000_000
-"""Samples of the state that a simulation logs at most."""
+MOST_STEPS = 1_000_000
+"""Samples that a simulation logs or identifies from at most, and longest steps in it."""
 
 
 @dataclass
@@ -177,11 +178,30 @@ class SensorsConfig:
 
 
 @dataclass
+class PriorConfig:
+    """A guess of the target beforehand [kg, m, kg·m²], and how good it is: σ, relative.
+
+    Mass, mass times place and moments of inertia about C's origin are each known to this part of
+    the guess's own mass, mass times radius of gyration, and mass times its square.
+    """
+
+    mass: float = np.nan
+    p_CTcm_C: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    I_TTcm_C: np.ndarray = field(default_factory=lambda: np.full((3, 3), np.nan))
+    sigma: float = 0.5
+
+    def guess(self) -> InertialParameters:
+        """Return the guessed target."""
+        return InertialParameters(self.mass, self.p_CTcm_C, self.I_TTcm_C)
+
+
+@dataclass
 class IdentificationConfig:
     """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
 
     `estimator` is one of `ONLINE_ESTIMATORS`. Rows, period and offset are those of least squares:
-    the momentum filter takes every sample of the sensors, which it needs.
+    the momentum filter takes every sample of the sensors, which it needs. `prior` is what the
+    momentum filter knows of the target before the first sample; null for nothing.
     """
 
     estimator: str = "least_squares"
@@ -189,6 +209,7 @@ class IdentificationConfig:
     unknown_momentum: bool = False
     period: float = 1.0
     offset: float = 1.0
+    prior: PriorConfig | None = None
 
 
 @dataclass
@@ -473,14 +494,10 @@ def _check(scenario: Scenario, where: str) -> None:
     for name in ("model", "base", "capture_frame"):
         if not getattr(scenario.spacecraft, name):
             raise InputError(f"{where}: spacecraft.{name} is missing")
-    if np.shape(scenario.target.p_CTcm_C) != (3,) or np.shape(scenario.target.I_TTcm_C) != (3, 3):
-        raise InputError(f"{where}: target needs p_CTcm_C of 3 and I_TTcm_C of 3x3 numbers")
+    _check_body(scenario.target, f"{where}: target")
     momentum = config.momentum_W
     if np.shape(momentum) != (6,) or not np.isfinite(momentum).all():
         raise InputError(f"{where}: simulation.momentum_W needs 6 finite numbers: L, then P")
-    if not np.isfinite(scenario.target.mass):
-        raise InputError(f"{where}: target.mass is missing or not finite")
-    _check_lengths(scenario.target, f"{where}: target")
     positive = {
         "simulation.duration": config.duration,
         "simulation.log_period": config.log_period,
@@ -495,11 +512,16 @@ def _check(scenario: Scenario, where: str) -> None:
     for name, value in positive.items():
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{where}: {name} must be a number > 0, not {value}")
-    if config.duration / config.log_period > MOST_LOGGED:
-        raise InputError(
-            f"{where}: simulation.duration of {config.duration:g} s is more than {MOST_LOGGED} "
-            f"times simulation.log_period, {config.log_period:g} s"
-        )
+    for name in (
+        "simulation.log_period",
+        "simulation.simulator.max_step_size",
+        "identification.period",
+    ):
+        if config.duration / positive[name] > MOST_STEPS:
+            raise InputError(
+                f"{where}: {name} of {positive[name]:g} s is more than {MOST_STEPS} times in "
+                f"simulation.duration, {config.duration:g} s"
+            )
     offset = scenario.identification.offset
     if not (np.isfinite(offset) and offset >= 0):
         raise InputError(f"{where}: identification.offset must be a number >= 0, not {offset}")
@@ -521,8 +543,12 @@ def _check(scenario: Scenario, where: str) -> None:
     _check_sensing(scenario, where)
 
 
-def _check_lengths(body: TargetConfig, where: str) -> None:
-    """Refuse a body that is as large as if its lengths were in millimetres."""
+def _check_body(body: TargetConfig | PriorConfig, where: str) -> None:
+    """Refuse a body that is not given, or as large as if its lengths were in millimetres."""
+    if np.shape(body.p_CTcm_C) != (3,) or np.shape(body.I_TTcm_C) != (3, 3):
+        raise InputError(f"{where} needs p_CTcm_C of 3 and I_TTcm_C of 3x3 numbers")
+    if not np.isfinite(body.mass):
+        raise InputError(f"{where}.mass is missing or not finite")
     distance = np.linalg.norm(body.p_CTcm_C)
     radius = np.sqrt(abs(np.trace(body.I_TTcm_C) / body.mass)) if body.mass else 0.0
     for key, what, length in (
@@ -549,6 +575,16 @@ def _check_sensing(scenario: Scenario, where: str) -> None:
             f"{where}: identification.estimator: momentum_filter needs sensors; give sensors.suite "
             "or sensors.explicit"
         )
+    prior = scenario.identification.prior
+    if prior is not None:
+        if estimator != "momentum_filter":
+            raise InputError(
+                f"{where}: identification.prior: {estimator} starts from nothing; give estimator: "
+                "momentum_filter, or leave prior out"
+            )
+        _check_body(prior, f"{where}: identification.prior")
+        with naming(f"{where}: identification.prior"):
+            check_guess(prior.guess(), prior.sigma)
     if scenario.sensors.explicit is not None:
         if scenario.sensors.suite:
             raise InputError(f"{where}: sensors.suite and sensors.explicit: give one of the two")

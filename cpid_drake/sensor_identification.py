@@ -8,7 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimators.least_squares import solution_of_information
-from cpid_drake.estimators.momentum_filter import PSI, MomentumFilter, psi_scale, vague_prior
+from cpid_drake.estimators.momentum_filter import (
+    PSI,
+    MomentumFilter,
+    guessed_prior,
+    psi_scale,
+    vague_prior,
+)
 from cpid_drake.estimators.online import OnlineEstimator, OnlineState
 from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
 from cpid_drake.estimators.trajectory_fit import (
@@ -18,7 +24,7 @@ from cpid_drake.estimators.trajectory_fit import (
 )
 from cpid_drake.estimators.trajectory_model import TrajectoryModel
 from cpid_drake.identification import Identification, row_family
-from cpid_drake.inertia import relative_unknowns
+from cpid_drake.inertia import InertialParameters, relative_unknowns
 from cpid_drake.kinematics import KinematicTree, rotate
 from cpid_drake.known_bodies import KnownBodies
 from cpid_drake.momentum import momentum_samples
@@ -95,7 +101,7 @@ def identify_from_sensors(
         if known_bodies is not None:
             consider = consider_covariance(online, state, measurements, known_bodies)
         return identification_of_filter(online, state, consider)
-    motion = smooth(measurements, suite)
+    motion = smooth(measurements, suite, with_position=estimator != "relative")
     family = row_family(estimator, unknown_momentum)
     return identify_smoothed(spacecraft.tree, motion, family, unknown_momentum, momentum)
 
@@ -198,21 +204,58 @@ def cramer_rao_bound(
 
 
 def online_estimator(
-    spacecraft: Spacecraft, suite: SensorSuite, *, unknown_momentum: bool = False
+    spacecraft: Spacecraft,
+    suite: SensorSuite,
+    *,
+    unknown_momentum: bool = False,
+    guess: InertialParameters | None = None,
+    guess_sigma: float = 0.5,
 ) -> OnlineEstimator:
-    """Return the online estimator for a spacecraft's sensors, with a vague prior."""
+    """Return the online estimator for a spacecraft's sensors.
+
+    Args:
+        spacecraft: the known spacecraft.
+        suite: how good its sensors are.
+        unknown_momentum: whether the total momentum is unknown instead of zero.
+        guess: of the target beforehand; without it the estimator starts from a vague prior.
+        guess_sigma: how good the guess is, relative; see `momentum_filter.guessed_prior`.
+
+    Raises:
+        InputError: the guess is no rigid body, or a point at C's origin, or its σ is not > 0.
+
+    """
     joints = len(spacecraft.joint_names)
     still = np.zeros((1, joints))
     inertia = relative_dynamics(spacecraft.tree, still, still).I_K[0]
     prior = vague_prior(spacecraft.mass, inertia, unknown_momentum)
+    if guess is not None:
+        check_guess(guess, guess_sigma)
+        psi = relative_unknowns(spacecraft.mass).from_parameters(guess.to_vector())
+        prior = guessed_prior(prior, psi, guess_sigma)
     momentum_filter = MomentumFilter(suite, joints, KnownBodies(spacecraft), prior)
     return OnlineEstimator(spacecraft.tree, spacecraft.joint_names, momentum_filter)
+
+
+def check_guess(guess: InertialParameters, sigma: float) -> None:
+    """Refuse a guess of the target that a filter cannot start from.
+
+    Raises:
+        InputError: as `online_estimator`.
+
+    """
+    problems = guess.infeasibilities()
+    if problems:
+        raise InputError(f"not a rigid body: {'; '.join(problems)}")
+    if not (guess.p_CTcm_C.any() or guess.I_TTcm_C.any()):
+        raise InputError("a point at C's origin says nothing of size; give an inertia")
+    if not (np.isfinite(sigma) and sigma > 0):
+        raise InputError(f"sigma must be a number > 0, not {sigma}")
 
 
 def identification_of_filter(
     online: OnlineEstimator, state: OnlineState, consider: NDArray[np.float64] | None = None
 ) -> Identification:
-    """Return what the online estimator has found so far.
+    """Return what the online estimator has found so far; from samples and from a guess, if any.
 
     Args:
         online: the estimator.
@@ -222,9 +265,10 @@ def identification_of_filter(
     """
     prior, known_mass = online.filter.prior, sum(body.mass for body in online.tree.bodies)
     P = state.filter.P[PSI, PSI]
-    scale = prior.psi_sigma
+    guessed = prior.plausible is not None
+    scale = prior.plausible if guessed else prior.psi_sigma
     scaled = np.linalg.inv(P / scale / scale[:, None])
-    information = (scaled - np.eye(10)) / scale / scale[:, None]
+    information = (scaled if guessed else scaled - np.eye(10)) / scale / scale[:, None]
     solution = solution_of_information(state.filter.psi, information, scale, consider=consider)
     return Identification(
         relative_unknowns(known_mass), solution, int(state.filter.used[:-1].sum())

@@ -1,6 +1,6 @@
 """A scenario becomes a Drake Diagram, and a run of it becomes telemetry."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.base_motion import propagate_base
@@ -77,21 +77,42 @@ class Simulation:
         simulator.Initialize()
         return simulator
 
-    def run(self) -> Context:
-        """Simulate the scenario's duration; the root Context returned holds logs and estimate."""
-        return self._run_to([self.scenario.simulation.duration])[0]
+    def run(self, progress: Callable[[float], None] | None = None) -> Context:
+        """Simulate the scenario's duration; the root Context returned holds logs and estimate.
+
+        Args:
+            progress: told the time [s] after every step.
+
+        Raises:
+            InputError: the simulation comes to a stop: what is simulated moves too fast.
+
+        """
+        return self._run_to([self.scenario.simulation.duration], progress)[0]
 
     def run_sampled(self, times: ArrayLike) -> tuple[Context, Telemetry]:
         """Simulate as `run`, and return also the telemetry at these increasing times (N,) [s]."""
         context, states = self._run_to([*times, self.scenario.simulation.duration])
         return context, self.spacecraft.to_telemetry(times, states[:-1])
 
-    def _run_to(self, times: Sequence[float]) -> tuple[Context, list[NDArray[np.float64]]]:
+    def _run_to(
+        self, times: Sequence[float], progress: Callable[[float], None] | None = None
+    ) -> tuple[Context, list[NDArray[np.float64]]]:
         simulator = self.make_simulator()
+        if progress is not None:
+
+            def tell(root_context: Context) -> EventStatus:
+                progress(root_context.get_time())
+                return EventStatus.DidNothing()
+
+            simulator.set_monitor(tell)
         context = self.plant.GetMyContextFromRoot(simulator.get_context())
         states = []
         for time in times:
-            simulator.AdvanceTo(time)
+            try:
+                simulator.AdvanceTo(time)
+            except RuntimeError as error:  # of what the scenario says, no step is short enough
+                now = simulator.get_context().get_time()
+                raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
             states.append(self.plant.GetPositionsAndVelocities(context).copy())
         simulator.AdvancePendingEvents()  # the samples that are due at the very end
         if isinstance(self.identifier, SensorIdentifier):
@@ -273,8 +294,16 @@ def _add_identifier(
         )
     if sensors is None:
         raise InputError("identification.estimator: momentum_filter needs sensors.suite")
+    prior = {}
+    if config.prior is not None:
+        prior = {"guess": config.prior.guess(), "guess_sigma": config.prior.sigma}
     return SensorIdentifier.AddToBuilder(
-        builder, spacecraft, sensors.suite, sensors, unknown_momentum=config.unknown_momentum
+        builder,
+        spacecraft,
+        sensors.suite,
+        sensors,
+        unknown_momentum=config.unknown_momentum,
+        **prior,
     )
 
 

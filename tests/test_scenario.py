@@ -303,6 +303,8 @@ def test_a_section_that_is_no_mapping_is_refused(write, edited, section, value):
         ("simulation.simulator.start_time", 1.0),
         ("simulation.simulator.target_realtime_rate", np.inf),
         ("simulation.log_period", 1e-7),
+        ("simulation.simulator.max_step_size", 1e-9),
+        ("identification.period", 1e-9),
     ],
 )
 def test_a_value_of_the_wrong_type_is_refused(write, edited, key, value):
@@ -672,6 +674,56 @@ def test_sensors_may_be_written_into_the_scenario(write, paper_yaml):
     assert repr(scenario.make_suite()) == repr(load_sensors("servicer"))
     assert scenario.sensors.present
     make_simulation(scenario)
+
+
+def guess(**changes) -> dict:
+    inertia = np.diag([8.0, 9.0, 7.0]).tolist()
+    return {"mass": 50.0, "p_CTcm_C": [0.4, 0.0, 0.0], "I_TTcm_C": inertia, "sigma": 0.3} | changes
+
+
+FILTERING = {"estimator": "momentum_filter"}
+
+
+def test_a_prior_is_what_the_filter_starts_from(write, paper_yaml):
+    """Before the first sample the estimate is the guess, as sure as it says; else nothing."""
+    sensors = {"sensors": {"suite": "flight"}}
+
+    def before_the_first_sample(prior):
+        identification = {"identification": FILTERING | {"prior": prior}}
+        simulation = make_simulation(load_scenario(write(paper_yaml | sensors | identification)))
+        context = simulation.diagram.CreateDefaultContext()
+        identifier = simulation.identifier
+        return identifier.identification(identifier.GetMyContextFromRoot(context))
+
+    found = before_the_first_sample(guess())
+    np.testing.assert_allclose(found.parameters, [50, 0.4, 0, 0, 8, 9, 7, 0, 0, 0], atol=1e-12)
+    # 1031 kg are known: μ = m·1031/(m + 1031), and so σ of m is larger by (m + 1031)/1031.
+    np.testing.assert_allclose(found.covariance[0, 0] ** 0.5, 15.0 * 1081 / 1031, rtol=1e-3)
+    assert not before_the_first_sample(None).is_observable
+
+
+@pytest.mark.parametrize(
+    ("values", "cause"),
+    [
+        ({"prior": guess()}, "identification.prior: least_squares starts from nothing"),
+        (FILTERING | {"prior": guess(sigma=0.0)}, "sigma must be a number > 0, not 0"),
+        (FILTERING | {"prior": guess(sigma="good")}, "identification.prior.sigma must be a number"),
+        (FILTERING | {"prior": guess(mass=-1.0)}, "prior: not a rigid body: the mass -1 kg is"),
+        (FILTERING | {"prior": guess(p_CTcm_C=[400.0, 0, 0])}, "prior.p_CTcm_C: a centre of mass"),
+        (FILTERING | {"prior": {"mass": 3.0}}, "identification.prior: inertial parameters must be"),
+        (FILTERING | {"prior": guess(p_CTcm_C=[0.0])}, "identification.prior needs p_CTcm_C of 3"),
+        (FILTERING | {"prior": 0.1}, "identification.prior must be a mapping"),
+        (
+            FILTERING | {"prior": guess(p_CTcm_C=[0, 0, 0], I_TTcm_C=np.zeros((3, 3)).tolist())},
+            "a point at C's origin",
+        ),
+    ],
+)
+def test_a_prior_that_cannot_be_is_refused(write, paper_yaml, values, cause):
+    content = paper_yaml | {"sensors": {"suite": "flight"}, "identification": values}
+    message = refusal(load_scenario, write(content))
+    assert "scenario.yaml: identification.prior" in message
+    assert cause in message
 
 
 @pytest.mark.parametrize("key", ["mass", "com", "inertia"])

@@ -45,11 +45,10 @@ def accuracy(
     )
 
     from cpid_drake.report.accuracy import print_table, write_figures
-    from cpid_drake.scenario import load_scenario, shipped_scenario
+    from cpid_drake.scenario import find_scenario, load_scenario
     from cpid_drake.studies.accuracy import run_accuracy, summarize
 
-    is_file = Path(scenario).suffix or "/" in scenario
-    loaded = load_scenario(scenario if is_file else shipped_scenario(scenario))
+    loaded = load_scenario(find_scenario(scenario))
     make_folder(out)
     log = Console(stderr=True, quiet=quiet, markup=False)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())

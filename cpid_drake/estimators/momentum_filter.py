@@ -23,7 +23,7 @@ IEEE TAC 21(1); the filter is ours.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +119,8 @@ class FilterPrior:
         velocity: σ of an unknown velocity of the centre of mass [m/s].
         L: (3,) mean of the angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) mean of the velocity of the centre of mass, in W [m/s].
+        plausible: (10,) what is plausible of ψ at all, if `psi_sigma` is knowledge, to be counted
+            in what is known in the end; None if `psi_sigma` is no more than plausible itself.
 
     """
 
@@ -129,6 +131,7 @@ class FilterPrior:
     velocity: float
     L: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     v_Wcm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    plausible: NDArray[np.float64] | None = None
 
 
 def vague_prior(
@@ -152,6 +155,23 @@ def vague_prior(
     sigma = psi_scale(known_mass, known_inertia)
     moment = np.trace(known_inertia) / 3
     return FilterPrior(psi, sigma, not unknown_momentum, 0.2 * moment, 0.2)
+
+
+def guessed_prior(vague: FilterPrior, psi: NDArray[np.float64], sigma: float) -> FilterPrior:
+    """Return a prior that knows the target roughly; of momentum it says what the vague one does.
+
+    Each of the relative unknowns is known by itself, to a part of its scale: μ, μ k and μ k², where
+    k is the radius of gyration of `psi` about C's origin.
+
+    Args:
+        vague: from `vague_prior`.
+        psi: (10,) mean of the relative unknowns, those of a rigid body that is not a point at C.
+        sigma: σ, relative.
+
+    """
+    radius = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
+    scale = psi[0] * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
+    return replace(vague, psi=psi, psi_sigma=sigma * scale, plausible=vague.psi_sigma)
 
 
 def psi_scale(known_mass: float, known_inertia: NDArray[np.float64]) -> NDArray[np.float64]:

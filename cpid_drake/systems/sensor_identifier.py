@@ -16,6 +16,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimators.momentum_filter import FILTER_ORDER, FilterState
 from cpid_drake.estimators.online import OnlineState
 from cpid_drake.identification import Identification
+from cpid_drake.inertia import InertialParameters
 from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.sensors import SensorSuite, check_sensors, sample_widths
 from cpid_drake.spacecraft import Spacecraft
@@ -77,10 +78,13 @@ class SensorIdentifier(Identifier):
         suite: its sensors.
         unknown_momentum: whether the total momentum is unknown instead of zero.
         period: between two looks at the inputs [s]; default: that of the fastest sensor.
+        guess: of the target beforehand; default: none, and nothing is known before the samples.
+        guess_sigma: how good the guess is, relative; see `momentum_filter.guessed_prior`.
 
     Raises:
         InputError: sensors that cannot be (see `sensors.check_sensors`), or a period that is not
-            positive or longer than the fastest sensor's, so that samples would be missed.
+            positive or longer than the fastest sensor's, so that samples would be missed; or a
+            guess that cannot be started from (see `sensor_identification.online_estimator`).
 
     """
 
@@ -91,6 +95,8 @@ class SensorIdentifier(Identifier):
         *,
         unknown_momentum: bool = False,
         period: float | None = None,
+        guess: InertialParameters | None = None,
+        guess_sigma: float = 0.5,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
@@ -104,7 +110,13 @@ class SensorIdentifier(Identifier):
                 f"identification period must be > 0 s and at most {shortest:g} s, the period of "
                 f"the fastest sensor, not {period}"
             )
-        self._estimator = online_estimator(spacecraft, suite, unknown_momentum=unknown_momentum)
+        self._estimator = online_estimator(
+            spacecraft,
+            suite,
+            unknown_momentum=unknown_momentum,
+            guess=guess,
+            guess_sigma=guess_sigma,
+        )
         widths = sample_widths(spacecraft.joint_names)
         self._sample_ports = {
             name: self.DeclareVectorInputPort(name, 1 + widths[name]) for name in sensors

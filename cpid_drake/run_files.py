@@ -1,0 +1,159 @@
+"""A simulated run as files: what the sensors gave, the truth, and how the run came about."""
+
+import json
+import platform
+import shlex
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.systems.framework import Context
+
+from cpid_drake.errors import InputError
+from cpid_drake.inertia import PARAMETER_NAMES
+from cpid_drake.momentum import total_momentum
+from cpid_drake.scenario import dump_scenario
+from cpid_drake.simulation import Simulation
+from cpid_drake.telemetry import Telemetry
+from cpid_drake.telemetry_files import write_telemetry
+
+RUN_FILES = (
+    *("telemetry.csv", "truth.csv", "truth.json"),
+    *("scenario.yaml", "sensors.yaml", "run.json"),
+)
+"""What a run's folder can hold."""
+
+
+def refuse_other_files(folder: Path) -> None:
+    """Refuse a folder that holds files of these names which are not an earlier run's.
+
+    Raises:
+        InputError: they would be lost, perhaps the very scenario that is simulated.
+
+    """
+    if not (folder / "run.json").is_file():
+        for name in RUN_FILES:
+            if (folder / name).exists():
+                raise InputError(
+                    f"--out {folder}: has a {name} that is not of an earlier run; give another "
+                    "folder"
+                )
+
+
+def write_run(
+    simulation: Simulation, root_context: Context, folder: Path, wall_seconds: float
+) -> list[Path]:
+    """Write a run into a folder that exists, over an earlier one.
+
+    - `telemetry.csv`: what the sensors gave; without sensors the exact motion;
+    - `sensors.yaml`: how good the sensors are, if there are any;
+    - `truth.csv`: the exact motion, every `simulation.log_period`;
+    - `truth.json`: the target's true parameters, with the keys of a result file;
+    - `scenario.yaml`: the complete scenario;
+    - `run.json`: versions, seed, momentum drift, and what the online identifier found.
+
+    Args:
+        simulation: what was run.
+        root_context: as its `run` returned it.
+        folder: where to write.
+        wall_seconds: how long the run took.
+
+    Returns:
+        The files, telemetry first.
+
+    """
+    truth = simulation.telemetry(root_context)
+    files = [folder / "telemetry.csv", folder / "truth.csv"]
+    sensed = simulation.sensors is not None
+    write_telemetry(files[0], simulation.measurements(root_context) if sensed else truth)
+    write_telemetry(files[1], truth)
+    scenario = simulation.scenario
+    texts = {"truth.json": _json(target_document(simulation))}
+    (folder / "sensors.yaml").unlink(missing_ok=True)
+    if sensed:
+        texts["sensors.yaml"] = yaml_dump_typed(simulation.sensors.suite)
+    texts["scenario.yaml"] = dump_scenario(scenario)
+    names = [*(file.name for file in files), *texts, "run.json"]
+    texts["run.json"] = _json(
+        {
+            "versions": {
+                "python": platform.python_version(),
+                **{name: _version(name) for name in ("cpid-drake", "drake", "numpy", "scipy")},
+            },
+            "simulated_seconds": scenario.simulation.duration,
+            "wall_seconds": round(wall_seconds, 3),
+            "sensor_seed": scenario.sensors.seed if sensed else None,
+            "momentum_drift": momentum_drift(simulation, truth),
+            "files": names,
+            "online_identification": online_document(simulation, root_context),
+        }
+    )
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+        files.append(folder / name)
+    return files
+
+
+def target_document(simulation: Simulation) -> dict[str, Any]:
+    """Return the true target: mass [kg], com [m], inertia about it [kg·m²], all in C."""
+    mass, *rest = simulation.truth.to_vector().tolist()
+    return {
+        "mass": mass,
+        "com": rest[:3],
+        "inertia": rest[3:],
+        "inertia_entries": list(PARAMETER_NAMES[4:]),
+    }
+
+
+def momentum_drift(simulation: Simulation, truth: Telemetry) -> dict[str, float]:
+    """Return the largest change of the total momentum since the start, about W's origin."""
+    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, truth)
+    drift = {"linear_N_s": P - P[0], "angular_N_m_s": L - L[0]}
+    return {name: float(np.linalg.norm(each, axis=1).max()) for name, each in drift.items()}
+
+
+def online_document(simulation: Simulation, root_context: Context) -> dict[str, Any]:
+    """Return what the online identifier has found at the end; what is unknown is null."""
+    identifier = simulation.identifier
+    result = identifier.identification(identifier.GetMyContextFromRoot(root_context))
+    found = {"estimate": result.parameters, "sigma": np.sqrt(np.diag(result.covariance))}
+    return {
+        "estimator": simulation.scenario.identification.estimator,
+        "says": result.explain(),
+        **{
+            key: dict(zip(PARAMETER_NAMES, map(_finite_or_none, values), strict=True))
+            for key, values in found.items()
+        },
+    }
+
+
+def identify_command(simulation: Simulation, folder: Path) -> str:
+    """Return the line that identifies from the files of a run, for a shell."""
+    config = simulation.scenario.spacecraft
+    words = ["cpid", "identify", str(folder / "telemetry.csv")]
+    words += ["--spacecraft", config.model, "--base", config.base]
+    words += ["--capture-frame", config.capture_frame]
+    for name, path in config.packages.items():
+        words += ["--package", f"{name}={path}"]
+    if simulation.sensors is not None:
+        words += ["--sensors", str(folder / "sensors.yaml")]
+    if simulation.scenario.identification.unknown_momentum:
+        words.append("--unknown-momentum")
+    return shlex.join(words)
+
+
+def _json(document: dict[str, Any]) -> str:
+    return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # on the path without being installed
+        return None
+
+
+def _finite_or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

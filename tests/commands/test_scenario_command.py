@@ -1,0 +1,110 @@
+"""`cpid scenario`: what it says of good and bad files, and the file to start from."""
+
+import sys
+
+import pytest
+
+from cpid_drake import load_scenario, shipped_scenario
+from cpid_drake.cli import main
+
+SHIPPED = sorted(file.stem for file in shipped_scenario("paper").parent.glob("*.yaml"))
+
+
+@pytest.fixture
+def cpid(monkeypatch, capsys, tmp_path):
+    """Return a function that runs `cpid scenario` in an empty folder: (code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["cpid", "scenario", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, *capsys.readouterr()
+
+    return run
+
+
+def refusal(outcome) -> str:
+    code, stdout, stderr = outcome
+    assert (code, stdout) == (2, "")
+    assert stderr.startswith("cpid: error: ")
+    assert stderr.count("\n") == 1
+    return stderr
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenarios_are_all_right(cpid, name):
+    code, stdout, stderr = cpid("check", name)
+    assert (code, stderr) == (0, "")
+    assert stdout.startswith(f"{name}: ok, spacecraft of ")
+    assert stdout.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_what_is_shown_is_the_same_scenario(cpid, name, tmp_path):
+    code, stdout, stderr = cpid("show", name)
+    assert (code, stderr) == (0, "")
+    assert "damping_ratio: " in stdout  # a default that the file leaves out
+    (tmp_path / "shown.yaml").write_text(stdout)
+    assert repr(load_scenario("shown.yaml")) == repr(load_scenario(shipped_scenario(name)))
+    assert cpid("show", "shown.yaml") == (0, stdout, "")
+
+
+def test_the_new_scenario_is_all_right_and_has_every_key(cpid, tmp_path):
+    assert cpid("new", "--out", "mine.yaml") == (0, "", "")
+    assert cpid("new") == (0, (tmp_path / "mine.yaml").read_text(), "")
+    code, stdout, _ = cpid("check", "mine.yaml")
+    assert code == 0
+    assert "mine.yaml: ok, " in stdout
+    assert "sensors: attitude, gyro, position, encoders; estimator: momentum_filter" in stdout
+    comments = (tmp_path / "mine.yaml").read_text()
+    _, shown, _ = cpid("show", "mine.yaml")
+    for line in shown.splitlines():
+        key = line.strip(" -").partition(":")[0]
+        assert key.startswith("[") or key in comments or key in ("start_time", REALTIME), line
+
+
+REALTIME = "target_realtime_rate"
+
+
+def test_an_existing_file_is_not_overwritten(cpid, tmp_path):
+    (tmp_path / "mine.yaml").write_text("# precious")
+    assert "is there already" in refusal(cpid("new", "--out", "mine.yaml"))
+    assert (tmp_path / "mine.yaml").read_text() == "# precious"
+    assert "cannot write there" in refusal(cpid("new", "--out", "nowhere/mine.yaml"))
+    assert "cannot write there" in refusal(cpid("new", "--out", tmp_path / "mine.yaml" / "x"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cause"),
+    [
+        ("mass: 60.0", "mas: 60.0", "mine.yaml: unknown key 'target.mas'; did you mean 'mass'?"),
+        ("base: bus", "base: hull", "no body 'hull'"),
+        (".urdf", ".sdf", "no such file"),
+        ("    capture_arm_joint1: -0.4", "    capture_arm_joint1: -24", "angles are in radians"),
+        ("capture_arm_joint1: [", "joint1: [", "joint_motion.amplitudes: no joint 'joint1'"),
+        ("suite: flight", "suite: fligth", "mine.yaml: sensors.suite: no sensors"),
+        ("[6.0, -0.4, 0.2]", "[6.0, 0.4, 0.2]", "symmetric"),
+        ("[6.0, -0.4, 0.2]", "[60.0, -0.4, 0.2]", "mine.yaml: target: not a rigid body"),
+        (
+            "prior: null",
+            "prior: {mass: 3}",
+            "identification.prior: inertial parameters must be finite",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_with_file_and_key(cpid, tmp_path, old, new, cause):
+    cpid("new", "--out", "mine.yaml")
+    text = (tmp_path / "mine.yaml").read_text()
+    assert old in text
+    (tmp_path / "mine.yaml").write_text(text.replace(old, new, 1))
+    message = refusal(cpid("check", "mine.yaml"))
+    assert "mine.yaml: " in message
+    assert cause in message
+
+
+def test_a_name_of_no_scenario_is_answered_with_the_nearest(cpid):
+    for command in ("check", "show"):
+        message = refusal(cpid(command, "papr"))
+        assert "did you mean 'paper'? choose from exciting_motion, " in message
+        assert "nowhere.yaml: no such file" in refusal(cpid(command, "nowhere.yaml"))
