@@ -2,8 +2,8 @@
 
 import csv
 import zipfile
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -16,6 +16,7 @@ from cpid_drake.model_files import resolve_model
 from cpid_drake.sensors import SENSOR_NAMES, Measurements
 from cpid_drake.telemetry import Telemetry
 from cpid_drake.telemetry_table import (
+    LARGEST,
     Problems,
     TelemetryTable,
     check_columns,
@@ -52,12 +53,18 @@ class TelemetryFile:
     ignored: tuple[str, ...]
 
 
-def inspect_telemetry(path: str | Path) -> TelemetryFile:
+def inspect_telemetry(
+    path: str | Path, *, topics: Mapping[str, str] | None = None
+) -> TelemetryFile:
     """Read a telemetry file and say all that is wrong in it.
 
     What the columns mean is said in `telemetry_table`; in CSV files a sample that is absent is an
     empty cell, in NPZ files (one array (N,) for each column) NaN, in Parquet files null or NaN.
     Bags are read as `rosbag_files.read_rosbag` does.
+
+    Args:
+        path: the file, or a bag's folder.
+        topics: of a bag: see `rosbag_files.read_rosbag`.
 
     Raises:
         InputError: no such file or folder, a file of another kind, or one in which nothing can be
@@ -69,9 +76,9 @@ def inspect_telemetry(path: str | Path) -> TelemetryFile:
     if folder.suffix in BAG_ENDINGS or folder.is_dir():
         from cpid_drake.rosbag_files import read_rosbag
 
-        measurements = read_rosbag(path)
-        rows = sum(len(getattr(measurements, name)) for name in SENSOR_NAMES)
-        return TelemetryFile(measurements, rows, Problems(), {}, ())
+        return _of_bag(read_rosbag(path, topics=topics))
+    if topics:
+        raise InputError(f"{where}: topics are for ROS 2 bags")
     file = resolve_model(path)
     readers = {".csv": _read_csv, ".npz": _read_npz, ".parquet": _read_parquet}
     if file.suffix.lower() not in readers:
@@ -91,18 +98,24 @@ def inspect_telemetry(path: str | Path) -> TelemetryFile:
     return TelemetryFile(measurements, row_count, problems, partial, ignored)
 
 
-def read_telemetry(path: str | Path, *, leave_out_bad: bool = False) -> Measurements:
+def read_telemetry(
+    path: str | Path,
+    *,
+    leave_out_bad: bool = False,
+    topics: Mapping[str, str] | None = None,
+) -> Measurements:
     """Return the samples in a telemetry file: CSV, NPZ, Parquet or a ROS 2 bag.
 
     Args:
         path: the file, or a bag's folder.
         leave_out_bad: leave out rows that have a problem, instead of refusing the file.
+        topics: of a bag: see `rosbag_files.read_rosbag`.
 
     Raises:
         InputError: as `inspect_telemetry`, and, unless bad rows are left out, the first problem.
 
     """
-    found = inspect_telemetry(path)
+    found = inspect_telemetry(path, topics=topics)
     if not leave_out_bad:
         refuse_problems(found, str(path))
     return found.measurements
@@ -144,6 +157,20 @@ def write_telemetry(path: str | Path, motion: Telemetry | Measurements) -> None:
         parquet.write_table(pyarrow.table(dict(zip(columns, arrays, strict=True))), path)
     else:
         raise InputError(f"{path}: telemetry is written as {', '.join(TABLE_ENDINGS)}")
+
+
+def _of_bag(measurements: Measurements) -> TelemetryFile:
+    """Return a bag's samples; those that cannot be used are problems, as rows are elsewhere."""
+    problems, usable = Problems(), {}
+    rows = sum(len(getattr(measurements, name)) for name in SENSOR_NAMES)
+    for name in SENSOR_NAMES:
+        samples = getattr(measurements, name)
+        fits = (np.abs(samples.value) <= LARGEST).all(axis=1)
+        for k in np.flatnonzero(~fits):
+            place = f"{name}, message {k + 1} at {samples.time[k]:.6f} s"
+            problems.add(place, "a number that is not finite or cannot be meant")
+        usable[name] = samples.where(fits)
+    return TelemetryFile(replace(measurements, **usable), rows, problems, {}, ())
 
 
 # -- CSV ------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from cpid_drake.commands.telemetry import topics_of
 from cpid_drake.errors import InputError
 
 NOT_ALL_KNOWN = 3
@@ -57,6 +58,13 @@ def identify(
             metavar="NAME=FOLDER", help="A package that the model's URIs name; may be repeated."
         ),
     ] = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND=/NAME",
+            help="Topic of a bag with several: odometry, pose, imu or joints; may be repeated.",
+        ),
+    ] = None,
     leave_out_bad: Annotated[
         bool,
         typer.Option("--leave-out-bad", help="Leave out rows that have a problem, and count them."),
@@ -86,7 +94,7 @@ def identify(
         )
         suite = load_sensors(sensors) if sensors is not None else None
         status.update("reading the telemetry")
-        found = inspect_telemetry(telemetry)
+        found = inspect_telemetry(telemetry, topics=topics_of(topic))
         if not leave_out_bad:
             refuse_problems(found, str(telemetry))
         measurements, times = _window(found.measurements, start, end, str(telemetry))

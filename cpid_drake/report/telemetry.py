@@ -1,0 +1,45 @@
+"""What is in a telemetry file, in words."""
+
+import numpy as np
+
+from cpid_drake.sensors import SENSOR_NAMES, Samples
+from cpid_drake.telemetry_files import TelemetryFile
+
+_WORDS = {
+    "attitude": "attitude R_WB",
+    "gyro": "angular velocity",
+    "position": "position p_WBo_W",
+    "velocity": "velocity v_WBo_W",
+    "encoders": "joint positions",
+    "joint_rates": "joint rates",
+}
+
+
+def contents(found: TelemetryFile, where: str) -> list[str]:
+    """Return lines that say what a file holds: sensors, number of samples, times, gaps, joints."""
+    measurements = found.measurements
+    lines = [f"{where}: {found.row_count} rows"]
+    for name in SENSOR_NAMES:
+        lines.append(f"  {_WORDS[name]:18} {_timing(getattr(measurements, name))}")
+    joints = measurements.joint_names
+    lines.append(f"  {'joints':18} {len(joints)}: {', '.join(joints)}")
+    for name, count in found.partial.items():
+        lines.append(f"  {count} samples of {_WORDS[name]} are there in part only, and not used")
+    if found.ignored:
+        lines.append(f"  columns without a meaning: {', '.join(found.ignored[:20])}")
+    return lines
+
+
+def _timing(samples: Samples) -> str:
+    if not len(samples):
+        return "none"
+    text = f"{len(samples):8} samples, {samples.time[0]:.6g} to {samples.time[-1]:.6g} s"
+    if len(samples) < 2:
+        return text
+    steps = np.diff(samples.time)
+    usual = float(np.median(steps))
+    text += f", every {usual:.4g} s"
+    longest = int(steps.argmax())
+    if steps[longest] > 3 * usual:
+        text += f", longest gap {steps[longest]:.4g} s after {samples.time[longest]:.6g} s"
+    return text
