@@ -8,6 +8,7 @@ The public names, from the ground up:
 - `identify`: batch identification, giving an `Identification`;
 - `SensorSuite`, `load_sensors`, `Measurements`: sensors and what they gave, each at its own rate;
 - `identify_from_sensors`: batch identification from these;
+- `read_telemetry`, `write_telemetry`: logs as files; `identify_log`: identification from a log;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `JointMotionSource`, `TargetVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`: joint motions;
@@ -34,6 +35,8 @@ from cpid_drake.systems.sensor_identifier import SensorIdentifier
 from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors
 from cpid_drake.systems.target_visualizer import TargetVisualizer
 from cpid_drake.telemetry import Telemetry
+from cpid_drake.telemetry_files import read_telemetry, write_telemetry
+from cpid_drake.telemetry_identification import LogIdentification, identify_log
 
 __all__ = [
     "PARAMETER_NAMES",
@@ -45,6 +48,7 @@ __all__ = [
     "JointController",
     "JointMotion",
     "JointMotionSource",
+    "LogIdentification",
     "Measurements",
     "MomentumIdentifier",
     "MultiSine",
@@ -59,9 +63,12 @@ __all__ = [
     "export_target",
     "identify",
     "identify_from_sensors",
+    "identify_log",
     "initial_state",
     "load_scenario",
     "load_sensors",
     "make_simulation",
+    "read_telemetry",
     "shipped_scenario",
+    "write_telemetry",
 ]

@@ -1,0 +1,223 @@
+"""Telemetry files: what is written is read again, and what is wrong is named with its place."""
+
+import io
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cpid_drake import InputError, Measurements, read_telemetry, write_telemetry
+from cpid_drake.sensors import (
+    SENSOR_NAMES,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    SensorSuite,
+    VectorSensor,
+    perfect_measurements,
+)
+from cpid_drake.telemetry_files import inspect_telemetry
+
+SUITE = SensorSuite(
+    attitude=AttitudeSensor(rate=4.0),
+    gyro=Gyro(rate=30.0),
+    position=VectorSensor(rate=7.0),
+    velocity=VectorSensor(rate=10.0),
+    encoders=JointSensor(rate=20.0),
+    joint_rates=JointSensor(rate=12.5),
+)
+
+HEADER = "time,qw,qx,qy,qz,bwx,bwy,bwz,q:a,q:b,qd:a,qd:b"
+ROWS = [f"{t},1,0,0,0,0.1,0.2,0.3,{t},1,1,0" for t in (0.0, 0.5, 1.0)]
+
+
+def write(folder, *lines, name="log.csv", end="\n", encoding="utf-8"):
+    path = folder / name
+    path.write_bytes(end.join([*lines, ""]).encode(encoding))
+    return path
+
+
+def assert_same(a: Measurements, b: Measurements, tolerance: float = 0.0) -> None:
+    assert a.joint_names == b.joint_names
+    for name in SENSOR_NAMES:
+        one, other = getattr(a, name), getattr(b, name)
+        np.testing.assert_array_equal(one.time, other.time)
+        np.testing.assert_allclose(one.value, other.value, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
+class TestRoundTrip:
+    def test_motion_comes_back_bit_by_bit(self, tmp_path, random_motion, ending):
+        telemetry = random_motion(50, 1)
+        write_telemetry(tmp_path / f"log.{ending}", telemetry)
+        read = read_telemetry(tmp_path / f"log.{ending}")
+        assert read.joint_names == telemetry.joint_names
+        np.testing.assert_array_equal(read.position.value, telemetry.p_WB)
+        np.testing.assert_array_equal(read.attitude.value, telemetry.quaternion_WB)
+        np.testing.assert_array_equal(read.velocity.value, telemetry.v_WB)
+        np.testing.assert_array_equal(read.encoders.value, telemetry.q)
+        np.testing.assert_array_equal(read.joint_rates.value, telemetry.qdot)
+        w_WB = np.einsum("nij,nj->ni", telemetry.R_WB, read.gyro.value)
+        np.testing.assert_allclose(w_WB, telemetry.w_WB, rtol=0, atol=1e-15)
+
+    def test_sensors_of_different_rates_come_back_bit_by_bit(self, tmp_path, random_motion, ending):
+        names = random_motion(1, 0).joint_names
+        measurements = perfect_measurements(
+            SUITE, names, lambda t: replace(random_motion(len(t), 3), time=t), 2.0
+        )
+        write_telemetry(tmp_path / f"log.{ending}", measurements)
+        assert_same(read_telemetry(tmp_path / f"log.{ending}"), measurements)
+
+
+class TestCsv:
+    @pytest.fixture
+    def plain(self, tmp_path):
+        return read_telemetry(write(tmp_path, HEADER, *ROWS, name="plain.csv"))
+
+    def test_ends_of_lines_marks_comments_and_blanks_change_nothing(self, tmp_path, plain):
+        variants = {
+            "windows": write(tmp_path, HEADER, *ROWS, name="a.csv", end="\r\n"),
+            "byte order mark": write(tmp_path, HEADER, *ROWS, name="b.csv", encoding="utf-8-sig"),
+            "comments": write(tmp_path, "# a log", HEADER, "", ROWS[0], "# t", *ROWS[1:]),
+            "spaces": write(
+                tmp_path, HEADER.replace(",", " , "), *(r.replace(",", ", ") for r in ROWS),
+                name="d.csv",
+            ),
+            "quotes": write(
+                tmp_path, *(",".join(f'"{c}"' for c in r.split(",")) for r in (HEADER, *ROWS)),
+                name="e.csv",
+            ),
+        }  # fmt: skip
+        for path in variants.values():
+            assert_same(read_telemetry(path), plain)
+
+    def test_order_of_columns_does_not_matter(self, tmp_path, plain):
+        order = np.random.default_rng(2).permutation(HEADER.count(",") + 1)
+        lines = [",".join(np.array(line.split(","))[order]) for line in (HEADER, *ROWS)]
+        read = read_telemetry(write(tmp_path, *lines))
+        joints = [read.joint_names.index(joint) for joint in plain.joint_names]
+        np.testing.assert_array_equal(read.encoders.value[:, joints], plain.encoders.value)
+        np.testing.assert_array_equal(read.gyro.value, plain.gyro.value)
+
+    def test_columns_without_a_meaning_are_named_and_may_hold_anything(self, tmp_path, plain):
+        path = write(tmp_path, HEADER + ",mode", *(row + ",idle" for row in ROWS))
+        found = inspect_telemetry(path)
+        assert found.ignored == ("mode",)
+        assert_same(found.measurements, plain)
+
+    def test_empty_cells_are_absent_samples(self, tmp_path, plain):
+        rows = [ROWS[0], ROWS[1].replace(",1,0,0,0,", ",,,,,", 1), ROWS[2]]
+        read = read_telemetry(write(tmp_path, HEADER, *rows))
+        np.testing.assert_array_equal(read.attitude.time, [0.0, 1.0])
+        np.testing.assert_array_equal(read.gyro.time, plain.gyro.time)
+
+    def test_samples_there_in_part_only_are_counted_and_left_out(self, tmp_path):
+        rows = [ROWS[0], ROWS[1].replace(",0.2,", ",,"), ROWS[2]]
+        found = inspect_telemetry(write(tmp_path, HEADER, *rows))
+        assert found.partial == {"gyro": 1}
+        np.testing.assert_array_equal(found.measurements.gyro.time, [0.0, 1.0])
+
+    @pytest.mark.parametrize(
+        ("cell", "phrase"),
+        [
+            ("nan", "line 3, column 'q:a': 'nan' is not a finite number; leave the cell"),
+            ("-inf", "line 3, column 'q:a': '-inf' is not a finite"),
+            ("1e999", "line 3, column 'q:a': '1e999' is not a finite"),
+            ("1e10", "line 3, column 'q:a': 1e+10 cannot be meant"),
+            ("1_0", "line 3, column 'q:a': '1_0'"),
+            ("12 deg", "'12 deg' is not a finite number; give a number with a decimal point"),
+            ("0,5", "line 3: 13 cells, but 12 columns; are decimals written with commas?"),
+        ],
+    )
+    def test_bad_cells_are_named_with_line_and_column(self, tmp_path, cell, phrase):
+        cells = ROWS[1].split(",")
+        cells[HEADER.split(",").index("q:a")] = cell
+        path = write(tmp_path, HEADER, ROWS[0], ",".join(cells), ROWS[2])
+        with pytest.raises(InputError, match=r"log\.csv: ") as caught:
+            read_telemetry(path)
+        assert phrase in str(caught.value)
+        rest = read_telemetry(path, leave_out_bad=True)
+        np.testing.assert_array_equal(rest.encoders.time, [0.0, 1.0])
+
+    @pytest.mark.parametrize(
+        ("old", "new", "phrase"),
+        [
+            ("time", "Time", "no column 'time'; did you mean 'Time'?"),
+            ("qz", "qq", "attitude needs the columns qw, qx, qy, qz; missing: qz"),
+            ("q:b", "q:a", "the column 'q:a' is there 2 times"),
+            ("qd:b", "mode", "a column 'q:b', but no 'qd:b'"),
+            ("bwx,bwy,bwz", "wx,wy,bwz", "missing: bwx, bwy"),
+            ("qw,qx,qy,qz,bwx,bwy,bwz", "a,b,c,d,wx,wy,wz", "needs the attitude"),
+            ("q:a,q:b,qd:a,qd:b", "e,f,g,h", "no joint positions"),
+            (",", ";", "separated by semicolons; use commas"),
+            (",", "\t", "separated by tabs; use commas"),
+        ],
+    )
+    def test_bad_headers_are_named(self, tmp_path, old, new, phrase):
+        path = write(tmp_path, HEADER.replace(old, new), *ROWS)
+        with pytest.raises(InputError) as caught:
+            read_telemetry(path)
+        assert phrase in str(caught.value)
+
+    def test_time_that_goes_back_or_stands_still_is_named(self, tmp_path):
+        rows = [ROWS[0], ROWS[2], ROWS[1], ROWS[2], ROWS[0].replace("0.0", "2.0", 1)]
+        found = inspect_telemetry(write(tmp_path, HEADER, *rows))
+        assert [str(problem) for problem in found.problems.first] == [
+            "line 4, column 'time': time 0.5 s comes after 1 s",
+            "line 5, column 'time': time 1 s is there twice",
+        ]
+        np.testing.assert_array_equal(found.measurements.encoders.time, [0.0, 1.0, 2.0])
+
+    def test_a_million_problems_are_counted_and_a_hundred_kept(self, tmp_path):
+        rows = [f"{t},1,0,0,0,0.1,0.2,0.3,1,1,x,0" for t in range(3000)]
+        found = inspect_telemetry(write(tmp_path, HEADER, *rows))
+        assert found.problems.count == 3000
+        assert len(found.problems.first) == 100
+
+
+class TestNpz:
+    def test_nothing_is_unpickled(self, tmp_path):
+        marker = tmp_path / "unpickled"
+
+        class Payload:
+            def __reduce__(self):
+                return (marker.touch, ())
+
+        np.savez(
+            tmp_path / "log.npz",
+            **{"time": np.arange(3.0), "q:a": np.array([Payload()] * 3, dtype=object)},
+        )
+        with pytest.raises(InputError, match="'q:a'"):
+            read_telemetry(tmp_path / "log.npz")
+        assert not marker.exists()
+
+    def test_a_header_that_claims_more_than_there_is_costs_nothing(self, tmp_path):
+        path = tmp_path / "log.npz"
+        np.savez(path, **{"time": np.arange(3.0), "q:a": np.zeros(3)})
+        header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,), }"
+        huge = header.replace(b"(3,)", b"(9999999999999,)")
+        stored = io.BytesIO(path.read_bytes())
+        with zipfile.ZipFile(stored) as source, zipfile.ZipFile(path, "w") as out:
+            for name in source.namelist():
+                data = source.read(name)
+                start = data.index(header)
+                end = data.index(b"\n", start)
+                padded = huge.ljust(end - start)
+                out.writestr(name, data[:start] + padded + data[end:])
+        with pytest.raises(InputError, match="cut off: 24 bytes for 9999999999999 numbers"):
+            read_telemetry(path)
+
+    def test_columns_of_different_length_are_named(self, tmp_path):
+        np.savez(tmp_path / "log.npz", **{"time": np.arange(3.0), "q:a": np.zeros(2)})
+        with pytest.raises(InputError, match="'q:a' has 2 samples, but 'time' 3"):
+            read_telemetry(tmp_path / "log.npz")
+
+
+def test_other_files_are_refused(tmp_path):
+    for name in ("log.txt", "log.CSV.gz", "log"):
+        (tmp_path / name).write_text(HEADER)
+        with pytest.raises(InputError, match="telemetry is read from"):
+            read_telemetry(tmp_path / name)
+        with pytest.raises(InputError, match="telemetry is written as"):
+            write_telemetry(tmp_path / name, read_telemetry(write(tmp_path, HEADER, *ROWS)))
