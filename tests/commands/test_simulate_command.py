@@ -36,13 +36,18 @@ def short(folder):
     return make
 
 
-def run(*arguments):
-    """Run `cpid simulate` and return its exit code."""
+def cpid(*arguments):
+    """Run `cpid` and return its exit code."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["cpid", "simulate", *map(str, arguments)])
+        patch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             main()
     return ended.value.code
+
+
+def run(*arguments):
+    """Run `cpid simulate` and return its exit code."""
+    return cpid("simulate", *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -100,11 +105,23 @@ def test_the_complete_scenario_gives_the_same_run(sensed, folder, capsys):
     assert (folder / "again" / "scenario.yaml").read_text() == (
         sensed / "scenario.yaml"
     ).read_text()
-    stdout, stderr = capsys.readouterr()
-    command = shlex.split(stdout)
-    assert command[:3] == ["cpid", "identify", str(folder / "again" / "telemetry.csv")]
-    assert command[command.index("--base") + 1] == "bus"
-    assert "6 files in " in stderr
+    assert "6 files in " in capsys.readouterr().err
+
+
+def test_the_printed_command_identifies_from_the_run(folder, short, capsys):
+    """Also with spaces in the path, and with everything that the scenario says of the momentum."""
+    scenario = short("printed.yaml", ("unknown_momentum: false", "unknown_momentum: true"))
+    assert run(scenario, "--out", folder / "a run") == 0
+    words = shlex.split(capsys.readouterr().out)
+    assert words[:3] == ["cpid", "identify", str(folder / "a run" / "telemetry.csv")]
+    assert words[-1] == "--unknown-momentum"
+    assert cpid(*words[1:], "--quiet", "--json", folder / "result.json") == 0
+    mass, found = (
+        read_json(folder / "result.json")["mass"],
+        read_json(folder / "a run" / "run.json"),
+    )
+    sigma = found["online_identification"]["sigma"]["m"]
+    assert abs(mass - 60.0) < 5 * sigma < 5.0
 
 
 def test_without_sensors_the_telemetry_is_the_exact_motion(folder, short, capsys):
