@@ -229,7 +229,7 @@ def directives(target_file: Path, name: str, spacecraft: Spacecraft | None) -> s
     target = {"add_model": {"name": name, "file": f"file://{target_file.resolve()}"}}
     items: list[dict] = [target]
     if spacecraft is not None:
-        file = spacecraft.model if "://" in spacecraft.model else f"file://{spacecraft.path}"
+        file = f"file://{spacecraft.path}"  # a package:// URI would need a map of packages
         instance = spacecraft.plant.GetModelInstanceName(spacecraft.base.model_instance())
         known = (
             {"add_directives": {"file": file}}

@@ -17,6 +17,7 @@ from cpid_drake import InertialParameters, InputError, Spacecraft, identify
 from cpid_drake.export import export_target
 from cpid_drake.target_models import FORMATS
 
+SERVICER = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
 RESOLUTION = 1e-12  # of each quantity's size
 
 
@@ -76,6 +77,10 @@ TARGETS = {
     "skewed": InertialParameters(60.0, [0.5, -0.12, 0.08], rotated([8.0, 11, 6])),
     "flat, skewed": InertialParameters(60.0, [0.5, -0.12, 0.08], rotated([8.0, 14, 6])),
     "flat, skewed, far": InertialParameters(2.0, [30.0, -7, 12], rotated([1.0, 3, 2], seed=8)),
+    "beyond the limit by rounding": InertialParameters(
+        3.0, [0.1, 0, 0], np.diag([0.1, 0.2, np.nextafter(0.1 + 0.2, 1)])
+    ),
+    "rod along x": InertialParameters(5.0, [0, 0.1, 0.2], np.diag([0.0, 2, 2])),
     "rod": InertialParameters(5.0, [0, 0.1, 0.2], rotated([0.0, 2, 2])),
     "tiny": InertialParameters(1e-6, [1e-3, 2e-3, -1e-4], rotated([3e-13, 4e-13, 5e-13])),
     "huge": InertialParameters(4.2e5, [20.0, -31.0, 7.0], rotated([1.3e8, 2e8, 1.5e8])),
@@ -160,7 +165,7 @@ URDF = f"""\
 <!-- Größe: a file's own words -->
 <robot name='mine'>
   {u_link("base")}
-  {u_link("arm", "<visual><geometry><mesh filename='meshes/a b.obj'/></geometry></visual>")}
+  {u_link("arm", "<visual><geometry><mesh filename='meshes/a &amp; b.obj'/></geometry></visual>")}
   <joint name="j" type="revolute"><parent link="base"/><child link="arm"/>
     <origin xyz="0.5 -0.1 0.2" rpy="0.3 -0.2 0.4"/><axis xyz="0.6 0 0.8"/>
     <limit lower="-2" upper="2.5" effort="10" velocity="0.7"/></joint>
@@ -362,6 +367,14 @@ def test_the_exported_capture_is_identified_as_known(
     np.testing.assert_allclose(rest, 0, atol=1e-9)
 
 
+def test_the_arm_may_go_on_behind_the_capture_frame(skewed_target, tmp_path):
+    spacecraft = Spacecraft(SERVICER, base="bus", capture_frame="capture_arm_link3")
+    for format in ("urdf", "drake-yaml"):
+        path = out_file(tmp_path, format)
+        export_target(skewed_target, path, format=format, spacecraft=spacecraft)
+        assert_joined(path, spacecraft, skewed_target)
+
+
 # -- names and paths -----------------------------------------------------------------------------
 
 
@@ -394,7 +407,9 @@ def test_a_name_that_is_not_plain_is_refused(name, skewed_target, tmp_path):
 
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
-MESH_SDF = "<visual name='v'><geometry><mesh><uri>meshes/a b.obj</uri></mesh></geometry></visual>"
+MESH_SDF = (
+    "<visual name='v'><geometry><mesh><uri>meshes/a &amp; b.obj</uri></mesh></geometry></visual>"
+)
 MESH_MJCF = "<asset><mesh name='m' file='{}'/></asset><worldbody><body name=\"base\">"
 MESH_GEOM = "<geom type='mesh' mesh='m' contype='0' conaffinity='0'/><freejoint/>"
 MJCF_MESH = MJCF.replace('<worldbody>\n    <body name="base">', MESH_MJCF).replace(
@@ -403,10 +418,10 @@ MJCF_MESH = MJCF.replace('<worldbody>\n    <body name="base">', MESH_MJCF).repla
 WITH_MESHES = {
     "urdf": ("mine.urdf", URDF, "hand"),
     "sdf": ("mine.sdf", sdf().replace("<pose>1 2 3", MESH_SDF + "<pose>1 2 3"), "hand"),
-    "mjcf": ("mine.xml", MJCF_MESH.replace("{}", "meshes/a b.obj"), "hand"),
+    "mjcf": ("mine.xml", MJCF_MESH.replace("{}", "meshes/a &amp; b.obj"), "hand"),
     "mjcf with meshdir": (
         "mine.xml",
-        MJCF_MESH.replace("{}", "a b.obj").replace("angle=", 'meshdir = "./meshes" angle='),
+        MJCF_MESH.replace("{}", "a &amp; b.obj").replace("angle=", 'meshdir = "./meshes" angle='),
         "hand",
     ),
 }
@@ -417,7 +432,7 @@ WITH_MESHES = {
 def test_meshes_are_found_from_another_folder(
     load, file, text, frame, folder, skewed_target, tmp_path
 ):
-    mesh = tmp_path / "models" / "meshes" / "a b.obj"
+    mesh = tmp_path / "models" / "meshes" / "a & b.obj"
     mesh.parent.mkdir(parents=True)
     mesh.write_text(TETRAHEDRON)
     spacecraft = load(file, text, frame)
@@ -488,6 +503,15 @@ def test_the_spacecrafts_own_model_is_never_overwritten(load, refusal):
     spacecraft = load("mine.urdf", URDF, "hand")
     options = {"spacecraft": spacecraft, "overwrite": True}
     assert "the spacecraft's own model" in refusal("models/mine.urdf", "urdf", **options)
+
+
+@pytest.mark.parametrize("format", ["urdf", "drake-yaml"])
+def test_a_model_that_changes_meanwhile_is_noticed(load, refusal, format):
+    """Of directives, the target's file beside them is not left behind either."""
+    spacecraft = load("mine.urdf", URDF, "hand")
+    load("mine.urdf", URDF.replace('xyz="0.5 -0.1 0.2"', 'xyz="0.5 -0.1 0.21"'), "hand")
+    message = refusal(f"a{FORMATS[format]}", format, spacecraft=spacecraft)
+    assert message.endswith("the spacecraft itself has changed")
 
 
 @pytest.mark.parametrize("format", ["sdf", "mjcf"])

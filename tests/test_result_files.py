@@ -159,6 +159,7 @@ def test_a_folder_that_is_not_there_is_named(result, tmp_path):
         (b"{}", "the key 'spacecraft' is missing"),
         (b" " * (2**24 + 1), "larger than 16 MiB"),
     ],
+    ids=lambda value: repr(value)[:40],
 )
 def test_what_is_no_result_file_is_refused(refusal, content, words):
     assert refusal(content).startswith(words)
