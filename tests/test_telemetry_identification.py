@@ -1,0 +1,325 @@
+"""From a log to the target: exact logs give exact answers, poor ones say what is wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sensing_cases import Sines, coarse_suite, measured, small_craft, true_telemetry
+
+from cpid_drake import InputError, identify_log
+from cpid_drake.noise_estimation import estimate_suite, noise_level
+from cpid_drake.report.identification import intervals
+from cpid_drake.sensors import (
+    SENSOR_NAMES,
+    JointSensor,
+    Measurements,
+    Samples,
+    VectorSensor,
+    add_noise,
+    perfect_value,
+)
+from cpid_drake.telemetry_identification import MOST_SAMPLES, of_spacecraft
+from cpid_drake.whiteness import whiteness
+
+DURATION = 8.0
+MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])  # [L; P] about W's origin, in W
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return Sines.drawn(4, seed=7, duration=DURATION, size=0.6)
+
+
+def log_of(telemetry) -> Measurements:
+    samples = {
+        name: Samples(telemetry.time, perfect_value(name, telemetry)) for name in SENSOR_NAMES
+    }
+    return Measurements(telemetry.joint_names, **samples)
+
+
+@pytest.fixture(scope="module")
+def true_motion(craft, motion, skewed_target):
+    times = np.arange(0.0, DURATION, 0.01)
+    return true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
+
+
+@pytest.fixture(scope="module")
+def exact(true_motion):
+    return log_of(true_motion)
+
+
+def without(log: Measurements, *names: str) -> Measurements:
+    nothing = np.empty(0, dtype=int)
+    return replace(log, **{name: getattr(log, name).where(nothing) for name in names})
+
+
+def changed(log: Measurements, **functions) -> Measurements:
+    parts = {}
+    for name, function in functions.items():
+        samples = getattr(log, name)
+        parts[name] = Samples(samples.time, function(samples.value))
+    return replace(log, **parts)
+
+
+def error_over_scale(found, target) -> float:
+    scale = np.array([target.mass, *3 * [0.5], *6 * [np.trace(target.I_TTcm_C)]])
+    return np.abs((found.identification.parameters - target.to_vector()) / scale).max()
+
+
+class TestExactLogs:
+    @pytest.mark.parametrize("rows", ["standard", "relative", "eq18"])
+    def test_every_row_family_finds_the_target(self, craft, exact, skewed_target, rows):
+        found = identify_log(craft, exact, rows=rows)
+        assert found.rows == rows
+        assert found.suite is None
+        assert found.warnings == ()
+        assert error_over_scale(found, skewed_target) < 1e-9
+
+    def test_order_of_joints_does_not_matter(self, craft, exact):
+        order = [2, 0, 3, 1]
+        names = tuple(exact.joint_names[k] for k in order)
+        by_order = {
+            "encoders": lambda q: q[:, order],
+            "joint_rates": lambda q: q[:, order],
+        }
+        shuffled = replace(changed(exact, **by_order), joint_names=names)
+        expected = identify_log(craft, exact).identification.parameters
+        found = identify_log(craft, shuffled).identification.parameters
+        np.testing.assert_array_equal(found, expected)
+
+    def test_gyro_and_joints_alone_suffice_for_relative_rows(self, craft, exact, skewed_target):
+        bare = without(exact, "attitude", "position", "velocity")
+        found = identify_log(craft, bare)
+        assert found.rows == "relative"
+        assert error_over_scale(found, skewed_target) < 1e-9
+
+    def test_samples_that_lack_something_are_not_used(self, craft, exact, skewed_target):
+        log = replace(exact, velocity=exact.velocity.where(slice(None, None, 2)))
+        found = identify_log(craft, log)
+        assert found.identification.sample_count == len(log.velocity)
+        assert error_over_scale(found, skewed_target) < 1e-9
+
+    @pytest.mark.parametrize("rows", ["standard", "relative"])
+    def test_rates_that_are_not_logged_come_from_positions(self, craft, exact, skewed_target, rows):
+        log = without(exact, "gyro", "velocity", "joint_rates")
+        found = identify_log(craft, log, rows=rows)
+        assert "estimated from the log" in found.warnings[0]
+        assert error_over_scale(found, skewed_target) < 1e-5
+
+    def test_sensors_with_instants_of_their_own_are_brought_together(
+        self, craft, motion, skewed_target
+    ):
+        suite = coarse_suite(velocity=VectorSensor(11.0, 1e-4), joint_rates=JointSensor(17.0, 1e-5))
+        suite.position.rate, suite.attitude.rate, suite.gyro.rate = 9.0, 8.0, 23.0
+        log = measured(craft, motion, skewed_target, suite)
+        assert error_over_scale(identify_log(craft, log), skewed_target) < 1e-3
+
+    def test_momentum_that_is_not_zero_is_seen_and_can_be_estimated(
+        self, craft, motion, skewed_target
+    ):
+        times = np.arange(0.0, DURATION, 0.02)
+        log = log_of(
+            true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times, MOMENTUM)
+        )
+        assumed_zero = identify_log(craft, log)
+        assert "--unknown-momentum" in assumed_zero.warnings[0]
+        assert error_over_scale(assumed_zero, skewed_target) > 1e-2
+        estimated = identify_log(craft, log, unknown_momentum=True)
+        assert estimated.warnings == ()
+        assert error_over_scale(estimated, skewed_target) < 1e-9
+
+    def test_one_sample_leaves_four_open(self, craft, true_motion, skewed_target):
+        still = true_motion.select(slice(0, 1))
+        found = identify_log(craft, log_of(still))
+        assert not found.identification.is_observable
+        assert found.identification.solution.rank == 6
+
+
+class TestNoisyLogs:
+    @pytest.mark.parametrize("estimator", ["trajectory_fit", "momentum_filter"])
+    def test_noise_can_be_estimated_along(self, craft, motion, skewed_target, estimator):
+        suite = coarse_suite()
+        suite.gyro.rate = suite.encoders.rate = 50.0
+        log = add_noise(suite, measured(craft, motion, skewed_target, suite), seed=3)
+        found = identify_log(craft, log, estimator=estimator)
+        assert "estimated from the log" in found.warnings[0]
+        identification = found.identification
+        error = identification.parameters - skewed_target.to_vector()
+        distance = error @ np.linalg.solve(identification.covariance, error)
+        assert distance < 30  # χ² of ten, 0.1 %
+
+    @pytest.mark.parametrize("memory", [0.0, 0.9])
+    def test_intervals_of_rows_hold_whether_noise_is_white_or_not(
+        self, craft, true_motion, skewed_target, memory
+    ):
+        """Noise on the base's velocities: first-order, of the same size."""
+        inside, trials = 0, 30
+        truth = skewed_target.to_vector()
+        for seed in range(trials):
+            rng = np.random.default_rng(seed)
+            noise = 1e-5 * rng.normal(size=(len(true_motion), 6))
+            for k in range(1, len(noise)):
+                noise[k] = memory * noise[k - 1] + np.sqrt(1 - memory**2) * noise[k]
+            noisy = true_motion.with_base_twist(
+                true_motion.w_WB + noise[:, :3], true_motion.v_WB + noise[:, 3:]
+            )
+            found = identify_log(craft, log_of(noisy), rows="standard")
+            low, high = intervals(found).T
+            inside += int(np.sum((low < truth) & (truth < high)))
+        assert 0.85 < inside / (10 * trials) <= 1.0
+
+    def test_residuals_tell_noise_with_memory_from_noise_without(self):
+        rng = np.random.default_rng(5)
+        white = rng.normal(size=(20_000, 3))
+        assert whiteness(white).is_white
+        assert whiteness(white).correlation_time == pytest.approx(1.0, abs=0.1)
+        memory = white.copy()
+        for k in range(1, len(memory)):
+            memory[k] += 0.8 * memory[k - 1]
+        found = whiteness(memory)
+        assert not found.is_white
+        assert found.lag_one == pytest.approx(0.8, abs=0.02)
+        assert found.correlation_time == pytest.approx(9.0, rel=0.15)  # (1 + ρ)/(1 − ρ)
+
+    @pytest.mark.parametrize("sigma", [1e-6, 1e-4, 1e-2])
+    def test_noise_is_told_from_motion(self, true_motion, sigma):
+        rng = np.random.default_rng(6)
+        noise = sigma * rng.normal(size=(len(true_motion), 3))
+        level = noise_level(Samples(true_motion.time, true_motion.p_WB + noise))
+        assert level == pytest.approx(sigma, rel=0.1)
+        R_WB = Rotation.from_quat(true_motion.quaternion_WB, scalar_first=True)
+        turned = (R_WB * Rotation.from_rotvec(noise)).as_quat(scalar_first=True)
+        turned *= rng.choice([-1, 1], size=(len(turned), 1))  # the sign means nothing
+        level = noise_level(Samples(true_motion.time, turned), quaternions=True)
+        assert level == pytest.approx(sigma, rel=0.1)
+
+    def test_a_log_without_noise_shows_none(self, exact):
+        suite = estimate_suite(exact)
+        for name in SENSOR_NAMES:
+            assert suite.sigmas(name).max() < 1e-7
+
+
+WRONG = {
+    "q in degrees": (
+        {"encoders": np.degrees},
+        "changes 57.3 times as fast as qd:shoulder says: is it in degrees",
+    ),
+    "qd in degrees": (
+        {"joint_rates": np.degrees},
+        "qd:shoulder says 57.3 times as much as q:shoulder changes: is it in degrees/s",
+    ),
+    "gyro in degrees": ({"gyro": np.degrees}, "is it in degrees/s? It must be in rad/s"),
+    "position in millimetres": ({"position": lambda p: 1000 * p}, "is it in millimetres"),
+    "velocity in millimetres": ({"velocity": lambda v: 1000 * v}, "is it in millimetres/s"),
+    "rates of the wrong sign": ({"joint_rates": np.negative}, "with the opposite sign"),
+    "scalar last": ({"attitude": lambda q: np.roll(q, -1, axis=1)}, "in the order x, y, z, w"),
+    "attitude of W in B": ({"attitude": lambda q: q * [1, -1, -1, -1]}, "turn W into B"),
+}
+
+
+@pytest.fixture(scope="module")
+def turned(craft, motion, skewed_target):
+    """A log that starts with the base far from W's attitude: mistaken frames must show."""
+    times = np.arange(0.0, DURATION, 0.05)
+    telemetry = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
+    R = Rotation.from_rotvec([0.9, -1.2, 0.7])
+    R_WB = R * Rotation.from_quat(telemetry.quaternion_WB, scalar_first=True)
+    return log_of(
+        replace(
+            telemetry,
+            quaternion_WB=R_WB.as_quat(scalar_first=True),
+            p_WB=R.apply(telemetry.p_WB),
+            v_WB=R.apply(telemetry.v_WB),
+            w_WB=R.apply(telemetry.w_WB),
+        )
+    )
+
+
+class TestContradictions:
+    def test_turning_the_world_changes_nothing(self, craft, turned, skewed_target):
+        found = identify_log(craft, turned)
+        assert found.warnings == ()
+        assert error_over_scale(found, skewed_target) < 1e-9
+
+    @pytest.mark.parametrize("case", WRONG)
+    def test_mixed_units_and_conventions_are_named(self, craft, turned, case):
+        functions, phrase = WRONG[case]
+        with pytest.raises(InputError) as caught:
+            identify_log(craft, changed(turned, **functions))
+        assert phrase in str(caught.value)
+
+    @pytest.mark.parametrize("read_as_world", [False, True])
+    def test_angular_velocity_in_the_other_frame_is_named(self, craft, turned, read_as_world):
+        R_WB = Rotation.from_quat(turned.attitude.value, scalar_first=True)
+        wrong = R_WB.inv() if read_as_world else R_WB
+        with pytest.raises(InputError, match="in the body" if read_as_world else "in the world"):
+            identify_log(craft, changed(turned, gyro=wrong.apply))
+
+    def test_joints_all_in_degrees_are_beyond_their_limits(self, craft, exact):
+        # The small craft's joints reach 9 rad; its positions here are degrees of 0.5 to 1.5 rad.
+        both = changed(exact, encoders=np.degrees, joint_rates=np.degrees)
+        with pytest.raises(InputError, match="beyond its limits -9 to 9 rad: is it in degrees"):
+            identify_log(craft, both)
+
+
+class TestWhatIsMissing:
+    @pytest.mark.parametrize(
+        ("gone", "options", "phrase"),
+        [
+            (
+                ["position", "velocity"],
+                {"rows": "standard"},
+                r"needs velocity \(vx,vy,vz\) or position \(x,y,z\), .* what would do: "
+                r"least_squares with relative rows, momentum_filter, trajectory_fit",
+            ),
+            (
+                ["attitude", "gyro"],
+                {"rows": "relative"},
+                r"needs attitude \(qw,qx,qy,qz\) or angular velocity .* no estimator can do",
+            ),
+            (["encoders"], {"estimator": "trajectory_fit"}, r"needs joint positions"),
+            (
+                ["position"],
+                {"rows": "standard", "unknown_momentum": True},
+                r"needs position .* what would do: least_squares with relative rows",
+            ),
+        ],
+    )
+    def test_it_is_named_with_the_estimators_that_do_without(
+        self, craft, exact, gone, options, phrase
+    ):
+        with pytest.raises(InputError, match=phrase):
+            identify_log(craft, without(exact, *gone), **options)
+
+    def test_other_joints_are_named(self, craft, exact):
+        names = ("shoulder", "slide", "elbow", "rol")
+        with pytest.raises(InputError, match=r"no column 'q:roll', and .* no joint 'rol';"):
+            of_spacecraft(replace(exact, joint_names=names), craft)
+
+    @pytest.mark.parametrize(
+        ("options", "phrase"),
+        [
+            ({"estimator": "magic"}, "no estimator 'magic'; choose from least_squares"),
+            ({"rows": "magic"}, "no row family 'magic'"),
+            ({"rows": "eq18", "unknown_momentum": True}, "need zero momentum"),
+            ({"estimator": "trajectory_fit", "rows": "eq18"}, "rows are for least_squares"),
+        ],
+    )
+    def test_options_that_cannot_be(self, craft, exact, options, phrase):
+        with pytest.raises(InputError, match=phrase):
+            identify_log(craft, exact, **options)
+
+    def test_logs_too_long_to_smooth_are_refused_before_the_work(self, craft, exact):
+        most = MOST_SAMPLES["trajectory_fit"]
+        times = np.arange(most + 1) * 0.01
+        again = np.resize(np.arange(len(exact.gyro)), most + 1)
+        log = replace(without(exact, *SENSOR_NAMES), attitude=exact.attitude)
+        log = replace(log, encoders=Samples(times, exact.encoders.value[again]))
+        with pytest.raises(InputError, match=f"{most + 1} samples of encoders are too many"):
+            identify_log(craft, log, estimator="trajectory_fit")
