@@ -24,12 +24,15 @@ class SpacecraftReference:
         model: an absolute path or a `package://NAME/...` URI.
         base: name of its base body.
         capture_frame: name of the frame C that holds the target.
+        packages: folders, by name, of packages that the model's URIs refer to. Files that name
+            none can leave them out.
 
     """
 
     model: str
     base: str
     capture_frame: str
+    packages: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +172,8 @@ def _parse(data: bytes, where: str) -> IdentificationResult:
         estimator=section.text("estimator"),
         rows=section.text("rows", optional=True),
         spacecraft=SpacecraftReference(
-            *(spacecraft.text(key) for key in ("model", "base", "capture_frame"))
+            *(spacecraft.text(key) for key in ("model", "base", "capture_frame")),
+            packages=spacecraft.texts_by_name("packages"),
         ),
         details=section.rest(),
     )
@@ -274,6 +278,13 @@ class _Section:
         if not isinstance(value, list):
             raise self._error(key, f"must be a list of strings, not {value!r:.60}")
         return tuple(self._text(key, item) for item in value)
+
+    def texts_by_name(self, key: str) -> dict[str, str]:
+        """Return an object of strings; empty if it is left out."""
+        value = self._values.pop(key, {})
+        if not isinstance(value, dict):
+            raise self._error(key, f"must be an object, not {value!r:.60}")
+        return {self._text(key, name): self._text(key, item) for name, item in value.items()}
 
     def _text(self, key: str, value: object) -> str:
         if not isinstance(value, str):

@@ -30,7 +30,9 @@ def result(skewed_target) -> IdentificationResult:
         warnings=("σ of Ixx is large",),
         estimator="least_squares",
         rows="standard",
-        spacecraft=SpacecraftReference("/models/mine.urdf", "bus", "arm::gripper"),
+        spacecraft=SpacecraftReference(
+            "package://mine/mine.urdf", "bus", "arm::gripper", {"mine": "/models"}
+        ),
         details={"momentum": [1.0, None], "nested": {"a": "b"}},
     )
 
@@ -99,6 +101,12 @@ def test_unknown_numbers_are_null_in_the_file(result, tmp_path):
     assert_same(replace(part, condition=np.nan), read_result(tmp_path / "r.json"))
 
 
+def test_packages_may_be_left_out(document, tmp_path):
+    del document["spacecraft"]["packages"]
+    (tmp_path / "r.json").write_text(json.dumps(document))
+    assert read_result(tmp_path / "r.json").spacecraft.packages == {}
+
+
 def test_a_file_from_an_editor_that_marks_utf8_is_read(document, result, tmp_path):
     (tmp_path / "bom.json").write_text(json.dumps(document), encoding="utf-8-sig")
     assert_same(result, read_result(tmp_path / "bom.json"))
@@ -165,6 +173,7 @@ def test_what_is_no_result_file_is_refused(refusal, content, words):
     assert refusal(content).startswith(words)
 
 
+NAMES = {"model": "m", "base": "b", "capture_frame": "c"}
 REQUIRED = (
     *("mass", "com", "inertia", "covariance", "feasible", "rank", "condition", "samples_used"),
     *("samples_rejected", "warnings", "estimator", "rows", "spacecraft"),
@@ -198,6 +207,13 @@ def test_every_key_must_be_there_and_of_its_kind(refusal, document, key):
         ("rows", 4, "rows must be a string, not 4"),
         ("spacecraft", "mine.urdf", "spacecraft must be an object, not 'mine.urdf'"),
         ("spacecraft", {"model": "m"}, "the key 'spacecraft.base' is missing"),
+        ("spacecraft", NAMES | {"bas": "b"}, "unknown key 'spacecraft.bas'"),
+        ("spacecraft", NAMES | {"packages": "p"}, "spacecraft.packages must be an object, not 'p'"),
+        (
+            "spacecraft",
+            NAMES | {"packages": {"p": 1}},
+            "spacecraft.packages must be a string, not 1",
+        ),
     ],
 )
 def test_a_value_of_another_kind_is_named(refusal, document, key, value, words):

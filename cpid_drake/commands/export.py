@@ -45,7 +45,12 @@ def export(
     spacecraft = None
     if with_spacecraft:
         source = found.spacecraft
-        spacecraft = Spacecraft(source.model, base=source.base, capture_frame=source.capture_frame)
+        spacecraft = Spacecraft(
+            source.model,
+            base=source.base,
+            capture_frame=source.capture_frame,
+            packages=source.packages,
+        )
     written = export_target(
         parameters, out, format=format, spacecraft=spacecraft, name=name, overwrite=force
     )
