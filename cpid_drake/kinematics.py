@@ -53,6 +53,28 @@ class KinematicTree:
     R_BC: NDArray[np.float64]
     p_BC: NDArray[np.float64]
 
+    def is_rotor(self, joint: int) -> bool:
+        """Return whether a joint's angle makes no difference, as a reaction wheel's.
+
+        It turns a single body that carries nothing and is balanced about the axis: its centre of
+        mass on it, its inertia about it symmetric (to 1e-6 of its size).
+        """
+        [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
+        body, axis = self.bodies[k], self.bodies[k].axis_F
+        if body.prismatic or k == self.capture_body or any(b.parent == k for b in self.bodies):
+            return False
+        p_MBcm = body.p_MB + body.R_MB @ body.p_BBcm
+        off_axis = p_MBcm - axis * (axis @ p_MBcm)
+        I_M = body.R_MB @ body.I_BBcm @ body.R_MB.T
+        about = axis @ I_M @ axis
+        across = (np.trace(I_M) - about) / 2
+        balanced = about * np.outer(axis, axis) + across * (np.eye(3) - np.outer(axis, axis))
+        size = np.trace(I_M)
+        return bool(
+            body.mass * off_axis @ off_axis <= 1e-6 * size
+            and np.abs(I_M - balanced).max() <= 1e-6 * size
+        )
+
 
 @dataclass(frozen=True)
 class BodyMotion:

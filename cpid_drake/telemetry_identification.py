@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
@@ -165,8 +166,11 @@ class _Log:
 def of_spacecraft(measurements: Measurements, spacecraft: Spacecraft) -> Measurements:
     """Return measurements with their joints in the spacecraft's order.
 
+    Of rotors, whose angle makes no difference, positions may be missing (all NaN): they become the
+    integral of the rates, from zero.
+
     Raises:
-        InputError: they are not of the same joints.
+        InputError: they are not of the same joints, or positions of other joints are missing.
 
     """
     have, wanted = measurements.joint_names, spacecraft.joint_names
@@ -180,12 +184,20 @@ def of_spacecraft(measurements: Measurements, spacecraft: Spacecraft) -> Measure
             parts.append(f"the spacecraft has no joint '{unknown[0]}'")
         raise InputError(f"{', and '.join(parts)}; its joints are {', '.join(wanted)}")
     order = [have.index(name) for name in wanted]
-    sorted_ = {
-        name: Samples(samples.time, samples.value[:, order])
-        for name in ("encoders", "joint_rates")
-        if (samples := getattr(measurements, name)) is not None
-    }
-    return replace(measurements, joint_names=wanted, **sorted_)
+    rates = measurements.joint_rates
+    rates = Samples(rates.time, rates.value[:, order])
+    positions = measurements.encoders
+    value = positions.value[:, order]
+    for k in np.flatnonzero(np.isnan(value).all(axis=0)) if len(positions) else ():
+        if not spacecraft.tree.is_rotor(k):
+            raise InputError(
+                f"there is no column 'q:{wanted[k]}'; only of a rotor, balanced about its axis and "
+                "carrying nothing, positions are not needed"
+            )
+        turned = cumulative_trapezoid(rates.value[:, k], rates.time, initial=0.0)
+        value[:, k] = np.interp(positions.time, rates.time, turned)
+    encoders = Samples(positions.time, value)
+    return replace(measurements, joint_names=wanted, encoders=encoders, joint_rates=rates)
 
 
 def check_log(spacecraft: Spacecraft, measurements: Measurements) -> list[str]:

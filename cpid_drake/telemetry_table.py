@@ -7,7 +7,8 @@ Columns, in SI units and radians; a group is there as a whole or not at all:
 - `x`, `y`, `z`: p_WBo_W, the base frame's origin [m];
 - `wx`, `wy`, `wz`: w_WB_W, or `bwx`, `bwy`, `bwz`: w_WB_B, as gyros give it [rad/s];
 - `vx`, `vy`, `vz`: v_WBo_W [m/s];
-- `q:<joint>`, `qd:<joint>`: joint positions and rates [rad, m, rad/s, m/s].
+- `q:<joint>`, `qd:<joint>`: joint positions and rates [rad, m, rad/s, m/s]. Rates of all joints or
+  of none; positions may be left out of rotors, such as reaction wheels.
 """
 
 from collections import Counter
@@ -99,8 +100,8 @@ def check_columns(names: Sequence[str], where: str) -> None:
 
     Raises:
         InputError: a repeated column, no `time`, groups that are not complete, angular velocity
-            both in W and in B or in W without the attitude, no joint positions, or rates of some
-            joints only.
+            both in W and in B or in W without the attitude, no joint positions, or joints without a
+            rate where others have one.
 
     """
     twice = [name for name, count in Counter(names).items() if count > 1]
@@ -129,12 +130,11 @@ def check_columns(names: Sequence[str], where: str) -> None:
     if not any(name.startswith("q:") for name in names):
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
-    joints, with_rates = set(_joints(names, "q:")), set(_joints(names, "qd:"))
-    if with_rates and with_rates != joints:
-        odd = sorted(joints ^ with_rates)[0]
-        there, missing = ("q", "qd") if odd in joints else ("qd", "q")
+    rates = _joints(names, "qd:")
+    without = [joint for joint in _joints(names, "q:") if rates and joint not in rates]
+    if without:
         raise InputError(
-            f"{where}: there is a column '{there}:{odd}', but no '{missing}:{odd}'; give rates of "
+            f"{where}: there is a column 'q:{without[0]}', but no 'qd:{without[0]}'; give rates of "
             "all joints or of none"
         )
 
@@ -160,14 +160,14 @@ def measurements_of_table(
         problems: those that are found are added.
 
     Returns:
-        The measurements, and by sensor the number of samples that are there in part only (some
-        cells of the group absent, or an angular velocity in W without the attitude on the same
-        row), which are left out as well.
+        The measurements (positions of joints that have rates only are NaN), and by sensor the
+        number of samples that are there in part only, which are left out as well: some cells of the
+        group absent, or an angular velocity in W without the attitude on the same row.
 
     """
     column = {name: k for k, name in enumerate(table.columns)}
     usable = _usable_rows(table, column, problems)
-    joints = _joints(table.columns, "q:")
+    joints = tuple(dict.fromkeys(_joints(table.columns, "q:") + _joints(table.columns, "qd:")))
     time = table.values[:, column["time"]]
     samples, partial = {}, {}
 
@@ -182,7 +182,13 @@ def measurements_of_table(
             columns = [_JOINT_GROUPS[name] + joint for joint in joints]
         else:
             columns = GROUPS[name]
-        if name == "gyro" and "wx" in column:
+        if name == "encoders":
+            logged = [c in column for c in columns]
+            there, values, partial[name] = take([c for c in columns if c in column])
+            positions = np.full((int(there.sum()), len(joints)), np.nan)
+            positions[:, logged] = values[there]
+            samples[name] = Samples(time[there], positions)
+        elif name == "gyro" and "wx" in column:
             there, values, partial[name] = take((*GROUPS["angular velocity"], *GROUPS["attitude"]))
             # Without the attitude on the same row it cannot be turned into B.
             w_WB_W, quaternion = values[there, :3], values[there, 3:]

@@ -268,6 +268,51 @@ class TestContradictions:
             identify_log(craft, both)
 
 
+class TestRotors:
+    """Reaction wheels tell their speed, not their angle."""
+
+    @pytest.fixture(scope="class", autouse=True)
+    @classmethod
+    def make(cls, tmp_path_factory, skewed_target):
+        cls.craft = small_craft(tmp_path_factory.mktemp("wheels"), wheels=True)
+        motion = Sines.drawn(6, seed=11, duration=DURATION, size=0.6)
+        names, times = cls.craft.joint_names, np.arange(0.0, DURATION, 0.02)
+        cls.log = log_of(true_telemetry(cls.craft.tree, names, motion, skewed_target, times))
+
+    def without_position(self, joint):
+        k = self.craft.joint_names.index(joint)
+        value = self.log.encoders.value.copy()
+        value[:, k] = np.nan
+        return replace(self.log, encoders=Samples(self.log.encoders.time, value))
+
+    def test_a_wheel_whose_angle_is_not_logged_is_no_obstacle(self, skewed_target):
+        assert self.craft.tree.is_rotor(self.craft.joint_names.index("spin_x"))
+        found = identify_log(self.craft, self.without_position("spin_x"))
+        assert error_over_scale(found, skewed_target) < 1e-9
+
+    @pytest.mark.parametrize(
+        "imbalance",
+        [
+            {"I_BBcm": np.diag([0.031, 0.05, 0.03])},
+            {"I_BBcm": np.array([[0.03, 0.001, 0], [0.001, 0.05, 0], [0, 0, 0.03]])},
+            {"p_BBcm": np.array([0.001, 0.0, 0.0])},
+        ],
+    )
+    def test_a_wheel_out_of_balance_is_no_rotor(self, imbalance):
+        joint = self.craft.joint_names.index("spin_y")
+        tree = self.craft.tree
+        assert tree.is_rotor(joint)
+        bodies = [
+            replace(body, **imbalance) if body.joint == joint else body for body in tree.bodies
+        ]
+        assert not replace(tree, bodies=tuple(bodies)).is_rotor(joint)
+
+    @pytest.mark.parametrize("joint", ["elbow", "roll", "slide"])
+    def test_other_joints_must_be_logged(self, joint):
+        with pytest.raises(InputError, match=f"no column 'q:{joint}'; only of a rotor"):
+            identify_log(self.craft, self.without_position(joint))
+
+
 class TestWhatIsMissing:
     @pytest.mark.parametrize(
         ("gone", "options", "phrase"),
