@@ -1,10 +1,13 @@
 """Result files: what is written is read back, and a file that is wrong anywhere is refused."""
 
 import json
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from cpid_drake import InertialParameters, InputError
 from cpid_drake.result_files import (
@@ -235,8 +238,51 @@ def test_feasible_must_be_what_it_says(refusal, document, change, words):
     assert refusal(document).startswith(words)
 
 
-@pytest.mark.parametrize("name", ["none.json", "folder", "x" * 300])
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=11) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=12,
+)
+
+
+@settings(
+    max_examples=200,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(key=st.sampled_from(REQUIRED), value=JSON)
+def test_any_value_is_read_or_refused(document, tmp_path, key, value):
+    path = tmp_path / "any.json"
+    path.write_text(json.dumps({**document, key: value}))
+    try:
+        found = read_result(path)
+    except InputError:
+        return
+    write_result(tmp_path / "again.json", found)
+    assert_same(found, read_result(tmp_path / "again.json"))
+
+
+@settings(
+    max_examples=200,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(cut=st.floats(0, 1), noise=st.binary(max_size=8))
+def test_a_damaged_file_is_refused(document, tmp_path, cut, noise):
+    data = json.dumps(document).encode()
+    at = int(cut * len(data))
+    path = tmp_path / "damaged.json"
+    path.write_bytes(data[:at] + noise)
+    if at + len(noise) < len(data):
+        with pytest.raises(InputError):
+            read_result(path)
+
+
+@pytest.mark.parametrize("name", ["none.json", "folder", "pipe", "x" * 300])
 def test_what_is_not_a_file_is_refused(name, tmp_path):
     (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match=r"no such file|not a file|File name too long"):
         read_result(tmp_path / name)
