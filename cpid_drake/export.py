@@ -141,7 +141,7 @@ def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
     for choice in choices:
         if not {choice, joint_name(choice)} & taken:
             return choice
-    raise InputError(f"the name '{name}' is taken in the spacecraft's model; choose another")
+    raise InputError(f"the name '{name}' is taken already; choose another")
 
 
 def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
