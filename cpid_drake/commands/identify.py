@@ -89,9 +89,8 @@ def identify(
     if json_file is not None and not json_file.parent.is_dir():
         raise InputError(f"--json {json_file}: there is no folder {json_file.parent}")
     with log.status("reading the model") as status:
-        craft = Spacecraft(
-            spacecraft, base=base, capture_frame=capture_frame, packages=_packages(package)
-        )
+        packages = _packages(package)
+        craft = Spacecraft(spacecraft, base=base, capture_frame=capture_frame, packages=packages)
         suite = load_sensors(sensors) if sensors is not None else None
         status.update("reading the telemetry")
         found = inspect_telemetry(telemetry, topics=topics_of(topic))
@@ -114,10 +113,16 @@ def identify(
         identified.rejected[name] = identified.rejected.get(name, 0) + count
     if found.problems.count:
         identified.rejected["rows"] = found.problems.count
-    source = {"telemetry": str(telemetry), "sha256": file_hash(telemetry)} | times
-    result = result_of(
-        identified, SpacecraftReference(_absolute(spacecraft), base, capture_frame), source
-    )
+    source = {
+        "telemetry": str(telemetry),
+        "sha256": file_hash(telemetry),
+        "sensors": sensors,
+        "unknown_momentum": unknown_momentum,
+        **times,
+    }
+    folders = {name: str(Path(folder).absolute()) for name, folder in packages.items()}
+    reference = SpacecraftReference(_absolute(spacecraft), base, capture_frame, folders)
+    result = result_of(identified, reference, source)
     if json_file is not None:
         write_result(json_file, result)
     if found.ignored:

@@ -116,22 +116,23 @@ def describe(found: LogIdentification, result: IdentificationResult) -> list[str
         f"Target in {result.spacecraft.capture_frame}, by {how}, from {result.samples_used} "
         f"samples in {source['from']:.6g} to {source['to']:.6g} s",
         "",
-        f"  {'':4} {'estimate':>14} {'95 % interval':>32}   {'':6} {'possible':>14}",
+        f"  {'':4}{'estimate':>16}{'95 % interval':>34}   {'':6}{'possible':>16}",
     ]
     possible = np.full(10, np.nan) if result.feasible is None else result.feasible.to_vector()
     rows = zip(PARAMETER_NAMES, PARAMETER_UNITS, result.parameters, intervals(found), possible)
     for name, unit, value, (low, high), nearest in rows:
-        known = f"{value:14.8g}" if np.isfinite(value) else f"{'not known':>14}"
-        spread = f"[{low:.8g}, {high:.8g}]" if np.isfinite(low) else ""
-        last = f"{nearest:14.8g}" if np.isfinite(nearest) else ""
-        lines.append(f"  {name:4} {known} {spread:>32}   {unit:6} {last}".rstrip())
+        digits = _decimals(high - low)
+        known = f"{value:.{digits}f}" if np.isfinite(value) else "not known"
+        spread = f"[{low:.{digits}f}, {high:.{digits}f}]" if np.isfinite(low) else ""
+        last = f"{nearest:.{digits}f}" if np.isfinite(nearest) else ""
+        lines.append(f"  {name:4}{known:>16}{spread:>34}   {unit:6}{last:>16}".rstrip())
     lines.append("")
     if result.feasible is not None:
         moments, axes = details["principal_moments"], details["principal_axes"]
         lines.append("  principal moments [kg·m²] and axes in C")
         for k, moment in enumerate(moments):
             axis = ", ".join(f"{round(axes[i][k], 5) + 0.0:8.5f}" for i in range(3))
-            lines.append(f"       {moment:14.8g}   ({axis})")
+            lines.append(f"      {moment:16.8g}   ({axis})")
         lines.append("")
     lines.append(f"  rank         {result.rank} of 10")
     if np.isfinite(result.condition):
@@ -148,6 +149,13 @@ def describe(found: LogIdentification, result: IdentificationResult) -> list[str
             f"To see the rest: {ADVICE}.",
         ]
     return lines
+
+
+def _decimals(width: float) -> int:
+    """Return how many decimals show an interval of this width with two or three digits."""
+    if not (np.isfinite(width) and width > 0):
+        return 6
+    return int(np.clip(2 - np.floor(np.log10(width)), 0, 11))
 
 
 def _residuals(found: LogIdentification) -> str:
