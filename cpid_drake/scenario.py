@@ -33,6 +33,15 @@ ONLINE_ESTIMATORS = ("least_squares", "momentum_filter")
 LONGEST_LENGTH = 100.0
 """Centres of mass and radii of gyration beyond are taken for another unit than metres."""
 
+LARGEST_MASS = 1e9
+"""Of a target [kg]; what is more cannot be simulated."""
+
+STIFFEST = 1e4
+"""Of a controller: natural frequency [rad/s] and damping ratio; more would take forever."""
+
+SHORTEST_RAMP = 1e-3
+"""Of a motion [s]; accelerations would be beyond all numbers."""
+
 MOST_STEPS = 1_000_000
 """Samples that a simulation logs or identifies from at most, and longest steps in it."""
 
@@ -110,6 +119,8 @@ class MultiSineMotion:
 
     def make(self, spacecraft: Spacecraft, standing: Mapping[str, float]) -> MultiSine:
         """Return the motion of this spacecraft's joints; as `HalfCosineMotion.make`."""
+        if 0 < self.ramp < SHORTEST_RAMP:
+            raise InputError(f"joint_motion.ramp must be at least {SHORTEST_RAMP:g} s")
         motion = MultiSine(
             centre=_configuration(spacecraft, standing, self.centre, "joint_motion.centre"),
             amplitudes=self._table(spacecraft, "amplitudes"),
@@ -427,12 +438,13 @@ def load_scenario(path: str | Path) -> Scenario:
     scenario = load_strictly(Scenario, file, str(path), "a scenario")
     _check(scenario, str(path))
     spacecraft, target = scenario.spacecraft, scenario.target
-    spacecraft.model = _from_folder(file.parent, spacecraft.model)
-    spacecraft.packages = {
-        name: _from_folder(file.parent, folder) for name, folder in spacecraft.packages.items()
-    }
-    if target.visual_model is not None:
-        target.visual_model = _from_folder(file.parent, target.visual_model)
+    with naming(str(path)):
+        spacecraft.model = _from_folder(file.parent, spacecraft.model)
+        spacecraft.packages = {
+            name: _from_folder(file.parent, folder) for name, folder in spacecraft.packages.items()
+        }
+        if target.visual_model is not None:
+            target.visual_model = _from_folder(file.parent, target.visual_model)
     _find_suites(scenario, file.parent, str(path))
     return scenario
 
@@ -464,7 +476,10 @@ def naming(where: str) -> Iterator[None]:
 
 def _from_folder(folder: Path, path: str) -> str:
     """Return a path that the scenario's author wrote, seen from the scenario's folder."""
-    return path if "://" in path else str(folder / Path(path).expanduser())
+    try:
+        return path if "://" in path else str(folder / Path(path).expanduser())
+    except RuntimeError as error:  # there is no such user
+        raise InputError(f"{path:.200}: {error}") from error
 
 
 def _find_suites(scenario: Scenario, folder: Path, where: str) -> None:
@@ -478,7 +493,7 @@ def _find_suites(scenario: Scenario, folder: Path, where: str) -> None:
         try:
             found = suite if suite in known else _from_folder(folder, suite)
             load_sensors(found)
-        except (InputError, RuntimeError) as error:  # the latter: no such user's home
+        except InputError as error:
             raise InputError(f"{where}: {key}: {error}") from error
         return found
 
@@ -512,6 +527,9 @@ def _check(scenario: Scenario, where: str) -> None:
     for name, value in positive.items():
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{where}: {name} must be a number > 0, not {value}")
+    for name in ("natural_frequency", "damping_ratio"):
+        if getattr(scenario.controller, name) > STIFFEST:
+            raise InputError(f"{where}: controller.{name} must be at most {STIFFEST:g}")
     for name in (
         "simulation.log_period",
         "simulation.simulator.max_step_size",
@@ -538,7 +556,7 @@ def _check(scenario: Scenario, where: str) -> None:
     if scheme not in INTEGRATION_SCHEMES:
         raise InputError(
             f"{where}: simulation.simulator.integration_scheme must be one of "
-            f"{', '.join(INTEGRATION_SCHEMES)}, not '{scheme}'"
+            f"{', '.join(INTEGRATION_SCHEMES)}, not '{scheme:.60}'"
         )
     _check_sensing(scenario, where)
 
@@ -549,13 +567,17 @@ def _check_body(body: TargetConfig | PriorConfig, where: str) -> None:
         raise InputError(f"{where} needs p_CTcm_C of 3 and I_TTcm_C of 3x3 numbers")
     if not np.isfinite(body.mass):
         raise InputError(f"{where}.mass is missing or not finite")
-    distance = np.linalg.norm(body.p_CTcm_C)
-    radius = np.sqrt(abs(np.trace(body.I_TTcm_C) / body.mass)) if body.mass else 0.0
+    if body.mass > LARGEST_MASS:
+        raise InputError(f"{where}.mass of {body.mass:g} is too large; masses are in kg")
+    if not (np.isfinite(body.p_CTcm_C).all() and np.isfinite(body.I_TTcm_C).all()):
+        return  # what is not finite is refused where the body is made
+    distance = np.abs(body.p_CTcm_C).max()
+    radius = np.sqrt(np.abs(body.I_TTcm_C).max() / abs(body.mass)) if body.mass else 0.0
     for key, what, length in (
         ("p_CTcm_C", "a centre of mass", distance),
         ("I_TTcm_C", "with this mass a radius of gyration", radius),
     ):
-        if LONGEST_LENGTH < length < np.inf:
+        if length > LONGEST_LENGTH:
             raise InputError(
                 f"{where}.{key}: {what} of {length:.3g} m; are these millimetres? "
                 "lengths are in metres, masses in kg, inertias in kg·m²"
@@ -568,7 +590,7 @@ def _check_sensing(scenario: Scenario, where: str) -> None:
     if estimator not in ONLINE_ESTIMATORS:
         raise InputError(
             f"{where}: identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}, "
-            f"not '{estimator}'"
+            f"not '{estimator:.60}'"
         )
     if estimator == "momentum_filter" and not scenario.sensors.present:
         raise InputError(

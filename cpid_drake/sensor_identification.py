@@ -221,7 +221,7 @@ def online_estimator(
         guess_sigma: how good the guess is, relative; see `momentum_filter.guessed_prior`.
 
     Raises:
-        InputError: the guess is no rigid body, or a point at C's origin, or its σ is not > 0.
+        InputError: the guess is no rigid body, or a point at C's origin, or its σ is out of range.
 
     """
     joints = len(spacecraft.joint_names)
@@ -248,8 +248,8 @@ def check_guess(guess: InertialParameters, sigma: float) -> None:
         raise InputError(f"not a rigid body: {'; '.join(problems)}")
     if not (guess.p_CTcm_C.any() or guess.I_TTcm_C.any()):
         raise InputError("a point at C's origin says nothing of size; give an inertia")
-    if not (np.isfinite(sigma) and sigma > 0):
-        raise InputError(f"sigma must be a number > 0, not {sigma}")
+    if not 1e-6 <= sigma <= 100:
+        raise InputError(f"sigma must be a number from 1e-6 to 100, not {sigma}")
 
 
 def identification_of_filter(

@@ -53,6 +53,10 @@ def load_strictly(schema: type[Schema], file: Path, where: str, whole: str) -> S
         return yaml_load_typed(schema=schema, data=text, defaults=schema())
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: not YAML: not text in UTF-8") from error
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise InputError(f"{where}: not YAML: {place}{error.problem}") from error
     except yaml.YAMLError as error:
         raise InputError(f"{where}: not YAML: {error}") from error
     except RecursionError as error:
@@ -246,7 +250,8 @@ def _fits(value: object, kind: type) -> bool:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError, OverflowError):
             return False
-        return (array.ndim > 0) == (kind is np.ndarray) and value is not None
+        is_one = array.ndim == 0 and not isinstance(value, bool | None)
+        return is_one if kind is float else array.ndim > 0
     return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
 
 

@@ -15,7 +15,9 @@ def paper(
     out: Annotated[Path, typer.Option(help="Folder for figures and summary.json; made if needed.")],
     scenario: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Scenario to run instead of the paper's own."),
+        typer.Option(
+            metavar="SCENARIO", help="A scenario file, or a shipped one's name. Default: paper."
+        ),
     ] = None,
     quiet: Annotated[
         bool, typer.Option("--quiet", help="Print no tables and no progress.")
@@ -25,7 +27,7 @@ def paper(
     start = time.perf_counter()
     # Imported here so that `cpid --help` does not wait for Drake.
     from cpid_drake.report.paper import print_tables, write_figures
-    from cpid_drake.scenario import load_scenario, shipped_scenario
+    from cpid_drake.scenario import find_scenario, load_scenario
     from cpid_drake.studies.paper import run_paper_study, summarize
 
     make_folder(out)
@@ -35,7 +37,7 @@ def paper(
         def progress(step: str) -> None:
             status.update(step)
 
-        study = run_paper_study(load_scenario(scenario or shipped_scenario("paper")), progress)
+        study = run_paper_study(load_scenario(find_scenario(scenario or "paper")), progress)
         progress("drawing the figures")
         files = write_figures(study, out)
     files.append(out / "summary.json")

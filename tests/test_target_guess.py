@@ -1,0 +1,64 @@
+"""A guess of the target beforehand: what it is worth to a filter, and that it is not overrated."""
+
+from dataclasses import replace
+
+import numpy as np
+from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
+
+from cpid_drake import InertialParameters
+from cpid_drake.inertia import relative_unknowns
+from cpid_drake.sensor_identification import identification_of_filter, online_estimator
+from cpid_drake.sensors import (
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    Samples,
+    SensorNoise,
+    VectorSensor,
+)
+
+SIGMA = 0.15
+POOR = {
+    "attitude": AttitudeSensor(5.0, 200.0, 1600.0, np.array([0.0, 0.6, 0.8])),
+    "gyro": Gyro(20.0, 0.3, 60.0, 6.0),
+    "position": VectorSensor(5.0, 2e-2),
+    "encoders": JointSensor(20.0, 1e-4),
+}
+
+
+def drawn_guess(craft, psi, rng) -> InertialParameters:
+    """Return a rigid body whose relative unknowns differ from the true ones as the prior says."""
+    size = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
+    scale = psi[0] * np.concatenate([[1.0], 3 * [size], 6 * [size**2]])
+    while True:
+        guess = relative_unknowns(craft.mass).to_parameters(
+            psi + SIGMA * scale * rng.normal(size=10)
+        )
+        if (body := InertialParameters.from_vector(guess)).is_feasible():
+            return body
+
+
+def test_poor_sensors_and_a_guess_know_more_than_poor_sensors(tmp_path, skewed_target):
+    """After 1.5 s errors are smaller with guesses that err as they say, and σ tells how large."""
+    craft, suite = small_craft(tmp_path), coarse_suite(**POOR)
+    psi, truth = true_psi(craft, skewed_target), skewed_target.to_vector()
+    perfect = measured(craft, Sines.drawn(4, 3, 1.5), skewed_target, suite)
+    squares, errors = [], {"guess": [], "nothing": []}
+    for seed in range(16):
+        noise = SensorNoise(suite, seed)
+        noisy = {}
+        for name in suite.present():
+            samples = getattr(perfect, name)
+            noisy[name] = Samples(samples.time, noise.apply(name, samples.value))
+        guess = drawn_guess(craft, psi, np.random.default_rng(1000 + seed))
+        for name, prior in (("guess", {"guess": guess, "guess_sigma": SIGMA}), ("nothing", {})):
+            online = online_estimator(craft, suite, **prior)
+            result = identification_of_filter(online, online.run(replace(perfect, **noisy)))
+            error = result.parameters - truth
+            errors[name].append(error)
+            if name == "guess":
+                squares.append(error @ np.linalg.solve(result.covariance, error))
+    with_guess, without = (np.sqrt(np.mean(np.square(each), axis=0)) for each in errors.values())
+    assert (with_guess < 1.1 * without).all()
+    assert with_guess[4:].sum() < 0.7 * without[4:].sum()
+    assert 6.9 < np.mean(squares) < 13.9  # χ² of 160: 99.8 % of them
