@@ -64,6 +64,6 @@ def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:
     except OSError as error:
         raise InputError(f"{text[:200]}: {error.strerror}") from error
     if not is_file:
-        found = "a folder" if is_folder else "no such file"
+        found = "a folder" if is_folder else "not a file" if path.exists() else "no such file"
         raise InputError(f"{text}: {found}" + ("" if path == Path(text) else f" ({path})"))
     return path.resolve()

@@ -80,6 +80,8 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     try:
         if not Path(path).exists():
             raise InputError(f"{where}: no such file or folder")
+        if Path(path).is_dir() and not Path(path, "metadata.yaml").is_file():
+            raise InputError(f"{where}: a folder without metadata.yaml: not a ROS 2 bag")
         with Reader(Path(path)) as reader:
             for kind, topic in _choose_topics(where, reader.connections, topics or {}).items():
                 message_type, log = TOPIC_TYPES[kind], _Log(f"{where}: {topic}", kind)

@@ -64,8 +64,8 @@ def _check_vector(
         for factor, other in _FACTORS.items():
             if abs(slope / factor - 1) < 0.05:
                 found.errors.append(
-                    f"{name} changes {slope:.3g} times as fast as {rate_name} says: is it in "
-                    f"{other}? It must be in {unit}"
+                    f"{name} changes {round(slope, 1):g} times as fast as {rate_name} says: is it "
+                    f"in {other}? It must be in {unit}"
                 )
                 return
             if abs(slope * factor - 1) < 0.05:
@@ -98,9 +98,9 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
     as_read = attitudes(straight, False)
     w_by_attitude = turning(*as_read)
     slope, correlation = _compare(w_by_attitude, w_B)
-    if correlation > 0.9 and 0.9 < slope < 1.1:
-        return
     if correlation > _CLEAR:
+        if 0.9 < slope < 1.1:
+            return
         for factor, other in _FACTORS.items():
             if abs(slope * factor - 1) < 0.05:
                 found.errors.append(
@@ -125,7 +125,8 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
         ]
     for moved, w, text in explanations:
         slope, other = _compare(moved, w)
-        if other > _CLEAR and 0.9 < slope < 1.1 and correlation < 0.9:
+        # Noise is the same in every convention: what explains so much more of it is no accident.
+        if other > _CLEAR and 0.9 < slope < 1.1 and 1 - other < 0.2 * (1 - correlation):
             found.errors.append(text)
             return
     if correlation < 0.5 and _is_motion(w_by_attitude, w_B):

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,8 +179,8 @@ def _of_bag(measurements: Measurements) -> TelemetryFile:
 def _read_csv(file: Path, where: str, problems: Problems) -> tuple[TelemetryTable, tuple[str, ...]]:
     blocks, places, size = [], [], 0
     try:
-        with file.open(encoding="utf-8-sig", newline="\n") as text:
-            numbered = _numbered_lines(text, where)
+        with file.open("rb") as stream:
+            numbered = _numbered_lines(stream, where)
             header = _header(numbered, where)
             known = np.array([known_column(name) for name in header])
             while chunk := list(islice(numbered, 5000)):
@@ -193,29 +193,39 @@ def _read_csv(file: Path, where: str, problems: Problems) -> tuple[TelemetryTabl
                 size += blocks[-1].size
                 if size > _LARGEST_TABLE:
                     raise InputError(f"{where}: more than {_LARGEST_TABLE} numbers; split the file")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{where}: not a CSV file in UTF-8: {error.reason}") from error
-    except csv.Error as error:
-        raise InputError(f"{where}: not a CSV file: {error}") from error
+    except OSError as error:
+        raise InputError(f"{where}: cannot be read: {error.strerror}") from error
     columns = tuple(name for name in header if known_column(name))
     ignored = tuple(name for name in header if not known_column(name))
     values = np.concatenate(blocks) if blocks else np.empty((0, len(columns)))
     return TelemetryTable(columns, values, np.array(places, dtype=int), "line"), ignored
 
 
-def _numbered_lines(text: TextIO, where: str) -> Iterator[tuple[int, str]]:
+def _numbered_lines(stream: BinaryIO, where: str) -> Iterator[tuple[int, str]]:
     """Yield the lines that are not empty or comments, with their numbers, without their ends."""
     number = 0
-    while line := text.readline(_LONGEST_LINE):
+    while data := stream.readline(_LONGEST_LINE):
         number += 1
-        if len(line) == _LONGEST_LINE:
-            raise InputError(f"{where}: line {number} is longer than {_LONGEST_LINE} characters")
-        line = line.rstrip("\r\n")
+        if len(data) == _LONGEST_LINE:
+            raise InputError(f"{where}: line {number} is longer than {_LONGEST_LINE} bytes")
+        try:
+            line = data.decode("utf-8-sig" if number == 1 else "utf-8").rstrip("\r\n")
+        except UnicodeDecodeError as error:
+            raise InputError(
+                f"{where}: line {number} is not text in UTF-8; if this is a CSV file, save it in "
+                "that encoding"
+            ) from error
         if line and not line.startswith("#"):
             yield number, line
 
 
 def _split(line: str) -> list[str]:
+    """Return the cells of a line.
+
+    Raises:
+        csv.Error: its quotes are not those of CSV.
+
+    """
     return next(csv.reader([line], strict=True)) if '"' in line else line.split(",")
 
 
@@ -225,16 +235,23 @@ def _header(lines: Iterator[tuple[int, str]], where: str) -> list[str]:
         raise InputError(f"{where}: the file is empty")
     if "\0" in line:
         raise InputError(f"{where}: not a CSV file: line {number} holds binary data")
-    names = [name.strip() for name in _split(line)]
-    if len(names) == 1 and len(line) > 4:
-        for separator, word in ((";", "semicolons"), ("\t", "tabs")):
-            if separator in line:
+    try:
+        names = [name.strip() for name in _split(line)]
+    except csv.Error as error:
+        raise InputError(f"{where}: line {number}: quotes are wrong: {error}") from error
+    if len(names) == 1:
+        for separator, word in ((";", "semicolons"), ("\t", "tabs"), (" ", "blanks")):
+            if line.count(separator) > 3:
                 raise InputError(
                     f"{where}: line {number}: columns are separated by {word}; use commas, and "
                     "decimal points"
                 )
     if len(names) > _MOST_COLUMNS:
         raise InputError(f"{where}: line {number}: more than {_MOST_COLUMNS} columns")
+    if names[0] and not names[0].strip("0123456789+-.eE"):
+        raise InputError(
+            f"{where}: line {number} holds numbers; the first line must hold the columns' names"
+        )
     check_columns(names, f"{where}: line {number}")
     return names
 
@@ -245,7 +262,8 @@ def _read_clean(lines: Sequence[str], columns: int) -> NDArray[np.float64] | Non
         block = np.loadtxt(lines, delimiter=",", comments=None, quotechar='"', ndmin=2)
     except ValueError:
         return None
-    return block if block.shape[1] == columns and np.isfinite(block).all() else None
+    # A quote that is open at the end of a line would take the next line in.
+    return block if block.shape == (len(lines), columns) and np.isfinite(block).all() else None
 
 
 def _read_cells(
@@ -258,7 +276,11 @@ def _read_cells(
     numbers, rows = [], []
     known = [known_column(name) for name in header]
     for number, line in chunk:
-        cells = _split(line)
+        try:
+            cells = _split(line)
+        except csv.Error as error:
+            problems.add(f"line {number}", f"quotes are wrong: {error}")
+            continue
         if len(cells) != len(header):
             text = f"{len(cells)} cells, but {len(header)} columns"
             if len(cells) > len(header):
@@ -270,7 +292,7 @@ def _read_cells(
             if not (known[k] and cell and (cell := cell.strip())):
                 continue
             try:
-                values[k] = float(cell) if "_" not in cell else np.inf
+                values[k] = float(cell) if cell.isascii() and "_" not in cell else np.inf
             except ValueError:
                 values[k] = np.inf
             if not np.isfinite(values[k]):
@@ -298,7 +320,7 @@ def _read_npz(file: Path, where: str, problems: Problems) -> tuple[TelemetryTabl
             keep = [name for name in names if known_column(name)]
             arrays = [_read_npy(archive, members[name], f"{where}: '{name}'") for name in keep]
     except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError) as error:
-        raise InputError(f"{where}: not an NPZ file: {error}") from error
+        raise InputError(f"{where}: not an NPZ file, or a damaged one: {error}") from error
     ignored = tuple(name for name in names if name not in keep)
     return _stacked(keep, arrays, where, problems), ignored
 
@@ -317,8 +339,10 @@ def _read_npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str) -> 
             if read_header is None:
                 raise InputError(f"{where}: this version of the NPY format is not read: {version}")
             shape, _, dtype = read_header(stream)
-        except ValueError as error:
-            raise InputError(f"{where}: not a NumPy array: {error}") from error
+        except InputError:
+            raise
+        except Exception as error:  # NumPy reads the header as Python would, and raises as it does
+            raise InputError(f"{where}: not a NumPy array: its header is wrong") from error
         if dtype.kind not in "fiu" or len(shape) != 1:
             raise InputError(
                 f"{where}: must be an array of numbers with one dimension, not {dtype} of shape "
@@ -341,13 +365,12 @@ def _read_parquet(
         keep = [name for name in names if known_column(name)]
         if source.metadata.num_rows * len(keep) > _LARGEST_TABLE:
             raise InputError(f"{where}: more than {_LARGEST_TABLE} numbers; split the file")
-        table = source.read(columns=keep)
-        arrays = []
         for name in keep:
-            kind = table.schema.field(name).type
+            kind = source.schema_arrow.field(name).type
             if not (pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)):
                 raise InputError(f"{where}: column '{name}' must hold numbers, not {kind}")
-            arrays.append(table.column(name).cast(pyarrow.float64()).to_numpy())
+        table = source.read(columns=keep)
+        arrays = [table.column(name).cast(pyarrow.float64()).to_numpy() for name in keep]
     except (pyarrow.ArrowException, OSError) as error:
         text = " ".join(str(error).split())
         raise InputError(f"{where}: not a Parquet file that can be read: {text:.200}") from error

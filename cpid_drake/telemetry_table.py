@@ -252,8 +252,9 @@ def _usable_rows(
     latest = np.fmax.accumulate(np.where(usable, time, -np.inf))
     before = np.append(-np.inf, latest[:-1])
     for row in np.flatnonzero(usable & (time <= before)):
-        what = "is there twice" if time[row] == before[row] else f"comes after {before[row]:.9g} s"
-        problems.add(table.place(row, "time"), f"time {time[row]:.9g} s {what}")
+        now, latest_s = (np.format_float_positional(t, trim="-") for t in (time[row], before[row]))
+        what = "is there twice" if time[row] == before[row] else f"comes after {latest_s} s"
+        problems.add(table.place(row, "time"), f"time {now} s {what}")
         usable[row] = False
     if "qw" in column:
         values = table.values[:, [column[name] for name in GROUPS["attitude"]]]
@@ -276,5 +277,7 @@ def _check_size(
         with np.errstate(invalid="ignore"):
             large = np.abs(values) > (LARGEST_TIME if name == "time" else LARGEST)
         for row in np.flatnonzero(large):
-            problems.add(table.place(row, name), f"{values[row]:g} cannot be meant")
+            limit = LARGEST_TIME if name == "time" else LARGEST
+            text = f"{values[row]:g} cannot be meant: it is beyond {limit:g}"
+            problems.add(table.place(row, name), text)
             usable[row] = False

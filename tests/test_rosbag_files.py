@@ -273,7 +273,9 @@ def test_what_is_not_a_bag_is_refused(tmp_path):
     for name in ("x.db3", "x.mcap", "x.bag"):
         (tmp_path / name).write_text("time,qw\n0,1\n")
     (tmp_path / "empty").mkdir()
-    for name in ("x.db3", "x.mcap", "x.bag", "empty"):
+    with pytest.raises(InputError, match=r"empty: a folder without metadata\.yaml"):
+        read_rosbag(tmp_path / "empty")
+    for name in ("x.db3", "x.mcap", "x.bag"):
         with pytest.raises(InputError, match=f"{name}: not a ROS 2 bag, or a damaged one"):
             read_rosbag(tmp_path / name)
     with pytest.raises(InputError, match="no such file"):

@@ -1,0 +1,648 @@
+"""Bad files of every kind, each with what the one line about it must say: where, and what.
+
+A case is made when it is needed: `Case.make(folder)` writes the file, and what it refers to, into
+a folder and returns how a user would name it. Beside it stand `arm.urdf` and `log.csv`, which are
+all right: see `write_good`.
+"""
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InertialParameters, Spacecraft, Telemetry, shipped_scenario
+from cpid_drake.base_motion import propagate_base
+from cpid_drake.motion.joint_motion import HalfCosine
+from cpid_drake.telemetry_table import table_of
+
+TURN = Rotation.from_rotvec([1.2, -0.7, 0.9])
+JOINTS = ("shoulder", "elbow", "wrist")
+TARGET = InertialParameters(20.0, [0.3, 0.1, -0.1], [[2, 0.1, 0], [0.1, 3, 0.2], [0, 0.2, 4]])
+
+Content = str | bytes | Callable[[], str | bytes]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One bad file.
+
+    Attributes:
+        name: what is wrong.
+        kind: "telemetry", "model", "scenario", "sensors" or "result".
+        make: writes it into a folder and returns its name.
+        phrases: what the message must contain.
+
+    """
+
+    name: str
+    kind: str
+    make: Callable[[Path], str]
+    phrases: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.kind}-{self.name}"
+
+
+def as_bytes(content: Content) -> bytes:
+    content = content() if callable(content) else content
+    return content.encode() if isinstance(content, str) else content
+
+
+def file(name: str, content: Content, **others: Content) -> Callable[[Path], str]:
+    """Return a maker of a file, and of others beside it (`a__b` is called a.b)."""
+
+    def make(folder: Path) -> str:
+        (folder / name).write_bytes(as_bytes(content))
+        for other, text in others.items():
+            (folder / other.replace("__", ".")).write_bytes(as_bytes(text))
+        return name
+
+    return make
+
+
+def called(name: str) -> Callable[[Path], str]:
+    """Return a maker that makes nothing: the name alone is what is bad."""
+    return lambda folder: name
+
+
+def made(name: str, how: Callable[[Path], object]) -> Callable[[Path], str]:
+    def make(folder: Path) -> str:
+        how(folder / name)
+        return name
+
+    return make
+
+
+# -- what is all right ----------------------------------------------------------------------------
+
+
+def link(name: str, mass: object = 10, moment: object = 1, inner: str = "") -> str:
+    return (
+        f'<link name="{name}"><inertial><origin xyz="0.1 0 0.2"/><mass value="{mass}"/><inertia '
+        f'ixx="{moment}" iyy="1.5" izz="1.2" ixy="0" ixz="0" iyz="0"/></inertial>{inner}</link>\n'
+    )
+
+
+def joint(name: str, parent: str, child: str, axis: str = "0 0 1", kind: str = "revolute") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="0.4 0 0.1"/><parent link="{parent}"/>'
+        f'<child link="{child}"/><axis xyz="{axis}"/>'
+        '<limit lower="-3" upper="3" effort="9" velocity="9"/></joint>\n'
+    )
+
+
+def urdf(hand: str = link("hand"), rest: str = "", head: str = "") -> str:
+    """Return a base with an arm of three joints; `hand` is its last link."""
+    return (
+        f'{head}<robot name="craft">\n{link("bus", 200, 2)}{link("upper")}{link("fore")}{hand}'
+        f"{joint('shoulder', 'bus', 'upper')}{joint('elbow', 'upper', 'fore', '0 1 0')}"
+        f"{joint('wrist', 'fore', 'hand', '1 0 0')}{rest}</robot>\n"
+    )
+
+
+def sdf(mass: object = 10, inner: str = "", axis: str = "0 0 1") -> str:
+    return f"""<sdf version="1.9"><model name="craft">
+<link name="bus"><inertial><mass>200</mass></inertial></link>
+<link name="hand"><inertial><mass>{mass}</mass></inertial></link>
+<joint name="wrist" type="revolute"><parent>bus</parent><child>hand</child>
+<axis><xyz>{axis}</xyz></axis></joint>{inner}</model></sdf>
+"""
+
+
+def mjcf(mass: object = 10, rest: str = "", kind: str = "hinge") -> str:
+    return f"""<mujoco model="craft">{rest}<worldbody><body name="bus"><freejoint/>
+<inertial pos="0 0 0" mass="200" diaginertia="1 1 1"/>
+<body name="hand"><joint name="wrist" type="{kind}"/>
+<inertial pos="0 0 0" mass="{mass}" diaginertia="1 1 1"/></body></body></worldbody></mujoco>
+"""
+
+
+@cache
+def motion() -> Telemetry:
+    """Return 101 exact samples of an arm that holds `TARGET`, over 10 s."""
+    path = Path(os.environ.get("TMPDIR", "/tmp")) / f"cpid_corpus_{os.getpid()}.urdf"
+    path.write_text(urdf())
+    try:
+        craft = Spacecraft(path, base="bus", capture_frame="hand")
+    finally:
+        path.unlink()
+    joints = HalfCosine(np.array([0.0, 0.5, -0.3]), np.array([1.5, -0.9, 1.2]), 10.0)
+    time = np.linspace(0.0, 10.0, 101)
+    base = propagate_base(craft.tree, joints, TARGET.to_standard_vector(), time)
+    q, qdot, _ = np.moveaxis(joints.evaluate(time), 1, 0)
+    pose = (base.quaternion_WB, base.p_WB, base.w_WB, base.v_WB)
+    return Telemetry(craft.joint_names, time, *pose, q, qdot)
+
+
+def attitude(telemetry: Telemetry) -> Rotation:
+    return Rotation.from_quat(telemetry.quaternion_WB, scalar_first=True)
+
+
+def cells() -> list[list[str]]:
+    """Return the good CSV file as cells, its header first."""
+    columns, values = table_of(motion())
+    return [columns, *([repr(value) for value in row] for row in values.tolist())]
+
+
+def csv(change: Callable[[list[list[str]]], object] | None = None, between: str = ",") -> str:
+    """Return the good CSV file, changed in its cells."""
+    rows = cells()
+    if change is not None:
+        rows = change(rows) or rows
+    return "".join(between.join(row) + "\n" for row in rows)
+
+
+def write_good(folder: Path) -> None:
+    """Write a model, `arm.urdf`, and a log of it, `log.csv`."""
+    (folder / "arm.urdf").write_text(urdf())
+    (folder / "log.csv").write_text(csv())
+
+
+# -- telemetry ------------------------------------------------------------------------------------
+
+
+def put(line: int, column: str, text: str) -> Callable[[], str]:
+    """Return the CSV file with one cell changed; the header is line 1."""
+
+    def change(rows: list[list[str]]) -> None:
+        rows[line - 1][rows[0].index(column)] = text
+
+    return lambda: csv(change)
+
+
+def named(old: str, new: str) -> Callable[[], str]:
+    return lambda: csv(lambda rows: rows[0].__setitem__(rows[0].index(old), new))
+
+
+def without(*columns: str) -> Callable[[], str]:
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        keep = [k for k, name in enumerate(rows[0]) if name not in columns]
+        return [[row[k] for k in keep] for row in rows]
+
+    return lambda: csv(change)
+
+
+def motion_file(**changes: Callable[[Telemetry], object]) -> Callable[[], str]:
+    """Return the CSV file of a motion with some arrays changed, unchecked."""
+
+    def make() -> str:
+        telemetry = motion()
+        arrays = {name: np.array(change(telemetry)) for name, change in changes.items()}
+
+        def change(rows: list[list[str]]) -> None:
+            first = {"p_WB": "x", "quaternion_WB": "qw", "w_WB": "wx", "v_WB": "vx"}
+            first |= {"q": "q:shoulder", "qdot": "qd:shoulder", "time": "time"}
+            for name, array in arrays.items():
+                start = rows[0].index(first[name])
+                for row, values in zip(rows[1:], array.reshape(len(telemetry), -1).tolist()):
+                    row[start : start + len(values)] = map(repr, values)
+
+        return csv(change)
+
+    return make
+
+
+def gyro_cells() -> list[list[str]]:
+    return [["bwx", "bwy", "bwz"], *([["0", "0", "0"]] * len(motion()))]
+
+
+def million_rows() -> str:
+    """Return a million good lines and one that is none."""
+    header = "time,qw,qx,qy,qz,q:shoulder"
+    lines = [f"{k / 100},1,0,0,0,0.5" for k in range(1_000_000)]
+    return "\n".join([header, *lines, "10000,1,0,0,0,1e"])
+
+
+def arrays(**changes: object) -> dict[str, object]:
+    columns, values = table_of(motion())
+    found = dict(zip(columns, values.T)) | changes
+    return {name: array for name, array in found.items() if array is not None}
+
+
+def npz(**changes: object) -> Callable[[], bytes]:
+    def make() -> bytes:
+        stream = io.BytesIO()
+        np.savez(stream, **arrays(**changes))
+        return stream.getvalue()
+
+    return make
+
+
+def npy(header: str, data: bytes = b"") -> bytes:
+    """Return the bytes of an NPY file with any header."""
+    text = header.encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + data
+
+
+def zipped(**members: bytes) -> Callable[[], bytes]:
+    """Return an NPZ file of the good arrays, some members replaced."""
+
+    def make() -> bytes:
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, array in arrays().items():
+                plain = io.BytesIO()
+                np.save(plain, array)
+                archive.writestr(f"{name}.npy", members.get(name, plain.getvalue()))
+        return stream.getvalue()
+
+    return make
+
+
+class Payload:
+    """What would make a file, `owned`, if it were unpickled."""
+
+    def __reduce__(self) -> tuple:
+        return Path.touch, (Path("owned"),)
+
+
+def zip_bomb() -> bytes:
+    """Return an NPZ file of a megabyte whose column is 256 MB of zeros."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        with archive.open("time.npy", "w") as member:
+            member.write(npy("{'descr': '<f8', 'fortran_order': False, 'shape': (33554432,)}"))
+            for _ in range(64):
+                member.write(bytes(2**22))
+        archive.writestr("q:shoulder.npy", b"")
+    return stream.getvalue()
+
+
+def parquet(**changes: object) -> Callable[[], bytes]:
+    def make() -> bytes:
+        import pyarrow
+        import pyarrow.parquet
+
+        stream = io.BytesIO()
+        pyarrow.parquet.write_table(pyarrow.table(arrays(**changes)), stream)
+        return stream.getvalue()
+
+    return make
+
+
+def bag(damage: Callable[[Path], object]) -> Callable[[Path], str]:
+    """Return a maker of a bag with a joint state and a pose, damaged."""
+
+    def make(folder: Path) -> str:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        kinds = {name.split("/")[-1]: store.types[name] for name in store.types}
+        storage = StoragePlugin.MCAP
+        with Writer(folder / "bag", version=9, storage_plugin=storage) as writer:
+            topics = {
+                name: writer.add_connection(name, kind, typestore=store)
+                for name, kind in (
+                    ("/joints", "sensor_msgs/msg/JointState"),
+                    ("/pose", "geometry_msgs/msg/PoseStamped"),
+                )
+            }
+            for k in range(20):
+                header = kinds["Header"](kinds["Time"](k + 1, 0), "world")
+                state = kinds["JointState"](header, list(JOINTS), *(np.zeros(3) for _ in range(3)))
+                pose = kinds["Pose"](kinds["Point"](0, 0, 0), kinds["Quaternion"](0, 0, 0, 1))
+                for name, message in (
+                    ("/joints", state),
+                    ("/pose", kinds["PoseStamped"](header, pose)),
+                ):
+                    kind = topics[name].msgtype
+                    writer.write(topics[name], k * 10**9, store.serialize_cdr(message, kind))
+        damage(folder / "bag")
+        return "bag"
+
+    return make
+
+
+def cut(path: Path, share: float = 0.5) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+
+
+TELEMETRY = {
+    # Not a text, or not this text.
+    "empty": (file("t.csv", ""), "t.csv: the file is empty"),
+    "comments_only": (file("t.csv", "# nothing\n\n"), "t.csv: the file is empty"),
+    "binary": (file("t.csv", bytes(range(256)) * 40), "line 1 holds binary data"),
+    "nul_in_header": (file("t.csv", "time\0,q:a\n0,1\n"), "line 1 holds binary data"),
+    "nul_in_cell": (file("t.csv", put(5, "x", "0\0")), "line 5, column 'x'"),
+    "utf_16": (file("t.csv", lambda: csv().encode("utf-16")), "t.csv: line 1 is not text in UTF-8"),
+    "latin_1": (
+        file("t.csv", lambda: (csv() + "# Schäden\n").encode("latin-1")),
+        "t.csv: line 103 is not text in UTF-8",
+    ),
+    "web_page": (file("t.csv", "<!DOCTYPE html>\n<p>404\n"), "line 1: there is no column 'time'"),
+    # The header.
+    "no_header": (file("t.csv", lambda: csv(lambda rows: rows[1:])), "line 1 holds numbers"),
+    "header_only": (file("t.csv", lambda: csv(lambda rows: rows[:1])), "t.csv: there are no"),
+    "header_after_rows": (file("t.csv", lambda: csv(lambda r: [*r[1:], r[0]])), "line 1 holds"),
+    "column_twice": (file("t.csv", named("y", "x")), "line 1", "'x' is there 2 times"),
+    "no_time": (file("t.csv", named("time", "t")), "line 1: there is no column 'time'"),
+    "capital_time": (file("t.csv", named("time", "Time")), "did you mean 'Time'?"),
+    "no_qz": (file("t.csv", without("qz")), "line 1", "attitude needs", "missing: qz"),
+    "no_joints": (file("t.csv", without(*(f"q:{j}" for j in JOINTS))), "line 1", "q:<joint>"),
+    "joint_missing": (
+        file("t.csv", without("q:wrist", "qd:wrist")),
+        "there is no column 'q:wrist'",
+    ),
+    "joint_misspelt": (
+        file("t.csv", lambda: csv().replace(":wrist", ":wirst")),
+        "no column 'q:wrist'",
+        "no joint 'wirst'",
+    ),
+    "joint_in_capitals": (file("t.csv", lambda: csv().replace("elbow", "Elbow")), "'Elbow'"),
+    "rate_of_another_joint": (
+        file("t.csv", named("qd:wrist", "qd:hand")),
+        "line 1",
+        "no 'qd:wrist'",
+    ),
+    "both_angular_velocities": (
+        file("t.csv", lambda: csv(lambda rows: [a + b for a, b in zip(rows, gyro_cells())])),
+        "line 1: angular velocity is there twice",
+    ),
+    "many_columns": (
+        file("t.csv", lambda: ",".join(f"c{k}" for k in range(20_000)) + "\n"),
+        "line 1: more than 10000 columns",
+    ),
+    "long_line": (file("t.csv", lambda: csv() + "1" * 3_000_000), "line 103 is longer than"),
+    "long_header": (file("t.csv", lambda: "a" * 3_000_000), "line 1 is longer than"),
+    # Separators and quotes.
+    "semicolons": (file("t.csv", lambda: csv(between=";")), "line 1", "semicolons"),
+    "tabs": (file("t.csv", lambda: csv(between="\t")), "line 1", "tabs"),
+    "blanks": (file("t.csv", lambda: csv(between=" ")), "line 1", "separated by blanks"),
+    "decimal_commas": (file("t.csv", put(7, "x", "0,5")), "line 7", "decimals written with commas"),
+    "quoted_decimal_comma": (file("t.csv", put(7, "x", '"0,5"')), "line 7, column 'x'"),
+    "open_quote": (file("t.csv", put(7, "x", '"0.5')), "line 7"),
+    "short_row": (file("t.csv", lambda: csv(lambda r: r[8].pop() and None)), "line 9: 19 cells"),
+    "long_row": (file("t.csv", lambda: csv(lambda r: r[8].append("1"))), "line 9: 21 cells"),
+    "cut_off": (file("t.csv", lambda: csv()[:-200]), "line 102: 10 cells"),
+    # Cells.
+    "text": (file("t.csv", put(4, "vx", "fast")), "line 4, column 'vx'", "'fast'"),
+    "nan": (file("t.csv", put(4, "vx", "nan")), "line 4, column 'vx'", "empty"),
+    "infinite": (file("t.csv", put(4, "q:elbow", "-inf")), "line 4, column 'q:elbow'"),
+    "too_large": (file("t.csv", put(4, "x", "1e300")), "line 4, column 'x'", "1e+300"),
+    "beyond_floats": (file("t.csv", put(4, "x", "1e400")), "line 4, column 'x'", "1e400"),
+    "hexadecimal": (file("t.csv", put(4, "x", "0x1p3")), "line 4, column 'x'"),
+    "underscore": (file("t.csv", put(4, "x", "1_000")), "line 4, column 'x'"),
+    "other_digits": (file("t.csv", put(4, "x", "١")), "line 4, column 'x'"),
+    "unit": (file("t.csv", put(4, "x", "5 mm")), "line 4, column 'x'", "'5 mm'"),
+    "no_time_in_row": (
+        file("t.csv", put(4, "time", "")),
+        "line 4, column 'time': there is no time",
+    ),
+    "time_backwards": (file("t.csv", put(9, "time", "0.05")), "line 9, column 'time'", "after"),
+    "time_repeated": (
+        file("t.csv", put(9, "time", cells()[7][0])),
+        "line 9, column 'time'",
+        "twice",
+    ),
+    "time_in_the_far_future": (file("t.csv", put(9, "time", "1e18")), "line 9, column 'time'"),
+    "date": (file("t.csv", put(2, "time", "2026-01-01T00:00:00")), "line 2, column 'time'"),
+    "no_quaternion": (file("t.csv", put(6, "qw", "0")), "line 6: the quaternion's norm"),
+    "million_rows": (file("t.csv", million_rows), "line 1000002, column 'q:shoulder': '1e'"),
+    "all_absent": (
+        file("t.csv", lambda: "time,qw,qx,qy,qz,q:shoulder,q:elbow,q:wrist\n1,,,,,,,\n"),
+        "t.csv",
+        "no samples",
+    ),
+    # Mixed units and conventions.
+    "joint_in_degrees": (
+        file("t.csv", motion_file(q=lambda m: np.degrees(m.q))),
+        "q:shoulder",
+        "degrees",
+    ),
+    "joint_rates_in_degrees": (
+        file("t.csv", motion_file(qdot=lambda m: np.degrees(m.qdot))),
+        "qd:shoulder",
+        "degrees",
+    ),
+    "joint_rates_of_opposite_sign": (
+        file("t.csv", motion_file(qdot=lambda m: -m.qdot)),
+        "opposite sign",
+    ),
+    "millimetres": (
+        file("t.csv", motion_file(p_WB=lambda m: 1e3 * m.p_WB)),
+        "x,y,z",
+        "millimetres",
+    ),
+    "angular_velocity_in_degrees": (
+        file("t.csv", motion_file(w_WB=lambda m: np.degrees(m.w_WB))),
+        "degrees",
+    ),
+    "scalar_last": (
+        file("t.csv", motion_file(quaternion_WB=lambda m: np.roll(m.quaternion_WB, -1, axis=1))),
+        "order x, y, z, w",
+    ),
+    "inverse_attitude": (
+        file("t.csv", motion_file(quaternion_WB=lambda m: m.quaternion_WB * [1, -1, -1, -1])),
+        "turn W into B",
+    ),
+    "body_rates_as_world_rates": (
+        file(
+            "t.csv",
+            motion_file(
+                # In a world that is turned: beside it the body's axes are far from the world's.
+                quaternion_WB=lambda m: (TURN * attitude(m)).as_quat(scalar_first=True),
+                w_WB=lambda m: attitude(m).inv().apply(m.w_WB),
+            ),
+        ),
+        "call its columns bwx, bwy, bwz",
+    ),
+    # NPZ.
+    "npz_empty": (file("t.npz", ""), "t.npz: not an NPZ file"),
+    "npz_text": (file("t.npz", csv), "t.npz: not an NPZ file"),
+    "npz_cut_off": (file("t.npz", lambda: npz()()[:3000]), "t.npz: not an NPZ file"),
+    "npz_pickle": (
+        file("t.npz", npz(x=np.array([Payload()], dtype=object))),
+        "t.npz: 'x'",
+        "array of numbers",
+    ),
+    "npz_two_dimensions": (file("t.npz", npz(x=np.zeros((101, 3)))), "'x'", "(101, 3)"),
+    "npz_text_column": (file("t.npz", npz(x=np.array(["a"] * 101))), "'x'", "numbers"),
+    "npz_complex": (file("t.npz", npz(x=np.zeros(101, complex))), "'x'", "numbers"),
+    "npz_other_length": (file("t.npz", npz(x=np.zeros(100))), "'x' has 100"),
+    "npz_infinite": (file("t.npz", npz(x=np.full(101, np.inf))), "row 0, column 'x'"),
+    "npz_no_time": (file("t.npz", npz(time=None)), "t.npz: there is no column 'time'"),
+    "npz_claims_much": (
+        file(
+            "t.npz",
+            zipped(x=npy("{'descr': '<f8', 'fortran_order': False, 'shape': (10000000000000,)}")),
+        ),
+        "'x': cut off",
+    ),
+    "npz_negative_shape": (
+        file("t.npz", zipped(x=npy("{'descr': '<f8', 'fortran_order': False, 'shape': (-8,)}"))),
+        "t.npz: 'x'",
+    ),
+    "npz_header_is_code": (
+        file("t.npz", zipped(x=npy("__import__('pathlib').Path('owned').touch()"))),
+        "'x': not a NumPy array",
+    ),
+    "npz_header_is_deep": (
+        file("t.npz", zipped(x=npy("(" * 9000))),
+        "'x': not a NumPy array",
+    ),
+    "npz_bomb": (file("t.npz", zip_bomb), "'time': ", "bytes are too many"),
+    # Parquet.
+    "parquet_empty": (file("t.parquet", ""), "t.parquet: not a Parquet file"),
+    "parquet_text": (file("t.parquet", csv), "t.parquet: not a Parquet file"),
+    "parquet_cut_off": (
+        file("t.parquet", lambda: parquet()()[:3000]),
+        "t.parquet: not a Parquet file",
+    ),
+    "parquet_text_column": (
+        file("t.parquet", parquet(x=["a"] * 101)),
+        "column 'x' must hold numbers",
+    ),
+    "parquet_nested": (
+        file("t.parquet", parquet(x=[[1.0]] * 101)),
+        "column 'x' must hold numbers",
+    ),
+    "parquet_infinite": (file("t.parquet", parquet(x=np.full(101, np.inf))), "row 0, column 'x'"),
+    # Bags.
+    "bag_empty_folder": (made("bag", Path.mkdir), "bag: a folder without metadata.yaml"),
+    "bag_without_files": (
+        bag(lambda path: next(path.glob("*.mcap")).unlink()),
+        "bag: not a ROS 2 bag",
+    ),
+    "bag_metadata_garbage": (
+        bag(lambda path: (path / "metadata.yaml").write_text("a: [b, {")),
+        "bag: not a ROS 2 bag",
+    ),
+    "bag_metadata_other": (
+        bag(lambda path: (path / "metadata.yaml").write_text("- 1\n")),
+        "bag: not a ROS 2 bag",
+    ),
+    "bag_cut_off": (bag(lambda path: cut(next(path.glob("*.mcap")))), "bag: "),
+    "mcap_text": (file("t.mcap", "no bag"), "t.mcap: not a ROS 2 bag"),
+    "db3_text": (file("t.db3", "no bag"), "t.db3: not a ROS 2 bag"),
+    # No file, or another one.
+    "another_kind": (file("t.txt", csv), "t.txt: telemetry is read from"),
+    "no_ending": (file("t", csv), "t: telemetry is read from"),
+    "missing": (called("t.csv"), "t.csv: no such file"),
+    "missing_folder": (called("no/such/t.csv"), "no/such/t.csv: no such file"),
+    "folder": (made("t.csv", Path.mkdir), "t.csv: "),
+    "fifo": (made("t.csv", os.mkfifo), "t.csv: not a file"),
+    "device": (called("/dev/zero"), "/dev/zero: not a file"),
+    "link_to_device": (made("t.csv", lambda p: p.symlink_to("/dev/zero")), "t.csv: not a file"),
+    "link_to_itself": (made("t.csv", lambda p: p.symlink_to(p)), "t.csv: "),
+    "no_name": (called(""), "a folder without metadata.yaml"),
+    "dash": (called("-"), "-: no such file"),
+    "unknown_user": (called("~nobody_at_all/t.csv"), "~nobody_at_all/t.csv"),
+    "unknown_package": (called("package://elsewhere/t.csv"), "elsewhere/t.csv: no such file"),
+    "package_that_climbs": (
+        called("package://cpid_drake_models/../../etc/passwd"),
+        "passwd",
+    ),
+    "web_address": (called("http://127.0.0.1:9/t.csv"), "t.csv"),
+    "file_address": (called("file:///t.csv"), "t.csv"),
+    "line_end_in_name": (called("t\nt.csv"), "t t.csv: no such file"),
+    "long_name": (called("t" * 5000 + ".csv"), "too long"),
+}
+
+
+# -- scenarios and sensors ------------------------------------------------------------------------
+
+
+def scenario(old: str = "", new: str = "") -> Callable[[], str]:
+    """Return the paper's scenario with a text replaced."""
+
+    def make() -> str:
+        text = shipped_scenario("paper").read_text()
+        assert old in text
+        return text.replace(old, new, 1)
+
+    return make
+
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n" for a, b in zip("abcdefghi", "bcdefghij")
+)
+
+YAML = {
+    "empty": ("", "must be a mapping"),
+    "binary": (bytes(range(256)), "not YAML"),
+    "utf_16": ("a: 1".encode("utf-16"), "not YAML"),
+    "tab": ("spacecraft:\n\tmodel: a\n", "line 2, column 1"),
+    "open_list": ("spacecraft: [1, 2", "line 1, column"),
+    "billion_laughs": (BOMB, "more than 20000 values"),
+    "deep": ("[" * 100_000, "nested too deeply"),
+    "itself": ("a: &a [*a]\n", "*a stands for nothing or itself"),
+    "python_object": ("a: !!python/object/apply:os.system ['touch owned']\n", "line 1"),
+    "unknown_key": ("spacecarft: {}\n", "unknown key 'spacecarft'"),
+    "list": ("- 1\n- 2\n", "must be a mapping"),
+    "number": ("42\n", "must be a mapping"),
+    "large": ("#" * 2_000_000, "larger than 1 MB"),
+    "two_documents": ("{}\n---\n{}\n", "line 2"),
+    "json_cut_off": ('{"spacecraft": {', "line 1"),
+}
+
+
+# -- results --------------------------------------------------------------------------------------
+
+
+def result(**changes: object) -> str:
+    numbers = TARGET.to_vector().tolist()
+    ten = {"mass": numbers[0], "com": numbers[1:4], "inertia": numbers[4:]}
+    document = ten | {
+        "covariance": np.eye(10).tolist(),
+        "feasible": ten,
+        "rank": 10,
+        "condition": 30.0,
+        "samples_used": 20,
+        "samples_rejected": 0,
+        "warnings": [],
+        "estimator": "least_squares",
+        "rows": "standard",
+        "spacecraft": {"model": "/arm.urdf", "base": "bus", "capture_frame": "hand"},
+    }
+    return json.dumps({k: v for k, v in (document | changes).items() if v is not ...})
+
+
+RESULTS = {
+    "empty": ("", "not JSON", "line 1"),
+    "binary": (bytes(range(256)), "not JSON"),
+    "cut_off": (result()[:200], "not JSON", "line 1 column"),
+    "list": ("[1, 2]", "must be an object"),
+    "deep": ("[" * 100_000, "nested too deeply"),
+    "key_twice": ('{"mass": 1, "mass": 2}', "'mass' is given twice"),
+    "no_mass": (result(mass=...), "'mass' is missing"),
+    "nan": (result(mass=float("nan")), "NaN"),
+    "infinite": (result(condition=float("inf")), "Infinity"),
+    "beyond_floats": (result().replace("20.0", "1e400", 1), "1e400"),
+    "long_integer": (result().replace("20.0", "9" * 5000, 1), "r.json"),
+    "text": (result(mass="20 kg"), "mass must hold numbers"),
+    "short_com": (result(com=[1, 2]), "com must be a list of 3"),
+    "covariance_9": (result(covariance=np.eye(9).tolist()), "covariance must be a list of 10x10"),
+    "rank_11": (result(rank=11), "rank must be 10 at most"),
+    "negative_mass": (
+        result(feasible={"mass": -1, "com": [0, 0, 0], "inertia": [1, 1, 1, 0, 0, 0]}),
+        "feasible: no rigid body",
+    ),
+    "no_frame": (result(spacecraft={"model": "a", "base": "b"}), "spacecraft.capture_frame"),
+    "unknown": (result(mass=None), "do not determine m"),
+    "not_feasible": (result(feasible=None), "'feasible' is null"),
+}
+
+# -- all ------------------------------------------------------------------------------------------
+
+
+def cases() -> list[Case]:
+    found = [Case(name, "telemetry", make, says) for name, (make, *says) in TELEMETRY.items()]
+    for kind in ("scenario", "sensors"):
+        found += [
+            Case(name, kind, file("s.yaml", content), ("s.yaml: ", *says))
+            for name, (content, *says) in YAML.items()
+        ]
+    found += [
+        Case(name, "result", file("r.json", content), ("r.json: ", *says))
+        for name, (content, *says) in RESULTS.items()
+    ]
+    return [replace(case, phrases=tuple(case.phrases)) for case in found]
