@@ -1,14 +1,15 @@
 """Do a log's positions and rates tell the same story? Mixed units and conventions show there.
 
-Positions are differenced over the intervals between samples and compared with the mean of the rates
-at both ends. Radians against degrees, metres against millimetres, quaternions in another order:
-each shows as a factor, or as a much better fit in another convention.
+Positions are differenced over half a second and compared with the mean of the rates in between.
+Radians against degrees, metres against millimetres, quaternions in another order: each shows as a
+factor, or as a much better fit in another convention.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.sensors import Measurements, Samples
@@ -24,7 +25,7 @@ _IN_WORLD = "the angular velocity seems to be given in the world; call its colum
 _IN_BODY = "the angular velocity seems to be given in the body; call its columns bwx, bwy, bwz"
 _CLEAR = 0.98  # correlation from which on a factor, or another convention, is no accident
 _WINDOW = 20_000
-_LONGEST_STEP = 0.5
+_STEP = 0.5  # [s]
 
 
 @dataclass(frozen=True)
@@ -136,23 +137,28 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
 def _pairs(
     positions: Samples, rates: Samples
 ) -> tuple[NDArray, NDArray, NDArray, NDArray[np.float64]] | None:
-    """Return values before and after each interval, its length (n, 1), and the mean rate in it."""
+    """Return values before and after intervals, their length (n, 1), and the mean rate in each.
+
+    They overlap, and are as long as `_STEP` where there are samples in between: over one fast
+    sensor's step, noise would drown the motion.
+    """
     if len(positions) < 10 or len(rates) < 10:
         return None
     time, value = positions.time[:_WINDOW], positions.value[:_WINDOW]
-    inside = (time[:-1] >= rates.time[0]) & (time[1:] <= rates.time[-1])
-    inside &= np.diff(time) <= _LONGEST_STEP
-    before, after = time[:-1][inside], time[1:][inside]
-    if before.size < 8:
+    stride = max(int(_STEP / np.median(np.diff(time))), 1)
+    before, after = time[:-stride], time[stride:]
+    inside = (before >= rates.time[0]) & (after <= rates.time[-1])
+    inside &= after - before <= 2 * _STEP
+    if inside.sum() < 8:
         return None
+    before, after = before[inside], after[inside]
+    sums = cumulative_trapezoid(rates.value, rates.time, axis=0, initial=0.0)
     mean = np.stack(
-        [
-            (np.interp(before, rates.time, column) + np.interp(after, rates.time, column)) / 2
-            for column in rates.value.T
-        ],
+        [np.interp(after, rates.time, c) - np.interp(before, rates.time, c) for c in sums.T],
         axis=1,
     )
-    return value[:-1][inside], value[1:][inside], (after - before)[:, None], mean
+    elapsed = (after - before)[:, None]
+    return value[:-stride][inside], value[stride:][inside], elapsed, mean / elapsed
 
 
 def _compare(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> tuple[float, float]:

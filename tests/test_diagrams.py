@@ -40,6 +40,7 @@ def runs(tmp_path_factory):
         "paper_case.py": start("paper_case.py", "--graph", "diagram.dot", cwd=folder),
         "online_identification.py": start("online_identification.py", cwd=folder),
         "sensor_identification.py": start("sensor_identification.py", cwd=folder),
+        "own_spacecraft.py": start("own_spacecraft.py", cwd=folder),
         "meshcat_view.py": start("meshcat_view.py", "--html", "view.html", cwd=folder),
     }
     return folder, {name: finish(process) for name, process in processes.items()}
@@ -109,6 +110,14 @@ def test_the_estimate_from_sensors_converges_to_the_target(runs):
         assert abs(float(estimate) - float(truth)) < 5 * float(deviation) + 1e-5, name
 
 
+def test_the_sample_log_tells_the_bag_that_it_was_made_with(runs):
+    stdout = runs[1]["own_spacecraft.py"].stdout
+    mass = float(re.search(r"^m = (\S+) kg", stdout, re.M)[1])
+    together = float(re.search(r"^together (\S+) kg", stdout, re.M)[1])
+    assert mass == pytest.approx(8.5, abs=0.05)
+    assert together - mass == pytest.approx(10.49, abs=0.01)
+
+
 def test_the_recording_is_one_self_contained_file(runs):
     """Whoever gets it needs no network, and it is small enough to send."""
     path = runs[0] / "view.html"
@@ -150,6 +159,7 @@ def test_a_bad_scenario_is_one_line_and_exit_code_2(script, text, tmp_path):
         ("online_identification.py", ["--period", "nan"]),
         ("online_identification.py", ["--period", "inf"]),
         ("sensor_identification.py", ["--sensors", "nothing"]),
+        ("own_spacecraft.py", ["nothing.csv"]),
         ("sensor_identification.py", ["--seed", "-1"]),
     ],
 )

@@ -1,0 +1,48 @@
+#!/usr/bin/env python3
+"""Identify what your own spacecraft holds from your own log, and go on with it in Drake.
+
+Give your files, or none for the sample that comes with the package: a free-flyer with a bag.
+"""
+
+import argparse
+
+from pydrake.multibody.tree import BodyIndex
+
+from cpid_drake import InputError, Spacecraft, identify_log, load_sensors, read_telemetry
+from cpid_drake.model_files import models_directory
+
+
+def main() -> None:
+    models = models_directory()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("telemetry", nargs="?", default=models / "telemetry/free_flyer.csv")
+    parser.add_argument("--spacecraft", default=models / "free_flyer/free_flyer.urdf")
+    parser.add_argument("--base", default="body")
+    parser.add_argument("--capture-frame", default="capture_point")
+    parser.add_argument("--sensors", default="testbed", help="preset or YAML file")
+    args = parser.parse_args()
+    try:
+        # The known spacecraft, the log and the sensors: all that is needed.
+        spacecraft = Spacecraft(args.spacecraft, base=args.base, capture_frame=args.capture_frame)
+        log, sensors = read_telemetry(args.telemetry), load_sensors(args.sensors)
+        found = identify_log(spacecraft, log, suite=sensors).identification
+        print(found.explain())
+        target = found.feasible()  # InertialParameters that a rigid body can have
+    except InputError as error:
+        parser.exit(2, f"{parser.prog}: error: {error}\n")
+    print(f"m = {target.mass:.4f} kg, c = {target.p_CTcm_C.round(4)} m")
+    print(f"I = {target.I_TTcm_C.round(5).tolist()} kg·m²")
+
+    # The spacecraft with what it holds, as a Drake plant: for control, planning, simulation. Here:
+    # the inertia that attitude control has to turn, about the common centre of mass.
+    plant = spacecraft.make_simulation_plant(target)
+    context = plant.CreateDefaultContext()
+    base = plant.GetBodyByName(spacecraft.base.name())
+    bodies = [BodyIndex(k) for k in range(1, plant.num_bodies())]
+    together = plant.CalcSpatialInertia(context, base.body_frame(), bodies)
+    centred = together.Shift(together.get_com()).CalcRotationalInertia()
+    print(f"together {together.get_mass():.3f} kg, {centred.get_moments().round(3)} kg·m²")
+
+
+if __name__ == "__main__":
+    main()
