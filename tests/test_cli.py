@@ -287,7 +287,7 @@ def test_accuracy_can_be_quiet(cpid):
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (("exciting",), "no shipped scenario 'exciting'; choose from"),
+        (("exciting",), "no shipped scenario 'exciting'; did you mean 'exciting_motion'?"),
         (("nowhere.yaml",), "nowhere.yaml"),
         (("paper", "--preset", "fligth"), "fligth"),
         (("paper", "--estimator", "kalman"), "no estimator 'kalman'; choose from eq18"),

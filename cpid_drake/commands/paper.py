@@ -27,7 +27,7 @@ def paper(
     start = time.perf_counter()
     # Imported here so that `cpid --help` does not wait for Drake.
     from cpid_drake.report.paper import print_tables, write_figures
-    from cpid_drake.scenario import find_scenario, load_scenario
+    from cpid_drake.scenario import find_scenario, load_scenario, naming
     from cpid_drake.studies.paper import run_paper_study, summarize
 
     make_folder(out)
@@ -37,7 +37,10 @@ def paper(
         def progress(step: str) -> None:
             status.update(step)
 
-        study = run_paper_study(load_scenario(find_scenario(scenario or "paper")), progress)
+        name = scenario or "paper"
+        loaded = load_scenario(find_scenario(name))
+        with naming(name):
+            study = run_paper_study(loaded, progress)
         progress("drawing the figures")
         files = write_figures(study, out)
     files.append(out / "summary.json")
