@@ -1,8 +1,6 @@
 """An identification as a result file and in words."""
 
-import hashlib
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -97,14 +95,6 @@ def principal_axes(
         axes[:, k] *= np.sign(axes[np.abs(axes[:, k]).argmax(), k])
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     return moments, axes
-
-
-def file_hash(path: Path) -> str | None:
-    """Return the SHA-256 of a file; None of a folder."""
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def describe(found: LogIdentification, result: IdentificationResult) -> list[str]:
