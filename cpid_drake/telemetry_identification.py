@@ -64,7 +64,8 @@ class LogIdentification:
         estimator: one of `ESTIMATORS`.
         rows: name of the row family; None for the other estimators.
         suite: the sensors that were assumed; None where all samples weighed alike.
-        residuals: how white they are; None where the estimator has none to look at.
+        residuals: how white they are (of the fit: those of the least white sensor); None where the
+            estimator has none to look at.
         rejected: number of samples of each sensor that could not be used; no entry for none.
         warnings: sentences for the reader.
 
@@ -395,9 +396,9 @@ def _by_fit(log: _Log) -> tuple[Identification, Whiteness | None]:
             "larger than said, a momentum that is not zero, or a spacecraft other than its model; "
             "the intervals are too narrow by that factor at least"
         )
-    rows = fit.model.residuals(fit.trajectory)
-    sample = fit.model.sample_rows()
-    return identification_of_fit(fit), whiteness(rows[sample >= 0].reshape(-1, 3))
+    by_sensor = [whiteness(rest) for rest in fit.own_noise().values()]
+    least_white = max(by_sensor, key=lambda residuals: abs(residuals.lag_one), default=None)
+    return identification_of_fit(fit), least_white
 
 
 def _by_filter(log: _Log, rejected: dict[str, int]) -> Identification:

@@ -93,6 +93,18 @@ class TrajectoryFit:
         prior = self.model.psi_prior
         return np.zeros((10, 10)) if prior is None else np.diag(prior[1] ** -2.0)
 
+    def own_noise(self) -> dict[str, NDArray[np.float64]]:
+        """Return by sensor what is left of its samples (N, 3), in units of σ: its own noise.
+
+        That is the residuals without the most likely errors of the joint motion, which hang
+        together over many samples.
+        """
+        weighted = _Weighted(self.model.nuisance(self.trajectory), self.weights)
+        rest = weighted.own_noise(self.model.residuals(self.trajectory))
+        counts = [len(getattr(self.model.measurements, name)) for name in self.model.sensors]
+        parts = np.split(rest, 3 * np.cumsum(counts))
+        return {name: part.reshape(-1, 3) for name, part in zip(self.model.sensors, parts[:-1])}
+
     def explain(self) -> str:
         """Say in words whether it converged, how well it fits, and what it determines."""
         ended = "converged" if self.converged else "did not converge"
