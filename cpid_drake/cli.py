@@ -1,5 +1,6 @@
 """The `cpid` command: its subcommands, and how it ends."""
 
+import os
 import sys
 
 import typer
@@ -10,6 +11,7 @@ from cpid_drake.commands.identify import identify
 from cpid_drake.commands.paper import paper
 from cpid_drake.commands.scenario import scenario
 from cpid_drake.commands.simulate import simulate
+from cpid_drake.commands.telemetry import telemetry
 from cpid_drake.errors import InputError
 
 app = typer.Typer(
@@ -21,6 +23,7 @@ app = typer.Typer(
 )
 app.command()(paper)
 app.command()(identify)
+app.add_typer(telemetry, name="telemetry")
 app.command()(simulate)
 app.add_typer(scenario, name="scenario")
 app.command()(accuracy)
@@ -29,6 +32,8 @@ app.command()(export)
 
 def main() -> None:
     """Run `cpid`; bad input or usage ends in one line on stderr and exit code 2."""
+    # Before NumPy is imported: its matrices are small here, and threads only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         code = app(standalone_mode=False)
     except InputError as error:
