@@ -68,6 +68,9 @@ class LogIdentification:
             estimator has none to look at.
         rejected: number of samples of each sensor that could not be used; no entry for none.
         warnings: sentences for the reader.
+        leftovers: what the estimate leaves of the samples, (N, 3) by name. Of the trajectory fit:
+            of every sensor, in units of its noise. Of least squares: "linear", "angular" of the
+            rows (of 20 000 samples at most), in N·s and N·m·s (linear "eq18" rows: m/s).
 
     """
 
@@ -78,6 +81,7 @@ class LogIdentification:
     residuals: Whiteness | None
     rejected: dict[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    leftovers: dict[str, Samples] = field(default_factory=dict)
 
 
 def identify_log(
@@ -125,11 +129,11 @@ def identify_log(
 
     log = _Log(spacecraft, measurements, suite, unknown_momentum, warnings)
     if estimator == "trajectory_fit":
-        identification, residuals = _by_fit(log)
+        identification, residuals, leftovers = _by_fit(log)
     elif estimator == "momentum_filter":
-        identification, residuals = _by_filter(log, rejected), None
+        identification, residuals, leftovers = _by_filter(log, rejected), None, {}
     else:
-        identification, residuals = _by_rows(log, row_family(rows, unknown_momentum))
+        identification, residuals, leftovers = _by_rows(log, row_family(rows, unknown_momentum))
     return LogIdentification(
         identification,
         estimator,
@@ -138,6 +142,7 @@ def identify_log(
         residuals,
         {name: count for name, count in rejected.items() if count},
         tuple(log.warnings),
+        leftovers,
     )
 
 
@@ -272,16 +277,21 @@ def _require(
 # -- least squares --------------------------------------------------------------------------------
 
 
-def _by_rows(log: _Log, family: RowFamily) -> tuple[Identification, Whiteness | None]:
+_Found = tuple[Identification, Whiteness | None, dict[str, Samples]]
+
+
+def _by_rows(log: _Log, family: RowFamily) -> _Found:
     telemetry = None if log.suite is not None else complete_samples(log.measurements, family)
     if telemetry is None:
         measurements = _not_too_long(log.measurements, "smoothing")
         suite = log.require_suite()
         motion = smooth(measurements, suite, with_position=family.name != "relative")
-        return (
-            identify_smoothed(log.spacecraft.tree, motion, family, log.unknown_momentum),
-            None,
-        )
+        found = identify_smoothed(log.spacecraft.tree, motion, family, log.unknown_momentum)
+        left = {}
+        if found.is_observable:
+            rest = _residuals(log, motion.telemetry, family, found.solution.estimate)
+            left = _by_kind(motion.telemetry.time, rest)
+        return found, None, left
     tree = log.spacecraft.tree
     # With the momentum's columns in it, one root answers for a known and for an unknown one.
     root, count = accumulate_rows(tree, telemetry, family, family.momentum_size > 0)
@@ -291,13 +301,14 @@ def _by_rows(log: _Log, family: RowFamily) -> tuple[Identification, Whiteness | 
         solution = solve_root(root[:, family.momentum_size :], count)
         _look_for_momentum(log, root, solution, free, family)
     unknowns = family.unknowns(log.spacecraft.mass)
-    residuals = None
+    residuals, left = None, {}
     if solution.is_observable and solution.row_count > 20:
-        residuals = whiteness(_residuals(log, telemetry, family, solution.estimate))
+        rest = _residuals(log, telemetry, family, solution.estimate)
+        residuals, left = whiteness(rest), _by_kind(telemetry.time, rest)
         # Errors that hang together from sample to sample average out more slowly.
         wider = residuals.correlation_time * solution.covariance
         solution = replace(solution, covariance=wider)
-    return Identification(unknowns, solution, len(telemetry)), residuals
+    return Identification(unknowns, solution, len(telemetry)), residuals, left
 
 
 def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:
@@ -357,6 +368,12 @@ def _residuals(
     return rest.reshape(len(some), -1)
 
 
+def _by_kind(time: NDArray[np.float64], rest: NDArray[np.float64]) -> dict[str, Samples]:
+    """Return residuals (N, 3 or 6) by kind: the angular ones are a sample's last three."""
+    kinds = {"linear": rest[:, :-3], "angular": rest[:, -3:]}
+    return {name: Samples(time[: len(part)], part) for name, part in kinds.items() if part.size}
+
+
 def _look_for_momentum(
     log: _Log,
     root: NDArray[np.float64],
@@ -381,7 +398,7 @@ def _look_for_momentum(
 # -- fit and filter -------------------------------------------------------------------------------
 
 
-def _by_fit(log: _Log) -> tuple[Identification, Whiteness | None]:
+def _by_fit(log: _Log) -> _Found:
     measurements = _not_too_long(log.measurements, "trajectory_fit")
     suite = log.require_suite()
     fit = fit_measurements(
@@ -396,9 +413,14 @@ def _by_fit(log: _Log) -> tuple[Identification, Whiteness | None]:
             "larger than said, a momentum that is not zero, or a spacecraft other than its model; "
             "the intervals are too narrow by that factor at least"
         )
-    by_sensor = [whiteness(rest) for rest in fit.own_noise().values()]
+    own_noise = fit.own_noise()
+    by_sensor = [whiteness(rest) for rest in own_noise.values()]
     least_white = max(by_sensor, key=lambda residuals: abs(residuals.lag_one), default=None)
-    return identification_of_fit(fit), least_white
+    left = {
+        name: Samples(getattr(fit.model.measurements, name).time, rest)
+        for name, rest in own_noise.items()
+    }
+    return identification_of_fit(fit), least_white, left
 
 
 def _by_filter(log: _Log, rejected: dict[str, int]) -> Identification:
