@@ -93,23 +93,40 @@ def write_result(path: str | Path, result: IdentificationResult) -> None:
     """Write a result file; `read_result` gives back what was written.
 
     Raises:
-        InputError: the file cannot be written, a detail has the name of another key or is nothing
-            that JSON can hold, or `read_result` would refuse the file.
+        InputError: as `result_text`, or the file cannot be written.
+
+    """
+    text = result_text(result, str(path))
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot write there: {error.strerror}") from error
+
+
+def result_text(result: IdentificationResult, where: str) -> str:
+    """Return the text of a result file.
+
+    Args:
+        result: what it is to hold.
+        where: its name, for error messages.
+
+    Raises:
+        InputError: a detail has the name of another key or is nothing that JSON can hold, or
+            `read_result` would refuse the file.
 
     """
     document = _document(result)
     clash = sorted(document.keys() & result.details.keys())
     if clash:
-        raise InputError(f"{path}: a detail cannot be called '{clash[0]}': the result has that key")
+        raise InputError(
+            f"{where}: a detail cannot be called '{clash[0]}': the result has that key"
+        )
     try:
         text = json.dumps(document | result.details, indent=2, allow_nan=False) + "\n"
     except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: details that JSON cannot hold: {error}") from error
-    _parse(text.encode(), str(path))
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot write there: {error.strerror}") from error
+        raise InputError(f"{where}: details that JSON cannot hold: {error}") from error
+    _parse(text.encode(), where)
+    return text
 
 
 def _document(result: IdentificationResult) -> dict[str, Any]:

@@ -35,16 +35,28 @@ def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
     Channels are scaled alike. The correlation time is 1 + 2 Σ ρ_k up to where pairs of ρ turn
     negative (Geyer 1992, "Practical Markov Chain Monte Carlo", initial positive sequence).
     """
-    residuals = residuals - residuals.mean(axis=0)
-    size = np.sqrt(np.mean(residuals**2, axis=0))
-    scaled = residuals[:, size > 0] / size[size > 0]
-    count, channels = scaled.shape
+    rho, channels = autocorrelation(residuals)
+    count = len(residuals)
     if count < 4 or not channels:
         return Whiteness(0.0, np.inf, 1.0, count)
-    spectrum = np.abs(np.fft.rfft(scaled, 2 * count, axis=0)) ** 2
-    covariance = np.fft.irfft(spectrum, axis=0)[: count // 2].sum(axis=1)
-    rho = covariance / covariance[0]
     pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     time = 2 * float(pairs[:end].sum()) - 1
     return Whiteness(float(rho[1]), float(2 / np.sqrt(count * channels)), max(time, 1.0), count)
+
+
+def autocorrelation(residuals: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+    """Return the correlation of residuals (N, channels) with those 0, 1, ... samples later.
+
+    It is the mean over all channels that are not constant, whose number is the second result; at
+    half the samples it ends.
+    """
+    residuals = residuals - residuals.mean(axis=0)
+    size = np.sqrt(np.mean(residuals**2, axis=0))
+    scaled = residuals[:, size > 0] / size[size > 0]
+    count, channels = scaled.shape
+    if not channels:
+        return np.zeros(count // 2), 0
+    spectrum = np.abs(np.fft.rfft(scaled, 2 * count, axis=0)) ** 2
+    covariance = np.fft.irfft(spectrum, axis=0)[: count // 2].sum(axis=1)
+    return covariance / covariance[:1], channels

@@ -52,6 +52,7 @@ def result_of(
         "not_observable": describe_unobservable(
             solution.unobservable, identification.unknowns.entries
         ),
+        "singular_values": _numbers(solution.singular_values),
         "residual_whiteness": None,
         "samples_rejected_by_sensor": found.rejected,
         "source": source | {"cpid_drake": version("cpid-drake")},

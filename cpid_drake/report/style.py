@@ -1,7 +1,10 @@
 """One look for every figure."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from html import escape
+from io import StringIO
 from pathlib import Path
 
 import matplotlib
@@ -32,6 +35,60 @@ _STYLE = {
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
 }
+
+# In a page lines and letters have the page's colours, light or dark: these stand for them.
+_INK, _GRID = "#010203", "#0405f6"
+_PAGE_COLORS = {
+    _INK: "var(--ink)",
+    _GRID: "var(--grid)",
+    **{color.lower(): f"var(--color-{k})" for k, color in enumerate(COLORS[:-1])},
+}
+_IN_PAGE = {
+    "axes.edgecolor": _INK,
+    "axes.facecolor": "none",
+    "axes.labelcolor": _INK,
+    "axes.labelsize": 8,
+    "axes.titlesize": 9,
+    "figure.facecolor": "none",
+    "grid.color": _GRID,
+    "svg.fonttype": "none",
+    "text.color": _INK,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
+}
+
+INK = _INK
+"""What a drawing for a page uses instead of black."""
+
+
+def inline_svg(
+    name: str, label: str, width: float, height: float, draw: Callable[[Figure], None]
+) -> str:
+    """Return a drawing as an SVG element for a page, in the page's colours.
+
+    Args:
+        name: of the drawing, its own in the page: letters, digits and hyphens.
+        label: what it shows, for those who cannot see it.
+        width, height: [in]; the page scales it.
+        draw: draws on a figure.
+
+    """
+    text = StringIO()
+    with matplotlib.rc_context(_STYLE | _IN_PAGE | {"svg.hashsalt": name}):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        draw(figure)
+        metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(text, format="svg", metadata=metadata, dpi=150)
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    # The names within are unique in the drawing; several drawings share the page.
+    svg = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", svg)
+    svg = re.sub(r"#[0-9a-f]{6}\b", lambda found: _PAGE_COLORS.get(found[0], found[0]), svg)
+    svg = re.sub(r"'DejaVu Sans'[^;\"]*", "inherit-font", svg)
+    svg = svg.replace("inherit-font", "system-ui, sans-serif")
+    root, rest = svg.split(">", 1)
+    root = re.sub(r' (width|height)="[^"]*"', "", root)
+    return f'{root} role="img" aria-label="{escape(label)}">{rest}'
 
 
 @contextmanager
