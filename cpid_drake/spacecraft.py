@@ -1,6 +1,7 @@
 """A model file becomes a known spacecraft: a free base, a tree of joints and a capture frame."""
 
 import logging
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -28,6 +29,7 @@ from cpid_drake.appearance import add_target_appearance
 from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.kinematics import CaptureMotion, KinematicTree, TreeBody
+from cpid_drake.model_checks import check_model
 from cpid_drake.model_files import package_map, resolve_model
 from cpid_drake.momentum import MomentumSamples
 from cpid_drake.telemetry import Telemetry
@@ -99,9 +101,10 @@ class Spacecraft:
         if not self._path.name.endswith(_MODEL_ENDINGS):
             raise self._error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
         self._capture_name = capture_frame
+        check_model(self._path, self.model, self._packages)
 
         self.plant = MultibodyPlant(time_step=0.0)
-        self._parse_into(self.plant)
+        warnings = self._parse_into(self.plant)
         self._finalize(self.plant)
         self.base = self._find_body(base)
         self.capture_frame = self._find_frame(self.plant, capture_frame)
@@ -124,6 +127,8 @@ class Spacecraft:
             "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
             "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
+        for warning in warnings:  # not of a model that is refused: the error says what matters
+            logging.getLogger("drake").warning(warning)
 
     @property
     def path(self) -> Path:
@@ -283,7 +288,16 @@ class Spacecraft:
     def _error(self, problem: str) -> InputError:
         return InputError(f"{self.model}: {problem}")
 
-    def _parse_into(self, plant: MultibodyPlant) -> None:
+    def _of_drake(self, message: object) -> str:
+        """Return a message of Drake's without the file's name, which stands before it, and ours."""
+        path = re.escape(str(self._path))
+        text = re.sub(rf"/?{path}:(\d+): (error|warning): ", r"line \1: ", _one_line(message))
+        text = re.sub(rf"{path}:(\d+):(\d+): ", r"line \1, column \2: ", text)
+        text = re.sub(r" (for <root> )?while (accepting|visiting) .*", "", text)
+        return re.sub(rf"^(error|warning): |{path}: |Failure at \S+ in \w+\(\): ", "", text)
+
+    def _parse_into(self, plant: MultibodyPlant) -> list[str]:
+        """Add the model to a plant without gravity, and return what the parser warned of."""
         parser = Parser(plant)
         parser.package_map().AddMap(self._packages)
         if self._path.suffix == ".sdf" and b"<mimic" in self._path.read_bytes():
@@ -292,13 +306,13 @@ class Spacecraft:
             with _parser_warnings() as warnings:
                 parser.AddModels(str(self._path))
         except (RuntimeError, ValueError, SystemExit) as error:
-            raise self._error(_one_line(error)) from error
+            raise self._error(self._of_drake(error)) from error
         for warning in warnings:
             for phrase, problem in _SILENT_REPAIRS.items():
                 if phrase in warning:
-                    raise self._error(f"{problem}: {warning}")
-            logging.getLogger("drake").warning(warning)
+                    raise self._error(f"{problem}: {self._of_drake(warning)}")
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+        return warnings
 
     def _finalize(self, plant: MultibodyPlant) -> None:
         if plant.num_constraints() > 0:
@@ -314,7 +328,7 @@ class Spacecraft:
                 raise self._error(
                     "its joints form a closed loop; only trees are supported"
                 ) from None
-            raise self._error(_one_line(error)) from error
+            raise self._error(self._of_drake(error)) from error
 
     def _find_body(self, name: str) -> RigidBody:
         bodies = [

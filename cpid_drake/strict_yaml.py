@@ -47,7 +47,7 @@ def load_strictly(schema: type[Schema], file: Path, where: str, whole: str) -> S
         if len(data) > LARGEST_FILE:
             raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
         text = data.decode("utf-8-sig")
-        _check_size(text, where)
+        check_size(text, where)
         loader = _StrictLoader(text, list(dict.fromkeys(_tags(schema))))
         _Structure(where, whole).check(loader.get_single_data(), schema, "")
         return yaml_load_typed(schema=schema, data=text, defaults=schema())
@@ -84,7 +84,7 @@ def choose_from(name: object, choices: Iterable[str]) -> str:
     )
 
 
-def _check_size(text: str, where: str) -> None:
+def check_size(text: str, where: str) -> None:
     """Refuse what would take a reader long, or much memory: a few aliases can stand for billions.
 
     Raises:

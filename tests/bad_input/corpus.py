@@ -548,6 +548,238 @@ TELEMETRY = {
 }
 
 
+# -- models ---------------------------------------------------------------------------------------
+
+ENTITIES = "<!DOCTYPE r [<!ENTITY a 'ha'>" + "".join(
+    f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefghi", "bcdefghij")
+)
+
+
+def directives(*entries: str, name: str = "m.dmd.yaml") -> Callable[[Path], str]:
+    """Return a maker of model directives; FOLDER in them is the URI of the file's folder."""
+
+    def make(folder: Path) -> str:
+        text = "directives:\n" + "".join(f"- {entry}\n" for entry in entries)
+        (folder / name).write_text(text.replace("FOLDER", f"file://{folder}"))
+        return name
+
+    return make
+
+
+def together(*makers: Callable[[Path], str]) -> Callable[[Path], str]:
+    """Return a maker of several files; the first is the one to read."""
+    return lambda folder: [make(folder) for make in makers][0]  # noqa: RUF015 all are made
+
+
+def including(name: str, text: str) -> Callable[[Path], str]:
+    """Return a maker of a file in which FOLDER is its folder's URI."""
+
+    def make(folder: Path) -> str:
+        (folder / name).write_text(text.replace("FOLDER", f"file://{folder}"))
+        return name
+
+    return make
+
+
+def rebuilt(old: str, new: str) -> Callable[[], str]:
+    """Return the good URDF with a text replaced where it stands first."""
+
+    def make() -> str:
+        assert old in urdf()
+        return urdf().replace(old, new, 1)
+
+    return make
+
+
+HAND = "of link 'hand': "
+MODELS = {
+    # Not a model.
+    "empty": (file("m.urdf", ""), "m.urdf: the file is empty"),
+    "binary": (file("m.urdf", bytes(range(256)) * 40), "m.urdf: line 1, column 1: not XML"),
+    "nul": (file("m.urdf", rebuilt("fore", "fo\0re")), "m.urdf: line 4, column", "not XML"),
+    "cut_off": (file("m.urdf", urdf()[:-30]), "m.urdf: line 8, column", "not XML"),
+    "utf_16": (file("m.urdf", urdf().encode("utf-16")), "m.urdf: "),
+    "web_page": (file("m.urdf", "<!DOCTYPE html><html></html>"), "m.urdf: line 1: URDF does not"),
+    "attribute_twice": (
+        file("m.urdf", rebuilt('<mass value="200"', '<mass value="2" value="3"')),
+        "m.urdf: line 2, column",
+        "duplicate attribute",
+    ),
+    "another_kind": (file("m.obj", "v 0 0 0"), "m.obj: not a model file"),
+    "missing": (called("m.urdf"), "m.urdf: no such file"),
+    "folder": (made("m.urdf", Path.mkdir), "m.urdf: a folder"),
+    "fifo": (made("m.urdf", os.mkfifo), "m.urdf: not a file"),
+    "device": (called("/dev/zero"), "/dev/zero: not a file"),
+    "link_to_itself": (made("m.urdf", lambda p: p.symlink_to(p)), "m.urdf: "),
+    "unknown_package": (called("package://elsewhere/m.urdf"), "unknown package 'elsewhere'"),
+    "package_that_climbs": (
+        called("package://cpid_drake_models/../../../../../../etc/passwd"),
+        "package://cpid_drake_models/../",
+    ),
+    "web_address": (called("https://127.0.0.1:9/m.urdf"), "give a path or a package:// URI"),
+    "file_address": (called("file:///m.urdf"), "give a path or a package:// URI"),
+    # Bombs and loops.
+    "billion_laughs": (
+        file("m.urdf", urdf(head=ENTITIES + "]>")),
+        "m.urdf: line 1: the entity &a;",
+    ),
+    "billion_laughs_sdf": (file("m.sdf", ENTITIES + "]>" + sdf(inner="&j;")), "the entity &a;"),
+    "billion_laughs_mjcf": (file("m.xml", ENTITIES + "]>" + mjcf(rest="&j;")), "the entity &a;"),
+    "outer_entity": (
+        file("m.urdf", urdf(head="<!DOCTYPE r [<!ENTITY a SYSTEM '/dev/zero'>]>")),
+        "line 1: the entity &a;",
+    ),
+    "deep": (file("m.urdf", "<robot>" + "<link>" * 200_000), "line 1: nested too deeply"),
+    "deep_models": (
+        file("m.sdf", sdf(inner="<model name='a'>" * 450 + "</model>" * 450)),
+        "nested too deeply",
+    ),
+    "long_name": (file("m.urdf", urdf(rest=f"<link name='{'a' * 10**6}'/>")), "1000000 characters"),
+    "directives_of_themselves": (
+        directives("add_directives: {file: FOLDER/m.dmd.yaml}"),
+        "m.dmd.yaml: the file includes itself",
+    ),
+    "directives_of_each_other": (
+        together(
+            directives("add_directives: {file: FOLDER/o.dmd.yaml}"),
+            directives("add_directives: {file: FOLDER/m.dmd.yaml}", name="o.dmd.yaml"),
+        ),
+        "m.dmd.yaml: the file includes itself",
+    ),
+    "directives_that_double": (
+        together(
+            *(
+                directives(*[f"add_directives: {{file: FOLDER/{k + 1}.dmd.yaml}}"] * 2, name=name)
+                for k, name in enumerate(["m.dmd.yaml", *(f"{k}.dmd.yaml" for k in range(1, 40))])
+            )
+        ),
+        "more than 1000 includes",
+    ),
+    "directives_billion_laughs": (
+        file("m.dmd.yaml", lambda: BOMB + "directives: *j\n"),
+        "m.dmd.yaml: more than 20000 values",
+    ),
+    "directives_garbage": (file("m.dmd.yaml", "a: [b, {"), "m.dmd.yaml: not YAML: line 1, column"),
+    "directives_list": (file("m.dmd.yaml", "[1, 2]"), "m.dmd.yaml: invalid document"),
+    "directives_misspelt": (directives("add_modle: {name: a}"), "line 2, column 3: ", "add_modle"),
+    "directives_of_a_missing_file": (
+        directives("add_model: {name: a, file: FOLDER/no.urdf}"),
+        "no.urdf",
+        "does not exist",
+    ),
+    "directives_of_a_web_address": (
+        directives("add_model: {name: a, file: 'http://127.0.0.1:9/m.urdf'}"),
+        "http://127.0.0.1:9/m.urdf",
+    ),
+    "directives_of_a_bad_model": (
+        together(
+            directives("add_model: {name: a, file: FOLDER/o.urdf}"),
+            file("o.urdf", urdf(link("hand", "1,5"))),
+        ),
+        "m.dmd.yaml: ",
+        "o.urdf: line 5 of link 'hand'",
+    ),
+    "directives_of_a_missing_frame": (
+        directives(
+            "add_model: {name: a, file: FOLDER/arm.urdf}",
+            "add_weld: {parent: a::nothing, child: a::bus}",
+        ),
+        "'nothing'",
+    ),
+    "sdf_of_itself": (
+        including("m.sdf", sdf(inner="<include><uri>FOLDER/m.sdf</uri></include>")),
+        "m.sdf: the file includes itself",
+    ),
+    "sdf_of_a_web_address": (
+        file("m.sdf", sdf(inner="<include><uri>http://127.0.0.1:9/a</uri></include>")),
+        "m.sdf: line 5",
+        "http://127.0.0.1:9/a",
+    ),
+    "mjcf_of_itself": (
+        file("m.xml", mjcf(rest='<include file="m.xml"/>')),
+        "m.xml: the file includes itself",
+    ),
+    "mjcf_of_a_device": (file("m.xml", mjcf(rest='<include file="/dev/zero"/>')), "/dev/zero"),
+    "mjcf_of_a_fifo": (
+        together(file("m.xml", mjcf(rest='<include file="o.xml"/>')), made("o.xml", os.mkfifo)),
+        "o.xml: not a file",
+    ),
+    # Numbers.
+    "negative_mass": (
+        file("m.urdf", urdf(link("hand", -1))),
+        "line 5 " + HAND,
+        '<mass value="-1">',
+    ),
+    "mass_nan": (file("m.urdf", urdf(link("hand", "nan"))), "line 5 " + HAND, "nan is not a"),
+    "mass_infinite": (file("m.urdf", urdf(link("hand", "inf"))), "line 5 " + HAND, "inf is not a"),
+    "mass_1e300": (file("m.urdf", urdf(link("hand", "1e300"))), HAND, "cannot be meant"),
+    "mass_1e400": (file("m.urdf", urdf(link("hand", "1e400"))), HAND, "1e400 is not a finite"),
+    "mass_text": (file("m.urdf", urdf(link("hand", "ten"))), "line 5 " + HAND, "ten is not a"),
+    "mass_comma": (file("m.urdf", urdf(link("hand", "1,5"))), "line 5 " + HAND, "1,5 is not a"),
+    "mass_unit": (file("m.urdf", urdf(link("hand", "9 kg"))), "line 5 " + HAND, "no unit"),
+    "mass_zero": (file("m.urdf", urdf(link("hand", 0))), "m.urdf: ", "line 5"),
+    "mass_misspelt": (file("m.urdf", rebuilt("<mass", "<mas")), "m.urdf: ", "line 2"),
+    "mass_1e300_mjcf": (file("m.xml", mjcf(1e300)), "line 4 of body 'hand'", "cannot be meant"),
+    "mass_comma_mjcf": (file("m.xml", mjcf("1,5")), "line 4 of body 'hand'", "1,5 is not a"),
+    "mass_comma_sdf": (file("m.sdf", sdf("1,5")), "line 3 of link 'hand'", "1,5 is not a"),
+    "mass_unit_sdf": (file("m.sdf", sdf("10 kg")), "line 3 of link 'hand'", "no unit"),
+    "negative_mass_sdf": (file("m.sdf", sdf(-1)), "line 3 of link 'hand': <mass>-1</mass>"),
+    "inertia_negative": (file("m.urdf", urdf(link("hand", 10, -1))), "line 5 " + HAND, "negative"),
+    "inertia_triangle": (file("m.urdf", urdf(link("hand", 10, 99))), "line 5", "inertia"),
+    "inertia_misspelt": (file("m.urdf", rebuilt("ixx", "Ixx")), "line 2 of link 'bus'", "'ixx'?"),
+    "millimetres": (
+        file("m.urdf", rebuilt('xyz="0.4 0 0.1"', 'xyz="400mm 0 100mm"')),
+        "line 6 of joint 'shoulder'",
+        "no unit",
+    ),
+    "two_coordinates": (
+        file("m.urdf", rebuilt('xyz="0.4 0 0.1"', 'xyz="0.4 0"')),
+        "line 6",
+        "3 numbers",
+    ),
+    "limit_comma": (file("m.urdf", rebuilt('upper="3"', 'upper="3,1"')), "of joint 'shoulder'"),
+    "axis_zero": (file("m.urdf", rebuilt('axis xyz="0 0 1"', 'axis xyz="0 0 0"')), "'shoulder'"),
+    "axis_nan": (file("m.urdf", rebuilt('axis xyz="0 0 1"', 'axis xyz="nan 0 1"')), "'shoulder'"),
+    # Structure.
+    "joint_type": (file("m.urdf", rebuilt('"revolute"', '"hinge"')), "line 6", "'hinge'"),
+    "floating_joint": (
+        file("m.urdf", rebuilt('"revolute"', '"floating"')),
+        "not connected",
+        "upper",
+    ),
+    "ball_joint": (file("m.xml", mjcf(kind="ball")), "joint 'wrist' is of type"),
+    "joint_without_parent": (
+        file("m.urdf", rebuilt('<parent link="bus"/>', "")),
+        "line 6",
+        "parent",
+    ),
+    "joint_to_nothing": (file("m.urdf", rebuilt('parent link="bus"', 'parent link="b"')), "'b'"),
+    "joint_to_itself": (
+        file("m.urdf", urdf(rest=joint("j", "hand", "hand"))),
+        "connect body hand to itself",
+    ),
+    "loop": (file("m.urdf", urdf(rest=joint("j", "hand", "bus"))), "m.urdf: ", "loop"),
+    "mimic": (
+        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist"/>')),
+        "mimic",
+    ),
+    "two_roots": (file("m.urdf", urdf(rest=link("loose"))), "not connected", "loose"),
+    "welded_to_world": (
+        file(
+            "m.urdf", urdf(rest="<link name='world'/>" + joint("w", "world", "bus", kind="fixed"))
+        ),
+        "base 'bus' is welded to the world by w",
+    ),
+    "no_base": (file("m.urdf", urdf().replace("bus", "body")), "no body 'bus'", "body"),
+    "no_hand": (file("m.urdf", urdf().replace("hand", "grip")), "no frame 'hand'", "grip"),
+    "hand_on_base": (file("m.urdf", urdf().replace("revolute", "fixed")), "'hand' is on the base"),
+    "link_twice": (file("m.urdf", urdf(rest=link("hand"))), "m.urdf: ", "'hand'"),
+    "link_without_name": (file("m.urdf", urdf(rest="<link/>")), "name"),
+    "sdf_version": (file("m.sdf", sdf().replace("1.9", "99")), "m.sdf: ", "99"),
+    "sdf_misspelt": (file("m.sdf", sdf().replace("mass", "mas")), "m.sdf: line 2", "mas"),
+}
+
+
 # -- scenarios and sensors ------------------------------------------------------------------------
 
 
@@ -636,6 +868,7 @@ RESULTS = {
 
 def cases() -> list[Case]:
     found = [Case(name, "telemetry", make, says) for name, (make, *says) in TELEMETRY.items()]
+    found += [Case(name, "model", make, says) for name, (make, *says) in MODELS.items()]
     for kind in ("scenario", "sensors"):
         found += [
             Case(name, kind, file("s.yaml", content), ("s.yaml: ", *says))

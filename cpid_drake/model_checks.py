@@ -1,0 +1,257 @@
+"""What a model's files must be before Drake reads them.
+
+Drake's readers take "1,5" for 1 and "500mm" for 500, read a misspelt attribute as zero, and never
+come back from a file that includes itself, or from a few YAML aliases that stand for billions.
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers.expat import ExpatError, ParserCreate, errors
+
+import numpy as np
+import yaml
+from pydrake.multibody.parsing import PackageMap
+
+from cpid_drake.errors import InputError
+from cpid_drake.strict_yaml import check_size, choose_from
+
+LARGEST_FILE = 64 * 2**20
+"""[bytes]; models with all their geometry written out have a few million."""
+
+LARGEST_NUMBER = 1e12
+"""Of masses, lengths and inertias [SI units]."""
+
+DEEPEST, MOST_FILES, LONGEST_NAME = 100, 1000, 1000
+"""Levels of elements and of includes, files with all includes, characters of a name."""
+
+_INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+# By format, the attributes (URDF: by element) or elements (SDF) that hold numbers.
+_URDF_NUMBERS = {
+    "mass": ("value",),
+    "inertia": _INERTIA,
+    "origin": ("xyz", "rpy"),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper", "velocity", "effort"),
+}
+_SDF_NUMBERS = ("mass", *_INERTIA, "pose", "xyz", "lower", "upper", "velocity", "effort")
+_MJCF_NUMBERS = (
+    *("mass", "density", "diaginertia", "fullinertia", "pos", "quat", "euler", "axisangle"),
+    *("xyaxes", "zaxis", "axis", "fromto", "size"),
+)
+_LIMITS = ("lower", "upper", "velocity", "effort")
+_COUNTS = {"xyz": 3, "rpy": 3, "pos": 3, "quat": 4, "diaginertia": 3, "fullinertia": 6}
+_COUNTS |= dict.fromkeys(("mass", "value", "density", *_INERTIA, *_LIMITS), 1)
+_NOT_NEGATIVE = ("mass", "value", "density", "size", "diaginertia", "ixx", "iyy", "izz")
+
+
+def check_model(path: Path, where: str, packages: PackageMap) -> None:
+    """Refuse a model that Drake would not finish reading, or read otherwise than it is meant.
+
+    Args:
+        path: the model's file.
+        where: how to call it in error messages.
+        packages: where its URIs lead to.
+
+    Raises:
+        InputError: the file, or one that it includes, is not XML or YAML, is too large or nested
+            too deeply, includes itself, or holds entities, or numbers that are none or cannot be
+            meant. The message names the file and the line.
+
+    """
+    _Walk(where, path, packages).visit(path, ())
+
+
+@dataclass
+class _Walk:
+    """From a model's file to the files that it includes."""
+
+    where: str
+    start: Path
+    packages: PackageMap
+    count: int = 0
+
+    def visit(self, path: Path, around: tuple[Path, ...]) -> None:
+        """Check a file, `around` being those that include it, and the files it includes."""
+        path = path.resolve()
+        self.count += 1
+        place = self.where if path == self.start else f"{self.where}: {path}"
+        if path in around:
+            raise InputError(f"{place}: the file includes itself")
+        if self.count > MOST_FILES or len(around) > DEEPEST:
+            raise InputError(
+                f"{place}: more than {MOST_FILES} includes, or {DEEPEST} in each other"
+            )
+        ending = path.suffix.lower()
+        if ending not in (".urdf", ".sdf", ".xml", ".yaml", ".yml"):
+            return
+        if not path.is_file():
+            if path.exists():
+                raise InputError(f"{place}: not a file")
+            return  # Drake says from where it was to be included
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{place}: larger than {LARGEST_FILE >> 20} MiB: not a model")
+        data = path.read_bytes()
+        if ending in (".yaml", ".yml"):
+            included = [self._behind(uri) for uri in _included_by_directives(data, place)]
+        else:
+            reader = _XmlReader(ending, place)
+            reader.read(data)
+            # MJCF counts from the folder of the first MJCF file, not from that of the including.
+            main = next((file for file in around if file.suffix.lower() == ".xml"), path)
+            included = [
+                main.parent / uri if ending == ".xml" else self._behind(uri)
+                for uri in reader.included
+            ]
+        for file in included:
+            if file is not None and file.is_dir():
+                for part in sorted(file.glob("*.sdf")):
+                    self.visit(part, (*around, path))
+            elif file is not None:
+                self.visit(file, (*around, path))
+
+    def _behind(self, uri: str) -> Path | None:
+        """Return the path that a URI leads to; None if Drake will refuse it."""
+        scheme, separator, rest = uri.partition("://")
+        if not separator:
+            return None
+        if scheme == "file":
+            return Path(rest)
+        name, _, relative = rest.partition("/")
+        known = scheme in ("package", "model") and self.packages.Contains(name)
+        return Path(self.packages.GetPath(name)) / relative if known else None
+
+
+def _included_by_directives(data: bytes, where: str) -> list[str]:
+    """Return the URIs of the files that model directives name."""
+    try:
+        text = data.decode("utf-8-sig")
+        check_size(text, where)
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: not YAML: not text in UTF-8") from error
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise InputError(f"{where}: not YAML: {place}{error.problem}") from error
+    except (yaml.YAMLError, RecursionError) as error:
+        raise InputError(f"{where}: not YAML: {error}") from error
+    return [
+        file.value
+        for directives in _values(root, "directives")
+        for directive in getattr(directives, "value", ())
+        for kind in ("add_directives", "add_model")
+        for body in _values(directive, kind)
+        for file in _values(body, "file")
+        if isinstance(file, yaml.ScalarNode)
+    ]
+
+
+def _values(node: object, key: str) -> list[yaml.Node]:
+    if not isinstance(node, yaml.MappingNode):
+        return []
+    return [value for name, value in node.value if name.value == key]
+
+
+@dataclass
+class _XmlReader:
+    """The elements of an XML file, one after the other.
+
+    Attributes:
+        ending: of the file: what the elements mean.
+        where: how to call the file.
+        included: what it includes, as it is written there.
+
+    """
+
+    ending: str
+    where: str
+    included: list[str] = field(default_factory=list)
+    _open: list[tuple[str, str]] = field(default_factory=list)  # tags and names
+    _text: list[str] = field(default_factory=list)
+
+    def read(self, data: bytes) -> None:
+        """Go through the file."""
+        if not data.strip():
+            raise InputError(f"{self.where}: the file is empty")
+        # Drake's reader takes any bytes in names, and "--" in comments.
+        data = re.sub(rb"<!--.*?-->", lambda match: b"\n" * match[0].count(b"\n"), data, flags=re.S)
+        self._parser = parser = ParserCreate("iso-8859-1")
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.CharacterDataHandler = self._text.append
+        parser.EntityDeclHandler = self._entity
+        try:
+            parser.Parse(data.removeprefix(b"\xef\xbb\xbf").lstrip(), True)
+        except ExpatError as error:
+            place = f"line {error.lineno}, column {error.offset + 1}"
+            text = errors.messages[error.code]
+            raise InputError(f"{self.where}: {place}: not XML: {text}") from error
+
+    def _place(self) -> str:
+        """Say where the reader is: the line, and the innermost element with a name."""
+        named = [f" of {tag} '{name}'" for tag, name in self._open[1:] if name]
+        return f"{self.where}: line {self._parser.CurrentLineNumber}{(named or [''])[-1]}"
+
+    def _entity(self, name: str, *_: object) -> None:
+        raise InputError(f"{self._place()}: the entity &{name}; would not be read; write its text")
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        name = attributes.get("name", "")
+        if len(name) > LONGEST_NAME:
+            raise InputError(f"{self._place()}: a name of {len(name)} characters")
+        self._open.append((tag, name))
+        if len(self._open) > DEEPEST:
+            raise InputError(f"{self._place()}: nested too deeply, more than {DEEPEST} levels")
+        self._text.clear()
+        if self.ending == ".xml":
+            numbers = [key for key in _MJCF_NUMBERS if key in attributes]
+            if tag == "include" and attributes.get("file"):
+                self.included.append(
+                    attributes["file"].encode("iso-8859-1").decode(errors="ignore")
+                )
+        elif self.ending == ".urdf":
+            numbers = [key for key in _URDF_NUMBERS.get(tag, ()) if key in attributes]
+            in_inertial = len(self._open) > 1 and self._open[-2][0] == "inertial"
+            for key in attributes:
+                if in_inertial and key not in _URDF_NUMBERS.get(tag, (key,)):
+                    choices = choose_from(key, _URDF_NUMBERS[tag])
+                    raise InputError(
+                        f"{self._place()}: <{tag}> has no attribute '{key}'; {choices}"
+                    )
+        else:
+            numbers = []
+        for key in numbers:
+            self._check_numbers(key, attributes[key], f'<{tag} {key}="{{}}">')
+
+    def _end(self, tag: str) -> None:
+        text = "".join(self._text).strip()
+        self._text.clear()
+        if self.ending == ".sdf" and tag in _SDF_NUMBERS and text:
+            self._check_numbers(tag, text, f"<{tag}>{{}}</{tag}>")
+        if self.ending == ".sdf" and tag == "uri" and self._open[-2:-1] == [("include", "")]:
+            self.included.append(text.encode("iso-8859-1").decode(errors="ignore"))
+        self._open.pop()
+
+    def _check_numbers(self, key: str, text: str, what: str) -> None:
+        """Refuse text in which not all words are numbers that can be meant by this key."""
+        words = text.split()
+        problem = ""
+        for word in words:
+            try:
+                value = float(word) if "_" not in word else np.nan
+            except ValueError:
+                value = np.nan
+            if np.isnan(value) or (key not in _LIMITS and not np.isfinite(value)):
+                problem = "is not a finite number; write numbers with a decimal point and no unit"
+            elif key not in _LIMITS and abs(value) > LARGEST_NUMBER:
+                problem = f"cannot be meant: it is beyond {LARGEST_NUMBER:g}"
+            elif key in _NOT_NEGATIVE and value < -1e-12:  # rounded zeros are in some models
+                problem = "must not be negative"
+            if problem:
+                problem = f"{word:.40} {problem}"
+                break
+        if not problem and len(words) != _COUNTS.get(key, len(words)):
+            problem = f"{_COUNTS[key]} numbers are wanted, not {len(words)}"
+        if problem:
+            raise InputError(f"{self._place()}: {what.format(text[:60])}: {problem}")
