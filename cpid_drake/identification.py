@@ -20,7 +20,7 @@ from cpid_drake.regressors import ROW_FAMILIES, RowFamily
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.telemetry import Telemetry
 
-_AT_ONCE = 4096
+_AT_ONCE = 2048
 """Samples that are made rows of at once: their arrays fit into a processor's cache."""
 
 

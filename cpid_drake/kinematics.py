@@ -4,11 +4,13 @@ Plain NumPy over arrays that `Spacecraft` reads once from its Drake plant, so it
 route for many samples and one that is independent of Drake's own kinematics.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.inertia import point_mass_inertia
 from cpid_drake.telemetry import Telemetry
 
 
@@ -53,6 +55,28 @@ class KinematicTree:
     R_BC: NDArray[np.float64]
     p_BC: NDArray[np.float64]
 
+    @cached_property
+    def lumped(self) -> "KinematicTree":
+        """The same tree with bodies that are welded together as one: the same momentum, sooner."""
+        lumps: list[TreeBody] = []
+        where: list[tuple[int, NDArray, NDArray]] = []  # of each body: its lump, and its pose there
+        for body in self.bodies:
+            R_PB, p_PB = body.R_PF @ body.R_MB, body.p_PF + body.R_PF @ body.p_MB
+            if body.parent < 0:
+                where.append((0, np.eye(3), np.zeros(3)))
+                lumps.append(body)
+                continue
+            lump, R_LP, p_LP = where[body.parent]
+            if body.joint < 0:
+                where.append((lump, R_LP @ R_PB, p_LP + R_LP @ p_PB))
+                lumps[lump] = _joined(lumps[lump], body, *where[-1][1:])
+                continue
+            where.append((len(lumps), np.eye(3), np.zeros(3)))
+            p_LF = p_LP + R_LP @ body.p_PF
+            lumps.append(replace(body, parent=lump, R_PF=R_LP @ body.R_PF, p_PF=p_LF))
+        lump, R_LB, p_LB = where[self.capture_body]
+        return KinematicTree(tuple(lumps), lump, R_LB @ self.R_BC, p_LB + R_LB @ self.p_BC)
+
     def is_rotor(self, joint: int) -> bool:
         """Return whether a joint's angle makes no difference, as a reaction wheel's.
 
@@ -74,6 +98,21 @@ class KinematicTree:
             body.mass * off_axis @ off_axis <= 1e-6 * size
             and np.abs(I_M - balanced).max() <= 1e-6 * size
         )
+
+
+def _joined(
+    lump: TreeBody, body: TreeBody, R_LB: NDArray[np.float64], p_LB: NDArray[np.float64]
+) -> TreeBody:
+    """Return a lump with a body added that is fixed in its frame L."""
+    mass = lump.mass + body.mass
+    if not body.mass > 0:
+        return lump
+    coms = np.stack([lump.p_BBcm, p_LB + R_LB @ body.p_BBcm])
+    com = np.array([lump.mass, body.mass]) @ coms / mass
+    inertia = lump.I_BBcm + R_LB @ body.I_BBcm @ R_LB.T
+    for part, place in zip((lump.mass, body.mass), coms):
+        inertia = inertia + point_mass_inertia(part, place - com)
+    return replace(lump, mass=mass, p_BBcm=com, I_BBcm=inertia)
 
 
 @dataclass(frozen=True)

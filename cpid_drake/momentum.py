@@ -80,6 +80,7 @@ def target_momentum(
 
 def momentum_samples(tree: KinematicTree, telemetry: Telemetry) -> MomentumSamples:
     """Return the momentum samples of N telemetry samples."""
+    tree = tree.lumped
     bodies, capture = propagate(tree, telemetry)
     masses = np.array([body.mass for body in tree.bodies])
     return MomentumSamples(

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.kinematics import propagate, turned
+from cpid_drake.momentum import angular_momentum, linear_momentum
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +79,27 @@ def test_turning_agrees_with_scipy():
     start = Rotation.random(10, rng)
     expected = (start * Rotation.from_rotvec(angles[:, None] * axis)).as_matrix()
     np.testing.assert_allclose(turned(start.as_matrix(), axis, angles), expected, atol=1e-14)
+
+
+def test_lumping_welded_bodies_changes_no_momentum(servicer, random_motion):
+    """19 bodies of which six are welded: the same momentum, centre of mass and capture point."""
+    telemetry = random_motion(20, 17)
+    lumped = servicer.tree.lumped
+    assert sum(body.joint < 0 for body in lumped.bodies) == 1
+    assert sum(body.mass for body in lumped.bodies) == pytest.approx(servicer.mass, rel=1e-15)
+    results = []
+    for tree in (servicer.tree, lumped):
+        bodies, capture = propagate(tree, telemetry)
+        masses = np.array([body.mass for body in tree.bodies])
+        results.append(
+            (
+                linear_momentum(tree, bodies),
+                angular_momentum(tree, bodies, capture.p_WC),
+                np.einsum("k,kni->ni", masses, bodies.r),
+                capture.R_WC,
+                capture.p_WC,
+                capture.v_WC,
+            )
+        )
+    for one, other in zip(*results, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-11)
