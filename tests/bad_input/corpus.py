@@ -817,6 +817,72 @@ YAML = {
 }
 
 
+def paper_line(text: str) -> str:
+    """Say in which line of the paper's scenario a text is."""
+    before, found, _ = shipped_scenario("paper").read_text().partition(text)
+    assert found
+    return f"line {before.count(chr(10)) + 1}"
+
+
+MASS, MODEL = "mass: 100.0", "model: package://cpid_drake_models/dual_arm_servicer/"
+SCENARIOS = {
+    "mass_negative": (scenario(MASS, "mass: -100.0"), "target: not a rigid body: the mass -100 kg"),
+    "mass_nan": (scenario(MASS, "mass: .nan"), "target.mass"),
+    "mass_1e400": (scenario(MASS, "mass: 1.0e+400"), "target.mass"),
+    "mass_unit": (scenario(MASS, "mass: 100 kg"), "target.mass must be a number, not '100 kg'"),
+    "mass_list": (scenario(MASS, "mass: [100]"), "target.mass must be a number"),
+    "mass_twice": (
+        scenario(MASS, f"{MASS}\n  {MASS}"),
+        f"'mass' is given twice ({paper_line('  p_CTcm_C')})",
+    ),
+    "mass_misspelt": (scenario(MASS, "mas: 100.0"), "'target.mas'; did you mean 'mass'?"),
+    "short_com": (scenario("[0.4330127, 0.0, 0.0]", "[0.4, 0.0]"), "target needs p_CTcm_C of 3"),
+    "com_in_millimetres": (scenario("[0.4330127, 0.0, 0.0]", "[433.0, 0.0, 0.0]"), "millimetres"),
+    "impossible_inertia": (scenario("30.0, 0.0]", "90.0, 0.0]"), "triangle inequality"),
+    "joint_misspelt": (
+        scenario("capture_arm_joint1: 0.2", "capture_arm_jiont1: 0.2"),
+        "joint_motion.initial: no joint 'capture_arm_jiont1'; did you mean 'capture_arm_joint1'?",
+    ),
+    "joint_in_degrees": (
+        scenario("capture_arm_joint1: -0.8", "capture_arm_joint1: -46"),
+        "joint_motion.final",
+        "degrees",
+    ),
+    "model_misspelt": (scenario(MODEL, MODEL[:-2] + "/"), "no such file"),
+    "model_climbs": (
+        scenario(MODEL + "dual_arm_servicer.urdf", "model: ../../../../../../../etc/passwd"),
+        "not a model file",
+    ),
+    "model_is_a_number": (scenario(MODEL + "dual_arm_servicer.urdf", "model: 7"), "must be text"),
+    "base_misspelt": (scenario("base: bus", "base: bsu"), "no body 'bsu'"),
+    "tab": (scenario("  base", "\tbase"), f"{paper_line('  base')}, column 1"),
+    "unknown_tag": (
+        scenario("joint_motion:", "joint_motion: !Spline"),
+        "!Spline",
+        paper_line("joint_m"),
+    ),
+    "unknown_rows": (scenario("rows: eq18", "rows: eq81"), "'eq81'", "eq18"),
+    "period_of_zero": (scenario("period: 1.0", "period: 0.0"), "period"),
+    "duration_1e300": (scenario("duration: 10.0\n  log", "duration: 1e300\n  log"), "duration"),
+    "million_samples": (scenario("period: 1.0", "period: 1.0e-9"), "period"),
+}
+
+SENSORS = {
+    "rate_of_zero": ("encoders: {rate: 0}", "encoders.rate"),
+    "rate_1e300": ("encoders: {rate: 1.0e+300}", "encoders.rate"),
+    "sigma_negative": ("encoders: {sigma: -1}", "encoders.sigma"),
+    "sigma_nan": ("encoders: {sigma: .nan}", "encoders.sigma"),
+    "sigma_unit": ("encoders: {sigma: 1 mm}", "encoders.sigma must be a number, not '1 mm'"),
+    "bits_too_many": ("encoders: {bits: 1000}", "encoders.bits"),
+    "bits_of_half": ("encoders: {bits: 1.5}", "encoders.bits must be a whole number"),
+    "misspelt": ("encoder: {bits: 20}", "unknown key 'encoder'; did you mean 'encoders'?"),
+    "boresight_of_zero": (
+        "encoders: {}\nattitude: {boresight_B: [0, 0, 0]}",
+        "attitude.boresight_B",
+    ),
+}
+
+
 # -- results --------------------------------------------------------------------------------------
 
 
@@ -873,6 +939,11 @@ def cases() -> list[Case]:
         found += [
             Case(name, kind, file("s.yaml", content), ("s.yaml: ", *says))
             for name, (content, *says) in YAML.items()
+        ]
+    for kind, texts in (("scenario", SCENARIOS), ("sensors", SENSORS)):
+        found += [
+            Case(f"{name}_in_it", kind, file("s.yaml", content), ("s.yaml: ", *says))
+            for name, (content, *says) in texts.items()
         ]
     found += [
         Case(name, "result", file("r.json", content), ("r.json: ", *says))

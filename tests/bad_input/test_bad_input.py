@@ -1,10 +1,13 @@
 """Bad files at the command line: one line that names the file and the place, and exit code 2."""
 
+import json
+import os
+import re
+import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from corpus import Case, cases, write_good
+from corpus import Case, cases, link, urdf, write_good
 
 from cpid_drake.cli import main
 
@@ -58,7 +61,106 @@ def test_names_of_cases_are_unique():
     assert len(set(names)) == len(names) >= 60
 
 
-def test_the_files_that_the_cases_spoil_are_all_right(cpid, tmp_path):
-    code, _, stderr = cpid(*command("telemetry", "log.csv"))
+# -- what only looks odd --------------------------------------------------------------------------
+
+
+ODD = {
+    "nothing": lambda text: text,
+    "windows_line_ends": lambda text: text.replace("\n", "\r\n"),
+    "byte_order_mark": lambda text: "\ufeff" + text,
+    "quotes": lambda text: re.sub(r"[^,\n]+", r'"\g<0>"', text),
+    "blank_lines_and_comments": lambda text: "# a log\n" + text.replace("\n", "\n\n# it's 5 °C\n"),
+    "blanks_around_cells": lambda text: text.replace(",", " ,  "),
+    "another_column": lambda text: text.replace("\n", ",fine\n").replace("fine", "note", 1),
+    "columns_in_another_order": lambda text: "".join(
+        ",".join(reversed(line.split(","))) + "\n" for line in text.splitlines()
+    ),
+    "no_last_line_end": lambda text: text.rstrip("\n"),
+}
+
+
+def estimate(output: str) -> str:
+    """Return the table of parameters in what `cpid identify` prints."""
+    return output[output.index("estimate") :]
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_a_log_that_only_looks_odd_says_the_same(name, cpid, tmp_path):
+    code, plain, stderr = cpid(*command("telemetry", "log.csv"))
     assert (code, stderr) == (0, "")
-    assert Path("log.csv").read_text().count("\n") == 102
+    (tmp_path / "odd.csv").write_bytes(ODD[name]((tmp_path / "log.csv").read_text()).encode())
+    code, odd, stderr = cpid(*command("telemetry", "odd.csv"))
+    assert (code, stderr) == (
+        0,
+        "note: columns without a meaning: note\n" * (name == "another_column"),
+    )
+    assert estimate(odd) == estimate(plain)
+
+
+def test_empty_cells_and_one_sample_leave_something_open(cpid, tmp_path):
+    """Exit code 3: the file is all right, and what it says is not enough."""
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    (tmp_path / "t.csv").write_text("\n".join([lines[0], lines[60], "99" + "," * 19]))
+    code, stdout, _ = cpid(*command("telemetry", "t.csv"))
+    assert code == 3
+    assert "1 sample" in stdout
+
+
+def test_nothing_is_fetched_or_read_for_meshes(cpid, tmp_path):
+    uris = ("http://127.0.0.1:9/a.obj", "file:///dev/zero", "package://elsewhere/a.obj")
+    shapes = "".join(
+        f'<{kind}><geometry><mesh filename="{uri}"/></geometry></{kind}>'
+        for kind in ("visual", "collision")
+        for uri in uris
+    )
+    (tmp_path / "m.urdf").write_text(urdf(link("hand", inner=shapes)))
+    code, _, _ = cpid(*command("model", "m.urdf"))
+    assert code == 0
+
+
+# -- in processes of their own --------------------------------------------------------------------
+
+DANGEROUS = (
+    *("telemetry-device", "telemetry-fifo", "telemetry-npz_bomb", "telemetry-npz_claims_much"),
+    *("telemetry-long_line", "telemetry-link_to_itself", "scenario-billion_laughs"),
+    *("model-directives_of_themselves", "model-directives_billion_laughs", "model-sdf_of_itself"),
+    *("model-mjcf_of_itself", "model-billion_laughs_sdf", "model-deep", "result-deep"),
+)
+LIMITED = """
+import json, os, resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30,) * 2)
+from cpid_drake import cli, export, telemetry_identification
+from cpid_drake.report import identification
+for arguments in json.load(sys.stdin):
+    child = os.fork()
+    if not child:
+        resource.setrlimit(resource.RLIMIT_CPU, (10, 10))
+        sys.argv = ["cpid", *arguments]
+        cli.main()
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+
+
+def test_the_dangerous_ones_end_with_little_memory_and_time(tmp_path):
+    """As the command would end: a crash, or a wait for what never comes, is seen from outside."""
+    by_name = {str(case): case for case in CASES}
+    commands = []
+    for name in DANGEROUS:
+        case, folder = by_name[name], tmp_path / name
+        folder.mkdir()
+        write_good(folder)
+        names = {word: str(folder / word) for word in ("arm.urdf", "log.csv", case.make(folder))}
+        arguments = command(case.kind, list(names)[-1])
+        commands.append([names.get(word, word) for word in arguments])
+    run = subprocess.run(
+        [sys.executable, "-c", LIMITED],
+        input=json.dumps(commands),
+        text=True,
+        capture_output=True,
+        timeout=120,
+        cwd=tmp_path,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert run.returncode == 0, run.stderr
+    assert dict(zip(DANGEROUS, run.stdout.split())) == dict.fromkeys(DANGEROUS, "2"), run.stderr
+    assert run.stderr.count("\n") == len(DANGEROUS)
