@@ -39,6 +39,8 @@ from cpid_drake.telemetry import Telemetry
 ESTIMATORS = ("eq18", "standard", "relative", "momentum_filter", "trajectory_fit")
 """Names of the estimators: weighted least squares on three row families, and two that are not."""
 
+_MOST_WEIGHINGS = 20
+
 Momentum = tuple[ArrayLike, ArrayLike]
 """(L, v_Wcm), (3,) each, in W: constant angular momentum about the system's centre of mass
 [N·m·s], and that centre's velocity [m/s]."""
@@ -310,8 +312,9 @@ def identify_smoothed(
     """Solve a row family on smoothed motion by least squares, each sample weighted by its errors.
 
     The weights come from linear propagation of the smoothed motion's covariance into the rows, at
-    an unweighted estimate first. The covariance takes into account that errors of neighbouring
-    samples hang together, but not the bias that errors inside the rows cause.
+    an unweighted estimate first, which can be far off: then at the weighted one, until it stands.
+    The covariance takes into account that errors of neighbouring samples hang together, but not the
+    bias that errors inside the rows cause.
     """
     if momentum is not None and not unknown_momentum:
         # Seen from a frame that moves with the centre of mass, linear momentum is zero.
@@ -327,7 +330,7 @@ def identify_smoothed(
     rows = rows.reshape(-1, count, rows.shape[1])
     covariance = motion.covariance()
     solution = _solve(rows.reshape(-1, rows.shape[2]), nuisance)
-    for _ in range(2):
+    for _ in range(_MOST_WEIGHINGS):
         if not solution.is_observable:
             return Identification(family.unknowns(known_mass), solution, len(motion.telemetry))
         full = _full_solution(rows, nuisance, solution.estimate)
@@ -337,7 +340,10 @@ def identify_smoothed(
         S += 1e-300 * np.eye(count)
         whiten = np.linalg.inv(np.linalg.cholesky(S))
         white = whiten @ rows
-        solution = _solve(white.reshape(-1, rows.shape[2]), nuisance)
+        before, solution = solution, _solve(white.reshape(-1, rows.shape[2]), nuisance)
+        change = solution.estimate - before.estimate
+        if np.all(np.abs(change) < 0.01 * np.sqrt(np.diag(solution.covariance))):
+            break
     if solution.is_observable:
         # Errors of one spline coefficient are in many samples: add them up before squaring.
         A = white[:, :, :-1]
