@@ -9,9 +9,9 @@ OUT ?= out/paper
 demo: $(VENV)/installed
 	$(VENV)/bin/cpid paper --out $(OUT)
 
-# One thread: the tests' matrices are small, and threads would only wait for each other.
+# One thread each: the tests' matrices are small, and threads would only wait for each other.
 test: $(VENV)/installed-dev
-	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist loadfile
 
 lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .
