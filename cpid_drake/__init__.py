@@ -10,7 +10,7 @@ The public names, from the ground up:
 - `identify_from_sensors`: batch identification from these;
 - `read_telemetry`, `write_telemetry`: logs as files; `identify_log`: identification from a log;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
-  `JointMotionSource`, `TargetVisualizer`: Drake systems;
+  `JointMotionSource`, `SceneVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
 - `export_target`: the target as URDF, SDF, MJCF or directives, alone or on the spacecraft;
@@ -31,9 +31,9 @@ from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
+from cpid_drake.systems.scene_visualizer import SceneVisualizer
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors
-from cpid_drake.systems.target_visualizer import TargetVisualizer
 from cpid_drake.telemetry import Telemetry
 from cpid_drake.telemetry_files import read_telemetry, write_telemetry
 from cpid_drake.telemetry_identification import LogIdentification, identify_log
@@ -53,12 +53,12 @@ __all__ = [
     "MomentumIdentifier",
     "MultiSine",
     "Scenario",
+    "SceneVisualizer",
     "SensorIdentifier",
     "SensorSuite",
     "Simulation",
     "Spacecraft",
     "SpacecraftSensors",
-    "TargetVisualizer",
     "Telemetry",
     "export_target",
     "identify",

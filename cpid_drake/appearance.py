@@ -1,10 +1,10 @@
-"""How a target looks: the shape of a model file, or the solid ellipsoid of its inertia."""
+"""How bodies look: a target's model file or ellipsoid of inertia, and bodies without a shape."""
 
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Ellipsoid, Role, SceneGraph
+from pydrake.geometry import Ellipsoid, Mesh, Rgba, Role, SceneGraph, SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -12,7 +12,10 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
 
-_GREY = np.array([0.6, 0.6, 0.62, 1.0])
+GREY = Rgba(0.6, 0.6, 0.62, 1.0)
+"""Of what has no colour of its own."""
+
+_DRAWN_MESHES = (".obj", ".gltf", ".dae")  # Meshcat leaves the others out
 
 
 def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
@@ -25,6 +28,21 @@ def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], Rig
     """
     semi_diameters, X_CE = M_TCo_C.CalcPrincipalSemiDiametersAndPoseForSolidEllipsoid()
     return np.maximum(semi_diameters, max(0.02 * semi_diameters.max(), 1e-4)), X_CE
+
+
+def box_of_inertia(M_BBo_B: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
+    """Return the solid box that has this spatial inertia: sides (3,) [m], and its pose X_BE."""
+    semi_diameters, X_BE = inertia_ellipsoid(M_BBo_B)
+    return np.sqrt(12 / 5) * semi_diameters, X_BE
+
+
+def has_shape(plant: MultibodyPlant, body: RigidBody, inspector: SceneGraphInspector) -> bool:
+    """Return whether a body has geometry that Meshcat can draw."""
+    frame = plant.GetBodyFrameIdIfExists(body.index())
+    if frame is None:
+        return False
+    shapes = map(inspector.GetShape, inspector.GetGeometries(frame, Role.kIllustration))
+    return any(not isinstance(s, Mesh) or s.extension() in _DRAWN_MESHES for s in shapes)
 
 
 def add_target_appearance(
@@ -44,7 +62,7 @@ def add_target_appearance(
     """
     if visual_model is None:
         semi_diameters, X_CE = inertia_ellipsoid(M_TCo_C)
-        plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", _GREY)
+        plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", GREY.rgba)
         return
     scene_graph = SceneGraph()
     model = MultibodyPlant(time_step=0.0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
@@ -22,13 +22,19 @@ from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
+from cpid_drake.systems.scene_visualizer import (
+    FRAME_PERIOD,
+    SceneVisualizer,
+    extent_of,
+    prepare_meshcat,
+    shapeless_bodies,
+)
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,
     log_samples,
     measurements_from_logs,
 )
-from cpid_drake.systems.target_visualizer import TargetVisualizer
 from cpid_drake.telemetry import Telemetry
 
 
@@ -160,21 +166,35 @@ def initial_state(
         momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: none.
 
     """
-    start = propagate_base(
-        spacecraft.tree, motion, target.to_standard_vector(), [0.0], momentum_W=momentum_W
+    motion_at_start = predicted_motion(spacecraft, target, motion, [0.0], momentum_W)
+    return spacecraft.to_states(motion_at_start)[0]
+
+
+def predicted_motion(
+    spacecraft: Spacecraft,
+    target: InertialParameters,
+    motion: JointMotion,
+    times: ArrayLike,
+    momentum_W: ArrayLike | None = None,
+) -> Telemetry:
+    """Return the motion at times (N,) [s] that conserves momentum, with B at W at first.
+
+    The arguments are those of `initial_state`.
+    """
+    base = propagate_base(
+        spacecraft.tree, motion, target.to_standard_vector(), times, momentum_W=momentum_W
     )
-    q, qdot, _ = motion.evaluate(0.0)
-    telemetry = Telemetry(
+    q, qdot, _ = np.moveaxis(motion.evaluate(np.asarray(times, dtype=float)), 1, 0)
+    return Telemetry(
         spacecraft.joint_names,
-        time=np.zeros(1),
-        quaternion_WB=start.quaternion_WB,
-        p_WB=start.p_WB,
-        w_WB=start.w_WB,
-        v_WB=start.v_WB,
-        q=q[None],
-        qdot=qdot[None],
+        times,
+        quaternion_WB=base.quaternion_WB,
+        p_WB=base.p_WB,
+        w_WB=base.w_WB,
+        v_WB=base.v_WB,
+        q=q,
+        qdot=qdot,
     )
-    return spacecraft.to_states(telemetry)[0]
 
 
 def make_simulation(
@@ -211,7 +231,7 @@ def make_simulation(
         _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
     else:
         builder.AddSystem(plant)
-    body = spacecraft.add_to(
+    spacecraft.add_to(
         plant,
         truth,
         scene_graph=scene_graph,
@@ -244,14 +264,24 @@ def make_simulation(
     state_log.set_name("state_log")
     parameter_log.set_name("parameter_log")
     if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
-        TargetVisualizer.AddToBuilder(
+        times = np.linspace(0.0, scenario.simulation.duration, 50)
+        momentum_W = scenario.simulation.momentum_W
+        extent = extent_of(
+            spacecraft, predicted_motion(spacecraft, truth, motion, times, momentum_W), truth
+        )
+        prepare_meshcat(meshcat, extent)
+        MeshcatVisualizer.AddToBuilder(
+            builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=FRAME_PERIOD)
+        )
+        SceneVisualizer.AddToBuilder(
             builder,
             meshcat,
-            plant,
-            body,
-            identifier.GetOutputPort("spatial_inertia"),
-            truth=truth.to_spatial_inertia(),
+            spacecraft,
+            state,
+            identifier,
+            extent,
+            truth=truth,
+            shapeless=shapeless_bodies(spacecraft, plant, scene_graph),
         )
     diagram = builder.Build()
     diagram.set_name("cpid")

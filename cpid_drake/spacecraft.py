@@ -186,6 +186,16 @@ class Spacecraft:
             _exclude_all_contact(plant, scene_graph)
         return body
 
+    def add_alone_to(self, plant: MultibodyPlant) -> None:
+        """Add the spacecraft without a target to an empty plant, and finalize it.
+
+        Raises:
+            InputError: with a SceneGraph: some of its geometry cannot be read.
+
+        """
+        self._parse_into(plant)
+        self._finalize(plant)
+
     def make_simulation_plant(self, target: InertialParameters) -> MultibodyPlant:
         """Return a finalized zero-gravity plant of the spacecraft with this target welded on C."""
         plant = MultibodyPlant(time_step=0.0)

@@ -199,4 +199,4 @@ def test_what_the_filter_identifies_is_drawn():
     meshcat.PublishRecording()
     commands = map(b64decode, findall(r"base64,([A-Za-z0-9+/=]{100,})", meshcat.StaticHtml()))
     [animation] = [command for command in commands if b"set_animation" in command]
-    assert b"cpid/target/estimate/ellipsoid" in animation
+    assert b"cpid/estimated_inertia/ellipsoid/shape" in animation

@@ -1,0 +1,203 @@
+"""A replay of what happened, from telemetry: one HTML file that plays offline."""
+
+import json
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from string import Template
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
+
+from cpid_drake.errors import InputError
+from cpid_drake.identification import Identification
+from cpid_drake.inertia import InertialParameters
+from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.systems.scene_visualizer import (
+    FRAME_PERIOD,
+    SceneVisualizer,
+    extent_of,
+    prepare_meshcat,
+    shapeless_bodies,
+)
+from cpid_drake.telemetry import Telemetry
+
+_OVERLAY = Path(__file__).with_name("replay_overlay.html")
+
+MOST_FRAMES = 640
+"""Of a replay; of longer logs frames are farther apart than `FRAME_PERIOD`."""
+
+
+def replay_html(
+    spacecraft: Spacecraft,
+    telemetry: Telemetry,
+    estimates: Sequence[tuple[float, Identification]],
+    *,
+    truth: InertialParameters | None = None,
+    visual_model: str | Path | None = None,
+    title: str = "",
+) -> str:
+    """Return a self-contained page that replays a motion while the estimate evolves.
+
+    Args:
+        spacecraft: what moved. Bodies whose shapes cannot be drawn are drawn as boxes.
+        telemetry: its motion.
+        estimates: identifications and the times from which they are shown, in order [s].
+        truth: the true target, which only a simulation knows.
+        visual_model: how the true target looks; default: the ellipsoid of its inertia.
+        title: what is seen, in one line.
+
+    Raises:
+        InputError: telemetry of other joints, or no samples.
+
+    """
+    if not len(telemetry):
+        raise InputError("a replay needs samples")
+    states = spacecraft.to_states(telemetry)
+    frames = _frames(telemetry.time)
+    zero = telemetry.time[0]
+
+    meshcat = Meshcat()
+    extent = extent_of(spacecraft, telemetry, truth)
+    prepare_meshcat(meshcat, extent)
+    builder, plant, shapeless = _start_diagram(meshcat, spacecraft, truth, visual_model)
+    scene = builder.AddSystem(
+        SceneVisualizer(meshcat, spacecraft, extent, truth=truth, shapeless=shapeless)
+    )
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    inputs = scene.GetMyMutableContextFromRoot(context)
+    feed = {name: scene.GetInputPort(name) for name in ("covariance", "spatial_inertia")}
+    feed["covariance"].FixValue(inputs, np.full(100, np.nan))
+    feed["spatial_inertia"].FixValue(inputs, Value(SpatialInertia.NaN()))
+
+    meshcat.StartRecording(1 / FRAME_PERIOD, set_visualizations_while_recording=False)
+    waiting = list(estimates)
+    for k in frames:
+        time = telemetry.time[k]
+        newest = None
+        while waiting and waiting[0][0] <= time + 1e-9:
+            newest = waiting.pop(0)[1]
+        if newest is not None:
+            feed["covariance"].FixValue(inputs, newest.covariance.ravel())
+            feed["spatial_inertia"].FixValue(inputs, Value(newest.spatial_inertia()))
+        scene.GetInputPort("spacecraft_state").FixValue(inputs, states[k])
+        if plant is not None:
+            plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), states[k])
+        context.SetTime(time - zero)
+        diagram.ForcedPublish(context)
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    steps = [(at - zero, estimate_text(found, truth)) for at, found in estimates]
+    return _page(meshcat.StaticHtml(), title, steps, zero, truth is not None)
+
+
+# Layer, what it is called, its colour. `{whose}`: as the truth or the estimate has it.
+_LAYERS = (
+    ("drake", "spacecraft, and the target as it is", "#bbbbbb"),
+    ("cpid/estimated_centre", "estimated centre of mass of the target, 3 σ", "#ff730d"),
+    ("cpid/estimated_inertia", "estimated inertia, as a solid ellipsoid", "#ff730d"),
+    ("cpid/true_inertia", "true inertia", "#1ad9bf"),
+    ("cpid/centre_of_mass", "centre of mass of all{whose}; ring: where it was first", "#ffffff"),
+    ("cpid/momentum", "momentum{whose}: spacecraft (above: angular)", "#57b3e8"),
+    ("", "momentum{whose}: target", "#f0e342"),
+    ("cpid/trail", "where the capture point was", "#cc78a6"),
+    ("cpid/frames", "axes of W, B and C (x red, y green, z blue)", "#bbbbbb"),
+)
+
+
+def _page(
+    static_html: str,
+    title: str,
+    steps: Sequence[tuple[float, str]],
+    start: float,
+    with_truth: bool,
+) -> str:
+    """Put title, numbers, toggles and controls into Meshcat's page.
+
+    Args:
+        static_html: Meshcat's.
+        title: any text.
+        steps: texts and the times from which they are shown, from the start of the replay [s].
+        start: time of the start of the replay [s].
+        with_truth: whether the truth is in the scene.
+
+    """
+    whose = "" if with_truth else " as estimated"
+    rows = []
+    for path, name, color in _LAYERS:
+        if path == "cpid/true_inertia" and not with_truth:
+            continue
+        label = f'<i style="color:{color}">●</i> {escape(name.format(whose=whose))}'
+        box = f'<input type="checkbox" value="{path}">' if path else "&emsp;"
+        rows.append(f"<label>{box} {label}</label>")
+    overlay = Template(_OVERLAY.read_text(encoding="utf-8")).substitute(
+        title=escape(title),
+        layers="\n".join(rows),
+        steps=json.dumps(steps).replace("<", "\\u003c"),
+        zero=json.dumps(start),
+    )
+    before, end_of_body, after = static_html.rpartition("</body>")
+    return f"{before}{overlay}{end_of_body}{after}".replace(
+        "<title>Drake MeshCat</title>", f"<title>{escape(title or 'Replay')}</title>", 1
+    )
+
+
+def estimate_text(identification: Identification, truth: InertialParameters | None = None) -> str:
+    """Return an estimate in a few short lines, with 95 % intervals where they are known."""
+    lines = [f"from {identification.sample_count} samples"]
+    values = identification.parameters
+    if not np.isfinite(values).all():
+        return f"{lines[0]}: not all ten parameters known"
+    widths = 1.96 * np.sqrt(np.diag(identification.covariance).clip(min=0.0))
+    parts = (("m", slice(0, 1), "kg"), ("c", slice(1, 4), "m"), ("I", slice(4, 7), "kg·m²"))
+    for name, part, unit in parts:
+        line = f"{name:>6} {_numbers(values[part])} {unit}"
+        if np.isfinite(widths[part]).all():
+            line += f"  ± {_numbers(widths[part], 2)}"
+        lines.append(line)
+        if truth is not None:
+            lines.append(f"  true {_numbers(truth.to_vector()[part])} {unit}")
+    return "\n".join(lines)
+
+
+def _numbers(values: NDArray[np.float64], digits: int = 4) -> str:
+    return " ".join(f"{value:.{digits}g}" for value in values)
+
+
+def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the samples to draw: some `FRAME_PERIOD` apart, and the last one."""
+    duration = time[-1] - time[0]
+    period = max(FRAME_PERIOD, duration / MOST_FRAMES)
+    wanted = np.arange(time[0], time[-1], period)
+    return np.unique(np.append(np.searchsorted(time, wanted - 1e-9), len(time) - 1))
+
+
+def _start_diagram(
+    meshcat: Meshcat,
+    spacecraft: Spacecraft,
+    truth: InertialParameters | None,
+    visual_model: str | Path | None,
+) -> tuple[DiagramBuilder, MultibodyPlant | None, list[BodyIndex]]:
+    """Return a builder with a plant that is only drawn, and the bodies that have no shape in it.
+
+    A model whose shapes cannot be read is good to identify with: then there is no plant.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, MultibodyPlant(time_step=0.0))
+    try:
+        if truth is not None:
+            spacecraft.add_to(
+                plant, truth, scene_graph=scene_graph, target_visual_model=visual_model
+            )
+        else:
+            spacecraft.add_alone_to(plant)
+    except InputError:
+        return DiagramBuilder(), None, shapeless_bodies(spacecraft)
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
+    return builder, plant, shapeless_bodies(spacecraft, plant, scene_graph)

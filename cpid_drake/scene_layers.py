@@ -1,0 +1,359 @@
+"""What is drawn of a capture in Meshcat, beside the bodies: a few layers, each at its own path.
+
+A layer draws one `Moment` at a time. Given the time as well, it draws into a recording. Everything
+of a layer is below `/cpid/<layer>`: whether that is visible is nobody's business but the viewer's.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, Rgba, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.tree import SpatialInertia
+
+from cpid_drake.appearance import GREY, box_of_inertia, inertia_ellipsoid
+from cpid_drake.inertia import InertialParameters
+from cpid_drake.momentum import MomentumSamples, target_momentum
+
+ROOT = "/cpid"
+
+ESTIMATE_COLOR = Rgba(1.0, 0.45, 0.05, 1.0)
+TRUTH_COLOR = Rgba(0.1, 0.85, 0.75, 0.4)
+CENTRE_COLOR = Rgba(1.0, 1.0, 1.0, 1.0)
+TRAIL_COLOR = Rgba(0.8, 0.47, 0.65, 1.0)
+SPACECRAFT_COLOR = Rgba(0.34, 0.7, 0.91, 1.0)
+TARGET_COLOR = Rgba(0.94, 0.89, 0.26, 1.0)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How large, how long and how fast what is drawn is.
+
+    Attributes:
+        centre: (3,) of a sphere around everything during the whole motion, in W [m].
+        radius: its radius [m].
+        size: of the spacecraft itself, about half its length [m].
+        momentum: the largest linear momentum of the spacecraft [N·s].
+        angular_momentum: the largest about the system's centre of mass, roughly [N·m·s].
+        duration: of the motion [s].
+
+    """
+
+    centre: NDArray[np.float64]
+    radius: float
+    size: float
+    momentum: float
+    angular_momentum: float
+    duration: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is known of one instant.
+
+    Attributes:
+        X_WB: pose of the base.
+        X_WC: pose of the capture frame.
+        known: momentum of the known bodies, one sample.
+        target: the target of which centre of mass and momentum are drawn; None: not known.
+        estimate: spatial inertia as estimated, about C's origin in C; None: not known.
+        covariance: (3, 3) of the estimated centre of mass [m²].
+        body_poses: of the bodies without a shape of their own, by name.
+
+    """
+
+    X_WB: RigidTransform
+    X_WC: RigidTransform
+    known: MomentumSamples
+    target: InertialParameters | None
+    estimate: SpatialInertia | None
+    covariance: NDArray[np.float64]
+    body_poses: dict[str, RigidTransform]
+
+
+class Layer:
+    """One layer: its objects are set once, and moved, scaled and hidden at every moment."""
+
+    name: str
+
+    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
+        self._meshcat, self._extent = meshcat, extent
+        self._root = f"{ROOT}/{self.name}"
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Draw one moment."""
+        raise NotImplementedError
+
+    def _show(self, path: str, visible: bool, time: float) -> None:
+        self._meshcat.SetProperty(f"{self._root}/{path}", "visible", bool(visible), time)
+
+    def _place(
+        self, path: str, X_WD: RigidTransform, scale: ArrayLike | None, time: float | None
+    ) -> None:
+        """Move a thing; its scale is the next node's, which a transform would overwrite."""
+        self._meshcat.SetTransform(f"{self._root}/{path}", X_WD, time)
+        if scale is not None:
+            values = [float(value) for value in np.asarray(scale)]
+            self._meshcat.SetProperty(f"{self._root}/{path}/shape", "scale", values, time)
+
+    def _in_front(self, path: str) -> None:
+        """Draw an object over everything that hides it."""
+        node = f"{self._root}/{path}/<object>"
+        self._meshcat.SetProperty(node, "material.depthTest", False)
+        self._meshcat.SetProperty(node, "renderOrder", 10.0)
+
+
+class Bodies(Layer):
+    """Bodies that have no shape to show: boxes of the same mass and inertia."""
+
+    name = "bodies"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent, bodies: dict[str, SpatialInertia]) -> None:
+        super().__init__(meshcat, extent)
+        for name, M_BBo_B in bodies.items():
+            sides, X_BE = box_of_inertia(M_BBo_B)
+            meshcat.SetObject(f"{self._root}/{name}/box", Box(*sides), GREY)
+            meshcat.SetTransform(f"{self._root}/{name}/box", X_BE)
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Move the boxes."""
+        for name, X_WL in moment.body_poses.items():
+            self._place(name, X_WL, None, time)
+
+
+class Frames(Layer):
+    """The axes of W, B and C (x red, y green, z blue); hidden until they are asked for."""
+
+    name = "frames"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
+        super().__init__(meshcat, extent)
+        length = 0.35 * extent.size
+        bar = Cylinder(0.02 * length, length)
+        for frame in ("W", "B", "C"):
+            for axis in range(3):
+                color = Rgba(*(0.95 if k == axis else 0.15 for k in range(3)))
+                path = f"{self._root}/{frame}/{'xyz'[axis]}"
+                along = np.eye(3)[axis]
+                meshcat.SetObject(path, bar, color)
+                R = RotationMatrix.MakeFromOneVector(along, 2)
+                meshcat.SetTransform(path, RigidTransform(R, 0.5 * length * along))
+                self._in_front(f"{frame}/{'xyz'[axis]}")
+        meshcat.SetProperty(self._root, "visible", False)
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Move B and C."""
+        self._place("B", moment.X_WB, None, time)
+        self._place("C", moment.X_WC, None, time)
+
+
+class CentreOfMass(Layer):
+    """The system's centre of mass, in a ring where it was first seen: without momentum it stays."""
+
+    name = "centre_of_mass"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
+        super().__init__(meshcat, extent)
+        radius = 0.02 * extent.size
+        meshcat.SetObject(f"{self._root}/now/shape", Sphere(radius), CENTRE_COLOR)
+        start, end = wire_sphere(3, 1)
+        meshcat.SetLineSegments(
+            f"{self._root}/place/shape", 2 * radius * start, 2 * radius * end, 1.0, CENTRE_COLOR
+        )
+        for path in ("now/shape", "place/shape"):
+            self._in_front(path)
+        self._first: tuple[RigidTransform, NDArray[np.float64]] | None = None
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Draw it where the target says that it is, and where the same target had it at first."""
+        p_WK = moment.known.p_WKcm[0]
+        if self._first is None:
+            self._first = moment.X_WC, p_WK
+        for path in ("now", "place"):
+            self._show(path, moment.target is not None, time)
+        if moment.target is not None:
+            now = system_centre(moment.target, moment.X_WC, p_WK, moment.known.mass)
+            place = system_centre(moment.target, *self._first, moment.known.mass)
+            self._place("now", RigidTransform(now), None, time)
+            self._place("place", RigidTransform(place), None, time)
+
+
+class EstimatedCentre(Layer):
+    """The target's estimated centre of mass in the ellipsoid of its three standard deviations."""
+
+    name = "estimated_centre"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
+        super().__init__(meshcat, extent)
+        self._smallest = 0.012 * extent.size
+        translucent = Rgba(ESTIMATE_COLOR.r(), ESTIMATE_COLOR.g(), ESTIMATE_COLOR.b(), 0.3)
+        meshcat.SetObject(f"{self._root}/centre", Sphere(self._smallest), ESTIMATE_COLOR)
+        meshcat.SetObject(f"{self._root}/three_sigma/shape", Sphere(1.0), translucent)
+        for path in ("centre", "three_sigma/shape"):
+            self._in_front(path)
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Draw both; an ellipsoid larger than the spacecraft says nothing, and is not drawn."""
+        known = moment.estimate is not None
+        values = np.full(3, np.nan)
+        if known and np.isfinite(moment.covariance).all():
+            values, axes = np.linalg.eigh(moment.covariance)
+        semi_axes = 3 * np.sqrt(np.maximum(values, 0.0))
+        sure = known and np.isfinite(semi_axes).all() and semi_axes.max() < self._extent.size
+        self._show("centre", known, time)
+        self._show("three_sigma", sure, time)
+        if known:
+            p_WT = moment.X_WC @ moment.estimate.get_com()
+            self._place("centre", RigidTransform(p_WT), None, time)
+        if sure:
+            axes[:, 2] *= np.linalg.det(axes)
+            R_WE = moment.X_WC.rotation() @ RotationMatrix.ProjectToRotationMatrix(axes)
+            shape = np.maximum(semi_axes, self._smallest)
+            self._place("three_sigma", RigidTransform(R_WE, p_WT), shape, time)
+
+
+class EstimatedInertia(Layer):
+    """The solid ellipsoid of the target's inertia as estimated, in wire."""
+
+    name = "estimated_inertia"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
+        super().__init__(meshcat, extent)
+        start, end = wire_sphere()
+        meshcat.SetLineSegments(f"{self._root}/ellipsoid/shape", start, end, 2.0, ESTIMATE_COLOR)
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Draw the estimate once there is one."""
+        known = moment.estimate is not None
+        self._show("ellipsoid", known, time)
+        if known:
+            semi_diameters, X_CE = inertia_ellipsoid(moment.estimate)
+            self._place("ellipsoid", moment.X_WC @ X_CE, semi_diameters, time)
+
+
+class TrueInertia(Layer):
+    """The solid ellipsoid of the target's inertia as it is."""
+
+    name = "true_inertia"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent, truth: SpatialInertia) -> None:
+        super().__init__(meshcat, extent)
+        semi_diameters, self._X_CE = inertia_ellipsoid(truth)
+        meshcat.SetObject(f"{self._root}/ellipsoid", Ellipsoid(*semi_diameters), TRUTH_COLOR)
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Move it with the capture frame."""
+        self._place("ellipsoid", moment.X_WC @ self._X_CE, None, time)
+
+
+class Momentum(Layer):
+    """Momentum of the spacecraft and of the target: equal and opposite while their sum is zero.
+
+    Linear momentum starts at the system's centre of mass; angular momentum about it (the pair of
+    thinner arrows) is drawn beside, above the system.
+    """
+
+    name = "momentum"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
+        super().__init__(meshcat, extent)
+        for kind, width, shade in (("linear", 0.025, 1.0), ("angular", 0.016, 0.75)):
+            for owner, color in (("spacecraft", SPACECRAFT_COLOR), ("target", TARGET_COLOR)):
+                rgb = (shade * color.r(), shade * color.g(), shade * color.b())
+                self._set_arrow(f"{kind}_{owner}", width * extent.size, Rgba(*rgb))
+
+    def _set_arrow(self, name: str, width: float, color: Rgba) -> None:
+        """Set an arrow of length 1 along z."""
+        path = f"{self._root}/{name}/shape"
+        self._meshcat.SetObject(f"{path}/shaft", Cylinder(0.4 * width, 0.8), color)
+        self._meshcat.SetTransform(f"{path}/shaft", RigidTransform([0.0, 0.0, 0.4]))
+        self._meshcat.SetObject(f"{path}/head", MeshcatCone(0.25, width, width), color)
+        upside_down = RotationMatrix.MakeXRotation(np.pi)
+        self._meshcat.SetTransform(f"{path}/head", RigidTransform(upside_down, [0.0, 0.0, 1.0]))
+        for part in ("shaft", "head"):
+            self._in_front(f"{name}/shape/{part}")
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Draw the four arrows, once the target's share is known."""
+        if moment.target is None:
+            for kind in ("linear", "angular"):
+                for owner in ("spacecraft", "target"):
+                    self._show(f"{kind}_{owner}", False, time)
+            return
+        known, extent = moment.known, self._extent
+        p_WC = known.motion.p_WC[0]
+        p_WS = system_centre(moment.target, moment.X_WC, known.p_WKcm[0], known.mass)
+        P_T, L_T = (value[0] for value in target_momentum(moment.target, known.motion))
+        P_K, L_K = known.P[0], known.L[0]
+        beside = p_WS + np.array([0.0, 0.0, 0.55 * extent.size])
+        for owner, P, L in (("spacecraft", P_K, L_K), ("target", P_T, L_T)):
+            about_centre = L + np.cross(p_WC - p_WS, P)
+            self._point(f"linear_{owner}", p_WS, P, extent.momentum, time)
+            self._point(f"angular_{owner}", beside, about_centre, extent.angular_momentum, time)
+
+    def _point(
+        self, name: str, start: NDArray[np.float64], vector: ArrayLike, largest: float, time: float
+    ) -> None:
+        fraction = np.linalg.norm(vector) / largest if largest > 0 else 0.0
+        seen = fraction > 0.01
+        self._show(name, seen, time)
+        if seen:
+            R = RotationMatrix.MakeFromOneVector(vector, 2)
+            length = 0.6 * self._extent.size * fraction
+            width = min(1.0, 3 * fraction)
+            self._place(name, RigidTransform(R, start), [width, width, length], time)
+
+
+class Trail(Layer):
+    """Where the capture point has been: dots at equal times, wide apart where it was fast."""
+
+    name = "trail"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
+        super().__init__(meshcat, extent)
+        self._period = max(0.125, extent.duration / 100)
+        self._start, self._count = 0.0, 0
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Add a dot when its time has come; start again when time does."""
+        if self._count == 0 or time < self._start:
+            self._meshcat.Delete(self._root)
+            self._start, self._count = time, 0
+        if time < self._start + self._count * self._period - 1e-9:
+            return
+        dot = f"dot{self._count}"
+        self._meshcat.SetObject(
+            f"{self._root}/{dot}", Sphere(0.008 * self._extent.size), TRAIL_COLOR
+        )
+        self._meshcat.SetTransform(f"{self._root}/{dot}", RigidTransform(moment.X_WC.translation()))
+        if self._count:
+            self._show(dot, False, self._start)
+        self._show(dot, True, time)
+        self._count += 1
+
+
+def system_centre(
+    target: InertialParameters, X_WC: RigidTransform, p_WK: ArrayLike, mass: float
+) -> NDArray[np.float64]:
+    """Return the centre of mass (3,) in W of a target on C and known bodies around p_WK [m]."""
+    p_WT = X_WC @ target.p_CTcm_C
+    return (mass * np.asarray(p_WK) + target.mass * p_WT) / (mass + target.mass)
+
+
+def wire_sphere(
+    meridians: int = 8, parallels: int = 5, arcs: int = 32
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return start and end points (3, n) of the segments of a unit sphere's wire frame."""
+    angle = np.linspace(0, 2 * np.pi, arcs + 1)
+    circles = []
+    for longitude in np.pi * np.arange(meridians) / meridians:
+        x, z = np.sin(angle), np.cos(angle)
+        circles.append(np.stack([x * np.cos(longitude), x * np.sin(longitude), z]))
+    for latitude in np.pi * (np.arange(1, parallels + 1) / (parallels + 1) - 0.5):
+        ring = np.cos(latitude) * np.stack([np.cos(angle), np.sin(angle)])
+        circles.append(np.vstack([ring, np.full_like(angle, np.sin(latitude))]))
+    return (
+        np.hstack([circle[:, :-1] for circle in circles]),
+        np.hstack([circle[:, 1:] for circle in circles]),
+    )

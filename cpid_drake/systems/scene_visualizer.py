@@ -1,0 +1,227 @@
+"""A capture in Meshcat: what the bodies' shapes do not show, live and into a recording."""
+
+from collections.abc import Collection
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, SpatialInertia
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
+
+from cpid_drake.appearance import has_shape, inertia_ellipsoid
+from cpid_drake.inertia import InertialParameters
+from cpid_drake.kinematics import propagate
+from cpid_drake.momentum import angular_momentum, linear_momentum
+from cpid_drake.scene_layers import (
+    Bodies,
+    CentreOfMass,
+    EstimatedCentre,
+    EstimatedInertia,
+    Extent,
+    Frames,
+    Moment,
+    Momentum,
+    Trail,
+    TrueInertia,
+)
+from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.systems.identifier import Identifier
+from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.telemetry import Telemetry
+
+FRAME_PERIOD = 1 / 16
+"""Time between two drawings [s]."""
+
+
+class SceneVisualizer(LeafSystem):
+    """Draws the layers of `scene_layers` of a spacecraft that holds a target, at `/cpid/LAYER`.
+
+    The system's centre of mass and the momentum are those of the true target where it is given,
+    else those of the estimate; the estimate is not drawn until there is one.
+
+    .. pydrake_system::
+
+        name: SceneVisualizer
+        input_ports:
+        - spacecraft_state
+        - covariance
+        - spatial_inertia
+
+    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds nothing).
+    - `covariance` (100) and `spatial_inertia`: an identifier's outputs, NaN while unknown.
+
+    Args:
+        meshcat: where to draw.
+        spacecraft: the known spacecraft.
+        extent: how large, how long and how fast the motion is; see `extent_of`.
+        truth: the true target; simulation only.
+        shapeless: bodies of the spacecraft to draw as boxes; see `shapeless_bodies`.
+        period: time between drawings [s].
+
+    """
+
+    def __init__(
+        self,
+        meshcat: Meshcat,
+        spacecraft: Spacecraft,
+        extent: Extent,
+        *,
+        truth: InertialParameters | None = None,
+        shapeless: Collection[BodyIndex] = (),
+        period: float = FRAME_PERIOD,
+    ) -> None:
+        super().__init__()
+        self.set_name("scene_visualizer")
+        plant = spacecraft.plant
+        self._spacecraft, self._truth = spacecraft, truth
+        self._scratch = PlantScratch(plant)
+        bodies = [plant.get_body(index) for index in shapeless]
+        self._bodies = {f"{int(body.index())}_{body.name()}": body for body in bodies}
+        inertias = {name: b.default_spatial_inertia() for name, b in self._bodies.items()}
+        self._layers = [
+            Bodies(meshcat, extent, inertias),
+            Frames(meshcat, extent),
+            CentreOfMass(meshcat, extent),
+            EstimatedCentre(meshcat, extent),
+            EstimatedInertia(meshcat, extent),
+            Momentum(meshcat, extent),
+            Trail(meshcat, extent),
+        ]
+        if truth is not None:
+            self._layers.append(TrueInertia(meshcat, extent, truth.to_spatial_inertia()))
+        self.DeclareVectorInputPort("spacecraft_state", plant.num_multibody_states())
+        self.DeclareVectorInputPort("covariance", 100)
+        self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
+        self.DeclarePeriodicPublishEvent(period_sec=period, offset_sec=0.0, publish=self._draw)
+        self.DeclareForcedPublishEvent(self._draw)
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        meshcat: Meshcat,
+        spacecraft: Spacecraft,
+        state_port: OutputPort,
+        identifier: Identifier,
+        extent: Extent,
+        **options,
+    ) -> "SceneVisualizer":
+        """Add a visualizer and connect it to the plant's state and to an identifier."""
+        system = builder.AddSystem(SceneVisualizer(meshcat, spacecraft, extent, **options))
+        builder.Connect(state_port, system.GetInputPort("spacecraft_state"))
+        for name in ("covariance", "spatial_inertia"):
+            builder.Connect(identifier.GetOutputPort(name), system.GetInputPort(name))
+        return system
+
+    def _draw(self, context: Context) -> EventStatus:
+        plant, scratch = self._spacecraft.plant, self._scratch.context
+        state = self.GetInputPort("spacecraft_state").Eval(context)
+        plant.SetPositionsAndVelocities(scratch, state)
+        known = self._spacecraft.momentum_sample(scratch)
+        motion = known.motion
+        estimate = self.GetInputPort("spatial_inertia").Eval(context)
+        estimate = None if estimate.IsNaN() else estimate
+        target = self._truth
+        if target is None and estimate is not None:
+            target = InertialParameters.from_spatial_inertia(estimate)
+        moment = Moment(
+            plant.EvalBodyPoseInWorld(scratch, self._spacecraft.base),
+            RigidTransform(RotationMatrix(motion.R_WC[0]), motion.p_WC[0]),
+            known,
+            target,
+            estimate,
+            self.GetInputPort("covariance").Eval(context).reshape(10, 10)[1:4, 1:4],
+            {name: plant.EvalBodyPoseInWorld(scratch, b) for name, b in self._bodies.items()},
+        )
+        for layer in self._layers:
+            layer.draw(moment, context.get_time())
+        return EventStatus.Succeeded()
+
+
+def shapeless_bodies(
+    spacecraft: Spacecraft,
+    drawn: MultibodyPlant | None = None,
+    scene_graph: SceneGraph | None = None,
+) -> list[BodyIndex]:
+    """Return the spacecraft's bodies that have mass and, as drawn, no shape.
+
+    Args:
+        spacecraft: whose bodies.
+        drawn: a plant that the spacecraft was added to, registered with `scene_graph`; default:
+            nothing is drawn, and no body has a shape.
+        scene_graph: that of `drawn`.
+
+    """
+    plant = spacecraft.plant
+    indices = [BodyIndex(k) for k in range(1, plant.num_bodies())]
+    indices = [index for index in indices if plant.get_body(index).default_mass() > 0]
+    if drawn is None:
+        return indices
+    inspector = scene_graph.model_inspector()
+    return [k for k in indices if not has_shape(drawn, drawn.get_body(k), inspector)]
+
+
+def extent_of(
+    spacecraft: Spacecraft, telemetry: Telemetry, target: InertialParameters | None = None
+) -> Extent:
+    """Return the extent of a motion, from some fifty of its samples.
+
+    Every body counts as a ball of its largest semi-diameter, as its inertia has it.
+
+    Args:
+        spacecraft: what moves.
+        telemetry: its motion.
+        target: what it holds, if that is known.
+
+    """
+    some = np.unique(np.linspace(0, len(telemetry) - 1, 50).round().astype(int))
+    tree, samples = spacecraft.tree, telemetry.select(some)
+    motion, capture = propagate(tree, samples)
+    centres, radii = [*motion.r, capture.p_WC], [_radius(body) for body in tree.bodies] + [0.0]
+    if target is not None:
+        semi_diameters, X_CE = inertia_ellipsoid(target.to_spatial_inertia())
+        centres.append(capture.p_WC + capture.R_WC @ X_CE.translation())
+        radii.append(float(semi_diameters.max()))
+    low = np.min([c - r for c, r in zip(centres, radii, strict=True)], axis=0)
+    high = np.max([c + r for c, r in zip(centres, radii, strict=True)], axis=0)
+    lowest, highest = low.min(axis=0), high.max(axis=0)
+    P = linear_momentum(tree, motion)
+    mass = sum(body.mass for body in tree.bodies)
+    p_WK = sum(body.mass * r for body, r in zip(tree.bodies, motion.r, strict=True)) / mass
+    L = angular_momentum(tree, motion, p_WK)
+    return Extent(
+        centre=(lowest + highest) / 2,
+        radius=float(np.linalg.norm(highest - lowest) / 2),
+        size=float(np.linalg.norm(high - low, axis=1).max() / 2),
+        momentum=float(np.linalg.norm(P, axis=1).max()),
+        angular_momentum=float(np.linalg.norm(L, axis=1).max()),
+        duration=float(telemetry.time[-1] - telemetry.time[0]),
+    )
+
+
+def _radius(body) -> float:
+    """Return the largest semi-diameter of a body's ellipsoid of inertia [m]; 0 without mass."""
+    if not body.mass > 0:
+        return 0.0
+    moments = np.linalg.eigvalsh(body.I_BBcm)
+    return float(np.sqrt(max(2.5 * (moments.sum() - 2 * moments[0]) / body.mass, 0.0)))
+
+
+def prepare_meshcat(meshcat: Meshcat, extent: Extent, *, view: tuple = (0.7, -0.62, 0.42)) -> None:
+    """Give Meshcat a dark background, and a camera that sees the whole of the motion.
+
+    Args:
+        meshcat: the scene.
+        extent: what is to be seen.
+        view: direction from there to the camera, in W.
+
+    """
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.02, 0.02, 0.06])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.05, 0.05, 0.12])
+    meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Axes", "visible", False)
+    half_field_of_view = np.radians(75 / 2)
+    away = np.asarray(view) / np.linalg.norm(view)
+    distance = 0.8 * extent.radius / np.sin(half_field_of_view)  # the sphere is seldom full
+    meshcat.SetCameraPose(extent.centre + distance * away, extent.centre)

@@ -1,0 +1,242 @@
+"""The scene in Meshcat: its layers say what momentum conservation and the estimate say."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.geometry import Meshcat
+from pydrake.multibody.tree import SpatialInertia
+
+from cpid_drake import SceneVisualizer, load_scenario, make_simulation, shipped_scenario
+from cpid_drake.appearance import inertia_ellipsoid
+from cpid_drake.scene_layers import wire_sphere
+from cpid_drake.systems.scene_visualizer import extent_of, shapeless_bodies
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    scenario = load_scenario(shipped_scenario("paper"))
+    scenario.simulation.duration = 4.5
+    scenario.simulation.simulator.accuracy = 1e-6
+    meshcat = Meshcat()
+    simulation = make_simulation(scenario, meshcat=meshcat)
+    meshcat.StartRecording()
+    simulation.run()
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    return simulation, meshcat
+
+
+def test_layers_arms_and_target_are_in_the_scene(recorded):
+    _, meshcat = recorded
+    for path in (
+        "/cpid/centre_of_mass/now",
+        "/cpid/estimated_centre/three_sigma",
+        "/cpid/frames/C",
+        "/cpid/estimated_inertia/ellipsoid",
+        "/cpid/true_inertia/ellipsoid",
+        "/cpid/momentum/linear_target",
+        "/cpid/trail/dot36",
+        "/drake/visualizer/dual_arm_servicer/capture_arm_link3",
+        "/drake/visualizer/captured_target",
+    ):
+        assert meshcat.HasPath(path), path
+
+
+def test_the_recording_is_one_self_contained_file(recorded):
+    _, meshcat = recorded
+    html = meshcat.StaticHtml()
+    assert 'src="http' not in html
+    assert len(html) < 10e6
+
+
+class Spy:
+    """Stands in for Meshcat and remembers the last value of everything."""
+
+    def __init__(self) -> None:
+        self.values = {}
+
+    def SetObject(self, path, shape, rgba):
+        self.values[path] = shape
+
+    def SetLineSegments(self, path, start, end, line_width, rgba):
+        self.values[path] = (start, end)
+
+    def SetTransform(self, path, X_ParentPath, time_in_recording=None):
+        self.values[path, "transform"] = X_ParentPath
+
+    def SetProperty(self, path, name, value, time_in_recording=None):
+        self.values[path, name] = value
+
+    def Delete(self, path):
+        self.values = {k: v for k, v in self.values.items() if not str(k).startswith(path)}
+
+    def shown(self, path: str) -> bool:
+        return self.values[f"/cpid/{path}", "visible"]
+
+    def place(self, path: str) -> np.ndarray:
+        return self.values[f"/cpid/{path}", "transform"].translation()
+
+    def arrow(self, path: str) -> np.ndarray:
+        """The vector from an arrow's tail to its head, in W."""
+        X_WA = self.values[f"/cpid/{path}", "transform"]
+        length = self.values[f"/cpid/{path}/shape", "scale"][2]
+        return X_WA.rotation().matrix()[:, 2] * length
+
+
+@pytest.fixture
+def scene(servicer):
+    """Return a function (telemetry, truth, shapeless) -> (spy, draw(k, estimate, covariance))."""
+
+    def make(telemetry, truth=None, shapeless=()):
+        spy, extent = Spy(), extent_of(servicer, telemetry, truth)
+        system = SceneVisualizer(spy, servicer, extent, truth=truth, shapeless=shapeless)
+        context = system.CreateDefaultContext()
+        states = servicer.to_states(telemetry)
+
+        def draw(k, estimate=None, covariance=np.nan):
+            M = SpatialInertia.NaN() if estimate is None else estimate.to_spatial_inertia()
+            values = np.zeros((10, 10))
+            values[1:4, 1:4] = covariance
+            system.GetInputPort("spacecraft_state").FixValue(context, states[k])
+            system.GetInputPort("covariance").FixValue(context, values.ravel())
+            system.GetInputPort("spatial_inertia").FixValue(context, Value(M))
+            context.SetTime(telemetry.time[k])
+            system.ForcedPublish(context)
+
+        return spy, draw
+
+    return make
+
+
+def capture_pose(servicer, telemetry, k):
+    context = servicer.plant.CreateDefaultContext()
+    servicer.plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[k])
+    return servicer.capture_frame.CalcPoseInWorld(context)
+
+
+def test_momentum_of_spacecraft_and_target_cancels(scene, zero_momentum_motion, skewed_target):
+    """Linear and angular arrows are equal and opposite, whatever the motion, and not zero."""
+    telemetry = zero_momentum_motion(skewed_target, 4, 3)
+    spy, draw = scene(telemetry, truth=skewed_target)
+    for k in range(4):
+        draw(k)
+        for kind in ("linear", "angular"):
+            ours, theirs = (spy.arrow(f"momentum/{kind}_{o}") for o in ("spacecraft", "target"))
+            assert np.linalg.norm(ours) > 0.01
+            np.testing.assert_allclose(ours, -theirs, rtol=0, atol=1e-9)
+
+
+def test_momentum_that_does_not_cancel_is_seen(scene, random_motion, skewed_target):
+    spy, draw = scene(random_motion(1, 5), truth=skewed_target)
+    draw(0)
+    sum_of_arrows = spy.arrow("momentum/linear_spacecraft") + spy.arrow("momentum/linear_target")
+    assert np.linalg.norm(sum_of_arrows) > 0.01
+
+
+def test_the_centre_of_mass_is_that_of_drake(scene, servicer, random_motion, skewed_target):
+    """The place where it was at first stays; where it is now, moves on."""
+    telemetry = random_motion(2, 8)
+    spy, draw = scene(telemetry, truth=skewed_target)
+    plant = servicer.make_simulation_plant(skewed_target)
+    context = plant.CreateDefaultContext()
+    found = []
+    for k, state in enumerate(servicer.to_states(telemetry)):
+        draw(k)
+        plant.SetPositionsAndVelocities(context, state)
+        found.append(plant.CalcCenterOfMassPositionInWorld(context))
+        np.testing.assert_allclose(spy.place("centre_of_mass/now"), found[k], atol=1e-9)
+        np.testing.assert_allclose(spy.place("centre_of_mass/place"), found[0], atol=1e-9)
+
+
+def test_nothing_of_the_target_is_drawn_until_it_is_known(
+    scene, servicer, random_motion, skewed_target
+):
+    """Without the truth, centre of mass and momentum are the estimate's, and wait for it."""
+    telemetry = random_motion(2, 1)
+    spy, draw = scene(telemetry)
+    draw(0)
+    parts = ("estimated_inertia/ellipsoid", "estimated_centre/centre", "centre_of_mass/now")
+    parts += ("momentum/linear_spacecraft", "momentum/angular_target")
+    for part in parts:
+        assert not spy.shown(part), part
+    assert "/cpid/true_inertia/ellipsoid" not in spy.values
+
+    draw(1, skewed_target, np.diag([1e-4, 4e-4, 9e-4]))
+    for part in (*parts, "estimated_centre/three_sigma"):
+        assert spy.shown(part), part
+    X_WC = capture_pose(servicer, telemetry, 1)
+    semi_diameters, X_CE = inertia_ellipsoid(skewed_target.to_spatial_inertia())
+    assert spy.values["/cpid/estimated_inertia/ellipsoid/shape", "scale"] == semi_diameters.tolist()
+    np.testing.assert_allclose(
+        spy.values["/cpid/estimated_inertia/ellipsoid", "transform"].GetAsMatrix4(),
+        (X_WC @ X_CE).GetAsMatrix4(),
+        atol=1e-12,
+    )
+
+
+def test_the_ellipsoid_of_the_centre_of_mass_is_three_sigma(
+    scene, servicer, random_motion, skewed_target
+):
+    """Its matrix, rebuilt from what is drawn, is nine times the covariance, turned into W."""
+    telemetry = random_motion(1, 2)
+    spy, draw = scene(telemetry)
+    root = np.array([[0.03, 0.0, 0.0], [0.01, 0.05, 0.0], [-0.01, 0.02, 0.04]])
+    draw(0, skewed_target, root @ root.T)
+    X_WE = spy.values["/cpid/estimated_centre/three_sigma", "transform"]
+    semi_axes = spy.values["/cpid/estimated_centre/three_sigma/shape", "scale"]
+    R_WE, X_WC = X_WE.rotation().matrix(), capture_pose(servicer, telemetry, 0)
+    R_WC = X_WC.rotation().matrix()
+    np.testing.assert_allclose(
+        R_WE @ np.diag(np.square(semi_axes)) @ R_WE.T,
+        9 * R_WC @ root @ root.T @ R_WC.T,
+        rtol=0,
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(X_WE.translation(), X_WC @ skewed_target.p_CTcm_C, atol=1e-12)
+
+    draw(0, skewed_target, 100 * np.eye(3))
+    assert not spy.shown("estimated_centre/three_sigma")  # 30 m: no help to anybody
+    draw(0, skewed_target, np.nan)
+    assert not spy.shown("estimated_centre/three_sigma")
+
+
+def test_the_trail_is_where_the_capture_point_was(scene, servicer, random_motion):
+    """One dot for each sample here, a second apart; a run that starts again has a new trail."""
+    telemetry = random_motion(3, 4)
+    spy, draw = scene(telemetry)
+    for k in range(3):
+        draw(k)
+        expected = capture_pose(servicer, telemetry, k).translation()
+        np.testing.assert_allclose(spy.place(f"trail/dot{k}"), expected, atol=1e-12)
+    draw(0)
+    assert "/cpid/trail/dot0" in spy.values
+
+
+def test_bodies_without_shapes_are_drawn_as_boxes_of_their_inertia(scene, servicer, random_motion):
+    """A box of the sides drawn, and of the body's mass, has the body's principal moments."""
+    telemetry = random_motion(1, 6)
+    spy, draw = scene(telemetry, shapeless=shapeless_bodies(servicer))
+    draw(0)
+    plant = servicer.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[0])
+    boxes = {k: v for k, v in spy.values.items() if str(k).endswith("/box")}
+    assert len(boxes) == sum(body.mass > 0 for body in servicer.tree.bodies)
+    for name in ("bus", "capture_arm_link3"):
+        body = plant.GetBodyByName(name)
+        path = f"/cpid/bodies/{int(body.index())}_{name}"
+        a, b, c = boxes[f"{path}/box"].size()
+        moments = body.default_mass() / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+        tree_body = next(t for t in servicer.tree.bodies if t.name == name)
+        np.testing.assert_allclose(
+            np.sort(moments), np.linalg.eigvalsh(tree_body.I_BBcm), rtol=1e-6
+        )
+        X_WL = plant.EvalBodyPoseInWorld(context, body)
+        np.testing.assert_allclose(
+            spy.values[path, "transform"].GetAsMatrix4(), X_WL.GetAsMatrix4(), atol=1e-12
+        )
+
+
+def test_wire_sphere_is_of_unit_radius():
+    for points in wire_sphere():
+        np.testing.assert_allclose(np.linalg.norm(points, axis=0), 1.0, atol=1e-12)
