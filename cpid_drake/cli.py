@@ -4,11 +4,13 @@ import os
 import sys
 
 import typer
+from threadpoolctl import threadpool_limits
 
 from cpid_drake.commands.accuracy import accuracy
 from cpid_drake.commands.export import export
 from cpid_drake.commands.identify import identify
 from cpid_drake.commands.paper import paper
+from cpid_drake.commands.report import report
 from cpid_drake.commands.scenario import scenario
 from cpid_drake.commands.simulate import simulate
 from cpid_drake.commands.telemetry import telemetry
@@ -28,14 +30,16 @@ app.command()(simulate)
 app.add_typer(scenario, name="scenario")
 app.command()(accuracy)
 app.command()(export)
+app.command()(report)
 
 
 def main() -> None:
     """Run `cpid`; bad input or usage ends in one line on stderr and exit code 2."""
-    # Before NumPy is imported: its matrices are small here, and threads only wait for each other.
+    # Matrices are small here: threads would only wait for each other, in child processes as well.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        code = app(standalone_mode=False)
+        with threadpool_limits(limits=1, user_api="blas"):
+            code = app(standalone_mode=False)
     except InputError as error:
         code = _fail(str(error))
     except OSError as error:
