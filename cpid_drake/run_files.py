@@ -78,10 +78,7 @@ def write_run(
     names = [*(file.name for file in files), *texts, "run.json"]
     texts["run.json"] = _json(
         {
-            "versions": {
-                "python": platform.python_version(),
-                **{name: _version(name) for name in ("cpid-drake", "drake", "numpy", "scipy")},
-            },
+            "versions": versions(),
             "simulated_seconds": scenario.simulation.duration,
             "wall_seconds": round(wall_seconds, 3),
             "sensor_seed": scenario.sensors.seed if sensed else None,
@@ -94,6 +91,12 @@ def write_run(
         (folder / name).write_text(text, encoding="utf-8")
         files.append(folder / name)
     return files
+
+
+def versions() -> dict[str, str | None]:
+    """Return the versions of what computes here, by name."""
+    packages = ("cpid-drake", "drake", "numpy", "scipy")
+    return {"python": platform.python_version()} | {name: _version(name) for name in packages}
 
 
 def target_document(simulation: Simulation) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from cpid_drake.commands.report import check_page
 from cpid_drake.commands.telemetry import topics_of
 from cpid_drake.errors import InputError
 
@@ -72,6 +73,10 @@ def identify(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result there.")
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="FILE", help="Write a report there: one HTML page."),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but warnings.")] = False,
 ) -> int:
     """Identify what a spacecraft holds from a log of its motion.
@@ -85,6 +90,8 @@ def identify(
     log = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
     if json_file is not None and not json_file.parent.is_dir():
         raise InputError(f"--json {json_file}: there is no folder {json_file.parent}")
+    if report is not None:
+        check_page("--report", report)
     folders = {name: str(Path(folder).absolute()) for name, folder in _packages(package).items()}
     request = Request(
         str(telemetry),
@@ -98,11 +105,16 @@ def identify(
         topics=topics_of(topic),
         leave_out_bad=leave_out_bad,
     )
-    with log.status("identifying") as status:
+    with Console(stderr=True, quiet=quiet).status("identifying") as status:
         evidence = identify_file(request, status.update)
-    result = evidence.result
-    if json_file is not None:
-        write_result(json_file, result)
+        result = evidence.result
+        if json_file is not None:
+            write_result(json_file, result)
+        if report is not None:
+            from cpid_drake.report.identification_page import findings_of, identification_report
+
+            findings = findings_of(evidence, progress=status.update)
+            identification_report(findings, progress=status.update).write(report)
     if evidence.ignored:
         log.print(f"note: columns without a meaning: {', '.join(evidence.ignored[:20])}")
     for warning in result.warnings:

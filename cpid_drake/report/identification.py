@@ -112,7 +112,7 @@ def describe(found: LogIdentification, result: IdentificationResult) -> list[str
     possible = np.full(10, np.nan) if result.feasible is None else result.feasible.to_vector()
     rows = zip(PARAMETER_NAMES, PARAMETER_UNITS, result.parameters, intervals(found), possible)
     for name, unit, value, (low, high), nearest in rows:
-        digits = _decimals(high - low)
+        digits = decimals(high - low)
         known = f"{value:.{digits}f}" if np.isfinite(value) else "not known"
         spread = f"[{low:.{digits}f}, {high:.{digits}f}]" if np.isfinite(low) else ""
         last = f"{nearest:.{digits}f}" if np.isfinite(nearest) else ""
@@ -142,7 +142,7 @@ def describe(found: LogIdentification, result: IdentificationResult) -> list[str
     return lines
 
 
-def _decimals(width: float) -> int:
+def decimals(width: float) -> int:
     """Return how many decimals show an interval of this width with two or three digits."""
     if not (np.isfinite(width) and width > 0):
         return 6

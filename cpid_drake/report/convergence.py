@@ -1,0 +1,73 @@
+"""How an estimate came about: identifications from the first part of a log, ever longer."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.errors import InputError
+from cpid_drake.identification import Identification
+from cpid_drake.report.evidence import Evidence
+from cpid_drake.report.identification import intervals
+from cpid_drake.sensors import SENSOR_NAMES
+from cpid_drake.telemetry_identification import identify_log
+
+WINDOWS = {"least_squares": 24, "trajectory_fit": 14, "momentum_filter": 8}
+"""How many parts of a log are identified, by estimator."""
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """Estimates from the samples so far, at K times.
+
+    Attributes:
+        time: (K,) [s].
+        parameters: (K, 10); NaN where not known yet.
+        intervals: (K, 10, 2) of 95 %.
+        estimates: (time, identification), for those times at which there was one.
+
+    """
+
+    time: NDArray[np.float64]
+    parameters: NDArray[np.float64]
+    intervals: NDArray[np.float64]
+    estimates: tuple[tuple[float, Identification], ...]
+
+
+def converge(
+    evidence: Evidence, progress: Callable[[str], None] = lambda step: None
+) -> Convergence:
+    """Identify from the first part of the samples, ever longer, as from all of them.
+
+    Args:
+        evidence: the samples and how they were identified.
+        progress: called with a few words before every part.
+
+    """
+    request, result = evidence.request, evidence.result
+    parts = [getattr(evidence.measurements, name).time for name in SENSOR_NAMES]
+    end = max(float(time[-1]) for time in parts if time.size)
+    count = WINDOWS[result.estimator]
+    times = end * np.arange(1, count + 1) / count
+    parameters, bands = np.full((count, 10), np.nan), np.full((count, 10, 2), np.nan)
+    estimates = []
+    for k, time in enumerate(times):
+        progress(f"identifying from the first {time:.4g} of {end:.4g} s")
+        try:
+            found = evidence.found
+            if k < count - 1:
+                found = identify_log(
+                    evidence.spacecraft,
+                    evidence.measurements.between(0.0, float(time)),
+                    estimator=result.estimator,
+                    rows=result.rows,
+                    suite=evidence.suite,
+                    unknown_momentum=request.unknown_momentum,
+                )
+        except InputError:  # too few samples, or nothing moves yet
+            continue
+        parameters[k] = found.identification.parameters
+        bands[k] = intervals(found)
+        estimates.append((float(time), found.identification))
+    return Convergence(times, parameters, bands, tuple(estimates))

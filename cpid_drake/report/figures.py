@@ -1,0 +1,350 @@
+"""Figures of an identification, for a page and as files."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
+from cpid_drake.report.convergence import Convergence
+from cpid_drake.report.evidence import Evidence
+from cpid_drake.report.style import COLORS, INK, inline_svg, label_axes, saved_figure
+from cpid_drake.sensors import Measurements, Samples
+from cpid_drake.telemetry_identification import LogIdentification
+from cpid_drake.whiteness import autocorrelation
+
+_TIME = "time [s]"
+_SMALL = (3.7, 2.3)
+_MOST_POINTS = 1500  # of a line in a page; more are drawn as an image
+_LAGS = 25
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that can be drawn anywhere.
+
+    Attributes:
+        name: of its file and in a page: letters, digits and hyphens.
+        label: what it shows.
+        size: width and height [in].
+        draw: draws it on a figure.
+
+    """
+
+    name: str
+    label: str
+    size: tuple[float, float]
+    draw: Callable[[Figure], None]
+
+    def svg(self) -> str:
+        """Return it for a page."""
+        return inline_svg(self.name, self.label, *self.size, self.draw)
+
+    def save(self, folder: Path, ending: str) -> Path:
+        """Write it to a PNG or SVG file."""
+        path = folder / f"{self.name}.{ending}"
+        with saved_figure(path, *self.size) as figure:
+            self.draw(figure)
+        return path
+
+
+def convergence_pictures(
+    convergence: Convergence, truth: InertialParameters | None = None
+) -> list[Picture]:
+    """Return one picture a parameter: its estimate against time, with its 95 % band."""
+    true = None if truth is None else truth.to_vector()
+    return [
+        Picture(
+            f"convergence-{name}",
+            f"{name} against time with its 95 % band",
+            _SMALL,
+            lambda figure, i=i: _draw_parameter(
+                figure.subplots(), convergence, i, None if true is None else true[i]
+            ),
+        )
+        for i, name in enumerate(PARAMETER_NAMES)
+    ]
+
+
+def residual_pictures(found: LogIdentification) -> list[Picture]:
+    """Return what is left of the samples against time, kind by kind, and its autocorrelation."""
+    pictures = [
+        Picture(
+            f"residuals-{name}",
+            f"residuals of {name} against time",
+            _SMALL,
+            lambda figure, name=name, samples=samples: _draw_residuals(
+                figure.subplots(), samples, name, residual_unit(found, name)
+            ),
+        )
+        for name, samples in found.leftovers.items()
+    ]
+    if any(len(samples) >= 8 for samples in found.leftovers.values()):
+        pictures.append(
+            Picture(
+                "autocorrelation",
+                "autocorrelation of the residuals",
+                _SMALL,
+                lambda figure: _draw_autocorrelation(figure.subplots(), found.leftovers),
+            )
+        )
+    return pictures
+
+
+def residual_unit(found: LogIdentification, name: str) -> str:
+    """Return the unit of a kind of residuals."""
+    if found.estimator == "trajectory_fit":
+        return "σ"
+    if name == "angular":
+        return "N·m·s"
+    return "m/s" if found.rows == "eq18" else "N·s"
+
+
+def singular_value_picture(values: NDArray[np.float64]) -> Picture:
+    """Return the picture of ten singular values."""
+    return Picture(
+        "singular-values",
+        "singular values of the scaled problem",
+        _SMALL,
+        lambda figure: _draw_singular_values(figure.subplots(), values),
+    )
+
+
+def motion_pictures(measurements: Measurements) -> list[Picture]:
+    """Return pictures of the base's motion, as far as it was measured."""
+    panels: dict[str, tuple[str, Samples, str]] = {}
+    m = measurements
+    if len(m.attitude):
+        attitude = Rotation.from_quat(m.attitude.value, scalar_first=True)
+        angles = np.degrees((attitude[0].inv() * attitude).as_rotvec())
+        turned = Samples(m.attitude.time, angles)
+        panels["attitude"] = "Base attitude, from its first", turned, "rotation vector [deg]"
+    if len(m.gyro):
+        rate = Samples(m.gyro.time, np.degrees(m.gyro.value))
+        panels["rate"] = "Base angular velocity, in B", rate, "[deg/s]"
+    if len(m.position):
+        moved = m.position.value - m.position.value[0]
+        factor, unit = (1e3, "mm") if np.abs(moved).max() < 0.1 else (1.0, "m")
+        place = Samples(m.position.time, factor * moved)
+        panels["position"] = "Base position, from its first", place, f"in W [{unit}]"
+    if len(m.velocity):
+        speed = Samples(m.velocity.time, 1e3 * m.velocity.value)
+        panels["velocity"] = "Base velocity", speed, "in W [mm/s]"
+    return [
+        Picture(
+            f"base-{name}",
+            f"{title} against time",
+            _SMALL,
+            lambda figure, panel=panel: _draw_vector(figure.subplots(), *panel),
+        )
+        for name, panel in panels.items()
+        for title in panel[:1]
+    ]
+
+
+def ellipsoid_pictures(
+    target: InertialParameters, truth: InertialParameters | None
+) -> list[Picture]:
+    """Return the solid ellipsoid that has these inertial parameters, seen along C's axes."""
+    return [
+        Picture(
+            f"ellipsoid-{'xyz'[i]}{'xyz'[j]}",
+            f"the solid ellipsoid of the same inertia, {'xyz'[i]} and {'xyz'[j]}",
+            (3.7, 3.0),
+            lambda figure, plane=(i, j): _draw_ellipsoid(figure.subplots(), target, truth, plane),
+        )
+        for i, j in ((0, 1), (0, 2), (1, 2))
+    ]
+
+
+def write_figures(
+    folder: Path,
+    evidence: Evidence,
+    convergence: Convergence,
+    truth: InertialParameters | None = None,
+) -> list[Path]:
+    """Write the figures as PNG and SVG into a folder that exists; return the files."""
+    result, found = evidence.result, evidence.found
+    pictures = [
+        _together("convergence", convergence_pictures(convergence, truth), 2),
+        _together("residuals", residual_pictures(found), 2),
+        singular_value_picture(found.identification.solution.singular_values),
+        _together("base-motion", motion_pictures(evidence.measurements), 2),
+    ]
+    if result.feasible is not None:
+        pictures.append(_together("ellipsoid", ellipsoid_pictures(result.feasible, truth), 3))
+    return [
+        picture.save(folder, ending)
+        for picture in pictures
+        if picture is not None
+        for ending in ("png", "svg")
+    ]
+
+
+def _together(name: str, pictures: list[Picture], columns: int) -> Picture | None:
+    if not pictures:
+        return None
+    rows = -(-len(pictures) // columns)
+    width, height = pictures[0].size
+
+    def draw(figure: Figure) -> None:
+        parts = np.ravel(figure.subfigures(rows, columns, squeeze=False))
+        for part, picture in zip(parts, pictures):
+            picture.draw(part)
+
+    return Picture(name, name, (columns * width, rows * height), draw)
+
+
+# -- drawing --------------------------------------------------------------------------------------
+
+
+def _draw_parameter(axes: Axes, convergence: Convergence, i: int, true: float | None) -> None:
+    time, value = convergence.time, convergence.parameters[:, i]
+    low, high = convergence.intervals[:, i].T
+    axes.fill_between(time, low, high, color=COLORS[0], alpha=0.22, linewidth=0)
+    axes.plot(time, value, "o-", color=COLORS[0], markersize=3, linewidth=1.2)
+    if true is not None:
+        axes.axhline(true, color=COLORS[1], linewidth=1.2, linestyle="--")
+    label_axes(axes, PARAMETER_NAMES[i], _TIME, f"[{PARAMETER_UNITS[i]}]")
+    axes.set_xlim(0.0, time[-1])
+    limits = _limits(convergence.parameters[:, i], convergence.intervals[:, i], true)
+    if limits is None:
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center")
+    else:
+        axes.set_ylim(*limits)
+        # Of digits that do not change in the picture only a few are worth repeating.
+        long = limits[1] - limits[0] < 1e-5 * max(map(abs, limits))
+        axes.ticklabel_format(axis="y", useOffset=long, scilimits=(-4, 5))
+        axes.locator_params(axis="y", nbins=5)
+
+
+def _limits(
+    values: NDArray[np.float64], bands: NDArray[np.float64], true: float | None
+) -> tuple[float, float] | None:
+    """Return limits that show the later estimates; the first bands are too wide to show."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not known.size:
+        return None
+    late = known[len(known) // 3 :]
+    shown = [values[late], bands[late].ravel(), [] if true is None else [true]]
+    shown = np.concatenate(shown)
+    shown = shown[np.isfinite(shown)]
+    low, high = float(shown.min()), float(shown.max())
+    margin = 0.08 * (high - low) or 1e-3 * max(abs(high), 1e-9)
+    return low - margin, high + margin
+
+
+def _draw_residuals(axes: Axes, samples: Samples, name: str, unit: str) -> None:
+    title = "Rows" if name in ("linear", "angular") else "Samples"
+    _draw_vector(axes, f"{title}: {name}", samples, f"residual [{unit}]", line="none")
+    if unit == "σ":
+        axes.axhspan(-2, 2, color=COLORS[5], alpha=0.15, linewidth=0)
+
+
+def _draw_vector(axes: Axes, title: str, samples: Samples, label: str, line: str = "-") -> None:
+    for column, name, color in zip(samples.value.T, "xyz", COLORS):
+        axes.plot(
+            samples.time,
+            column,
+            color=color,
+            label=name,
+            linestyle=line,
+            linewidth=1.2,
+            marker="." if line == "none" else "",
+            markersize=2.5,
+            rasterized=len(samples) > _MOST_POINTS or line == "none",
+        )
+    label_axes(axes, title, _TIME, label)
+    _legend_above(axes)
+
+
+def _legend_above(axes: Axes) -> None:
+    """Put the legend right of the title, where there are no data."""
+    axes.legend(
+        ncols=4,
+        loc="lower right",
+        bbox_to_anchor=(1.02, 0.98),
+        borderpad=0.1,
+        columnspacing=0.8,
+        handlelength=1.0,
+        handletextpad=0.3,
+        markerscale=3,
+    )
+
+
+def _draw_autocorrelation(axes: Axes, leftovers: dict[str, Samples]) -> None:
+    widest = 0.0
+    for (name, samples), color in zip(leftovers.items(), COLORS):
+        rho, channels = autocorrelation(samples.value)
+        if len(rho) < 4 or not channels:
+            continue
+        widest = max(widest, 2 / np.sqrt(len(samples) * channels))
+        lags = np.arange(1, min(_LAGS + 1, len(rho)))
+        axes.plot(lags, rho[lags], ".-", color=color, linewidth=0.9, markersize=4, label=name)
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.axhspan(-widest, widest, color=COLORS[5], alpha=0.2, linewidth=0)
+    label_axes(axes, "Autocorrelation", "lag [samples]", "correlation")
+    axes.set_ylim(min(-0.35, axes.get_ylim()[0]), max(0.35, axes.get_ylim()[1]))
+    axes.legend(ncols=2, loc="best", handlelength=1.2)
+
+
+def _draw_singular_values(axes: Axes, values: NDArray[np.float64]) -> None:
+    shown = np.where(values > 0, values, np.nan)
+    place = np.arange(1, len(values) + 1)
+    if np.isfinite(shown).any():
+        bottom = np.nanmin(shown) / 3
+        axes.vlines(place, bottom, shown, color=COLORS[0], linewidth=1.2)
+        axes.semilogy(place, shown, "o", color=COLORS[0], markersize=4)
+        axes.set_ylim(bottom=bottom)
+    label_axes(axes, "Singular values", "number", "scaled value")
+    axes.set_xticks(place)
+    axes.set_xlim(0.5, len(values) + 0.5)
+
+
+def _draw_ellipsoid(
+    axes: Axes,
+    target: InertialParameters,
+    truth: InertialParameters | None,
+    plane: tuple[int, int],
+) -> None:
+    bodies = [(target, COLORS[0], "-", "estimate")]
+    if truth is not None:
+        bodies.append((truth, COLORS[1], "--", "truth"))
+    for body, color, line, name in bodies:
+        middle = body.p_CTcm_C[list(plane)]
+        outline = middle[:, None] + ellipse(body, plane)
+        axes.plot(*outline, color=color, linestyle=line, linewidth=1.4, label=name)
+        axes.plot(*middle, "+", color=color, markersize=7)
+    axes.plot(0.0, 0.0, "s", color=INK, markersize=4, label="capture frame", linestyle="none")
+    x, y = ("xyz"[k] for k in plane)
+    label_axes(axes, "", f"{x} in C [m]", f"{y} in C [m]")
+    axes.margins(0.08)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(
+        ncols=3, loc="lower right", bbox_to_anchor=(1.02, 0.98), borderpad=0.1, columnspacing=1.0
+    )
+
+
+def ellipse(body: InertialParameters, plane: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the outline (2, N) of a body's solid ellipsoid of equal inertia, seen along an axis.
+
+    Its second moments of mass are those of the body, Σ = (tr(I)/2) 1 − I; those of a solid
+    ellipsoid of semi-axes a are m a²/5.
+
+    Args:
+        body: whose ellipsoid.
+        plane: the two axes of C that are seen.
+
+    """
+    moments = np.trace(body.I_TTcm_C) / 2 * np.eye(3) - body.I_TTcm_C
+    shape = 5 / body.mass * moments[np.ix_(plane, plane)]
+    values, axes = np.linalg.eigh(shape)
+    angle = np.linspace(0, 2 * np.pi, 121)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return (axes * np.sqrt(np.maximum(values, 0.0))) @ circle
