@@ -41,17 +41,20 @@ def identify(
     ] = None,
     sensors: Annotated[
         str | None,
-        typer.Option(metavar="PRESET|YAML", help="How good the sensors are; default: see README."),
+        typer.Option(
+            metavar="PRESET|YAML",
+            help="How good the sensors are. Default: told from the log where it matters.",
+        ),
     ] = None,
     unknown_momentum: Annotated[
         bool,
         typer.Option("--unknown-momentum", help="The total momentum is not known to be zero."),
     ] = False,
     start: Annotated[
-        float | None, typer.Option("--from", metavar="T0", help="First time to use [s].")
+        float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
     ] = None,
     end: Annotated[
-        float | None, typer.Option("--to", metavar="T1", help="Last time to use [s].")
+        float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
     ] = None,
     package: Annotated[
         list[str] | None,
