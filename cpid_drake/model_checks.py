@@ -5,6 +5,7 @@ come back from a file that includes itself, or from a few YAML aliases that stan
 """
 
 import re
+from codecs import BOM_UTF8
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers.expat import ExpatError, ParserCreate, errors
@@ -153,6 +154,10 @@ def _values(node: object, key: str) -> list[yaml.Node]:
     return [value for name, value in node.value if name.value == key]
 
 
+def _blank(match: re.Match[bytes]) -> bytes:
+    return b"\n" * match[0].count(b"\n")
+
+
 @dataclass
 class _XmlReader:
     """The elements of an XML file, one after the other.
@@ -174,15 +179,23 @@ class _XmlReader:
         """Go through the file."""
         if not data.strip():
             raise InputError(f"{self.where}: the file is empty")
-        # Drake's reader takes any bytes in names, and "--" in comments.
-        data = re.sub(rb"<!--.*?-->", lambda match: b"\n" * match[0].count(b"\n"), data, flags=re.S)
-        self._parser = parser = ParserCreate("iso-8859-1")
+        # As for Drake's reader, "--" and any bytes may stand in comments, and the declaration may
+        # come after blanks and claim another encoding.
+        data = re.sub(
+            rb"\A\s*<\?xml.*?\?>|<!--.*?-->", _blank, data.removeprefix(BOM_UTF8), flags=re.S
+        )
+        try:
+            data.decode("utf-8")
+        except UnicodeDecodeError as error:
+            line = data.count(b"\n", 0, error.start) + 1
+            raise InputError(f"{self.where}: line {line}: not text in UTF-8") from error
+        self._parser = parser = ParserCreate("utf-8")
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
         parser.CharacterDataHandler = self._text.append
         parser.EntityDeclHandler = self._entity
         try:
-            parser.Parse(data.removeprefix(b"\xef\xbb\xbf").lstrip(), True)
+            parser.Parse(data, True)
         except ExpatError as error:
             place = f"line {error.lineno}, column {error.offset + 1}"
             text = errors.messages[error.code]
@@ -192,6 +205,10 @@ class _XmlReader:
         """Say where the reader is: the line, and the innermost element with a name."""
         named = [f" of {tag} '{name}'" for tag, name in self._open[1:] if name]
         return f"{self.where}: line {self._parser.CurrentLineNumber}{(named or [''])[-1]}"
+
+    def _inside(self, tag: str) -> bool:
+        """Whether the element is right inside one of this tag."""
+        return len(self._open) > 1 and self._open[-2][0] == tag
 
     def _entity(self, name: str, *_: object) -> None:
         raise InputError(f"{self._place()}: the entity &{name}; would not be read; write its text")
@@ -207,14 +224,11 @@ class _XmlReader:
         if self.ending == ".xml":
             numbers = [key for key in _MJCF_NUMBERS if key in attributes]
             if tag == "include" and attributes.get("file"):
-                self.included.append(
-                    attributes["file"].encode("iso-8859-1").decode(errors="ignore")
-                )
+                self.included.append(attributes["file"])
         elif self.ending == ".urdf":
             numbers = [key for key in _URDF_NUMBERS.get(tag, ()) if key in attributes]
-            in_inertial = len(self._open) > 1 and self._open[-2][0] == "inertial"
             for key in attributes:
-                if in_inertial and key not in _URDF_NUMBERS.get(tag, (key,)):
+                if self._inside("inertial") and key not in _URDF_NUMBERS.get(tag, (key,)):
                     choices = choose_from(key, _URDF_NUMBERS[tag])
                     raise InputError(
                         f"{self._place()}: <{tag}> has no attribute '{key}'; {choices}"
@@ -229,8 +243,8 @@ class _XmlReader:
         self._text.clear()
         if self.ending == ".sdf" and tag in _SDF_NUMBERS and text:
             self._check_numbers(tag, text, f"<{tag}>{{}}</{tag}>")
-        if self.ending == ".sdf" and tag == "uri" and self._open[-2:-1] == [("include", "")]:
-            self.included.append(text.encode("iso-8859-1").decode(errors="ignore"))
+        if self.ending == ".sdf" and tag == "uri" and self._inside("include"):
+            self.included.append(text)
         self._open.pop()
 
     def _check_numbers(self, key: str, text: str, what: str) -> None:

@@ -92,9 +92,9 @@ def inspect_telemetry(
     except MemoryError as error:
         raise InputError(f"{where}: the file does not fit into memory") from error
     row_count = len(table.values)
-    if not row_count and not problems.count:
-        raise InputError(f"{where}: there are no samples in it")
     measurements, partial = measurements_of_table(table, problems)
+    if not problems.count and not any(len(getattr(measurements, name)) for name in SENSOR_NAMES):
+        raise InputError(f"{where}: there are no samples in it")
     return TelemetryFile(measurements, row_count, problems, partial, ignored)
 
 

@@ -258,7 +258,8 @@ def _usable_rows(
         usable[row] = False
     if "qw" in column:
         values = table.values[:, [column[name] for name in GROUPS["attitude"]]]
-        norm = np.linalg.norm(values, axis=1)
+        with np.errstate(over="ignore"):
+            norm = np.linalg.norm(values, axis=1)
         for row in np.flatnonzero(usable & (np.abs(norm - 1) > 1e-3)):
             problems.add(table.place(row), f"the quaternion's norm is {norm[row]:.6g}, not 1")
             usable[row] = False

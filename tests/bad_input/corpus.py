@@ -352,6 +352,7 @@ TELEMETRY = {
         file("t.csv", without("q:wrist", "qd:wrist")),
         "there is no column 'q:wrist'",
     ),
+    "joint_angle_missing": (file("t.csv", without("q:wrist")), "'q:wrist'"),
     "joint_misspelt": (
         file("t.csv", lambda: csv().replace(":wrist", ":wirst")),
         "no column 'q:wrist'",
@@ -406,11 +407,11 @@ TELEMETRY = {
     "time_in_the_far_future": (file("t.csv", put(9, "time", "1e18")), "line 9, column 'time'"),
     "date": (file("t.csv", put(2, "time", "2026-01-01T00:00:00")), "line 2, column 'time'"),
     "no_quaternion": (file("t.csv", put(6, "qw", "0")), "line 6: the quaternion's norm"),
+    "huge_quaternion": (file("t.csv", put(6, "qw", "1e300")), "line 6, column 'qw': 1e+300"),
     "million_rows": (file("t.csv", million_rows), "line 1000002, column 'q:shoulder': '1e'"),
     "all_absent": (
         file("t.csv", lambda: "time,qw,qx,qy,qz,q:shoulder,q:elbow,q:wrist\n1,,,,,,,\n"),
-        "t.csv",
-        "no samples",
+        "t.csv: there are no samples in it",
     ),
     # Mixed units and conventions.
     "joint_in_degrees": (
@@ -595,8 +596,12 @@ HAND = "of link 'hand': "
 MODELS = {
     # Not a model.
     "empty": (file("m.urdf", ""), "m.urdf: the file is empty"),
-    "binary": (file("m.urdf", bytes(range(256)) * 40), "m.urdf: line 1, column 1: not XML"),
+    "binary": (file("m.urdf", bytes(range(256)) * 40), "m.urdf: line 2: not text in UTF-8"),
     "nul": (file("m.urdf", rebuilt("fore", "fo\0re")), "m.urdf: line 4, column", "not XML"),
+    "latin_1": (
+        file("m.urdf", urdf(rest=link("Bügel")).encode("latin-1")),
+        "m.urdf: line 9: not text in UTF-8",
+    ),
     "cut_off": (file("m.urdf", urdf()[:-30]), "m.urdf: line 8, column", "not XML"),
     "utf_16": (file("m.urdf", urdf().encode("utf-16")), "m.urdf: "),
     "web_page": (file("m.urdf", "<!DOCTYPE html><html></html>"), "m.urdf: line 1: URDF does not"),

@@ -56,6 +56,24 @@ def test_a_bad_file_ends_in_one_line_that_names_the_place(case: Case, cpid, tmp_
     assert sorted(tmp_path.iterdir()) == before  # nothing was written, and no payload has run
 
 
+LARGE = ("million_rows", "npz_bomb", "long_line", "long_header")
+QUICK = [case for case in CASES if case.kind == "telemetry" and case.name not in LARGE]
+
+
+@pytest.mark.parametrize("case", QUICK, ids=str)
+def test_a_check_of_bad_telemetry_ends_the_same_way(case: Case, cpid, tmp_path):
+    """What `check` finds wrong it lists on stdout; the error counts it."""
+    name = case.make(tmp_path)
+    craft = ["--spacecraft", "arm.urdf", "--base", "bus", "--capture-frame", "hand"]
+    code, stdout, stderr = cpid("telemetry", "check", *craft, "--", name)
+    assert code == 2
+    assert stderr.startswith("cpid: error: ")
+    assert stderr.count("\n") == 1
+    said = stdout + stderr
+    for phrase in case.phrases:
+        assert phrase.removeprefix("t.csv: ") in said
+
+
 def test_names_of_cases_are_unique():
     names = [str(case) for case in CASES]
     assert len(set(names)) == len(names) >= 60

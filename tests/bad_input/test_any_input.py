@@ -1,0 +1,311 @@
+"""Any bytes, and any small damage to a good file: an error with one line, or what the file says."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from corpus import TARGET, npz, parquet, result, scenario, urdf, write_good
+from corpus import csv as good_csv
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InputError, Measurements, Spacecraft, Telemetry, load_scenario
+from cpid_drake.result_files import read_result
+from cpid_drake.sensor_files import load_sensors
+from cpid_drake.sensors import SENSOR_NAMES, Samples
+from cpid_drake.telemetry_checks import check_consistency
+from cpid_drake.telemetry_files import inspect_telemetry, read_telemetry, write_telemetry
+from cpid_drake.telemetry_identification import identify_log
+
+
+def few(count: int):
+    """Return settings: so many examples, always the same, a folder shared by all of them."""
+    return settings(
+        max_examples=count,
+        derandomize=True,
+        deadline=None,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
+
+
+def refused_or(read, path: Path):
+    """Return what a file holds, or None if it is refused with one line that names it."""
+    try:
+        return read(path)
+    except InputError as error:
+        message = str(error)
+        assert path.name in message
+        assert message == " ".join(message.split())
+        assert len(message) < 1000 + len(str(path))
+        return None
+
+
+def read_fully(path: Path) -> Measurements:
+    """Read telemetry, and look at all of it."""
+    found = inspect_telemetry(path)
+    for name in SENSOR_NAMES:
+        samples = getattr(found.measurements, name)
+        assert np.isfinite(samples.time).all()
+        assert (np.diff(samples.time) > 0).all()
+        # A wheel may have a rate and no angle.
+        assert (np.isfinite(samples.value) | np.isnan(samples.value).all(axis=0)).all()
+    check_consistency(found.measurements)
+    return found.measurements
+
+
+# -- damage ---------------------------------------------------------------------------------------
+
+
+@st.composite
+def damaged(draw, data: bytes) -> bytes:
+    """Bytes flipped, taken out, repeated or put in; a piece cut off."""
+    found = bytearray(data)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(len(found) - 1, 0)))
+        size = draw(st.integers(1, 60))
+        match draw(st.sampled_from(["flip", "drop", "repeat", "insert", "cut"])):
+            case "flip":
+                found[at : at + 1] = bytes([draw(st.integers(0, 255))])
+            case "drop":
+                del found[at : at + size]
+            case "repeat":
+                found[at:at] = found[at : at + size]
+            case "insert":
+                found[at:at] = draw(st.binary(min_size=1, max_size=20))
+            case "cut":
+                del found[len(found) - at :]
+    return bytes(found)
+
+
+SHORT_CSV = "\n".join(good_csv().splitlines()[:12]) + "\n"
+WORDS = (
+    "",
+    "nan",
+    "-inf",
+    "1e400",
+    "1e300",
+    "0,5",
+    '"',
+    '"1"',
+    "\0",
+    "é",
+    "x",
+    "-",
+    "1_0",
+    "٣",
+    " 1 ",
+)
+
+
+@st.composite
+def damaged_csv(draw) -> str:
+    """Columns and lines dropped, repeated or exchanged; cells replaced by odd words."""
+    rows = [line.split(",") for line in SHORT_CSV.splitlines()]
+    for _ in range(draw(st.integers(1, 3))):
+        k, j = draw(st.integers(0, len(rows) - 1)), draw(st.integers(0, 15))
+        other = draw(st.integers(0, 15))
+        match draw(st.sampled_from(["cell", "row", "row twice", "column", "column twice", "swap"])):
+            case "cell":
+                rows[k][j] = draw(st.sampled_from(WORDS))
+            case "row":
+                rows[k : k + 1] = [] if len(rows) > 1 else rows
+            case "row twice":
+                rows.insert(k, list(rows[k]))
+            case "column":
+                rows = [row[:j] + row[j + 1 :] for row in rows]
+            case "column twice":
+                rows = [row[:j] + row[j : j + 1] + row[j:] for row in rows]
+            case "swap":
+                for row in rows:
+                    row[j], row[other] = row[other], row[j]
+    ends = draw(st.sampled_from(["\n", "\r\n"]))
+    return ends.join(draw(st.sampled_from([",", ", ", ";", "\t"])).join(row) for row in rows)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("any")
+    write_good(path)
+    return path
+
+
+@few(150)
+@given(content=st.binary(max_size=200))
+@pytest.mark.parametrize("ending", ["csv", "npz", "db3", "mcap"])
+def test_any_bytes_as_telemetry(folder, ending, content):
+    path = folder / f"bytes.{ending}"
+    path.write_bytes(content)
+    refused_or(read_fully, path)
+
+
+@few(300)
+@given(content=st.one_of(damaged(SHORT_CSV.encode()), damaged_csv().map(str.encode)))
+def test_a_damaged_table(folder, content):
+    path = folder / "damaged.csv"
+    path.write_bytes(content)
+    refused_or(read_fully, path)
+
+
+@pytest.mark.parametrize(("ending", "make"), [("npz", npz()), ("parquet", parquet())])
+def test_damaged_arrays(folder, ending, make):
+    data, path = make(), folder / f"damaged.{ending}"
+
+    @few(150)
+    @given(content=damaged(data))
+    def check(content):
+        path.write_bytes(content)
+        refused_or(read_fully, path)
+
+    check()
+
+
+@few(120)
+@given(content=damaged(scenario()().encode()))
+def test_a_damaged_scenario(folder, content):
+    path = folder / "damaged.yaml"
+    path.write_bytes(content)
+    refused_or(load_scenario, path)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=6,
+)
+
+
+@few(150)
+@given(key=st.sampled_from(sorted(json.loads(result()))), value=JSON)
+def test_any_yaml_in_a_result_a_scenario_or_sensors(folder, key, value):
+    path = folder / "any.json"
+    path.write_text(result(**{key: value}))
+    refused_or(read_result, path)
+    names = {"mass": "target", "com": "joint_motion", "rank": "simulation", "rows": "spacecraft"}
+    path.write_text(json.dumps({names.get(key, key): value}))
+    refused_or(load_scenario, path)
+    names = {"mass": "encoders", "com": "attitude", "rank": "digits", "rows": "gyro"}
+    path.write_text(json.dumps({names.get(key, key): value}))
+    refused_or(load_sensors, path)
+
+
+@few(200)
+@given(content=damaged(urdf().encode()))
+def test_a_damaged_model(folder, content):
+    path = folder / "damaged.urdf"
+    path.write_bytes(content)
+    refused_or(lambda model: Spacecraft(model, base="bus", capture_frame="hand"), path)
+
+
+# -- what must not matter -------------------------------------------------------------------------
+
+
+@st.composite
+def telemetries(draw) -> Telemetry:
+    """Any motion of one to four joints, of numbers that can be meant."""
+    count, joints = draw(st.integers(1, 5)), draw(st.integers(1, 4))
+    name = st.text("abcXYZ_-. :/é", min_size=1, max_size=6).filter(
+        lambda text: text == text.strip()
+    )
+    names = draw(st.lists(name, min_size=joints, max_size=joints, unique=True))
+    number = st.floats(-1e9, 1e9, allow_subnormal=True)
+
+    def array(columns: int) -> np.ndarray:
+        size = count * columns
+        return np.reshape(draw(st.lists(number, min_size=size, max_size=size)), (count, columns))
+
+    seed = draw(st.integers(0, 10**6))
+    return Telemetry(
+        tuple(names),
+        np.cumsum(draw(st.lists(st.floats(1e-3, 1e6), min_size=count, max_size=count))),
+        quaternion_WB=Rotation.random(count, rng=seed).as_quat(scalar_first=True),
+        p_WB=array(3),
+        w_WB=array(3) * 1e-9,
+        v_WB=array(3),
+        q=array(joints),
+        qdot=array(joints),
+    )
+
+
+def assert_same(one: Measurements, other: Measurements, tolerance: float = 0.0) -> None:
+    assert set(one.joint_names) == set(other.joint_names)
+    order = [other.joint_names.index(name) for name in one.joint_names]
+    for name in SENSOR_NAMES:
+        a, b = getattr(one, name), getattr(other, name)
+        columns = order if name in ("encoders", "joint_rates") else slice(None)
+        np.testing.assert_array_equal(a.time, b.time)
+        np.testing.assert_allclose(a.value, b.value[:, columns], rtol=0, atol=tolerance)
+
+
+@few(40)
+@given(telemetry=telemetries())
+@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
+def test_what_is_written_is_read_again(folder, ending, telemetry):
+    path = folder / f"written.{ending}"
+    write_telemetry(path, telemetry)
+    once = read_telemetry(path)
+    np.testing.assert_array_equal(once.encoders.value, telemetry.q)
+    np.testing.assert_array_equal(once.velocity.value, telemetry.v_WB)
+    np.testing.assert_array_equal(once.attitude.value, telemetry.quaternion_WB)
+    assert once.joint_names == telemetry.joint_names
+    write_telemetry(path, once)
+    assert_same(read_telemetry(path), once)
+
+
+@few(40)
+@given(order=st.permutations(range(20)), end=st.sampled_from(["\n", "\r\n"]), mark=st.booleans())
+def test_the_order_of_columns_and_the_ends_of_lines_do_not_matter(folder, order, end, mark):
+    rows = [line.split(",") for line in SHORT_CSV.splitlines()]
+    text = end.join(",".join(row[k] for k in order) for row in rows)
+    (folder / "plain.csv").write_text(SHORT_CSV)
+    (folder / "other.csv").write_bytes(("\ufeff" * mark + text).encode())
+    assert_same(read_telemetry(folder / "plain.csv"), read_telemetry(folder / "other.csv"))
+
+
+@pytest.fixture(scope="module")
+def craft(folder) -> Spacecraft:
+    return Spacecraft(folder / "arm.urdf", base="bus", capture_frame="hand")
+
+
+@pytest.fixture(scope="module")
+def log(folder) -> Measurements:
+    return read_telemetry(folder / "log.csv")
+
+
+@few(15)
+@given(
+    order=st.permutations(range(3)),
+    shift=st.floats(-1e5, 1e5),
+    turn=st.tuples(*[st.floats(-3, 3)] * 3),
+    move=st.tuples(*[st.floats(-1e3, 1e3)] * 3),
+)
+@pytest.mark.parametrize("rows", ["standard", "relative", "eq18"])
+def test_names_clocks_and_worlds_do_not_change_the_target(
+    craft, log, rows, order, shift, turn, move
+):
+    """Columns in another order, another zero of time, another origin and other axes of W."""
+    R_VW = Rotation.from_rotvec(turn)
+
+    def moved(name: str, value: np.ndarray) -> np.ndarray:
+        if name == "attitude":
+            R_WB = Rotation.from_quat(value, scalar_first=True)
+            return (R_VW * R_WB).as_quat(scalar_first=True)
+        if name == "position":
+            return R_VW.apply(value) + move
+        if name == "velocity":
+            return R_VW.apply(value)
+        return value if name == "gyro" else value[:, list(order)]
+
+    samples = {name: getattr(log, name) for name in SENSOR_NAMES}
+    other = replace(
+        log,
+        joint_names=tuple(log.joint_names[k] for k in order),
+        **{name: Samples(s.time + shift, moved(name, s.value)) for name, s in samples.items()},
+    )
+    plain, again = (identify_log(craft, each, rows=rows).identification for each in (log, other))
+    expected = TARGET.to_vector()
+    np.testing.assert_allclose(plain.parameters, expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(again.parameters, expected, rtol=0, atol=1e-7)
