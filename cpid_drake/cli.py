@@ -14,6 +14,7 @@ from cpid_drake.commands.report import report
 from cpid_drake.commands.scenario import scenario
 from cpid_drake.commands.simulate import simulate
 from cpid_drake.commands.telemetry import telemetry
+from cpid_drake.commands.view import view
 from cpid_drake.errors import InputError
 
 app = typer.Typer(
@@ -30,6 +31,7 @@ app.command()(simulate)
 app.add_typer(scenario, name="scenario")
 app.command()(accuracy)
 app.command()(export)
+app.command()(view)
 app.command()(report)
 
 

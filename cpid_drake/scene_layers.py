@@ -35,7 +35,8 @@ class Extent:
         radius: its radius [m].
         size: of the spacecraft itself, about half its length [m].
         momentum: the largest linear momentum of the spacecraft [N·s].
-        angular_momentum: the largest about the system's centre of mass, roughly [N·m·s].
+        angular_momentum: the largest about the system's centre of mass, or if the target is not
+            known the spacecraft's own [N·m·s].
         duration: of the motion [s].
 
     """
@@ -250,8 +251,8 @@ class TrueInertia(Layer):
 class Momentum(Layer):
     """Momentum of the spacecraft and of the target: equal and opposite while their sum is zero.
 
-    Linear momentum starts at the system's centre of mass; angular momentum about it (the pair of
-    thinner arrows) is drawn beside, above the system.
+    Linear momentum starts at the system's centre of mass; angular momentum about it, the pair of
+    thinner arrows, is drawn above.
     """
 
     name = "momentum"
@@ -300,7 +301,7 @@ class Momentum(Layer):
         self._show(name, seen, time)
         if seen:
             R = RotationMatrix.MakeFromOneVector(vector, 2)
-            length = 0.6 * self._extent.size * fraction
+            length = 0.5 * self._extent.size * fraction
             width = min(1.0, 3 * fraction)
             self._place(name, RigidTransform(R, start), [width, width, length], time)
 

@@ -13,6 +13,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.base_motion import propagate_base
 from cpid_drake.errors import InputError
+from cpid_drake.identification import Identification
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.model_files import package_map, resolve_model
 from cpid_drake.motion.joint_motion import JointMotion
@@ -25,6 +26,7 @@ from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.scene_visualizer import (
     FRAME_PERIOD,
     SceneVisualizer,
+    can_be_drawn,
     extent_of,
     prepare_meshcat,
     shapeless_bodies,
@@ -83,17 +85,22 @@ class Simulation:
         simulator.Initialize()
         return simulator
 
-    def run(self, progress: Callable[[float], None] | None = None) -> Context:
+    def run(
+        self,
+        progress: Callable[[float], None] | None = None,
+        watch: Callable[[Context], None] | None = None,
+    ) -> Context:
         """Simulate the scenario's duration; the root Context returned holds logs and estimate.
 
         Args:
             progress: told the time [s] after every step.
+            watch: shown the root Context after every step.
 
         Raises:
             InputError: the simulation comes to a stop: what is simulated moves too fast.
 
         """
-        return self._run_to([self.scenario.simulation.duration], progress)[0]
+        return self._run_to([self.scenario.simulation.duration], progress, watch)[0]
 
     def run_sampled(self, times: ArrayLike) -> tuple[Context, Telemetry]:
         """Simulate as `run`, and return also the telemetry at these increasing times (N,) [s]."""
@@ -101,13 +108,19 @@ class Simulation:
         return context, self.spacecraft.to_telemetry(times, states[:-1])
 
     def _run_to(
-        self, times: Sequence[float], progress: Callable[[float], None] | None = None
+        self,
+        times: Sequence[float],
+        progress: Callable[[float], None] | None = None,
+        watch: Callable[[Context], None] | None = None,
     ) -> tuple[Context, list[NDArray[np.float64]]]:
         simulator = self.make_simulator()
-        if progress is not None:
+        if progress is not None or watch is not None:
 
             def tell(root_context: Context) -> EventStatus:
-                progress(root_context.get_time())
+                if progress is not None:
+                    progress(root_context.get_time())
+                if watch is not None:
+                    watch(root_context)
                 return EventStatus.DidNothing()
 
             simulator.set_monitor(tell)
@@ -126,6 +139,10 @@ class Simulation:
             last = self.identifier.GetMyMutableContextFromRoot(root_context)
             self.identifier.ExecuteForcedEvents(last)
         return simulator.get_context().Clone(), states
+
+    def identification(self, root_context: Context) -> Identification:
+        """Return what the identifier knows in a run's Context."""
+        return self.identifier.identification(self.identifier.GetMyContextFromRoot(root_context))
 
     def telemetry(self, root_context: Context) -> Telemetry:
         """Return the logged motion of a run."""
@@ -227,7 +244,7 @@ def make_simulation(
     plant = MultibodyPlant(time_step=0.0)
     plant.set_name("plant")
     scene_graph = None
-    if meshcat is not None:
+    if meshcat is not None and can_be_drawn(spacecraft):
         _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
     else:
         builder.AddSystem(plant)
@@ -270,9 +287,9 @@ def make_simulation(
             spacecraft, predicted_motion(spacecraft, truth, motion, times, momentum_W), truth
         )
         prepare_meshcat(meshcat, extent)
-        MeshcatVisualizer.AddToBuilder(
-            builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=FRAME_PERIOD)
-        )
+        if scene_graph is not None:
+            look = MeshcatVisualizerParams(publish_period=FRAME_PERIOD)
+            MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, look)
         SceneVisualizer.AddToBuilder(
             builder,
             meshcat,

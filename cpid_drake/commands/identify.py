@@ -95,10 +95,10 @@ def identify(
         raise InputError(f"--json {json_file}: there is no folder {json_file.parent}")
     if report is not None:
         check_page("--report", report)
-    folders = {name: str(Path(folder).absolute()) for name, folder in _packages(package).items()}
+    folders = packages_of(package)
     request = Request(
         str(telemetry),
-        SpacecraftReference(_absolute(spacecraft), base, capture_frame, folders),
+        SpacecraftReference(absolute_model(spacecraft), base, capture_frame, folders),
         estimator=estimator,
         rows=rows,
         sensors=sensors,
@@ -129,15 +129,17 @@ def identify(
     return 0 if evidence.found.identification.is_observable else NOT_ALL_KNOWN
 
 
-def _packages(package: list[str] | None) -> dict[str, str]:
+def packages_of(package: list[str] | None) -> dict[str, str]:
+    """Return the folders of packages, by name, that --package gives."""
     packages = {}
     for entry in package or []:
         name, separator, folder = entry.partition("=")
         if not (name and separator and folder):
             raise InputError(f"--package {entry}: give NAME=FOLDER")
-        packages[name] = folder
+        packages[name] = str(Path(folder).absolute())
     return packages
 
 
-def _absolute(model: str) -> str:
+def absolute_model(model: str) -> str:
+    """Return a model's path from the root, or its URI as it is."""
     return model if "://" in model else str(Path(model).expanduser().absolute())

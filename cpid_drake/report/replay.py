@@ -1,7 +1,7 @@
 """A replay of what happened, from telemetry: one HTML file that plays offline."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
@@ -12,15 +12,17 @@ from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification
 from cpid_drake.inertia import InertialParameters
+from cpid_drake.simulation import Simulation
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.systems.scene_visualizer import (
     FRAME_PERIOD,
     SceneVisualizer,
+    can_be_drawn,
     extent_of,
     prepare_meshcat,
     shapeless_bodies,
@@ -28,6 +30,9 @@ from cpid_drake.systems.scene_visualizer import (
 from cpid_drake.telemetry import Telemetry
 
 _OVERLAY = Path(__file__).with_name("replay_overlay.html")
+
+MOST_ESTIMATES = 60
+"""Of a simulation's replay."""
 
 MOST_FRAMES = 640
 """Of a replay; of longer logs frames are farther apart than `FRAME_PERIOD`."""
@@ -63,7 +68,8 @@ def replay_html(
     zero = telemetry.time[0]
 
     meshcat = Meshcat()
-    extent = extent_of(spacecraft, telemetry, truth)
+    last = [found.feasible() for _, found in estimates if found.is_observable][-1:]
+    extent = extent_of(spacecraft, telemetry, truth or (last[0] if last else None))
     prepare_meshcat(meshcat, extent)
     builder, plant, shapeless = _start_diagram(meshcat, spacecraft, truth, visual_model)
     scene = builder.AddSystem(
@@ -97,17 +103,19 @@ def replay_html(
     return _page(meshcat.StaticHtml(), title, steps, zero, truth is not None)
 
 
-# Layer, what it is called, its colour. `{whose}`: as the truth or the estimate has it.
+# Path of a layer, and the colours in it with what they are. `{whose}`: see `_page`.
 _LAYERS = (
-    ("drake", "spacecraft, and the target as it is", "#bbbbbb"),
-    ("cpid/estimated_centre", "estimated centre of mass of the target, 3 σ", "#ff730d"),
-    ("cpid/estimated_inertia", "estimated inertia, as a solid ellipsoid", "#ff730d"),
-    ("cpid/true_inertia", "true inertia", "#1ad9bf"),
-    ("cpid/centre_of_mass", "centre of mass of all{whose}; ring: where it was first", "#ffffff"),
-    ("cpid/momentum", "momentum{whose}: spacecraft (above: angular)", "#57b3e8"),
-    ("", "momentum{whose}: target", "#f0e342"),
-    ("cpid/trail", "where the capture point was", "#cc78a6"),
-    ("cpid/frames", "axes of W, B and C (x red, y green, z blue)", "#bbbbbb"),
+    ("drake", (("#bbbbbb", "spacecraft"),)),
+    ("cpid/estimated_centre", (("#ff730d", "estimated centre of mass of the target, 3 σ"),)),
+    ("cpid/estimated_inertia", (("#ff730d", "estimated inertia, as a solid ellipsoid"),)),
+    ("cpid/true_inertia", (("#1ad9bf", "true inertia"),)),
+    ("cpid/centre_of_mass", (("#ffffff", "centre of mass of all{whose}; ring: at first"),)),
+    (
+        "cpid/momentum",
+        (("#57b3e8", "momentum of the spacecraft"), ("#f0e342", "of the target{whose}")),
+    ),
+    ("cpid/trail", (("#cc78a6", "where the capture point was"),)),
+    ("cpid/frames", (("#bbbbbb", "axes of W, B, C: x red, y green, z blue"),)),
 )
 
 
@@ -130,12 +138,13 @@ def _page(
     """
     whose = "" if with_truth else " as estimated"
     rows = []
-    for path, name, color in _LAYERS:
-        if path == "cpid/true_inertia" and not with_truth:
-            continue
-        label = f'<i style="color:{color}">●</i> {escape(name.format(whose=whose))}'
-        box = f'<input type="checkbox" value="{path}">' if path else "&emsp;"
-        rows.append(f"<label>{box} {label}</label>")
+    for path, colors in _LAYERS:
+        if path != "cpid/true_inertia" or with_truth:
+            names = (
+                f'<i style="color:{color}">●</i> {escape(name.format(whose=whose))}'
+                for color, name in colors
+            )
+            rows.append(f'<label><input type="checkbox" value="{path}"> {" ".join(names)}</label>')
     overlay = Template(_OVERLAY.read_text(encoding="utf-8")).substitute(
         title=escape(title),
         layers="\n".join(rows),
@@ -159,15 +168,18 @@ def estimate_text(identification: Identification, truth: InertialParameters | No
     for name, part, unit in parts:
         line = f"{name:>6} {_numbers(values[part])} {unit}"
         if np.isfinite(widths[part]).all():
-            line += f"  ± {_numbers(widths[part], 2)}"
+            line += f" ± {widths[part].max():.2g}"
         lines.append(line)
         if truth is not None:
-            lines.append(f"  true {_numbers(truth.to_vector()[part])} {unit}")
+            lines.append(f"  true {_numbers(truth.to_vector()[part])}")
     return "\n".join(lines)
 
 
-def _numbers(values: NDArray[np.float64], digits: int = 4) -> str:
-    return " ".join(f"{value:.{digits}g}" for value in values)
+def _numbers(values: NDArray[np.float64]) -> str:
+    """Return numbers with as many decimals as give the largest four digits."""
+    largest = float(np.abs(values).max())
+    decimals = 4 if largest == 0 else max(0, 3 - int(np.floor(np.log10(largest))))
+    return " ".join(f"{value + 0.0:.{min(decimals, 9)}f}" for value in np.round(values, decimals))
 
 
 def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -176,6 +188,41 @@ def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
     period = max(FRAME_PERIOD, duration / MOST_FRAMES)
     wanted = np.arange(time[0], time[-1], period)
     return np.unique(np.append(np.searchsorted(time, wanted - 1e-9), len(time) - 1))
+
+
+def replay_simulation(
+    simulation: Simulation,
+    progress: Callable[[float], None] | None = None,
+    *,
+    title: str = "",
+) -> tuple[str, Identification]:
+    """Simulate, and return the page that replays it and the last estimate.
+
+    Args:
+        simulation: what to run.
+        progress: told the time [s] after every step.
+        title: what is seen, in one line.
+
+    """
+    estimates: list[tuple[float, Identification]] = []
+    period = max(0.25, simulation.scenario.simulation.duration / MOST_ESTIMATES)
+
+    def watch(root_context: Context) -> None:
+        time = root_context.get_time()
+        if time + 1e-9 >= period * (len(estimates) + 1):
+            estimates.append((time, simulation.identification(root_context)))
+
+    context = simulation.run(progress, watch)
+    last = simulation.identification(context)
+    page = replay_html(
+        simulation.spacecraft,
+        simulation.telemetry(context),
+        [*estimates, (context.get_time(), last)],
+        truth=simulation.truth,
+        visual_model=simulation.scenario.target.visual_model,
+        title=title,
+    )
+    return page, last
 
 
 def _start_diagram(
@@ -189,15 +236,12 @@ def _start_diagram(
     A model whose shapes cannot be read is good to identify with: then there is no plant.
     """
     builder = DiagramBuilder()
+    if not can_be_drawn(spacecraft):
+        return builder, None, shapeless_bodies(spacecraft)
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, MultibodyPlant(time_step=0.0))
-    try:
-        if truth is not None:
-            spacecraft.add_to(
-                plant, truth, scene_graph=scene_graph, target_visual_model=visual_model
-            )
-        else:
-            spacecraft.add_alone_to(plant)
-    except InputError:
-        return DiagramBuilder(), None, shapeless_bodies(spacecraft)
+    if truth is not None:
+        spacecraft.add_to(plant, truth, scene_graph=scene_graph, target_visual_model=visual_model)
+    else:
+        spacecraft.add_alone_to(plant)
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
     return builder, plant, shapeless_bodies(spacecraft, plant, scene_graph)

@@ -11,6 +11,7 @@ from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from cpid_drake.appearance import has_shape, inertia_ellipsoid
+from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.kinematics import propagate
 from cpid_drake.momentum import angular_momentum, linear_momentum
@@ -139,6 +140,17 @@ class SceneVisualizer(LeafSystem):
         return EventStatus.Succeeded()
 
 
+def can_be_drawn(spacecraft: Spacecraft) -> bool:
+    """Return whether the shapes of a spacecraft's model can be read: it is good without, too."""
+    plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()  # must live as long
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    try:
+        spacecraft.add_alone_to(plant)
+    except InputError:
+        return False
+    return True
+
+
 def shapeless_bodies(
     spacecraft: Spacecraft,
     drawn: MultibodyPlant | None = None,
@@ -148,15 +160,14 @@ def shapeless_bodies(
 
     Args:
         spacecraft: whose bodies.
-        drawn: a plant that the spacecraft was added to, registered with `scene_graph`; default:
-            nothing is drawn, and no body has a shape.
-        scene_graph: that of `drawn`.
+        drawn: a plant that the spacecraft was added to.
+        scene_graph: that `drawn` is registered with; default: none, and no body has a shape.
 
     """
     plant = spacecraft.plant
     indices = [BodyIndex(k) for k in range(1, plant.num_bodies())]
     indices = [index for index in indices if plant.get_body(index).default_mass() > 0]
-    if drawn is None:
+    if scene_graph is None:
         return indices
     inspector = scene_graph.model_inspector()
     return [k for k in indices if not has_shape(drawn, drawn.get_body(k), inspector)]
@@ -188,8 +199,11 @@ def extent_of(
     lowest, highest = low.min(axis=0), high.max(axis=0)
     P = linear_momentum(tree, motion)
     mass = sum(body.mass for body in tree.bodies)
-    p_WK = sum(body.mass * r for body, r in zip(tree.bodies, motion.r, strict=True)) / mass
-    L = angular_momentum(tree, motion, p_WK)
+    p_WS = sum(body.mass * r for body, r in zip(tree.bodies, motion.r, strict=True)) / mass
+    if target is not None:
+        p_WT = capture.p_WC + capture.R_WC @ target.p_CTcm_C
+        p_WS = (mass * p_WS + target.mass * p_WT) / (mass + target.mass)
+    L = angular_momentum(tree, motion, p_WS)
     return Extent(
         centre=(lowest + highest) / 2,
         radius=float(np.linalg.norm(highest - lowest) / 2),
@@ -221,6 +235,7 @@ def prepare_meshcat(meshcat: Meshcat, extent: Extent, *, view: tuple = (0.7, -0.
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.05, 0.05, 0.12])
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.2)
     half_field_of_view = np.radians(75 / 2)
     away = np.asarray(view) / np.linalg.norm(view)
     distance = 0.8 * extent.radius / np.sin(half_field_of_view)  # the sphere is seldom full
