@@ -90,7 +90,7 @@ def summary(runs):
 
 def test_the_folder_is_made_and_holds_figures_and_numbers(runs, summary):
     files = {path.name: path.read_bytes() for path in (runs[0] / "new" / "paper").iterdir()}
-    assert files.keys() == {*FIGURES, "summary.json"}
+    assert files.keys() == {*FIGURES, "summary.json", "report.html"}
     for name in FIGURES:
         assert files[name].startswith(b"\x89PNG\r\n\x1a\n"), name
         assert len(files[name]) > 10_000, name
@@ -101,8 +101,8 @@ def test_tables_go_to_stdout_and_progress_to_stderr(runs):
     for title in ("Table 1.", "Table 2.", "How many samples?", "Checks"):
         assert title in run.stdout
         assert title not in run.stderr
-    assert "7 files in new/paper" in run.stderr
-    assert "7 files" not in run.stdout
+    assert "8 files in new/paper" in run.stderr
+    assert "8 files" not in run.stdout
     assert "\x1b" not in run.stdout  # no colours where it is not a terminal
 
 

@@ -45,6 +45,7 @@ def accuracy(
     )
 
     from cpid_drake.report.accuracy import print_table, write_figures
+    from cpid_drake.report.study_page import accuracy_report
     from cpid_drake.scenario import find_scenario, load_scenario
     from cpid_drake.studies.accuracy import run_accuracy, summarize
 
@@ -69,8 +70,10 @@ def accuracy(
             jobs=(os.cpu_count() or 1) if jobs is None else jobs,
             progress=progress,
         )
-    files = [*write_figures(study, out), out / "summary.json"]
+    figures = write_figures(study, out)
+    files = [*figures, out / "report.html", out / "summary.json"]
     summary = {"scenario": scenario} | summarize(study, time.perf_counter() - start)
+    accuracy_report(study, figures, summary, scenario).write(files[-2])
     files[-1].write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     if not quiet:
         print_table(study, Console(markup=False))

@@ -27,6 +27,7 @@ def paper(
     start = time.perf_counter()
     # Imported here so that `cpid --help` does not wait for Drake.
     from cpid_drake.report.paper import print_tables, write_figures
+    from cpid_drake.report.study_page import paper_report
     from cpid_drake.scenario import find_scenario, load_scenario, naming
     from cpid_drake.studies.paper import run_paper_study, summarize
 
@@ -42,9 +43,11 @@ def paper(
         with naming(name):
             study = run_paper_study(loaded, progress)
         progress("drawing the figures")
-        files = write_figures(study, out)
-    files.append(out / "summary.json")
-    summary = summarize(study, time.perf_counter() - start)
+        figures = write_figures(study, out)
+        summary = summarize(study, time.perf_counter() - start)
+        page = out / "report.html"
+        paper_report(study, figures, summary, name).write(page)
+    files = [*figures, page, out / "summary.json"]
     files[-1].write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     if not quiet:
         print_tables(study, Console(markup=False))

@@ -12,9 +12,16 @@ from cpid_drake.inertia import PARAMETER_NAMES
 from cpid_drake.report.style import COLORS, saved_figure
 from cpid_drake.studies.accuracy import Accuracy, AccuracyStudy
 
+LEGEND = (
+    "Scale: m, 0.5 m, trace of I. ! marks a NEES outside its 95 % band. Bias: the largest of "
+    "ten. Within 1 % of scale: trials, the worst of ten."
+)
+"""What is said below the tables."""
 
-def print_table(study: AccuracyStudy, console: Console) -> None:
-    """Print error over bound, NEES and coverage of every estimator, preset by preset."""
+
+def tables(study: AccuracyStudy) -> list[Table]:
+    """Return error over bound, NEES and coverage of every estimator, a table a preset."""
+    result = []
     for preset, results in by_preset(study).items():
         table = Table(
             title=f"{preset}: RMS error over Cramér-Rao bound, {study.trials} trials, seed "
@@ -41,18 +48,27 @@ def print_table(study: AccuracyStudy, console: Console) -> None:
         table.add_row("bias / spread", "0", *(_largest_bias(r) for r in results))
         table.add_row("within 1 %", "", *(_percent(r.within_one_percent.min()) for r in results))
         table.add_row("failed", "", *(str(r.failed) for r in results))
-        console.print(table)
-    console.print(
-        "Scale: m, 0.5 m, trace of I. ! marks a NEES outside its 95 % band. Bias: the largest of "
-        "ten. Within 1 % of scale: trials, the worst of ten."
-    )
+        result.append(table)
+    return result
+
+
+def notes(study: AccuracyStudy) -> list[str]:
+    """Return sentences on what the tables do not show."""
+    lines = []
     for r in study.results:
         if r.detected is not None and r.detected[0]:
             share, delay = r.detected
             text = f"{r.preset}: momentum change seen in {_percent(share)} of trials"
-            console.print(text + (f", after {delay:.2f} s at most" if np.isfinite(delay) else ""))
-    for note in study.notes:
-        console.print(note)
+            lines.append(text + (f", after {delay:.2f} s at most" if np.isfinite(delay) else ""))
+    return [*lines, *study.notes]
+
+
+def print_table(study: AccuracyStudy, console: Console) -> None:
+    """Print the tables, and what is said below them."""
+    for table in tables(study):
+        console.print(table)
+    for line in (LEGEND, *notes(study)):
+        console.print(line)
 
 
 def write_figures(study: AccuracyStudy, folder: Path) -> list[Path]:

@@ -24,12 +24,25 @@ from cpid_drake.studies.paper import (
 _TIME = "time [s]"
 
 
+def tables(study: PaperStudy) -> list[tuple[Table, str]]:
+    """Return the study's tables beside the paper's own values, and what is said below each."""
+    return [
+        (_table_1(study), _table_1_note(study)),
+        (_table_2(study), ""),
+        (_samples_table(study), ""),
+        (_checks_table(study), ""),
+    ]
+
+
 def print_tables(study: PaperStudy, console: Console) -> None:
     """Print the study's tables beside the paper's own values."""
-    _print_table_1(study, console)
-    _print_table_2(study, console)
-    _print_samples(study, console)
-    _print_checks(study, console)
+    printed = tables(study)
+    for table, note in printed:
+        console.print(table)
+        if note:
+            console.print(note, style="dim", highlight=False)
+        if table is not printed[-1][0]:
+            console.print()
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -45,7 +58,7 @@ def _comparable(study: PaperStudy, *cells: str) -> tuple[str, ...]:
     return cells if study.is_papers_target else cells[:-1]
 
 
-def _print_table_1(study: PaperStudy, console: Console) -> None:
+def _table_1(study: PaperStudy) -> Table:
     exact = study.exact.parameters
     rounded = study.rounded_to(PAPER_DIGITS).identification.parameters
     paper = PAPER_TABLE_1.to_vector()
@@ -74,17 +87,20 @@ def _print_table_1(study: PaperStudy, console: Console) -> None:
     errors = [max_relative_error(values, study.truth) for values in (exact, rounded, paper)]
     cells = ("largest relative error", "", *(f"{error:.1e}" for error in errors))
     table.add_row(*_comparable(study, *cells))
-    console.print(table)
+    return table
+
+
+def _table_1_note(study: PaperStudy) -> str:
     note = "Relative: m over m, c over |c|, I over its trace."
     if study.is_papers_target:
         note += (
             " The paper's inertia violates the triangle inequality;\n"
             "its own figure for its largest error is 5.2e-2, Ixx over Ixx."
         )
-    console.print(note + "\n", style="dim", highlight=False)
+    return note
 
 
-def _print_table_2(study: PaperStudy, console: Console) -> None:
+def _table_2(study: PaperStudy) -> Table:
     table = _table(
         "Table 2. Mass from data of so many decimals",
         *_comparable(study, "digits", "mass [kg]", "largest relative error", "paper's mass [kg]"),
@@ -98,11 +114,10 @@ def _print_table_2(study: PaperStudy, console: Console) -> None:
             "" if theirs is None else f"{theirs:.6f}",
         )
         table.add_row(*_comparable(study, *cells))
-    console.print(table)
-    console.print()
+    return table
 
 
-def _print_samples(study: PaperStudy, console: Console) -> None:
+def _samples_table(study: PaperStudy) -> Table:
     table = _table(
         "How many samples? (the paper: two)", "samples", "rank of 10", "largest relative error"
     )
@@ -113,11 +128,10 @@ def _print_samples(study: PaperStudy, console: Console) -> None:
             str(case.rank),
             f"{error:.1e}" if np.isfinite(error) else "not determined",
         )
-    console.print(table)
-    console.print()
+    return table
 
 
-def _print_checks(study: PaperStudy, console: Console) -> None:
+def _checks_table(study: PaperStudy) -> Table:
     table = _table("Checks", *_comparable(study, "", "here", "paper"))
     drift = [np.linalg.norm(x, axis=1).max() for x in (study.linear_drift, study.angular_drift)]
     attitude, position = study.max_attitude_relative_error, study.max_position_relative_error
@@ -135,7 +149,7 @@ def _print_checks(study: PaperStudy, console: Console) -> None:
         ("online against batch, relative", f"{study.online_minus_batch:.1e}", ""),
     ):
         table.add_row(*_comparable(study, *cells))
-    console.print(table)
+    return table
 
 
 def write_figures(study: PaperStudy, folder: Path) -> list[Path]:

@@ -1,0 +1,115 @@
+"""The reports of the studies: their tables and figures as one page."""
+
+import json
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import rich.table
+
+from cpid_drake.report import accuracy, paper
+from cpid_drake.report.page import Cell, Report, Section, Table
+from cpid_drake.run_files import versions
+from cpid_drake.studies.accuracy import AccuracyStudy
+from cpid_drake.studies.paper import PaperStudy
+
+
+@dataclass(frozen=True, eq=False)
+class StudySection(Section):
+    """A section of texts, tables and files of figures with their labels."""
+
+    title: str
+    texts: Sequence[str] = ()
+    tables: Sequence[tuple[Table, str]] = ()
+    files: Sequence[tuple[Path, str]] = ()
+    template: ClassVar[str] = "study.html.j2"
+
+    @property
+    def anchor(self) -> str:
+        """Its name in links."""
+        return self.title.lower().replace(" ", "-")
+
+
+@dataclass(frozen=True, eq=False)
+class StudyProvenance(Section):
+    """Versions, and how to make it again."""
+
+    facts: Sequence[tuple[str, str]]
+    command: str
+    title: ClassVar[str] = "Where this comes from"
+    template: ClassVar[str] = "provenance.html.j2"
+
+
+def paper_report(
+    study: PaperStudy, files: Sequence[Path], summary: dict[str, Any], scenario: str
+) -> Report:
+    """Return the report of the paper's study.
+
+    Args:
+        study: the study.
+        files: its figures, PNG.
+        summary: as it is written to summary.json.
+        scenario: name or file of what was simulated.
+
+    """
+    introduction = (
+        "Ning et al. 2016, Coordinated Parameter Identification Technique for the Inertial "
+        "Parameters of Non-Cooperative Target (PLoS ONE 11(4): e0153604), simulated and identified "
+        "again."
+    )
+    sections = [
+        StudySection(
+            "Tables", [introduction], [(page_table(t), note) for t, note in paper.tables(study)]
+        ),
+        _figures(files),
+        StudyProvenance(
+            _facts(scenario), shlex.join(["cpid", "paper", "--scenario", scenario, "--out", "OUT"])
+        ),
+    ]
+    return Report("The paper’s study", scenario, sections, {"summary": _json(summary)})
+
+
+def accuracy_report(
+    study: AccuracyStudy, files: Sequence[Path], summary: dict[str, Any], scenario: str
+) -> Report:
+    """Return the report of an accuracy study; arguments as for `paper_report`."""
+    tables = [(page_table(table), "") for table in accuracy.tables(study)]
+    words = ["cpid", "accuracy", scenario, "--trials", str(study.trials)]
+    words += ["--seed", str(study.seed)]
+    for option, name in (("--preset", "preset"), ("--estimator", "estimator")):
+        for value in dict.fromkeys(getattr(result, name) for result in study.results):
+            words += [option, value]
+    sections = [
+        StudySection("Tables", [accuracy.LEGEND, *accuracy.notes(study)], tables),
+        _figures(files),
+        StudyProvenance(
+            [*_facts(scenario), ("Trials", str(study.trials)), ("Seed", str(study.seed))],
+            shlex.join([*words, "--out", "OUT"]),
+        ),
+    ]
+    subtitle = f"{scenario}, {study.trials} trials, seed {study.seed}"
+    return Report("Accuracy of the estimators", subtitle, sections, {"summary": _json(summary)})
+
+
+def page_table(table: rich.table.Table) -> Table:
+    """Return a terminal's table as a page's."""
+    columns = [[str(cell) for cell in column.cells] for column in table.columns]
+    rows = [[first, *map(Cell, rest)] for first, *rest in zip(*columns)]
+    heads = [str(column.header).replace("\n", " ") for column in table.columns]
+    return Table(heads, rows, str(table.title or ""))
+
+
+def _figures(files: Sequence[Path]) -> StudySection:
+    labels = [(file, file.stem.replace("_", " ")) for file in files]
+    return StudySection("Figures", files=labels)
+
+
+def _facts(scenario: str) -> list[tuple[str, str]]:
+    used = ", ".join(f"{name} {number}" for name, number in versions().items())
+    return [("Scenario", scenario), ("Made by", used)]
+
+
+def _json(summary: dict[str, Any]) -> str:
+    return json.dumps(summary, indent=2, allow_nan=False)
