@@ -114,9 +114,12 @@ def identify(
         if json_file is not None:
             write_result(json_file, result)
         if report is not None:
+            import logging
+
             from cpid_drake.report.identification_page import findings_of, identification_report
 
-            findings = findings_of(evidence, progress=status.update)
+            logging.getLogger("drake").setLevel(logging.WARNING)
+            findings = findings_of(evidence, status.update)
             identification_report(findings, progress=status.update).write(report)
     if evidence.ignored:
         log.print(f"note: columns without a meaning: {', '.join(evidence.ignored[:20])}")

@@ -24,8 +24,11 @@ def report(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing.")] = False,
 ) -> None:
     """Report an identification, or a simulated run, as one HTML page that needs nothing else."""
+    import logging
+
     from cpid_drake.commands.folders import make_folder
 
+    logging.getLogger("drake").setLevel(logging.WARNING)
     check_page("--out", out)
     if figures is not None:
         make_folder(figures)

@@ -1,7 +1,7 @@
 """The report of an identification: its sections, and what is said in each."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -72,6 +72,7 @@ class Findings:
         missing: why it is not.
         convergence: from the evidence.
         truth: the true target, of a simulation.
+        visual_model: how the target looks, if there is a model of that.
 
     """
 
@@ -81,14 +82,13 @@ class Findings:
     missing: str
     convergence: Convergence | None
     truth: InertialParameters | None = None
+    visual_model: str | None = None
 
 
-def findings_of(
-    evidence: Evidence, truth: InertialParameters | None = None, progress: Progress = _nothing
-) -> Findings:
+def findings_of(evidence: Evidence, progress: Progress = _nothing) -> Findings:
     """Return what there is to report of a log that has just been identified."""
     text = result_text(evidence.result, evidence.request.telemetry)
-    return Findings(evidence.result, text, evidence, "", converge(evidence, progress), truth)
+    return Findings(evidence.result, text, evidence, "", converge(evidence, progress))
 
 
 def findings_of_file(path: str | Path, progress: Progress = _nothing) -> Findings:
@@ -108,7 +108,11 @@ def findings_of_file(path: str | Path, progress: Progress = _nothing) -> Finding
 
 
 def identification_report(
-    findings: Findings, *, before: tuple[Section, ...] = (), title: str = "", progress=_nothing
+    findings: Findings,
+    *,
+    before: Sequence[Section] = (),
+    title: str = "",
+    progress: Progress = _nothing,
 ) -> Report:
     """Return the report of an identification.
 
@@ -436,8 +440,11 @@ class Observability(Section):
             order = np.argsort(-np.abs(weights))
             parts = [f"{PARAMETER_NAMES[i]} ({weights[i]:+.2f})" for i in order]
             shown = [part for part, i in zip(parts, order) if abs(weights[i]) > 0.2]
+            which = f"the combination {', '.join(shown)}"
+            if len(shown) == 1:
+                which = PARAMETER_NAMES[order[0]]
             texts.append(
-                f"Known least, for its size, is the combination {', '.join(shown)}: σ is "
+                f"Known least, for its size, is {which}: σ is "
                 f"{100 * sigma:.2g} % of its scale. Scales: m of the mass, the radius of gyration "
                 "of c, and their product m r² of the inertia."
             )
@@ -561,6 +568,7 @@ def replay_section(findings: Findings) -> Replay:
         motion_of(evidence),
         convergence.estimates,
         truth=findings.truth,
+        visual_model=findings.visual_model,
         title=Path(evidence.request.telemetry).name,
     )
     return Replay(embedded_json(json.dumps(page)))

@@ -1,7 +1,7 @@
 """The report of a simulated run: what was simulated, and what its telemetry says of the target."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -82,7 +82,11 @@ def run_report(folder: Path, progress: Progress) -> tuple[Report, Findings]:
         sensors=str(sensors) if sensors.is_file() else None,
         unknown_momentum=run.scenario.identification.unknown_momentum,
     )
-    findings = findings_of(identify_file(request, progress), run.truth, progress)
+    findings = replace(
+        findings_of(identify_file(request, progress), progress),
+        truth=run.truth,
+        visual_model=run.scenario.target.visual_model,
+    )
     report = identification_report(
         findings,
         before=(Simulated(run),),

@@ -1,0 +1,262 @@
+"""Reports: every number is the result's, text is only text, and what is not there is said."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from cpid_drake import InertialParameters, write_telemetry
+from cpid_drake.report import convergence, identification_page
+from cpid_drake.report.evidence import Request, identify_file, request_of_result
+from cpid_drake.report.figures import Picture, ellipse
+from cpid_drake.report.identification_page import (
+    findings_of,
+    findings_of_file,
+    identification_report,
+    weakest_combination,
+)
+from cpid_drake.report.page import Report, embedded_json
+from cpid_drake.report.study_page import StudySection, page_table
+from cpid_drake.result_files import SpacecraftReference, read_result, write_result
+from cpid_drake.whiteness import autocorrelation, whiteness
+
+SERVICER = SpacecraftReference(
+    "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"
+)
+SCRIPT = "</script><script>alert(1)</script>"
+
+
+class Page(HTMLParser):
+    """The elements of a page, and the text of its scripts."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.elements, self.scripts, self.text = [], {}, ""
+        self._script = None
+        self.feed(html)
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag == "script":
+            self._script = dict(attributes).get("id", "")
+            self.scripts[self._script] = ""
+
+    def handle_endtag(self, tag):
+        self._script = None if tag == "script" else self._script
+
+    def handle_data(self, data):
+        if self._script is None:
+            self.text += data
+        else:
+            self.scripts[self._script] += data
+
+    def data(self, name):
+        return json.loads(self.scripts[f"data-{name}"])
+
+
+def at(document, key):
+    for part in key.split("."):
+        document = document[int(part) if isinstance(document, list) else part]
+    return document
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick():
+    """Few windows, and no replay: that is tested in a browser."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(convergence, "WINDOWS", dict.fromkeys(convergence.WINDOWS, 4))
+        patch.setattr(identification_page, "replay_html", lambda *args, **options: SCRIPT)
+        yield
+
+
+@pytest.fixture
+def exact(tmp_path, zero_momentum_motion, skewed_target):
+    """A log without any error, of 60 samples that have nothing to do with another."""
+    write_telemetry(tmp_path / "exact.csv", zero_momentum_motion(skewed_target, 60, 4))
+    return tmp_path / "exact.csv"
+
+
+@pytest.fixture
+def evidence(exact):
+    return identify_file(Request(str(exact), SERVICER))
+
+
+@pytest.fixture
+def result_file(evidence, tmp_path):
+    write_result(tmp_path / "result.json", evidence.result)
+    return tmp_path / "result.json"
+
+
+@pytest.fixture(scope="module")
+def html(tmp_path_factory, zero_momentum_motion, skewed_target):
+    folder = tmp_path_factory.mktemp("report")
+    write_telemetry(folder / "exact.csv", zero_momentum_motion(skewed_target, 60, 4))
+    found = identify_file(Request(str(folder / "exact.csv"), SERVICER))
+    write_result(folder / "result.json", found.result)
+    return identification_report(findings_of_file(folder / "result.json")).html()
+
+
+class TestPage:
+    def test_every_number_is_that_of_the_file(self, html, result_file):
+        page, file = Page(html), json.loads(result_file.read_text())
+        file["source"] = page.data("result")["source"]  # other folders
+        assert page.data("result") == file
+        numbers = [a for _, a in page.elements if "data-key" in a]
+        shown = {a["data-key"] for a in numbers}
+        assert {"mass", "com.2", "inertia.5", "interval_95.9", "feasible.mass"} <= shown
+        for attributes in numbers:
+            expected = at(file, attributes["data-key"])
+            assert json.loads(attributes["data-value"]) == expected, attributes
+
+    def test_nothing_is_fetched_and_names_within_drawings_are_their_own(self, html):
+        page = Page(html)
+        for tag, attributes in page.elements:
+            assert tag not in ("img", "object", "embed")
+            assert "src" not in attributes
+            for name in ("href", "xlink:href"):
+                assert re.match(r"#|data:", attributes.get(name, "#")), attributes
+        names = [a["id"] for _, a in page.elements if "id" in a]
+        assert len(names) == len(set(names))
+        drawings = "".join(re.findall(r"<svg.*?</svg>", html, re.DOTALL))
+        used = re.findall(r'(?:url\(|href=")#([^")]+)', drawings)
+        assert used
+        assert set(used) <= set(names)
+
+    def test_what_users_write_is_only_text(self, exact, tmp_path, monkeypatch):
+        monkeypatch.setattr(Picture, "svg", lambda picture: "<svg/>")
+        log = exact.rename(tmp_path / "<script>alert(1)<x>.csv")
+        found = identify_file(Request(str(log), SERVICER))
+        object.__setattr__(found.result, "warnings", (SCRIPT, "{{ 7 * 7 }}"))
+        page = Page(identification_report(findings_of(found)).html())
+        ours = {"data-result", "data-replay", ""}
+        assert page.scripts.keys() == ours
+        assert "alert" not in page.scripts[""]
+        assert page.text.count(SCRIPT) == 1
+        assert "{{ 7 * 7 }}" in page.text
+        assert page.data("result")["warnings"][0] == SCRIPT
+        assert page.data("replay") == SCRIPT
+        assert page.text.count("<script>alert(1)<x>.csv") >= 3
+
+    def test_json_cannot_end_its_element(self):
+        text = json.dumps({"a": SCRIPT + "<!--"})
+        embedded = str(embedded_json(text))
+        assert not re.search("[<>]", embedded)
+        assert json.loads(embedded) == json.loads(text)
+
+    def test_tables_of_a_terminal_become_tables_of_a_page(self):
+        from rich.table import Table
+
+        table = Table(title="T<1>")
+        table.add_column("name")
+        table.add_column("root\nmean square")
+        table.add_row("a<b", "1.5")
+        section = StudySection("A section", ["x & y"], [(page_table(table), "note")])
+        page = Page(Report("t", "s", [section]).html())
+        for text in ("T<1>", "a<b", "root mean square", "1.5", "x & y", "note"):
+            assert text in page.text
+
+
+class TestWhatIsSaid:
+    @pytest.fixture(autouse=True)
+    def without_drawing(self, monkeypatch):
+        monkeypatch.setattr(Picture, "svg", lambda picture: f"<svg aria-label='{picture.label}'/>")
+
+    def test_without_the_log_the_result_alone_is_shown(self, result_file, exact):
+        exact.unlink()
+        page = Page(identification_report(findings_of_file(result_file)).html())
+        assert f"{exact} is not there any more" in page.text
+        assert "Convergence" not in page.text
+        assert "data-replay" not in page.scripts
+        assert page.data("result")["mass"] == pytest.approx(60.0)
+
+    def test_a_log_that_changed_is_not_used(self, result_file, exact):
+        exact.write_text(exact.read_text() + "\n")
+        findings = findings_of_file(result_file)
+        assert findings.evidence is None
+        assert "has changed since: its SHA-256 is another" in findings.missing
+
+    def test_a_log_is_found_beside_its_result(self, exact, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        found = identify_file(Request("exact.csv", SERVICER))
+        write_result("result.json", found.result)
+        (tmp_path / "elsewhere").mkdir()
+        monkeypatch.chdir("elsewhere")
+        again = request_of_result(read_result("../result.json"), "../result.json")
+        assert again.telemetry == "../exact.csv"
+
+    @pytest.mark.parametrize(
+        ("key", "value"),
+        [("telemetry", 3), ("sha256", []), ("from", "now"), ("topics", {"a": 1}), ("sensors", 1)],
+    )
+    def test_a_source_of_another_kind_is_not_followed(self, evidence, tmp_path, key, value):
+        evidence.result.details["source"][key] = value
+        write_result(tmp_path / "r.json", evidence.result)
+        findings = findings_of_file(tmp_path / "r.json")
+        assert f"source.{key}" in findings.missing
+        Page(identification_report(findings).html())
+
+    @pytest.mark.parametrize(
+        "details",
+        [
+            {"source": 3},
+            {"interval_95": "wide", "principal_moments": [1], "singular_values": [None]},
+            {"interval_95": [1] * 10, "principal_axes": {}, "not_observable": 2},
+        ],
+    )
+    def test_details_of_other_programs_do_no_harm(self, evidence, tmp_path, details):
+        evidence.result.details.clear()
+        evidence.result.details.update(details)
+        write_result(tmp_path / "r.json", evidence.result)
+        page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
+        assert page.data("result")["mass"] == pytest.approx(60.0)
+
+    def test_another_estimate_than_the_file_s_is_warned_of(self, evidence, tmp_path):
+        evidence.result.parameters[0] += 1.0
+        write_result(tmp_path / "r.json", evidence.result)
+        page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
+        assert "the log gave other values than the result" in page.text
+
+    def test_what_is_not_known_is_said(self, exact):
+        found = identify_file(Request(str(exact), SERVICER, end=1.5))
+        page = Page(identification_report(findings_of(found)).html())
+        assert "not known" in page.text
+        assert "1 combination of" in page.text
+        assert "turn the target about three axes" in page.text
+
+
+class TestFigures:
+    def test_convergence_ends_at_the_estimate_and_has_gaps_before_it(self, evidence, monkeypatch):
+        monkeypatch.setattr(convergence, "WINDOWS", {"least_squares": 40})
+        found = convergence.converge(evidence)
+        np.testing.assert_array_equal(found.parameters[-1], evidence.result.parameters)
+        assert found.time[-1] == 59.0
+        assert np.isnan(found.parameters[0, 4:]).all()  # two samples leave something open
+        assert found.estimates[-1][1] is evidence.found.identification
+
+    def test_the_ellipsoid_of_a_solid_ellipsoid_is_itself(self):
+        a = np.array([0.3, 0.5, 0.9])
+        moments = 12.0 / 5 * (np.sum(a**2) - a**2)
+        body = InertialParameters(12.0, [1.0, 2.0, 3.0], np.diag(moments))
+        for plane in ((0, 1), (0, 2), (1, 2)):
+            x, y = ellipse(body, plane) / a[list(plane), None]
+            np.testing.assert_allclose(x**2 + y**2, 1.0, rtol=1e-12)
+
+    def test_the_weakest_combination_is_relative_to_the_body_s_size(self):
+        parameters = np.array([100.0, 0, 0, 0, 50.0, 50.0, 100.0, 0, 0, 0])  # r = 1 m
+        covariance = np.diag([1.0, 1e-6, 4e-4, 1e-6, *6 * [1e-2]])
+        weights, sigma = weakest_combination(parameters, covariance)
+        np.testing.assert_allclose(weights, np.eye(10)[2], atol=1e-12)
+        assert sigma == pytest.approx(0.02)
+
+    def test_autocorrelation_of_noise_with_memory(self):
+        rng = np.random.default_rng(5)
+        noise = rng.normal(size=(4001, 3))
+        moving = noise[1:] + noise[:-1]  # correlation one half with its neighbours, else none
+        rho, channels = autocorrelation(moving)
+        assert channels == 3
+        assert rho[0] == pytest.approx(1.0)
+        assert rho[1] == pytest.approx(0.5, abs=0.03)
+        assert np.abs(rho[2:20]).max() < 0.05
+        assert whiteness(moving).lag_one == rho[1]
