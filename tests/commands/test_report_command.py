@@ -1,0 +1,113 @@
+"""`cpid report` and `cpid identify --report`: the pages and figures they write, and refusals."""
+
+import json
+import re
+import sys
+
+import pytest
+
+from cpid_drake.cli import main
+from cpid_drake.model_files import models_directory
+from cpid_drake.report import convergence, identification_page
+from cpid_drake.report.figures import Picture
+
+SAMPLE = models_directory() / "telemetry/free_flyer.csv"
+FREE_FLYER = (
+    *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
+    *("--base", "body", "--capture-frame", "capture_point", "--to", "4"),
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick():
+    """Few windows, and pages without drawings and replay: those are tested elsewhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(convergence, "WINDOWS", dict.fromkeys(convergence.WINDOWS, 3))
+        patch.setattr(identification_page, "replay_html", lambda *args, **options: "replay")
+        patch.setattr(Picture, "svg", lambda picture: "<svg/>")
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("report")
+
+
+@pytest.fixture
+def cpid(monkeypatch, capsys, folder):
+    """Return a function that runs `cpid` in one folder: (code, stdout, stderr)."""
+    monkeypatch.chdir(folder)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def result(cpid, folder):
+    """A result file and the page that was written with it."""
+    if not (folder / "result.json").exists():
+        files = ("--json", "result.json", "--report", "identified.html")
+        assert cpid("identify", SAMPLE, *FREE_FLYER, "--sensors", "testbed", *files)[0] == 0
+    return folder / "result.json"
+
+
+def numbers(page) -> dict[str, str]:
+    """The exact numbers in a page, by where they are in its JSON."""
+    found = re.findall(r'data-in="(\w+)" data-key="([^"]+)" data-value="([^"]+)"', page.read_text())
+    return {f"{data}.{key}": value for data, key, value in found}
+
+
+def test_a_result_s_report_is_that_of_its_identification(cpid, result, folder):
+    code, stdout, stderr = cpid("report", result, "--out", "again.html", "--quiet")
+    assert (code, stdout, stderr) == (0, "", "")
+    shown = numbers(folder / "again.html")
+    assert float(shown["result.mass"]) == json.loads(result.read_text())["mass"]
+    assert shown == numbers(folder / "identified.html")
+
+
+def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
+    text = (models_directory() / "scenario_template.yaml").read_text()
+    shorter = text.replace("simulation:\n  duration: 10.0", "simulation:\n  duration: 3.0")
+    assert shorter != text
+    (folder / "short.yaml").write_text(shorter.replace("accuracy: 1.0e-8", "accuracy: 1.0e-7"))
+    assert cpid("simulate", "short.yaml", "--out", "run", "--quiet")[0] == 0
+    code, stdout, stderr = cpid("report", "run", "--out", "run.html", "--figures", "figures")
+    assert (code, stdout) == (0, "")
+    assert stderr == "run.html, 10 figures in figures\n"
+    shown, truth = numbers(folder / "run.html"), json.loads((folder / "run/truth.json").read_text())
+    assert json.loads(shown["truth.mass"]) == truth["mass"]
+    assert json.loads(shown["truth.inertia.5"]) == truth["inertia"][5]
+    drift = json.loads((folder / "run/run.json").read_text())["momentum_drift"]
+    assert json.loads(shown["run.momentum_drift.linear_N_s"]) == drift["linear_N_s"]
+    names = ("convergence", "residuals", "singular-values", "base-motion", "ellipsoid")
+    for name in names:
+        assert (folder / f"figures/{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert "<svg" in (folder / f"figures/{name}.svg").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "phrase"),
+    [
+        (["nothing.json", "--out", "r.html"], "no such file"),
+        ([SAMPLE, "--out", "r.html"], "not JSON"),
+        (["empty", "--out", "r.html"], "not a run: there is no run.json"),
+        (["result.json", "--out", "nowhere/r.html"], "there is no folder nowhere"),
+        (["result.json", "--out", "empty"], "is a folder; name an HTML file"),
+        (["broken", "--out", "r.html"], "truth.json: does not hold a target"),
+    ],
+)
+def test_what_cannot_be_is_one_line(cpid, result, folder, arguments, phrase):
+    for name in ("empty", "broken"):
+        (folder / name).mkdir(exist_ok=True)
+    for name in ("run.json", "truth.json", "scenario.yaml", "telemetry.csv"):
+        (folder / "broken" / name).write_text("{}")
+    code, stdout, stderr = cpid("report", *arguments)
+    assert (code, stdout) == (2, "")
+    assert stderr.startswith("cpid: error: ")
+    assert stderr.count("\n") == 1
+    assert phrase in stderr
