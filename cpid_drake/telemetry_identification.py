@@ -128,12 +128,18 @@ def identify_log(
     _require(measurements, estimator, rows, unknown_momentum)
 
     log = _Log(spacecraft, measurements, suite, unknown_momentum, warnings)
-    if estimator == "trajectory_fit":
-        identification, residuals, leftovers = _by_fit(log)
-    elif estimator == "momentum_filter":
-        identification, residuals, leftovers = _by_filter(log, rejected), None, {}
-    else:
-        identification, residuals, leftovers = _by_rows(log, row_family(rows, unknown_momentum))
+    try:
+        if estimator == "trajectory_fit":
+            identification, residuals, leftovers = _by_fit(log)
+        elif estimator == "momentum_filter":
+            identification, residuals, leftovers = _by_filter(log, rejected), None, {}
+        else:
+            identification, residuals, leftovers = _by_rows(log, row_family(rows, unknown_momentum))
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{estimator} cannot calculate with these samples: they contradict each other, or are "
+            "too large or too small; plot them, and compare units"
+        ) from error
     return LogIdentification(
         identification,
         estimator,
