@@ -27,7 +27,7 @@ class Section:
     @property
     def anchor(self) -> str:
         """Its name in links."""
-        return type(self).__name__.lower()
+        return self.title.lower().replace(" ", "-")
 
     def render(self) -> Markup:
         """Return the section as HTML, without its title."""

@@ -26,11 +26,6 @@ class StudySection(Section):
     files: Sequence[tuple[Path, str]] = ()
     template: ClassVar[str] = "study.html.j2"
 
-    @property
-    def anchor(self) -> str:
-        """Its name in links."""
-        return self.title.lower().replace(" ", "-")
-
 
 @dataclass(frozen=True, eq=False)
 class StudyProvenance(Section):

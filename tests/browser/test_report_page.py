@@ -1,0 +1,134 @@
+"""A report in a real browser: offline, on a phone and on a desk, light, dark and printed."""
+
+import io
+import json
+from contextlib import contextmanager
+
+import matplotlib.image
+import pytest
+
+from cpid_drake.model_files import models_directory
+from cpid_drake.report import convergence
+from cpid_drake.report.evidence import Request, identify_file
+from cpid_drake.report.identification_page import findings_of, identification_report
+from cpid_drake.result_files import SpacecraftReference, result_text
+
+FREE_FLYER = SpacecraftReference(
+    str(models_directory() / "free_flyer/free_flyer.urdf"), "body", "capture_point"
+)
+NUMBERS = """() => [...document.querySelectorAll("[data-key]")].map(element => {
+    let value = JSON.parse(document.getElementById("data-" + element.dataset.in).textContent);
+    for (const part of element.dataset.key.split(".")) value = value[part];
+    return [element.dataset.key, element.dataset.value, JSON.stringify(value), element.innerText];
+})"""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """A report as `cpid identify --report` writes it, and the result's JSON."""
+    folder = tmp_path_factory.mktemp("report")
+    log = folder / "<img src=x onerror=alert(1)>.csv"
+    log.write_bytes((models_directory() / "telemetry/free_flyer.csv").read_bytes())
+    request = Request(str(log), FREE_FLYER, sensors="testbed", end=4.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(convergence, "WINDOWS", {"trajectory_fit": 4})
+        findings = findings_of(identify_file(request))
+    identification_report(findings).write(folder / "report.html")
+    return folder / "report.html", json.loads(result_text(findings.result, ""))
+
+
+@pytest.fixture
+def opened(browser, report):
+    """Return a context manager (width, colour scheme) -> page.
+
+    At its end: nothing but the file was asked for, and nothing complained.
+    """
+
+    @contextmanager
+    def open_(width: int = 1400, scheme: str = "light"):
+        page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        said, requests = [], []
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
+        page.on("dialog", lambda dialog: (said.append(dialog.message), dialog.dismiss()))
+        page.on("request", lambda request: requests.append(request.url))
+        try:
+            page.goto(report[0].as_uri())
+            yield page
+        finally:
+            page.close()
+        assert said == []
+        away = [u for u in requests if not u.startswith(("data:", "blob:", "about:"))]
+        assert away == [report[0].as_uri()]
+
+    return open_
+
+
+def test_its_numbers_are_those_of_the_result(opened, report):
+    with opened() as page:
+        numbers = page.evaluate(NUMBERS)
+        assert json.loads(page.locator("#data-result").inner_text()) == report[1]
+    assert len(numbers) > 40
+    assert {"mass", "com.1", "inertia.5", "interval_95.0"} <= {key for key, *_ in numbers}
+    for key, exact, in_json, shown in numbers:
+        assert json.loads(exact) == json.loads(in_json), key
+        if not key.startswith("interval_95"):
+            decimals = len(shown.partition(".")[2])
+            assert float(shown) == pytest.approx(json.loads(exact), abs=0.51 * 10.0**-decimals), key
+
+
+@pytest.mark.parametrize("width", [400, 1400])
+def test_nothing_sticks_out(opened, width):
+    """Neither the page nor a drawing is wider than the window, before the replay and with it."""
+    widths = "[document.scrollingElement.scrollWidth, innerWidth]"
+    with opened(width) as page:
+        assert page.evaluate(widths) == [width, width]
+        boxes = page.locator("figure svg").evaluate_all(
+            "all => all.map(svg => [svg.getBoundingClientRect().right, svg.clientHeight])"
+        )
+        assert len(boxes) > 15
+        assert all(right <= width and height > 100 for right, height in boxes)
+        page.locator("#open-replay").click()
+        page.locator("iframe").wait_for()
+        assert page.evaluate(widths) == [width, width]
+
+
+def test_dark_mode_changes_paper_and_ink(opened):
+    colours = """() => ["body", "figure svg text"].map(name => {
+        const style = getComputedStyle(document.querySelector(name));
+        return name === "body" ? getComputedStyle(document.documentElement).backgroundColor
+                               : style.fill;
+    }).map(text => text.match(/[0-9.]+/g).slice(0, 3).reduce((sum, x) => sum + Number(x), 0))"""
+    with opened(scheme="light") as page:
+        paper, ink = page.evaluate(colours)
+        assert paper > 700
+        assert ink < 150
+    with opened(scheme="dark") as page:
+        paper, ink = page.evaluate(colours)
+        assert paper < 150
+        assert ink > 600
+
+
+def test_print_is_light_and_without_the_replay(opened):
+    with opened(scheme="dark") as page:
+        page.emulate_media(media="print")
+        assert not page.locator("#replay").is_visible()
+        assert not page.locator("nav").is_visible()
+        assert page.locator("#convergence svg").first.is_visible()
+        paper = page.evaluate("getComputedStyle(document.documentElement).backgroundColor")
+        assert paper == "rgb(255, 255, 255)"
+        assert page.pdf(format="A4").startswith(b"%PDF")
+
+
+def test_the_replay_opens_when_it_is_asked_for(opened):
+    with opened() as page:
+        assert page.locator("iframe").count() == 0
+        page.locator("#open-replay").click()
+        frame = page.frame_locator("iframe")
+        frame.locator("canvas").first.wait_for()
+        inner = page.frames[-1]
+        inner.wait_for_function("viewer.animator.time > 0.1")
+        page.locator("iframe").scroll_into_view_if_needed()
+        picture = page.locator("iframe").screenshot()
+    pixels = matplotlib.image.imread(io.BytesIO(picture), "png")[:, :, :3]
+    assert (pixels.max(axis=2) > 0.3).mean() > 0.02  # something is drawn in the dark
