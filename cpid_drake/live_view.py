@@ -26,7 +26,7 @@ LAYERS = {
 
 HIDDEN_AT_FIRST = ("frames W, B, C",)
 
-START, PAUSE, STOP = "Start (from the scenario's pose)", "Pause / go on", "Stop"
+START, PAUSE, STOP = "Start from the pose of the scenario", "Pause or go on", "Stop"
 SPEED = "speed"
 
 _LOOK_PERIOD = 0.05  # [s] between two looks at the controls
@@ -63,23 +63,18 @@ class LiveView:
                 limits = max(low[k], -np.pi), min(high[k], np.pi)
                 meshcat.AddSlider(self._sliders[k], *limits, 0.01, self._start[k])
 
-    def serve(self, on_frame: Callable[[float, Identification], None], runs: int = 0) -> None:
-        """Obey the page's controls until Stop is pressed, or so many runs have ended.
+    def serve(self, on_frame: Callable[[float, Identification], None]) -> None:
+        """Obey the page's controls until Stop is pressed, in the thread that made the page.
 
         Args:
             on_frame: told time [s] and estimate at every drawing of a run.
-            runs: how many runs to wait for; 0: until Stop.
 
         Raises:
             InputError: the simulation comes to a stop.
 
         """
-        done = 0
-        while self._pose_until_start():
-            finished = self._run(on_frame)
-            done += 1
-            if not finished or done == runs:
-                return
+        while self._pose_until_start() and self._run(on_frame):
+            pass
 
     def _clicked(self, button: str) -> bool:
         """Return whether a button has been pressed since the last look."""
@@ -109,7 +104,7 @@ class LiveView:
             q = self._start.copy()
             for k, name in self._sliders.items():
                 q[k] = self._meshcat.GetSliderValue(name)
-            if drawn is not None and not np.array_equal(q, drawn):
+            if drawn is None or not np.array_equal(q, drawn):
                 positions = plant.GetPositions(plant_context)
                 positions[columns] = q
                 plant.SetPositions(plant_context, positions)

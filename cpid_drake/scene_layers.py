@@ -287,7 +287,7 @@ class Momentum(Layer):
         p_WS = system_centre(moment.target, moment.X_WC, known.p_WKcm[0], known.mass)
         P_T, L_T = (value[0] for value in target_momentum(moment.target, known.motion))
         P_K, L_K = known.P[0], known.L[0]
-        beside = p_WS + np.array([0.0, 0.0, 0.55 * extent.size])
+        beside = p_WS + np.array([0.0, 0.0, 0.5 * extent.size])
         for owner, P, L in (("spacecraft", P_K, L_K), ("target", P_T, L_T)):
             about_centre = L + np.cross(p_WC - p_WS, P)
             self._point(f"linear_{owner}", p_WS, P, extent.momentum, time)
@@ -301,7 +301,7 @@ class Momentum(Layer):
         self._show(name, seen, time)
         if seen:
             R = RotationMatrix.MakeFromOneVector(vector, 2)
-            length = 0.5 * self._extent.size * fraction
+            length = 0.4 * self._extent.size * fraction
             width = min(1.0, 3 * fraction)
             self._place(name, RigidTransform(R, start), [width, width, length], time)
 

@@ -112,7 +112,10 @@ _LAYERS = (
     ("cpid/centre_of_mass", (("#ffffff", "centre of mass of all{whose}; ring: at first"),)),
     (
         "cpid/momentum",
-        (("#57b3e8", "momentum of the spacecraft"), ("#f0e342", "of the target{whose}")),
+        (
+            ("#57b3e8", "momentum of the spacecraft"),
+            ("#f0e342", "of the target{whose}; above: angular"),
+        ),
     ),
     ("cpid/trail", (("#cc78a6", "where the capture point was"),)),
     ("cpid/frames", (("#bbbbbb", "axes of W, B, C: x red, y green, z blue"),)),

@@ -1,0 +1,52 @@
+"""A real browser: headless Chromium, with everything that a page says and asks for written down."""
+
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = (
+    *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    "--no-first-run",
+)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Headless Chromium; the test is skipped where there is none."""
+    api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
+    path = next(filter(None, map(shutil.which, NAMES)), None)
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(NAMES)}")
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def open_page(browser):
+    """Return a context manager (url, width, height) -> page.
+
+    At its end: the page had no error, and asked for nothing but files and this machine.
+    """
+
+    @contextmanager
+    def open_(url: str, width: int = 600, height: int = 450):
+        page = browser.new_page(viewport={"width": width, "height": height})
+        errors, requests = [], []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
+        page.on("request", lambda request: requests.append(request.url))
+        try:
+            page.goto(str(url))
+            yield page
+        finally:
+            page.close()
+        assert errors == []
+        here = ("file:", "data:", "blob:", "http://localhost:", "ws://localhost:")
+        assert [url for url in requests if not url.startswith(here)] == []
+
+    return open_

@@ -1,0 +1,250 @@
+"""The scene in a real browser: the replay plays offline, the live page obeys its controls."""
+
+import io
+import queue
+import threading
+import time
+
+import matplotlib.image
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+
+from cpid_drake import load_scenario, make_simulation, shipped_scenario
+from cpid_drake.live_view import PAUSE, SPEED, START, STOP, LiveView
+from cpid_drake.report.replay import replay_simulation
+
+TITLE = "Capture & <i>hold</i>"
+
+
+def free_flyer(duration: float):
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    scenario.simulation.duration = duration
+    scenario.simulation.simulator.accuracy = 1e-5
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def replay(tmp_path_factory):
+    page, _ = replay_simulation(make_simulation(free_flyer(4.0)), title=TITLE)
+    path = tmp_path_factory.mktemp("replay") / "replay.html"
+    path.write_text(page, encoding="utf-8")
+    return path.as_uri()
+
+
+def pixels(page) -> np.ndarray:
+    """What the page shows, (height, width, 3) of 0 to 1."""
+    return matplotlib.image.imread(io.BytesIO(page.screenshot()), "png")[:, :, :3]
+
+
+def settled(page) -> np.ndarray:
+    """What the page shows when all that was asked for is drawn."""
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => setTimeout(done, 50)))")
+    return pixels(page)
+
+
+def scene(picture: np.ndarray) -> np.ndarray:
+    """The middle of the page, where no text is."""
+    height, width, _ = picture.shape
+    return picture[height // 4 : 3 * height // 4, width // 3 :]
+
+
+def drawn(picture: np.ndarray) -> float:
+    """The part of the scene that is not the dark background."""
+    return float((scene(picture).max(axis=2) > 0.2).mean())
+
+
+def changed(before: np.ndarray, after: np.ndarray) -> float:
+    """The part of the scene that is other than before."""
+    return float((np.abs(scene(after) - scene(before)).max(axis=2) > 0.1).mean())
+
+
+def ready(page) -> None:
+    page.wait_for_function("viewer.animator.duration > 0")
+    page.locator("#cpid-time button").click()  # pause
+    page.wait_for_function("!viewer.animator.playing")
+
+
+def seek(page, time: float) -> np.ndarray:
+    page.locator("#cpid-time input").evaluate(
+        "(slider, time) => { slider.value = time; slider.dispatchEvent(new Event('input')); }", time
+    )
+    return settled(page)
+
+
+def has(page, path: str) -> bool:
+    """Whether a path is in the scene tree with something under it; looking changes nothing."""
+    return page.evaluate(
+        """path => {
+            let node = viewer.scene_tree;
+            for (const name of path.split("/")) node = node?.children[name];
+            return node !== undefined && node.object.children.length > 0;
+        }""",
+        path,
+    )
+
+
+def test_the_replay_plays(open_page, replay):
+    """Arms, target and estimate are there, the last frame is not the first, and numbers run."""
+    with open_page(replay) as page:
+        page.wait_for_function("viewer.animator.time > 0.2")  # it plays by itself
+        ready(page)
+        first = seek(page, 0.0)
+        assert drawn(first) > 0.03
+        for path in (
+            "drake/visualizer/free_flyer/arm_link2",
+            "drake/visualizer/captured_target",
+            "cpid/estimated_inertia/ellipsoid",
+            "cpid/momentum/linear_target",
+        ):
+            assert has(page, path), path
+        assert page.locator("#cpid-numbers").inner_text() == ""
+        last = seek(page, 4.0)
+        assert changed(first, last) > 0.03
+        numbers = page.locator("#cpid-numbers").inner_text()
+        assert "from 16 samples" in numbers
+        assert "m 8.500 kg" in numbers
+
+
+def test_the_replay_plays_again_from_its_end_and_at_another_speed(open_page, replay):
+    with open_page(replay) as page:
+        ready(page)
+        seek(page, 4.0)
+        page.locator("#cpid-time select").select_option("5")
+        page.locator("#cpid-time button").click()
+        page.wait_for_function("viewer.animator.playing && viewer.animator.time < 3.5")
+        page.wait_for_function("!viewer.animator.playing && viewer.animator.time > 3.9")
+
+
+def test_layers_of_the_replay_can_be_hidden(open_page, replay):
+    """What a box hides is gone from the picture and comes back with it."""
+    with open_page(replay) as page:
+        ready(page)
+        page.locator("#cpid-layers summary").click()
+        shown = seek(page, 3.0)
+
+        def box(layer: str):
+            return page.locator(f'#cpid-layers input[value="{layer}"]')
+
+        box("cpid/estimated_inertia").uncheck()
+        without_estimate = settled(page)
+        assert changed(shown, without_estimate) > 0.001
+        box("drake").uncheck()
+        assert changed(without_estimate, settled(page)) > 0.03
+        for layer in ("drake", "cpid/estimated_inertia"):
+            box(layer).check()
+        assert changed(shown, settled(page)) == 0.0
+        assert not box("cpid/frames").is_checked()
+        box("cpid/frames").check()
+        assert changed(shown, settled(page)) > 0.001
+
+
+@pytest.mark.parametrize("width", [400, 1400])
+def test_the_replay_fits_its_window(open_page, replay, width):
+    """Nothing to scroll; title as it was written; the craft in the picture, not cut off."""
+    with open_page(replay, width, 800) as page:
+        ready(page)
+        assert page.locator("h1").inner_text() == TITLE
+        size = page.evaluate(
+            "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+        )
+        assert size[0] <= width
+        assert size[1] <= 800
+        for part in ("#cpid-what", "#cpid-layers", "#cpid-time"):
+            box = page.locator(part).bounding_box()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= width
+        page.add_style_tag(content=".cpid { visibility: hidden; }")
+        bright = seek(page, 3.0).max(axis=2)[40:] > 0.2  # below Meshcat's own bar
+        rows, columns = np.flatnonzero(bright.any(axis=1)), np.flatnonzero(bright.any(axis=0))
+        assert rows[0] > 0
+        assert rows[-1] < bright.shape[0] - 1
+        assert columns[0] > 0
+        assert columns[-1] < width - 1
+        assert columns[-1] - columns[0] > 0.3 * width
+
+
+def press(page, name: str) -> None:
+    page.evaluate(
+        "name => [...document.querySelectorAll('.property-name')]"
+        ".find(label => label.textContent === name).click()",
+        name,
+    )
+
+
+def slider(page, name: str, value: float | None = None) -> float:
+    """Set a slider of the page, if a value is given, and return its value."""
+    return page.evaluate(
+        """([name, value]) => {
+            const label = [...document.querySelectorAll(".property-name")]
+                .find(label => label.textContent === name);
+            const input = label.parentElement.querySelector("input");
+            if (value !== null) {
+                input.value = value;
+                input.dispatchEvent(new Event("change"));
+            }
+            return Number(input.value);
+        }""",
+        [name, value],
+    )
+
+
+@pytest.fixture
+def live():
+    """A live view, served in a thread of its own, as Meshcat wants: (url, times drawn, thread)."""
+    seen, urls = [], queue.Queue()
+
+    def serve() -> None:
+        meshcat = Meshcat()
+        view = LiveView(make_simulation(free_flyer(3.0), meshcat=meshcat), meshcat)
+        urls.put(meshcat.web_url())
+        view.serve(lambda now, _: seen.append(now))
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    return urls.get(timeout=20), seen, thread
+
+
+def test_the_live_page_obeys(open_page, live):
+    """Arms are posed, a run is started, paused, its layers toggled; then its recording plays."""
+    url, seen, thread = live
+    with open_page(url) as page:
+        page.wait_for_function("viewer.scene_tree.children.drake !== undefined")
+        before = settled(page)
+        assert drawn(before) > 0.03
+        for path in (
+            "drake/visualizer/free_flyer/arm_link2",
+            "drake/visualizer/captured_target",
+            "cpid/true_inertia/ellipsoid",
+        ):
+            assert has(page, path), path
+
+        assert slider(page, "pose arm_joint1", -0.8) == -0.8
+        page.wait_for_timeout(300)
+        assert changed(before, settled(page)) > 0.01
+
+        press(page, START)
+        wait(lambda: seen and seen[-1] > 0.5)
+        assert slider(page, "pose arm_joint1") == 0.8  # the scenario's
+        press(page, PAUSE)
+        page.wait_for_timeout(300)
+        held, still = len(seen), settled(page)
+        press(page, "show / hide spacecraft and target")
+        page.wait_for_timeout(200)
+        assert changed(still, settled(page)) > 0.03
+        assert len(seen) == held
+        slider(page, SPEED, 5.0)
+        press(page, PAUSE)
+        wait(lambda: seen[-1] >= 3.0)
+        page.wait_for_function("viewer.animator.duration > 2.9")
+        press(page, STOP)
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def wait(condition) -> None:
+    """Wait until something holds, twenty seconds at most."""
+    end = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
