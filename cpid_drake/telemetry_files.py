@@ -188,7 +188,7 @@ def _read_csv(file: Path, where: str, problems: Problems) -> tuple[TelemetryTabl
                 block = _read_clean(lines, len(header))
                 if block is None:
                     numbers, block = _read_cells(chunk, header, problems)
-                blocks.append(block[:, known])
+                blocks.append(block if known.all() else block[:, known])
                 places += numbers
                 size += blocks[-1].size
                 if size > _LARGEST_TABLE:
