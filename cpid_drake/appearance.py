@@ -11,6 +11,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
+from cpid_drake.model_checks import check_model
+from cpid_drake.model_files import package_map
 
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
 """Of what has no colour of its own."""
@@ -64,6 +66,7 @@ def add_target_appearance(
         semi_diameters, X_CE = inertia_ellipsoid(M_TCo_C)
         plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", GREY.rgba)
         return
+    check_model(visual_model, str(visual_model), package_map())
     scene_graph = SceneGraph()
     model = MultibodyPlant(time_step=0.0)
     model.RegisterAsSourceForSceneGraph(scene_graph)

@@ -6,13 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from corpus import TARGET, npz, parquet, result, scenario, urdf, write_good
+from corpus import TARGET, link, npz, parquet, result, scenario, urdf, write_good
 from corpus import csv as good_csv
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InputError, Measurements, Spacecraft, Telemetry, load_scenario
+from cpid_drake import (
+    InputError,
+    Measurements,
+    Spacecraft,
+    Telemetry,
+    load_scenario,
+    telemetry_identification,
+)
 from cpid_drake.result_files import read_result
 from cpid_drake.sensor_files import load_sensors
 from cpid_drake.sensors import SENSOR_NAMES, Samples
@@ -133,6 +142,16 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def craft(folder) -> Spacecraft:
+    return Spacecraft(folder / "arm.urdf", base="bus", capture_frame="hand")
+
+
+@pytest.fixture(scope="module")
+def log(folder) -> Measurements:
+    return read_telemetry(folder / "log.csv")
+
+
 @few(150)
 @given(content=st.binary(max_size=200))
 @pytest.mark.parametrize("ending", ["csv", "npz", "db3", "mcap"])
@@ -200,6 +219,24 @@ def test_a_damaged_model(folder, content):
     refused_or(lambda model: Spacecraft(model, base="bus", capture_frame="hand"), path)
 
 
+def test_a_targets_looks_are_looked_into_as_well(folder, craft):
+    plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    path = folder / "looks.urdf"
+    path.write_text(urdf(link("hand", "1,5")))
+    with pytest.raises(InputError, match=r"looks\.urdf: line 5 of link 'hand'"):
+        craft.add_to(plant, TARGET, scene_graph=scene_graph, target_visual_model=path)
+
+
+def test_what_no_estimator_can_calculate_with_is_refused(craft, log, monkeypatch):
+    def fail(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(telemetry_identification, "_by_rows", fail)
+    with pytest.raises(InputError, match="least_squares cannot calculate with these samples"):
+        identify_log(craft, log)
+
+
 # -- what must not matter -------------------------------------------------------------------------
 
 
@@ -263,16 +300,6 @@ def test_the_order_of_columns_and_the_ends_of_lines_do_not_matter(folder, order,
     (folder / "plain.csv").write_text(SHORT_CSV)
     (folder / "other.csv").write_bytes(("\ufeff" * mark + text).encode())
     assert_same(read_telemetry(folder / "plain.csv"), read_telemetry(folder / "other.csv"))
-
-
-@pytest.fixture(scope="module")
-def craft(folder) -> Spacecraft:
-    return Spacecraft(folder / "arm.urdf", base="bus", capture_frame="hand")
-
-
-@pytest.fixture(scope="module")
-def log(folder) -> Measurements:
-    return read_telemetry(folder / "log.csv")
 
 
 @few(15)
