@@ -12,7 +12,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
 from cpid_drake.model_checks import check_model
-from cpid_drake.model_files import package_map
+from cpid_drake.model_files import forget_remote_packages, package_map
 
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
 """Of what has no colour of its own."""
@@ -71,7 +71,9 @@ def add_target_appearance(
     model = MultibodyPlant(time_step=0.0)
     model.RegisterAsSourceForSceneGraph(scene_graph)
     try:
-        Parser(model).AddModels(str(visual_model))
+        parser = Parser(model)
+        forget_remote_packages(parser.package_map())
+        parser.AddModels(str(visual_model))
         model.Finalize()
     except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(f"{visual_model}: {' '.join(str(error).split())}") from error

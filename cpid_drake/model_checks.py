@@ -60,7 +60,12 @@ def check_model(path: Path, where: str, packages: PackageMap) -> None:
             meant. The message names the file and the line.
 
     """
-    _Walk(where, path, packages).visit(path, ())
+    try:
+        _Walk(where, path, packages).visit(path, ())
+    except InputError:
+        raise
+    except (OSError, ValueError, RuntimeError) as error:  # of paths too long, with NUL, in circles
+        raise InputError(f"{where}: a file that it names cannot be read: {error!s:.200}") from error
 
 
 @dataclass

@@ -25,6 +25,7 @@ def package_map(packages: Mapping[str, str | Path] | None = None) -> PackageMap:
 
     """
     result = PackageMap()
+    forget_remote_packages(result)
     result.Add(MODELS_PACKAGE, str(models_directory()))
     for name, folder in (packages or {}).items():
         if not Path(folder).is_dir():
@@ -33,6 +34,12 @@ def package_map(packages: Mapping[str, str | Path] | None = None) -> PackageMap:
             raise InputError(f"package '{name}' is already known; choose another name")
         result.Add(name, str(folder))
     return result
+
+
+def forget_remote_packages(packages: PackageMap) -> None:
+    """Take out what Drake would download when a model names it: reading a file fetches nothing."""
+    if packages.Contains("drake_models"):
+        packages.Remove("drake_models")
 
 
 def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:

@@ -30,7 +30,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.kinematics import CaptureMotion, KinematicTree, TreeBody
 from cpid_drake.model_checks import check_model
-from cpid_drake.model_files import package_map, resolve_model
+from cpid_drake.model_files import forget_remote_packages, package_map, resolve_model
 from cpid_drake.momentum import MomentumSamples
 from cpid_drake.telemetry import Telemetry
 
@@ -309,6 +309,7 @@ class Spacecraft:
     def _parse_into(self, plant: MultibodyPlant) -> list[str]:
         """Add the model to a plant without gravity, and return what the parser warned of."""
         parser = Parser(plant)
+        forget_remote_packages(parser.package_map())
         parser.package_map().AddMap(self._packages)
         if self._path.suffix == ".sdf" and b"<mimic" in self._path.read_bytes():
             raise self._error("a mimic joint couples joints; Drake's SDF reader would ignore it")

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -127,12 +128,10 @@ def mjcf(mass: object = 10, rest: str = "", kind: str = "hinge") -> str:
 @cache
 def motion() -> Telemetry:
     """Return 101 exact samples of an arm that holds `TARGET`, over 10 s."""
-    path = Path(os.environ.get("TMPDIR", "/tmp")) / f"cpid_corpus_{os.getpid()}.urdf"
-    path.write_text(urdf())
-    try:
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "arm.urdf")
+        path.write_text(urdf())
         craft = Spacecraft(path, base="bus", capture_frame="hand")
-    finally:
-        path.unlink()
     joints = HalfCosine(np.array([0.0, 0.5, -0.3]), np.array([1.5, -0.9, 1.2]), 10.0)
     time = np.linspace(0.0, 10.0, 101)
     base = propagate_base(craft.tree, joints, TARGET.to_standard_vector(), time)
@@ -617,6 +616,7 @@ MODELS = {
     "device": (called("/dev/zero"), "/dev/zero: not a file"),
     "link_to_itself": (made("m.urdf", lambda p: p.symlink_to(p)), "m.urdf: "),
     "unknown_package": (called("package://elsewhere/m.urdf"), "unknown package 'elsewhere'"),
+    "package_to_download": (called("package://drake_models/a.urdf"), "'drake_models' (known: "),
     "package_that_climbs": (
         called("package://cpid_drake_models/../../../../../../etc/passwd"),
         "package://cpid_drake_models/../",
@@ -675,6 +675,18 @@ MODELS = {
     "directives_of_a_web_address": (
         directives("add_model: {name: a, file: 'http://127.0.0.1:9/m.urdf'}"),
         "http://127.0.0.1:9/m.urdf",
+    ),
+    "directives_of_what_would_be_downloaded": (
+        directives("add_model: {name: a, file: 'package://drake_models/a.urdf'}"),
+        "unknown package 'drake_models'",
+    ),
+    "directives_of_a_long_name": (
+        directives(f"add_model: {{name: a, file: 'file:///{'a' * 5000}.urdf'}}"),
+        "m.dmd.yaml: a file that it names cannot be read",
+    ),
+    "directives_of_a_nul": (
+        directives('add_model: {name: a, file: "file:///a\\0.urdf"}'),
+        "m.dmd.yaml: a file that it names cannot be read",
     ),
     "directives_of_a_bad_model": (
         together(

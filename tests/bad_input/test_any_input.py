@@ -182,7 +182,7 @@ def test_damaged_arrays(folder, ending, make):
     check()
 
 
-@few(120)
+@few(60)
 @given(content=damaged(scenario()().encode()))
 def test_a_damaged_scenario(folder, content):
     path = folder / "damaged.yaml"
@@ -197,7 +197,7 @@ JSON = st.recursive(
 )
 
 
-@few(150)
+@few(80)
 @given(key=st.sampled_from(sorted(json.loads(result()))), value=JSON)
 def test_any_yaml_in_a_result_a_scenario_or_sensors(folder, key, value):
     path = folder / "any.json"
