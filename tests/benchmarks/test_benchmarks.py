@@ -32,3 +32,9 @@ def test_filter_update():
 def test_base_motion():
     report = run("base_motion.py", "--targets", "3", "--repeats", "1")
     assert "propagator_over_simulation" in report
+
+
+def test_recording():
+    report = run("recording.py", "--duration", "1", "--repeats", "1")
+    assert {"recorded_run_over_run", "replay_over_run"} < set(report)
+    assert report["replay_megabytes"] < 10
