@@ -12,6 +12,7 @@ from cpid_drake.report import convergence, identification_page
 from cpid_drake.report.evidence import Request, identify_file, request_of_result
 from cpid_drake.report.figures import Picture, ellipse
 from cpid_drake.report.identification_page import (
+    Answer,
     findings_of,
     findings_of_file,
     identification_report,
@@ -217,6 +218,18 @@ class TestWhatIsSaid:
         write_result(tmp_path / "r.json", evidence.result)
         page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
         assert "the log gave other values than the result" in page.text
+
+    def test_an_estimate_that_no_rigid_body_has_is_not_called_possible(
+        self, tmp_path, zero_momentum_motion, skewed_target
+    ):
+        rounded = zero_momentum_motion(skewed_target, 60, 4).rounded(2)
+        write_telemetry(tmp_path / "rounded.csv", rounded.select(slice(0, 4)))
+        found = identify_file(Request(str(tmp_path / "rounded.csv"), SERVICER))
+        assert not found.found.identification.raw().is_feasible()
+        assert "No rigid body has the estimate as it is (" in Answer(findings_of(found)).verdict
+        write_result(tmp_path / "r.json", found.result)
+        again = findings_of_file(tmp_path / "r.json")
+        assert Answer(again).verdict == Answer(findings_of(found)).verdict
 
     def test_what_is_not_known_is_said(self, exact):
         found = identify_file(Request(str(exact), SERVICER, end=1.5))

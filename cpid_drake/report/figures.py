@@ -257,7 +257,7 @@ def _draw_vector(axes: Axes, title: str, samples: Samples, label: str, line: str
             linestyle=line,
             linewidth=1.2,
             marker="." if line == "none" else "",
-            markersize=2.5,
+            markersize=2.5 if len(samples) > 300 else 5.0,
             rasterized=len(samples) > _MOST_POINTS or line == "none",
         )
     label_axes(axes, title, _TIME, label)
@@ -274,7 +274,7 @@ def _legend_above(axes: Axes) -> None:
         columnspacing=0.8,
         handlelength=1.0,
         handletextpad=0.3,
-        markerscale=3,
+        markerscale=2,
     )
 
 
@@ -295,14 +295,16 @@ def _draw_autocorrelation(axes: Axes, leftovers: dict[str, Samples]) -> None:
 
 
 def _draw_singular_values(axes: Axes, values: NDArray[np.float64]) -> None:
-    shown = np.where(values > 0, values, np.nan)
-    place = np.arange(1, len(values) + 1)
-    if np.isfinite(shown).any():
-        bottom = np.nanmin(shown) / 3
-        axes.vlines(place, bottom, shown, color=COLORS[0], linewidth=1.2)
-        axes.semilogy(place, shown, "o", color=COLORS[0], markersize=4)
-        axes.set_ylim(bottom=bottom)
+    place, largest = np.arange(1, len(values) + 1), float(np.max(values))
+    smallest = np.min(values[values > 0], initial=largest)
+    wide = 0 < smallest < largest / 10
+    bottom = smallest / 3 if wide else 0.0
+    axes.vlines(place, bottom, np.maximum(values, bottom), color=COLORS[0], linewidth=1.2)
+    axes.plot(place[values > 0], values[values > 0], "o", color=COLORS[0], markersize=4)
+    if wide:
+        axes.set_yscale("log")
     label_axes(axes, "Singular values", "number", "scaled value")
+    axes.set_ylim(bottom=bottom)
     axes.set_xticks(place)
     axes.set_xlim(0.5, len(values) + 0.5)
 

@@ -58,7 +58,7 @@ def result_of(
         "source": source | {"cpid_drake": version("cpid-drake")},
     }
     if feasible is not None:
-        details["infeasibilities"] = identification.raw().infeasibilities()
+        details["infeasibilities"] = list(identification.raw().infeasibilities())
         moments, axes = principal_axes(feasible)
         details["principal_moments"], details["principal_axes"] = moments.tolist(), axes.tolist()
     if residuals is not None:

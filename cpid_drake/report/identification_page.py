@@ -144,9 +144,10 @@ def identification_report(
     sections.append(Provenance(findings))
     title = title or f"What {result.spacecraft.capture_frame} holds"
     model = result.spacecraft.model.rsplit("/", 1)[-1]
-    known = "all ten parameters" if result.rank == 10 else f"{result.rank} of ten parameters"
-    subtitle = f"{known} identified with {model}, {_ESTIMATORS.get(result.estimator, '')}"
-    return Report(title, subtitle.rstrip(", "), sections, {"result": findings.text})
+    known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"
+    how = _ESTIMATORS.get(result.estimator, result.estimator)
+    subtitle = f"{known} identified with {model} by {how}"
+    return Report(title, subtitle, sections, {"result": findings.text})
 
 
 # -- sections -------------------------------------------------------------------------------------
@@ -336,6 +337,8 @@ class Development(Section):
     @property
     def texts(self) -> list[str]:
         """What is seen."""
+        if not self.pictures:
+            return ["No parameter was known at any time."]
         text = (
             "The estimate from the samples up to each time, with its 95 % band. The scale is that "
             "of the later estimates: earlier ones and wider bands leave the picture. Where nothing "
@@ -347,6 +350,8 @@ class Development(Section):
     @property
     def pictures(self) -> list[Picture]:
         """One a parameter."""
+        if np.isnan(self.findings.convergence.parameters).all():
+            return []
         return convergence_pictures(self.findings.convergence, self.findings.truth)
 
 
@@ -405,6 +410,8 @@ class Residuals(Section):
                 ]
             )
         heads = ["", "samples", "rms x", "rms y", "rms z", "unit", "lag-one correlation", "white"]
+        if found.residuals is None:  # smoothed samples are not expected to be white
+            heads, rows = heads[:-1], [row[:-1] for row in rows]
         return Table(heads, rows)
 
     @property
@@ -521,6 +528,10 @@ class Sensors(Section):
                     Cell("" if left is None else f"{np.mean(left.value**2):.3f}"),
                 ]
             )
+        if found.estimator != "trajectory_fit":
+            heads, rows = heads[:6], [row[:6] for row in rows]
+        if found.suite is None:
+            heads, rows = heads[:4], [row[:4] for row in rows]
         return Table(heads, rows)
 
 
