@@ -61,12 +61,9 @@ def view(
 
     Live, the arms can be posed by sliders before a run; it starts where the scenario does.
     """
-    import logging
-
     from cpid_drake.commands.report import check_page
     from cpid_drake.result_files import SpacecraftReference
 
-    logging.getLogger("drake").setLevel(logging.WARNING)
     if html is not None:
         check_page("--html", html)
     if not 0.1 <= rate <= 5:
@@ -84,8 +81,12 @@ def view(
         )
         page, text = _replay_log(source, reference, sensors, unknown_momentum, console)
     else:
+        of_logs = {"--sensors": sensors, "--unknown-momentum": unknown_momentum}
+        for option, value in (of_logs | {"--package": package}).items():
+            if value:
+                raise InputError(f"{option} is for logs; a scenario says it itself")
         page, text = _show_scenario(source, html is not None, html is None or live, rate, console)
-    if html is not None and page is not None:
+    if html is not None:
         html.write_text(page, encoding="utf-8")
         size = html.stat().st_size
         console.print(f"{html}, {size / 1e6:.1f} MB")
@@ -125,12 +126,11 @@ def _show_scenario(
     source: str, as_page: bool, as_live: bool, rate: float, console: Console
 ) -> tuple[str | None, str]:
     """Return the page of a scenario, if it is wanted, and the estimate in words."""
-    from pydrake.geometry import StartMeshcat
-
     from cpid_drake.live_view import LiveView
     from cpid_drake.report.replay import estimate_text, replay_simulation
     from cpid_drake.scenario import find_scenario, load_scenario, naming
     from cpid_drake.simulation import make_simulation
+    from cpid_drake.systems.scene_visualizer import open_meshcat
 
     page = text = None
     with console.status("reading the scenario") as status:
@@ -139,7 +139,7 @@ def _show_scenario(
             simulation = make_simulation(scenario)  # complains, if it does, before a page is opened
         duration = scenario.simulation.duration
         if as_live:
-            meshcat = StartMeshcat()
+            meshcat = open_meshcat("*")
             live = LiveView(make_simulation(scenario, meshcat=meshcat), meshcat, rate)
             typer.echo(f"Open {meshcat.web_url()}", err=True)
             status.update("press Start, or pose the arms, under Open Controls in the browser")

@@ -24,6 +24,7 @@ from cpid_drake.systems.scene_visualizer import (
     SceneVisualizer,
     can_be_drawn,
     extent_of,
+    open_meshcat,
     prepare_meshcat,
     shapeless_bodies,
 )
@@ -67,7 +68,7 @@ def replay_html(
     frames = _frames(telemetry.time)
     zero = telemetry.time[0]
 
-    meshcat = Meshcat()
+    meshcat = open_meshcat()
     last = [found.feasible() for _, found in estimates if found.is_observable][-1:]
     extent = extent_of(spacecraft, telemetry, truth or (last[0] if last else None))
     prepare_meshcat(meshcat, extent)
@@ -162,7 +163,8 @@ def _page(
 
 def estimate_text(identification: Identification, truth: InertialParameters | None = None) -> str:
     """Return an estimate in a few short lines, with 95 % intervals where they are known."""
-    lines = [f"from {identification.sample_count} samples"]
+    count = identification.sample_count
+    lines = [f"from {count} sample{'s' * (count != 1)}"]
     values = identification.parameters
     if not np.isfinite(values).all():
         return f"{lines[0]}: not all ten parameters known"

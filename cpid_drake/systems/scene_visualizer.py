@@ -1,10 +1,11 @@
 """A capture in Meshcat: what the bodies' shapes do not show, live and into a recording."""
 
+import logging
 from collections.abc import Collection
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.geometry import Meshcat, MeshcatParams, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
@@ -220,6 +221,27 @@ def _radius(body) -> float:
         return 0.0
     moments = np.linalg.eigvalsh(body.I_BBcm)
     return float(np.sqrt(max(2.5 * (moments.sum() - 2 * moments[0]) / body.mass, 0.0)))
+
+
+def open_meshcat(host: str = "localhost") -> Meshcat:
+    """Return a Meshcat, without a word about it in the log.
+
+    Args:
+        host: who may connect: "localhost" for this machine alone, "*" for all.
+
+    Raises:
+        InputError: none of Meshcat's ports is free.
+
+    """
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        return Meshcat(MeshcatParams(host=host))
+    except RuntimeError as error:
+        raise InputError(f"Meshcat cannot be opened: {error}") from error
+    finally:
+        logger.setLevel(level)
 
 
 def prepare_meshcat(meshcat: Meshcat, extent: Extent, *, view: tuple = (0.7, -0.62, 0.42)) -> None:

@@ -1,0 +1,143 @@
+"""Replays of telemetry: whole, honest about what is known, and whatever shapes the model has."""
+
+import json
+import re
+from base64 import b64decode
+
+import numpy as np
+import pytest
+
+from cpid_drake import InputError, Spacecraft, Telemetry, identify
+from cpid_drake.report.replay import MOST_FRAMES, estimate_text, replay_html
+from cpid_drake.report.replay import _frames as frames
+
+INERTIAL = (
+    '<inertial><mass value="5"/>'
+    '<inertia ixx="1" iyy="1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+
+
+def commands(page: str) -> bytes:
+    """All that a page tells Meshcat to draw."""
+    return b"".join(map(b64decode, re.findall(r"base64,([A-Za-z0-9+/=]{20,})", page)))
+
+
+def steps(page: str) -> list:
+    """The texts of a page, and the times from which they are shown."""
+    return json.loads(re.search(r"const steps = (.*), zero = ", page)[1])
+
+
+@pytest.fixture(scope="module")
+def two_links(tmp_path_factory):
+    """Return a function (visual or collision) -> spacecraft of two links, with that on the base."""
+
+    def make(geometry: str) -> Spacecraft:
+        path = tmp_path_factory.mktemp("model") / "two.urdf"
+        path.write_text(
+            f'<robot name="two"><link name="b">{INERTIAL}{geometry}</link>'
+            f'<link name="a">{INERTIAL}</link><joint name="j" type="continuous">'
+            '<parent link="b"/><child link="a"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/></joint>'
+            "</robot>"
+        )
+        return Spacecraft(path, base="b", capture_frame="a")
+
+    return make
+
+
+def at_rest(spacecraft: Spacecraft, time) -> Telemetry:
+    zeros = np.zeros((len(time), 3))
+    joints = np.zeros((len(time), len(spacecraft.joint_names)))
+    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
+    return Telemetry(spacecraft.joint_names, time, attitude, zeros, zeros, zeros, joints, joints)
+
+
+def test_a_replay_says_what_was_known_and_when(servicer, zero_momentum_motion, skewed_target):
+    """Its clock starts with the log; without truth, none is drawn; text is text."""
+    telemetry = zero_momentum_motion(skewed_target, 8, 3)
+    later = Telemetry(**(vars(telemetry) | {"time": telemetry.time + 100.0}))
+    found = [identify(servicer, later.select(slice(0, k)), rows="standard") for k in (1, 8)]
+    page = replay_html(
+        servicer, later, [(100.0, found[0]), (107.0, found[1])], title="</script><b>log & co"
+    )
+    assert "&lt;/script&gt;&lt;b&gt;log &amp; co" in page
+    assert "<b>log" not in page
+    assert len(page) < 10e6
+    assert 'src="http' not in page
+    assert [time for time, _ in steps(page)] == [0.0, 7.0]
+    assert "not all ten" in steps(page)[0][1]
+    assert "m 60.00 kg" in steps(page)[1][1]
+    assert "true" not in steps(page)[1][1]
+    drawn = commands(page)
+    assert b"cpid/estimated_inertia" in drawn
+    assert b"cpid/true_inertia" not in drawn
+    assert b"captured_target" not in drawn
+    assert 'value="cpid/true_inertia"' not in page
+
+
+def test_a_replay_with_truth_draws_it(servicer, zero_momentum_motion, skewed_target):
+    telemetry = zero_momentum_motion(skewed_target, 4, 5)
+    found = identify(servicer, telemetry, rows="standard")
+    page = replay_html(servicer, telemetry, [(3.0, found)], truth=skewed_target)
+    drawn = commands(page)
+    assert b"cpid/true_inertia" in drawn
+    assert b"captured_target" in drawn
+    assert "true 60.00" in steps(page)[0][1]
+
+
+def test_a_long_log_is_thinned():
+    """An hour at 100 Hz: frames at equal times, the first and the last among them."""
+    time = 5.0 + np.arange(360_001) / 100
+    chosen = frames(time)
+    assert chosen[0] == 0
+    assert chosen[-1] == len(time) - 1
+    assert MOST_FRAMES <= len(chosen) <= MOST_FRAMES + 1
+    assert np.diff(time[chosen])[:-1] == pytest.approx(3600 / MOST_FRAMES, abs=0.0101)
+
+
+def test_a_slow_log_is_drawn_whole():
+    np.testing.assert_array_equal(frames(np.array([0.0, 0.5, 2.0, 2.5])), [0, 1, 2, 3])
+    np.testing.assert_array_equal(frames(np.array([7.0])), [0])
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        "",
+        '<visual><geometry><mesh filename="nowhere.obj"/></geometry></visual>',
+        '<visual><geometry><mesh filename="package://unknown/x.stl"/></geometry></visual>',
+        '<visual><geometry><sphere radius="-1"/></geometry></visual>',
+        '<collision><geometry><box size="0 0 0"/></geometry></collision>',
+    ],
+    ids=["none", "missing", "other package", "negative", "flat collision"],
+)
+def test_bodies_whose_shape_cannot_be_drawn_are_boxes(two_links, geometry):
+    """Shapes that cannot be read do not stop a replay: the model is good to identify with."""
+    spacecraft = two_links(geometry)
+    drawn = commands(replay_html(spacecraft, at_rest(spacecraft, np.arange(3.0)), []))
+    assert b"cpid/bodies/1_b/box" in drawn
+    assert b"cpid/bodies/2_a/box" in drawn
+
+
+def test_bodies_with_a_shape_are_not_boxes(two_links):
+    spacecraft = two_links('<visual><geometry><box size="1 1 1"/></geometry></visual>')
+    drawn = commands(replay_html(spacecraft, at_rest(spacecraft, np.arange(3.0)), []))
+    assert b"cpid/bodies/1_b/box" not in drawn
+    assert b"cpid/bodies/2_a/box" in drawn
+
+
+def test_a_replay_of_nothing_is_refused(servicer, two_links):
+    spacecraft = two_links("")
+    with pytest.raises(InputError, match="samples"):
+        replay_html(spacecraft, at_rest(spacecraft, np.arange(0.0)), [])
+    with pytest.raises(InputError, match="not of this spacecraft"):
+        replay_html(servicer, at_rest(spacecraft, np.arange(2.0)), [])
+
+
+def test_an_estimate_in_words(servicer, zero_momentum_motion, skewed_target):
+    telemetry = zero_momentum_motion(skewed_target, 8, 1)
+    text = estimate_text(identify(servicer, telemetry, rows="standard"), skewed_target)
+    lines = text.splitlines()
+    assert lines[0] == "from 8 samples"
+    assert lines[1].split()[:3] == ["m", "60.00", "kg"]
+    assert lines[4].split() == ["true", "0.5000", "-0.1200", "0.0800"]
+    assert lines[5].split()[:5] == ["I", "8.00", "11.00", "6.00", "kg·m²"]
