@@ -16,7 +16,7 @@ NOT_ALL_KNOWN = 3
 
 def identify(
     telemetry: Annotated[
-        Path, typer.Argument(metavar="TELEMETRY", help="CSV, NPZ, Parquet or ROS 2 bag.")
+        str, typer.Argument(metavar="TELEMETRY", help="CSV, NPZ, Parquet or ROS 2 bag.")
     ],
     spacecraft: Annotated[
         str, typer.Option(metavar="MODEL", help="The known spacecraft: URDF, SDF, MJCF, ...")
@@ -97,7 +97,7 @@ def identify(
         check_page("--report", report)
     folders = packages_of(package)
     request = Request(
-        str(telemetry),
+        telemetry,
         SpacecraftReference(absolute_model(spacecraft), base, capture_frame, folders),
         estimator=estimator,
         rows=rows,

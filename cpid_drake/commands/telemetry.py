@@ -1,6 +1,5 @@
 """`cpid telemetry`."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -16,7 +15,7 @@ def _common() -> None:
 
 @telemetry.command()
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV, NPZ, Parquet or ROS 2 bag.")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="CSV, NPZ, Parquet or ROS 2 bag.")],
     spacecraft: Annotated[
         str | None,
         typer.Option(metavar="MODEL", help="Compare its joints as well; needs the next two."),
@@ -46,7 +45,7 @@ def check(
     if any(given) and not all(given):
         raise InputError("--spacecraft, --base and --capture-frame belong together")
     found = inspect_telemetry(file, topics=topics_of(topic))
-    out.print("\n".join(contents(found, str(file))))
+    out.print("\n".join(contents(found, file)))
     errors = [str(problem) for problem in found.problems.first]
     warnings = []
     try:

@@ -109,8 +109,9 @@ def solve_compressed(
     residual_sum = residual @ residual + left_out
     freedom = row_count - rank
     variance = residual_sum / freedom if freedom > 0 else np.nan
-    root = (Vt[:rank].T / s[:rank]) / scale[:, None]
-    covariance = variance * root @ root.T
+    with np.errstate(over="ignore", invalid="ignore"):  # of rows at the edge of what numbers can be
+        root = (Vt[:rank].T / s[:rank]) / scale[:, None]
+        covariance = variance * root @ root.T
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     unscaled = np.linalg.svd(A, compute_uv=False)
     with np.errstate(divide="ignore", invalid="ignore"):

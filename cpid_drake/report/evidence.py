@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cpid_drake.errors import InputError
+from cpid_drake.model_files import resolve_model
 from cpid_drake.report.identification import result_of
 from cpid_drake.result_files import IdentificationResult, SpacecraftReference
 from cpid_drake.sensor_files import load_sensors
@@ -200,9 +201,9 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
 
 def file_hash(path: str | Path) -> str | None:
     """Return the SHA-256 of a file; None of a folder."""
-    path = Path(path)
-    if not path.is_file():
+    if Path(path).is_dir():
         return None
+    path = resolve_model(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
