@@ -175,9 +175,9 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
     topics = take("topics", dict, default={})
     if not all(isinstance(name, str) for name in topics.values()):
         raise InputError("the result's source.topics are not names")
-    for place in (Path(telemetry), Path(where).parent / telemetry):
+    for place in (telemetry, str(Path(where).parent / telemetry)):
         try:
-            if place.exists():
+            if "://" in place or Path(place).exists():
                 break
         except (OSError, ValueError):  # a name that no file can have
             continue
@@ -186,7 +186,7 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
     if file_hash(place) != sha256:
         raise InputError(f"{telemetry} has changed since: its SHA-256 is another")
     return Request(
-        str(place),
+        place,
         result.spacecraft,
         estimator=result.estimator,
         rows=result.rows,
