@@ -202,6 +202,7 @@ class TestWhatIsSaid:
         "details",
         [
             {"source": 3},
+            {"interval_95": [[]]},
             {"interval_95": "wide", "principal_moments": [1], "singular_values": [None]},
             {"interval_95": [1] * 10, "principal_axes": {}, "not_observable": 2},
         ],

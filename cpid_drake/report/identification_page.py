@@ -239,21 +239,23 @@ class Answer(Section):
         result, truth = self.findings.result, self.findings.truth
         heads = ["", "estimate", "± 95 %", "possible", "unit"]
         heads += [] if truth is None else ["truth", "error", "error / σ"]
-        widths = _half_widths(result)
+        sigma = np.sqrt(np.diag(result.covariance))
+        pairs = _intervals(result)
+        half_widths = 1.96 * sigma if pairs is None else (pairs[:, 1] - pairs[:, 0]) / 2
         true = np.full(10, np.nan) if truth is None else truth.to_vector()
         possible = np.full(10, np.nan) if result.feasible is None else result.feasible.to_vector()
-        sigma = np.sqrt(np.diag(result.covariance))
-        pairs = _detail(result, "interval_95", list)
         rows = []
         for i, (name, key) in enumerate(zip(PARAMETER_NAMES, PARAMETER_KEYS)):
-            value, half = result.parameters[i], widths[i]
+            value, half = result.parameters[i], half_widths[i]
             digits = decimals(2 * half)
             spread = f"{half:.{digits}f}" if half >= 0.5 * 10.0**-digits else f"{half:.1e}"
             spread = spread if np.isfinite(half) else ""
             row: list[Cell | str] = [
                 name,
                 _cell(value, key, digits, "not known"),
-                Cell(spread, pairs[i], f"interval_95.{i}") if pairs else "",
+                Cell(spread)
+                if pairs is None
+                else Cell(spread, result.details["interval_95"][i], f"interval_95.{i}"),
                 "" if result.feasible is None else _cell(possible[i], f"feasible.{key}", digits),
                 PARAMETER_UNITS[i],
             ]
@@ -653,10 +655,9 @@ class Provenance(Section):
 def parameter_scale(parameters: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return what each of the ten is compared with: m, the radius of gyration r, and m r²."""
     mass, trace = parameters[0], parameters[4:7].sum()
-    if not (mass > 0 and trace > 0):
+    if not (0 < mass < np.inf and 0 < trace < np.inf):
         return None
-    gyration = np.sqrt(trace / 2 / mass)
-    return np.array([mass] + 3 * [gyration] + 6 * [mass * gyration**2])
+    return np.array([mass] + 3 * [np.sqrt(trace / 2 / mass)] + 6 * [trace / 2])
 
 
 def weakest_combination(
@@ -667,21 +668,27 @@ def weakest_combination(
     None where not all ten are known, or no rigid body is anywhere near.
     """
     scale = parameter_scale(parameters)
-    if scale is None or not np.isfinite(covariance).all():
+    if scale is None:
         return None
-    values, axes = np.linalg.eigh(covariance / scale / scale[:, None])
+    with np.errstate(all="ignore"):  # numbers of any size may be in a file
+        scaled = covariance / scale / scale[:, None]
+    try:
+        values, axes = np.linalg.eigh((scaled + scaled.T) / 2)
+    except np.linalg.LinAlgError:
+        return None
+    if not np.isfinite(values).all():
+        return None
     weights = axes[:, -1] * np.sign(axes[np.abs(axes[:, -1]).argmax(), -1])
     return weights, float(np.sqrt(max(values[-1], 0.0)))
 
 
-def _half_widths(result: IdentificationResult) -> NDArray[np.float64]:
-    """Return half of the 95 % intervals as the file has them, else from the covariance."""
-    pairs = _detail(result, "interval_95", list)
+def _intervals(result: IdentificationResult) -> NDArray[np.float64] | None:
+    """Return the 95 % intervals (10, 2) as the file has them; None if it has none like that."""
     try:
-        pairs = np.array(pairs, dtype=float).reshape(10, 2)
+        pairs = np.array(_detail(result, "interval_95", list), dtype=float)
     except (TypeError, ValueError):  # a file of another program
-        return 1.96 * np.sqrt(np.diag(result.covariance))
-    return (pairs[:, 1] - pairs[:, 0]) / 2
+        return None
+    return pairs if pairs.shape == (10, 2) else None
 
 
 def _cell(value: float, key: str, digits: int = 0, absent: str = "", data: str = "result") -> Cell:
