@@ -1,0 +1,93 @@
+#!/usr/bin/env python3
+"""Make the README's pictures and tables again: `python diagrams/pictures/make.py [NAME ...]`.
+
+It runs the commands that the README shows; `accuracy` takes some ten minutes on two cores. The
+picture of the scene is a page of `cpid view` in Chromium, driven by Playwright.
+"""
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+MODELS = HERE.parents[1] / "models"
+SAMPLE = (
+    *("identify", MODELS / "telemetry/free_flyer.csv"),
+    *("--spacecraft", MODELS / "free_flyer/free_flyer.urdf"),
+    *("--base", "body", "--capture-frame", "capture_point", "--sensors", "testbed"),
+)
+WHEN = 6.0
+"""The moment of the scene that is shown [s]."""
+
+
+def cpid(*arguments: object) -> str:
+    """Run `cpid` and return what it prints."""
+    command = [sys.executable, "-m", "cpid_drake", *map(str, arguments)]
+    return subprocess.run(command, check=True, text=True, stdout=subprocess.PIPE).stdout
+
+
+def scene(folder: Path) -> None:
+    """Draw the free-flyer with its bag, as `cpid view` shows it."""
+    from playwright.sync_api import sync_playwright
+
+    page_file = folder / "view.html"
+    cpid("view", "free_flyer_payload", "--html", page_file, "--quiet")
+    browser_path = shutil.which("chromium") or shutil.which("chromium-browser")
+    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
+        page = browser.new_page(viewport={"width": 1200, "height": 675})
+        page.goto(page_file.as_uri())
+        slider = page.locator("input[type=range]").first
+        slider.evaluate(
+            "(bar, t) => { bar.value = t; bar.dispatchEvent(new Event('input')); }", WHEN
+        )
+        page.wait_for_timeout(3000)
+        page.screenshot(path=HERE / "scene.png")
+        browser.close()
+
+
+def convergence(folder: Path) -> None:
+    """Draw how the estimate from the sample log converges."""
+    cpid(*SAMPLE, "--json", folder / "bag.json", "--quiet")
+    report = ("report", folder / "bag.json", "--out", folder / "bag.html", "--quiet")
+    cpid(*report, "--figures", folder / "figures")
+    shutil.copy(folder / "figures/convergence.png", HERE)
+
+
+def paper(folder: Path) -> None:
+    """Draw the paper's study."""
+    print(cpid("paper", "--out", folder / "paper"))
+    for name in ("figure3_configurations.png", "table2_digits.png"):
+        shutil.copy(folder / "paper" / name, HERE)
+
+
+def accuracy(folder: Path) -> None:
+    """Draw the comparison of the estimators, and print its table."""
+    print(cpid("accuracy", "exciting_motion", "--preset", "flight", "--out", folder / "accuracy"))
+    shutil.copy(folder / "accuracy/accuracy_flight.png", HERE)
+
+
+PICTURES: dict[str, Callable[[Path], None]] = {
+    picture.__name__: picture for picture in (scene, convergence, paper, accuracy)
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(PICTURES)}; default: all")
+    names = parser.parse_args().names or list(PICTURES)
+    for name in names:
+        if name not in PICTURES:
+            parser.error(f"no picture '{name}'; choose from {', '.join(PICTURES)}")
+    for name in names:
+        with tempfile.TemporaryDirectory() as folder:
+            PICTURES[name](Path(folder))
+
+
+if __name__ == "__main__":
+    main()
