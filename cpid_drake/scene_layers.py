@@ -24,6 +24,12 @@ CENTRE_COLOR = Rgba(1.0, 1.0, 1.0, 1.0)
 TRAIL_COLOR = Rgba(0.8, 0.47, 0.65, 1.0)
 SPACECRAFT_COLOR = Rgba(0.34, 0.7, 0.91, 1.0)
 TARGET_COLOR = Rgba(0.94, 0.89, 0.26, 1.0)
+_AXIS_COLORS = (Rgba(1.0, 0.25, 0.2, 1.0), Rgba(0.3, 0.9, 0.3, 1.0), Rgba(0.35, 0.5, 1.0, 1.0))
+
+ABOVE = 0.45
+"""How far above the centre of mass angular momentum is drawn, in sizes of the spacecraft."""
+
+_LONGEST = {"linear": 0.4, "angular": 0.25}  # arrow, in sizes of the spacecraft
 
 
 @dataclass(frozen=True)
@@ -31,8 +37,8 @@ class Extent:
     """How large, how long and how fast what is drawn is.
 
     Attributes:
-        centre: (3,) of a sphere around everything during the whole motion, in W [m].
-        radius: its radius [m].
+        centre: (3,) middle of everything during the whole motion, in W [m].
+        eye: (3,) from where a camera that looks there sees all of it, in W [m].
         size: of the spacecraft itself, about half its length [m].
         momentum: the largest linear momentum of the spacecraft [N·s].
         angular_momentum: the largest about the system's centre of mass, or if the target is not
@@ -42,7 +48,7 @@ class Extent:
     """
 
     centre: NDArray[np.float64]
-    radius: float
+    eye: NDArray[np.float64]
     size: float
     momentum: float
     angular_momentum: float
@@ -124,23 +130,21 @@ class Bodies(Layer):
 
 
 class Frames(Layer):
-    """The axes of W, B and C (x red, y green, z blue); hidden until they are asked for."""
+    """The axes of W (long and thin), B and C; hidden until they are asked for."""
 
     name = "frames"
 
     def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
         super().__init__(meshcat, extent)
-        length = 0.35 * extent.size
-        bar = Cylinder(0.02 * length, length)
-        for frame in ("W", "B", "C"):
+        for frame, length, width in (("W", 0.5, 0.004), ("B", 0.3, 0.007), ("C", 0.3, 0.007)):
             for axis in range(3):
-                color = Rgba(*(0.95 if k == axis else 0.15 for k in range(3)))
-                path = f"{self._root}/{frame}/{'xyz'[axis]}"
-                along = np.eye(3)[axis]
-                meshcat.SetObject(path, bar, color)
+                path, along = f"{frame}/{'xyz'[axis]}", np.eye(3)[axis]
+                bar = Cylinder(width * extent.size, length * extent.size)
+                meshcat.SetObject(f"{self._root}/{path}", bar, _AXIS_COLORS[axis])
                 R = RotationMatrix.MakeFromOneVector(along, 2)
-                meshcat.SetTransform(path, RigidTransform(R, 0.5 * length * along))
-                self._in_front(f"{frame}/{'xyz'[axis]}")
+                X = RigidTransform(R, 0.5 * length * extent.size * along)
+                meshcat.SetTransform(f"{self._root}/{path}", X)
+                self._in_front(path)
         meshcat.SetProperty(self._root, "visible", False)
 
     def draw(self, moment: Moment, time: float) -> None:
@@ -287,11 +291,11 @@ class Momentum(Layer):
         p_WS = system_centre(moment.target, moment.X_WC, known.p_WKcm[0], known.mass)
         P_T, L_T = (value[0] for value in target_momentum(moment.target, known.motion))
         P_K, L_K = known.P[0], known.L[0]
-        beside = p_WS + np.array([0.0, 0.0, 0.5 * extent.size])
+        above = p_WS + np.array([0.0, 0.0, ABOVE * extent.size])
         for owner, P, L in (("spacecraft", P_K, L_K), ("target", P_T, L_T)):
             about_centre = L + np.cross(p_WC - p_WS, P)
             self._point(f"linear_{owner}", p_WS, P, extent.momentum, time)
-            self._point(f"angular_{owner}", beside, about_centre, extent.angular_momentum, time)
+            self._point(f"angular_{owner}", above, about_centre, extent.angular_momentum, time)
 
     def _point(
         self, name: str, start: NDArray[np.float64], vector: ArrayLike, largest: float, time: float
@@ -301,7 +305,7 @@ class Momentum(Layer):
         self._show(name, seen, time)
         if seen:
             R = RotationMatrix.MakeFromOneVector(vector, 2)
-            length = 0.4 * self._extent.size * fraction
+            length = _LONGEST[name.split("_")[0]] * self._extent.size * fraction
             width = min(1.0, 3 * fraction)
             self._place(name, RigidTransform(R, start), [width, width, length], time)
 

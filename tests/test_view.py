@@ -141,3 +141,13 @@ def test_an_estimate_in_words(servicer, zero_momentum_motion, skewed_target):
     assert lines[1].split()[:3] == ["m", "60.00", "kg"]
     assert lines[4].split() == ["true", "0.5000", "-0.1200", "0.0800"]
     assert lines[5].split()[:5] == ["I", "8.00", "11.00", "6.00", "kg·m²"]
+    assert "no body" not in text
+
+
+def test_an_estimate_that_no_body_has_is_called_so(servicer, zero_momentum_motion, skewed_target):
+    """What is drawn of it is not what the numbers say."""
+    telemetry = zero_momentum_motion(skewed_target, 4, 1)
+    wrong = telemetry.with_base_twist(telemetry.w_WB, telemetry.v_WB[::-1])
+    found = identify(servicer, wrong, rows="standard")
+    assert found.raw().infeasibilities()
+    assert "no body can have this" in estimate_text(found)

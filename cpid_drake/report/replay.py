@@ -119,7 +119,7 @@ _LAYERS = (
         ),
     ),
     ("cpid/trail", (("#cc78a6", "where the capture point was"),)),
-    ("cpid/frames", (("#bbbbbb", "axes of W, B, C: x red, y green, z blue"),)),
+    ("cpid/frames", (("#bbbbbb", "axes of W (thin), B and C: x red, y green, z blue"),)),
 )
 
 
@@ -177,12 +177,15 @@ def estimate_text(identification: Identification, truth: InertialParameters | No
         lines.append(line)
         if truth is not None:
             lines.append(f"  true {_numbers(truth.to_vector()[part])}")
+    moved = np.abs(identification.feasible().to_vector() - values).max()
+    if moved > 0.01 * np.abs(values).max():
+        lines.append("no body can have this: drawn is the nearest that can")
     return "\n".join(lines)
 
 
 def _numbers(values: NDArray[np.float64]) -> str:
     """Return numbers with as many decimals as give the largest four digits."""
-    largest = float(np.abs(values).max())
+    largest = float(f"{np.abs(values).max():.4g}")
     decimals = 4 if largest == 0 else max(0, 3 - int(np.floor(np.log10(largest))))
     return " ".join(f"{value + 0.0:.{min(decimals, 9)}f}" for value in np.round(values, decimals))
 

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Collection
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, MeshcatParams, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
@@ -17,6 +18,7 @@ from cpid_drake.inertia import InertialParameters
 from cpid_drake.kinematics import propagate
 from cpid_drake.momentum import angular_momentum, linear_momentum
 from cpid_drake.scene_layers import (
+    ABOVE,
     Bodies,
     CentreOfMass,
     EstimatedCentre,
@@ -35,6 +37,8 @@ from cpid_drake.telemetry import Telemetry
 
 FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]."""
+
+_VIEW = np.array([0.7, -0.62, 0.42])  # from the scene to the camera, in W
 
 
 class SceneVisualizer(LeafSystem):
@@ -195,24 +199,39 @@ def extent_of(
         semi_diameters, X_CE = inertia_ellipsoid(target.to_spatial_inertia())
         centres.append(capture.p_WC + capture.R_WC @ X_CE.translation())
         radii.append(float(semi_diameters.max()))
-    low = np.min([c - r for c, r in zip(centres, radii, strict=True)], axis=0)
-    high = np.max([c + r for c, r in zip(centres, radii, strict=True)], axis=0)
-    lowest, highest = low.min(axis=0), high.max(axis=0)
+    centres, radii = np.array(centres), np.array(radii)[:, None, None]
+    low, high = (centres - radii).min(axis=0), (centres + radii).max(axis=0)
+    size = float(np.linalg.norm(high - low, axis=1).max() / 2)
+    centre = (low.min(axis=0) + high.max(axis=0)) / 2
     P = linear_momentum(tree, motion)
-    mass = sum(body.mass for body in tree.bodies)
-    p_WS = sum(body.mass * r for body, r in zip(tree.bodies, motion.r, strict=True)) / mass
+    p_WS = sum(body.mass * r for body, r in zip(tree.bodies, motion.r, strict=True))
+    p_WS = p_WS / spacecraft.mass
     if target is not None:
         p_WT = capture.p_WC + capture.R_WC @ target.p_CTcm_C
-        p_WS = (mass * p_WS + target.mass * p_WT) / (mass + target.mass)
+        mass = spacecraft.mass + target.mass
+        p_WS = (spacecraft.mass * p_WS + target.mass * p_WT) / mass
     L = angular_momentum(tree, motion, p_WS)
+    arrows = p_WS + np.array([0.0, 0.0, (ABOVE + 0.2) * size])
     return Extent(
-        centre=(lowest + highest) / 2,
-        radius=float(np.linalg.norm(highest - lowest) / 2),
-        size=float(np.linalg.norm(high - low, axis=1).max() / 2),
+        centre=centre,
+        eye=_eye(centre, np.append(centres, arrows[None], axis=0), np.append(radii, 0.0)),
+        size=size,
         momentum=float(np.linalg.norm(P, axis=1).max()),
         angular_momentum=float(np.linalg.norm(L, axis=1).max()),
         duration=float(telemetry.time[-1] - telemetry.time[0]),
     )
+
+
+def _eye(
+    centre: NDArray[np.float64], balls: NDArray[np.float64], radii: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return from where balls (K, N, 3) of these radii (K,) are all in Meshcat's field of view."""
+    away = _VIEW / np.linalg.norm(_VIEW)
+    towards = (balls - centre) @ away
+    aside = np.linalg.norm(balls - centre - towards[..., None] * away, axis=-1)
+    half = np.radians(75 / 2)
+    distance = towards + aside / np.tan(half) + radii[:, None] / np.sin(half)
+    return centre + distance.max() * away
 
 
 def _radius(body) -> float:
@@ -244,21 +263,11 @@ def open_meshcat(host: str = "localhost") -> Meshcat:
         logger.setLevel(level)
 
 
-def prepare_meshcat(meshcat: Meshcat, extent: Extent, *, view: tuple = (0.7, -0.62, 0.42)) -> None:
-    """Give Meshcat a dark background, and a camera that sees the whole of the motion.
-
-    Args:
-        meshcat: the scene.
-        extent: what is to be seen.
-        view: direction from there to the camera, in W.
-
-    """
+def prepare_meshcat(meshcat: Meshcat, extent: Extent) -> None:
+    """Give Meshcat a dark background, light, and a camera that sees the whole of the motion."""
     meshcat.SetProperty("/Background/<object>", "top_color", [0.02, 0.02, 0.06])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.05, 0.05, 0.12])
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.2)
-    half_field_of_view = np.radians(75 / 2)
-    away = np.asarray(view) / np.linalg.norm(view)
-    distance = 0.8 * extent.radius / np.sin(half_field_of_view)  # the sphere is seldom full
-    meshcat.SetCameraPose(extent.centre + distance * away, extent.centre)
+    meshcat.SetCameraPose(extent.eye, extent.centre)

@@ -8,6 +8,7 @@ from pydrake.multibody.tree import SpatialInertia
 
 from cpid_drake import SceneVisualizer, load_scenario, make_simulation, shipped_scenario
 from cpid_drake.appearance import inertia_ellipsoid
+from cpid_drake.kinematics import propagate
 from cpid_drake.scene_layers import wire_sphere
 from cpid_drake.systems.scene_visualizer import extent_of, shapeless_bodies
 
@@ -240,3 +241,15 @@ def test_bodies_without_shapes_are_drawn_as_boxes_of_their_inertia(scene, servic
 def test_wire_sphere_is_of_unit_radius():
     for points in wire_sphere():
         np.testing.assert_allclose(np.linalg.norm(points, axis=0), 1.0, atol=1e-12)
+
+
+def test_the_camera_sees_the_whole_motion(servicer, random_motion, skewed_target):
+    """Every body at every sample is inside Meshcat's field of view of 75 degrees."""
+    telemetry = random_motion(20, 7)
+    extent = extent_of(servicer, telemetry, skewed_target)
+    motion, _ = propagate(servicer.tree, telemetry)
+    away = extent.centre - extent.eye
+    rays = motion.r - extent.eye
+    cosines = rays @ away / (np.linalg.norm(rays, axis=-1) * np.linalg.norm(away))
+    widest = np.degrees(np.arccos(cosines.min()))
+    assert 20 < widest < 75 / 2
