@@ -53,6 +53,11 @@ def assert_refused(run) -> str:
     return run.stderr
 
 
+def embedded_summary(page: str) -> dict:
+    """The numbers that a report holds."""
+    return json.loads(re.search(r'id="data-summary">(.*?)</script>', page, re.DOTALL)[1])
+
+
 @pytest.fixture
 def cpid(tmp_path):
     """Return a function that runs `cpid` in an empty folder."""
@@ -94,6 +99,15 @@ def test_the_folder_is_made_and_holds_figures_and_numbers(runs, summary):
     for name in FIGURES:
         assert files[name].startswith(b"\x89PNG\r\n\x1a\n"), name
         assert len(files[name]) > 10_000, name
+
+
+def test_the_report_holds_figures_tables_and_summary(runs, summary):
+    page = (runs[0] / "new" / "paper" / "report.html").read_text()
+    assert embedded_summary(page) == summary
+    assert page.count("data:image/png;base64,") == len(FIGURES)
+    for title in ("Table 1.", "Table 2.", "How many samples?", "Checks"):
+        assert title in page
+    assert len(page) < 5_000_000
 
 
 def test_tables_go_to_stdout_and_progress_to_stderr(runs):
@@ -274,6 +288,9 @@ def test_accuracy_prints_its_table_and_writes_what_it_says(cpid, tmp_path):
         "trajectory_fit",
     }
     assert (tmp_path / "acc" / "accuracy_servicer.png").read_bytes().startswith(b"\x89PNG")
+    page = (tmp_path / "acc" / "report.html").read_text()
+    assert embedded_summary(page) == summary
+    assert page.count("data:image/png;base64,") == 1
 
 
 def test_accuracy_can_be_quiet(cpid):
