@@ -110,10 +110,15 @@ class Simulated(Section):
     def facts(self) -> list[tuple[str, str | Cell]]:
         """Names and values."""
         scenario, document = self.run.scenario, json.loads(self.run.texts["run"])
+        sensors = scenario.sensors
+        named = sensors.suite or "the scenario’s own"
         facts: list[tuple[str, str | Cell]] = [
             ("Spacecraft", str(scenario.spacecraft.model)),
             ("Duration", f"{scenario.simulation.duration:g} s"),
             ("Target", f"{self.run.truth.mass:g} kg"),
+            ("Joint motion", type(scenario.joint_motion).__name__),
+            ("Sensors", named if sensors.present else "none: the exact motion"),
+            ("Online estimator", scenario.identification.estimator.replace("_", " ")),
         ]
         wanted = {
             "Seed of the sensors": ("sensor_seed",),
