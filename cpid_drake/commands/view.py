@@ -141,8 +141,8 @@ def _show_scenario(
         if as_live:
             meshcat = open_meshcat("*")
             live = LiveView(make_simulation(scenario, meshcat=meshcat), meshcat, rate)
-            typer.echo(f"Open {meshcat.web_url()}", err=True)
-            status.update("press Start, or pose the arms, under Open Controls in the browser")
+            typer.echo(f"Open {meshcat.web_url()} and there Open Controls: Start, Stop", err=True)
+            status.update("waiting for Start; until then sliders pose the arms, for looking only")
 
             def on_frame(time, identification) -> None:
                 nonlocal text

@@ -104,9 +104,9 @@ def replay_html(
     return _page(meshcat.StaticHtml(), title, steps, zero, truth is not None)
 
 
-# Path of a layer, and the colours in it with what they are. `{whose}`: see `_page`.
+# Path of a layer, and the colours in it with what they are. `{whose}`, `{held}`: see `_page`.
 _LAYERS = (
-    ("drake", (("#bbbbbb", "spacecraft"),)),
+    ("drake", (("#bbbbbb", "spacecraft{held}"),)),
     ("cpid/estimated_centre", (("#ff730d", "estimated centre of mass of the target, 3 σ"),)),
     ("cpid/estimated_inertia", (("#ff730d", "estimated inertia, as a solid ellipsoid"),)),
     ("cpid/true_inertia", (("#1ad9bf", "true inertia"),)),
@@ -140,12 +140,12 @@ def _page(
         with_truth: whether the truth is in the scene.
 
     """
-    whose = "" if with_truth else " as estimated"
+    whose, held = ("", " and target") if with_truth else (" as estimated", "")
     rows = []
     for path, colors in _LAYERS:
         if path != "cpid/true_inertia" or with_truth:
             names = (
-                f'<i style="color:{color}">●</i> {escape(name.format(whose=whose))}'
+                f'<i style="color:{color}">●</i> {escape(name.format(whose=whose, held=held))}'
                 for color, name in colors
             )
             rows.append(f'<label><input type="checkbox" value="{path}"> {" ".join(names)}</label>')
