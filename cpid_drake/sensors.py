@@ -454,7 +454,8 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
         index = np.flatnonzero(usable)
         index = index[_together(time[index])]
         index = index[_increasing(time[index])]
-        kept[name] = Samples(time[index], value[index])
+        everything = index.size == time.size
+        kept[name] = Samples(time, value) if everything else Samples(time[index], value[index])
         rejected[name] = time.size - index.size
     return replace(measurements, **kept), rejected
 

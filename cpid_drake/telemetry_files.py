@@ -4,7 +4,6 @@ import csv
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -29,6 +28,7 @@ TABLE_ENDINGS = (".csv", ".npz", ".parquet")
 BAG_ENDINGS = (".mcap", ".db3")
 
 _LONGEST_LINE = 1_000_000
+_BLOCK = 4_000_000
 _LARGEST_TABLE = 250_000_000  # numbers: 2 GB
 _MOST_COLUMNS = 10_000
 
@@ -177,39 +177,62 @@ def _of_bag(measurements: Measurements) -> TelemetryFile:
 
 
 def _read_csv(file: Path, where: str, problems: Problems) -> tuple[TelemetryTable, tuple[str, ...]]:
-    blocks, places, size = [], [], 0
+    header, blocks, places, size = None, [], [], 0
     try:
         with file.open("rb") as stream:
-            numbered = _numbered_lines(stream, where)
-            header = _header(numbered, where)
-            known = np.array([known_column(name) for name in header])
-            while chunk := list(islice(numbered, 5000)):
-                numbers, lines = zip(*chunk, strict=True)
-                block = _read_clean(lines, len(header))
+            for first, raw in _blocks_of_lines(stream, where):
+                if header is None:
+                    number, line = next(_numbered_text(first, raw, where), (0, ""))
+                    if not line:
+                        continue
+                    header = _header(number, line, where)
+                    known = np.array([known_column(name) for name in header])
+                    raw, first = raw[number - first + 1 :], number + 1
+                    blocks.append(np.empty((0, known.sum())))
+                if not raw:
+                    continue
+                numbers, block = range(first, first + len(raw)), _read_clean(raw, len(header))
                 if block is None:
-                    numbers, block = _read_cells(chunk, header, problems)
+                    numbered = _numbered_text(first, raw, where)
+                    numbers, block = _read_cells(numbered, header, problems)
                 blocks.append(block if known.all() else block[:, known])
-                places += numbers
+                places.append(numbers)
                 size += blocks[-1].size
                 if size > _LARGEST_TABLE:
                     raise InputError(f"{where}: more than {_LARGEST_TABLE} numbers; split the file")
     except OSError as error:
         raise InputError(f"{where}: cannot be read: {error.strerror}") from error
+    if header is None:
+        raise InputError(f"{where}: the file is empty")
     columns = tuple(name for name in header if known_column(name))
     ignored = tuple(name for name in header if not known_column(name))
-    values = np.concatenate(blocks) if blocks else np.empty((0, len(columns)))
-    return TelemetryTable(columns, values, np.array(places, dtype=int), "line"), ignored
+    lines = np.concatenate([np.array(numbers, dtype=int) for numbers in ([], *places)])
+    return TelemetryTable(columns, np.concatenate(blocks), lines, "line"), ignored
 
 
-def _numbered_lines(stream: BinaryIO, where: str) -> Iterator[tuple[int, str]]:
-    """Yield the lines that are not empty or comments, with their numbers, without their ends."""
-    number = 0
-    while data := stream.readline(_LONGEST_LINE):
-        number += 1
-        if len(data) == _LONGEST_LINE:
+def _blocks_of_lines(stream: BinaryIO, where: str) -> Iterator[tuple[int, list[bytes]]]:
+    """Yield some thousand lines at a time, without their ends, and the number of the first."""
+    first, rest = 1, b""
+    while data := stream.read(_BLOCK):
+        lines = (rest + data).split(b"\n")
+        rest = lines.pop()
+        if len(rest) > _LONGEST_LINE or (not lines and len(rest) >= _BLOCK):
+            number = first + len(lines)
+            raise InputError(f"{where}: line {number} is longer than {_LONGEST_LINE} bytes")
+        if lines:
+            yield first, lines
+        first += len(lines)
+    if rest:
+        yield first, [rest]
+
+
+def _numbered_text(first: int, lines: Sequence[bytes], where: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines that are not empty or comments, with their numbers."""
+    for number, data in enumerate(lines, first):
+        if len(data) > _LONGEST_LINE:
             raise InputError(f"{where}: line {number} is longer than {_LONGEST_LINE} bytes")
         try:
-            line = data.decode("utf-8-sig" if number == 1 else "utf-8").rstrip("\r\n")
+            line = data.decode("utf-8-sig" if number == 1 else "utf-8").rstrip("\r")
         except UnicodeDecodeError as error:
             raise InputError(
                 f"{where}: line {number} is not text in UTF-8; if this is a CSV file, save it in "
@@ -229,10 +252,7 @@ def _split(line: str) -> list[str]:
     return next(csv.reader([line], strict=True)) if '"' in line else line.split(",")
 
 
-def _header(lines: Iterator[tuple[int, str]], where: str) -> list[str]:
-    number, line = next(lines, (0, ""))
-    if not line:
-        raise InputError(f"{where}: the file is empty")
+def _header(number: int, line: str, where: str) -> list[str]:
     if "\0" in line:
         raise InputError(f"{where}: not a CSV file: line {number} holds binary data")
     try:
@@ -256,10 +276,14 @@ def _header(lines: Iterator[tuple[int, str]], where: str) -> list[str]:
     return names
 
 
-def _read_clean(lines: Sequence[str], columns: int) -> NDArray[np.float64] | None:
+def _read_clean(lines: Sequence[bytes], columns: int) -> NDArray[np.float64] | None:
     """Return lines that hold a number in every cell as a block (n, columns); None for others."""
+    if lines[0].endswith(b"\r"):
+        lines = [line.removesuffix(b"\r") for line in lines]
     try:
-        block = np.loadtxt(lines, delimiter=",", comments=None, quotechar='"', ndmin=2)
+        block = np.loadtxt(
+            lines, delimiter=",", comments=None, quotechar='"', ndmin=2, encoding="latin1"
+        )
     except ValueError:
         return None
     # A quote that is open at the end of a line would take the next line in.
@@ -267,7 +291,7 @@ def _read_clean(lines: Sequence[str], columns: int) -> NDArray[np.float64] | Non
 
 
 def _read_cells(
-    chunk: list[tuple[int, str]], header: list[str], problems: Problems
+    numbered: Iterator[tuple[int, str]], header: list[str], problems: Problems
 ) -> tuple[list[int], NDArray[np.float64]]:
     """Read numbered lines cell by cell: absent ones become NaN, lines with a problem are noted.
 
@@ -275,7 +299,7 @@ def _read_cells(
     """
     numbers, rows = [], []
     known = [known_column(name) for name in header]
-    for number, line in chunk:
+    for number, line in numbered:
         try:
             cells = _split(line)
         except csv.Error as error:

@@ -195,12 +195,16 @@ def of_spacecraft(measurements: Measurements, spacecraft: Spacecraft) -> Measure
         if unknown:
             parts.append(f"the spacecraft has no joint '{unknown[0]}'")
         raise InputError(f"{', and '.join(parts)}; its joints are {', '.join(wanted)}")
-    order = [have.index(name) for name in wanted]
-    rates = measurements.joint_rates
-    rates = Samples(rates.time, rates.value[:, order])
-    positions = measurements.encoders
-    value = positions.value[:, order]
-    for k in np.flatnonzero(np.isnan(value).all(axis=0)) if len(positions) else ():
+    positions, rates = measurements.encoders, measurements.joint_rates
+    if have != wanted:
+        order = [have.index(name) for name in wanted]
+        positions = Samples(positions.time, positions.value[:, order])
+        rates = Samples(rates.time, rates.value[:, order])
+    value = positions.value
+    missing_angles = np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0))
+    if missing_angles.size:
+        value = value.copy()
+    for k in missing_angles:
         if not spacecraft.tree.is_rotor(k):
             raise InputError(
                 f"there is no column 'q:{wanted[k]}'; only of a rotor, balanced about its axis and "

@@ -171,11 +171,15 @@ def measurements_of_table(
     time = table.values[:, column["time"]]
     samples, partial = {}, {}
 
-    def take(columns: Sequence[str]) -> tuple[NDArray[np.bool_], NDArray[np.float64], int]:
-        values = table.values[:, [column[name] for name in columns]]
+    def take(name: str, columns: Sequence[str]) -> Samples:
+        """Return the samples that are there as a whole; of a million rows, without a copy more."""
+        values = table.values[:, _selection([column[c] for c in columns])]
         absent = np.isnan(values)
-        complete = ~absent.any(axis=1) & usable
-        return complete, values, int(np.sum(usable & ~complete & ~absent.all(axis=1)))
+        there = ~absent.any(axis=1) & usable
+        if there.all():
+            return Samples(time, values)
+        partial[name] = int(np.sum(usable & ~there & ~absent.all(axis=1)))
+        return Samples(time[there], values[there])
 
     for name in SENSOR_NAMES:
         if name in _JOINT_GROUPS:
@@ -184,23 +188,30 @@ def measurements_of_table(
             columns = GROUPS[name]
         if name == "encoders":
             logged = [c in column for c in columns]
-            there, values, partial[name] = take([c for c in columns if c in column])
-            positions = np.full((int(there.sum()), len(joints)), np.nan)
-            positions[:, logged] = values[there]
-            samples[name] = Samples(time[there], positions)
+            samples[name] = take(name, [c for c in columns if c in column])
+            if not all(logged):
+                positions = np.full((len(samples[name]), len(joints)), np.nan)
+                positions[:, logged] = samples[name].value
+                samples[name] = Samples(samples[name].time, positions)
         elif name == "gyro" and "wx" in column:
-            there, values, partial[name] = take((*GROUPS["angular velocity"], *GROUPS["attitude"]))
             # Without the attitude on the same row it cannot be turned into B.
-            w_WB_W, quaternion = values[there, :3], values[there, 3:]
-            R_WB = Rotation.from_quat(quaternion, scalar_first=True) if there.any() else None
-            samples[name] = Samples(time[there], R_WB.inv().apply(w_WB_W) if R_WB else w_WB_W)
+            both = take(name, (*GROUPS["angular velocity"], *GROUPS["attitude"]))
+            w_WB, quaternion = both.value[:, :3], both.value[:, 3:]
+            if len(both):
+                w_WB = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(w_WB)
+            samples[name] = Samples(both.time, w_WB)
         elif all(c in column for c in columns):
-            there, values, partial[name] = take(columns)
-            samples[name] = Samples(time[there], values[there])
+            samples[name] = take(name, columns)
         else:
             width = sample_widths(joints)[name]
             samples[name] = Samples(np.empty(0), np.empty((0, width)))
     return Measurements(joints, **samples), {k: n for k, n in partial.items() if n}
+
+
+def _selection(indices: list[int]) -> slice | list[int]:
+    """Return neighbouring indices as a slice: that is a view, and no copy of a million rows."""
+    first, count = indices[0], len(indices)
+    return slice(first, first + count) if indices == [*range(first, first + count)] else indices
 
 
 def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.float64]]:

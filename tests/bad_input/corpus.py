@@ -536,7 +536,7 @@ TELEMETRY = {
     "no_name": (called(""), "a folder without metadata.yaml"),
     "dash": (called("-"), "-: no such file"),
     "unknown_user": (called("~nobody_at_all/t.csv"), "~nobody_at_all/t.csv"),
-    "unknown_package": (called("package://elsewhere/t.csv"), "elsewhere/t.csv: no such file"),
+    "unknown_package": (called("package://elsewhere/t.csv"), "unknown package 'elsewhere'"),
     "package_that_climbs": (
         called("package://cpid_drake_models/../../etc/passwd"),
         "passwd",
