@@ -89,12 +89,22 @@ class Telemetry:
         return np.unwrap(rotation.as_euler("ZYX"), axis=0)
 
     def select(self, samples: ArrayLike | slice) -> "Telemetry":
-        """Return the samples with these indices, in this slice, or where this (N,) mask is true."""
+        """Return the samples with these indices, in this slice, or where this (N,) mask is true.
+
+        A slice shares its arrays with this telemetry.
+        """
         if not isinstance(samples, slice):
             samples = np.asarray(samples)
             samples = samples if samples.size else samples.astype(int)
         names = ("time", "quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
-        return replace(self, **{name: getattr(self, name)[samples] for name in names})
+        parts = {name: getattr(self, name)[samples] for name in names}
+        if not isinstance(samples, slice) or (samples.step or 1) < 0:
+            return replace(self, **parts)
+        # What has been checked need not be checked again: a long log is cut into many pieces.
+        piece = object.__new__(Telemetry)
+        for name, values in {"joint_names": self.joint_names, **parts}.items():
+            object.__setattr__(piece, name, values)
+        return piece
 
     def with_base_twist(self, w_WB: ArrayLike, v_WB: ArrayLike) -> "Telemetry":
         """Return the same samples with other base velocities, (N, 3) each in W."""

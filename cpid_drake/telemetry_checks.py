@@ -145,6 +145,7 @@ def _pairs(
     if len(positions) < 10 or len(rates) < 10:
         return None
     time, value = positions.time[:_WINDOW], positions.value[:_WINDOW]
+    rates = rates.where(slice(0, np.searchsorted(rates.time, time[-1]) + 1))
     stride = max(int(_STEP / np.median(np.diff(time))), 1)
     before, after = time[:-stride], time[stride:]
     inside = (before >= rates.time[0]) & (after <= rates.time[-1])

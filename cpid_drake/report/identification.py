@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from cpid_drake.estimators.observability import describe_unobservable
 from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
@@ -23,7 +23,7 @@ def intervals(found: LogIdentification) -> NDArray[np.float64]:
     identification, solution = found.identification, found.identification.solution
     freedom = solution.row_count - solution.rank
     by_residuals = found.estimator == "least_squares" and found.suite is None
-    quantile = t.ppf(0.975, freedom) if by_residuals and freedom > 0 else norm.ppf(0.975)
+    quantile = stdtrit(freedom, 0.975) if by_residuals and freedom > 0 else ndtri(0.975)
     half = quantile * np.sqrt(np.diag(identification.covariance))
     return identification.parameters[:, None] + half[:, None] * [-1.0, 1.0]
 
