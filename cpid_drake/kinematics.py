@@ -176,8 +176,12 @@ def turned(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArray[np.float6
     x, y, z = np.asarray(axis, dtype=float)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     R, angle = np.asarray(R, dtype=float), np.asarray(angle, dtype=float)[:, None, None]
-    by_axis = _times(R, np.hstack([K, K @ K]))
-    return R + np.sin(angle) * by_axis[:, :, :3] + (1 - np.cos(angle)) * by_axis[:, :, 3:]
+    by_sine, by_cosine = _times(R, K), _times(R, K @ K)
+    by_sine *= np.sin(angle)
+    by_cosine *= 1 - np.cos(angle)
+    by_sine += by_cosine
+    by_sine += R
+    return by_sine
 
 
 def angular_velocity(w_m: ArrayLike, H_k: ArrayLike, qdot_k: ArrayLike) -> NDArray[np.float64]:

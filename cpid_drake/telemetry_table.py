@@ -284,12 +284,18 @@ def _check_size(
     usable: NDArray[np.bool_],
 ) -> None:
     """Note numbers that nothing can measure, and take their rows out of the usable ones."""
+    if not len(table.values):
+        return
+    highest = np.fmax.reduce(table.values, axis=0)
+    lowest = np.fmin.reduce(table.values, axis=0)
     for name, k in column.items():
+        limit = LARGEST_TIME if name == "time" else LARGEST
+        if not (highest[k] > limit or lowest[k] < -limit):
+            continue
         values = table.values[:, k]
         with np.errstate(invalid="ignore"):
-            large = np.abs(values) > (LARGEST_TIME if name == "time" else LARGEST)
+            large = np.abs(values) > limit
         for row in np.flatnonzero(large):
-            limit = LARGEST_TIME if name == "time" else LARGEST
             text = f"{values[row]:g} cannot be meant: it is beyond {limit:g}"
             problems.add(table.place(row, name), text)
             usable[row] = False
