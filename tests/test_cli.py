@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import shipped_scenario
+from cpid_drake.cli import main
 from cpid_drake.model_files import models_directory
 
 COMMAND = [sys.executable, "-c", "from cpid_drake.cli import main; main()"]
@@ -59,9 +60,19 @@ def embedded_summary(page: str) -> dict:
 
 
 @pytest.fixture
-def cpid(tmp_path):
-    """Return a function that runs `cpid` in an empty folder."""
-    return lambda *arguments: finish(start(*arguments, cwd=tmp_path))
+def cpid(monkeypatch, capfd, tmp_path):
+    """Return a function that runs `cpid` in an empty folder, in this process: it is quicker."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def run(*arguments) -> subprocess.CompletedProcess:
+        monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return subprocess.CompletedProcess(arguments, ended.value.code, *capfd.readouterr())
+
+    return run
 
 
 @pytest.fixture(scope="module")
