@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Make the README's pictures and tables again: `python diagrams/pictures/make.py [NAME ...]`.
 
-It runs the commands that the README shows; `accuracy` takes some ten minutes on two cores. The
+It runs the commands that the README shows; `accuracy` takes three minutes on two cores. The
 picture of the scene is a page of `cpid view` in Chromium, driven by Playwright.
 """
 
