@@ -15,7 +15,7 @@ import yaml
 from pydrake.multibody.parsing import PackageMap
 
 from cpid_drake.errors import InputError
-from cpid_drake.strict_yaml import check_size, choose_from
+from cpid_drake.strict_yaml import check_size, choose_from, yaml_errors
 
 LARGEST_FILE = 64 * 2**20
 """[bytes]; models with all their geometry written out have a few million."""
@@ -130,18 +130,10 @@ class _Walk:
 
 def _included_by_directives(data: bytes, where: str) -> list[str]:
     """Return the URIs of the files that model directives name."""
-    try:
+    with yaml_errors(where):
         text = data.decode("utf-8-sig")
         check_size(text, where)
         root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except UnicodeDecodeError as error:
-        raise InputError(f"{where}: not YAML: not text in UTF-8") from error
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise InputError(f"{where}: not YAML: {place}{error.problem}") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"{where}: not YAML: {error}") from error
     return [
         file.value
         for directives in _values(root, "directives")

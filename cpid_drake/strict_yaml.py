@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -42,25 +43,16 @@ def load_strictly(schema: type[Schema], file: Path, where: str, whole: str) -> S
 
     """
     try:
-        with file.open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
-        if len(data) > LARGEST_FILE:
-            raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
-        text = data.decode("utf-8-sig")
-        check_size(text, where)
-        loader = _StrictLoader(text, list(dict.fromkeys(_tags(schema))))
-        _Structure(where, whole).check(loader.get_single_data(), schema, "")
-        return yaml_load_typed(schema=schema, data=text, defaults=schema())
-    except UnicodeDecodeError as error:
-        raise InputError(f"{where}: not YAML: not text in UTF-8") from error
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise InputError(f"{where}: not YAML: {place}{error.problem}") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{where}: not YAML: {error}") from error
-    except RecursionError as error:
-        raise InputError(f"{where}: nested too deeply") from error
+        with yaml_errors(where):
+            with file.open("rb") as stream:
+                data = stream.read(LARGEST_FILE + 1)
+            if len(data) > LARGEST_FILE:
+                raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
+            text = data.decode("utf-8-sig")
+            check_size(text, where)
+            loader = _StrictLoader(text, list(dict.fromkeys(_tags(schema))))
+            _Structure(where, whole).check(loader.get_single_data(), schema, "")
+            return yaml_load_typed(schema=schema, data=text, defaults=schema())
     except InputError:
         raise
     except (
@@ -73,6 +65,23 @@ def load_strictly(schema: type[Schema], file: Path, where: str, whole: str) -> S
     ) as error:
         # What Drake's reader raises for values that do not fit the schema.
         raise InputError(f"{where}: a value does not fit: {error}") from error
+
+
+@contextmanager
+def yaml_errors(where: str) -> Iterator[None]:
+    """Turn what reading YAML raises into an InputError that names the file and the place."""
+    try:
+        yield
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: not YAML: not text in UTF-8") from error
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise InputError(f"{where}: not YAML: {place}{error.problem}") from error
+    except yaml.YAMLError as error:
+        raise InputError(f"{where}: not YAML: {error}") from error
+    except RecursionError as error:
+        raise InputError(f"{where}: nested too deeply") from error
 
 
 def choose_from(name: object, choices: Iterable[str]) -> str:

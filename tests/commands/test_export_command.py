@@ -1,13 +1,11 @@
 """`cpid export`: from a result file to a model, and one line where there is none to be had."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, Spacecraft
-from cpid_drake.cli import main
 from cpid_drake.model_files import models_directory
 from cpid_drake.result_files import IdentificationResult, SpacecraftReference, write_result
 
@@ -42,17 +40,10 @@ def result(skewed_target, tmp_path):
 
 
 @pytest.fixture
-def cpid(monkeypatch, capsys, tmp_path):
+def cpid(run_cpid, monkeypatch, tmp_path):
     """Return a function that runs `cpid export r.json`: (code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["cpid", "export", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capsys.readouterr()
-
-    return run
+    return lambda *arguments: run_cpid("export", *arguments)
 
 
 @pytest.fixture

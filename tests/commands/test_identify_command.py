@@ -1,14 +1,12 @@
 """`cpid identify` and `cpid telemetry check`: what they print and write, and how they end."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, read_telemetry, write_telemetry
-from cpid_drake.cli import main
 from cpid_drake.inertia import PARAMETER_NAMES
 from cpid_drake.model_files import models_directory
 from cpid_drake.result_files import read_result
@@ -30,17 +28,10 @@ BAG = InertialParameters(
 
 
 @pytest.fixture
-def cpid(monkeypatch, capsys, tmp_path):
+def cpid(run_cpid, monkeypatch, tmp_path):
     """Return a function that runs `cpid` in an empty folder: (code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capsys.readouterr()
-
-    return run
+    return run_cpid
 
 
 @pytest.fixture

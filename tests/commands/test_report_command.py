@@ -2,11 +2,9 @@
 
 import json
 import re
-import sys
 
 import pytest
 
-from cpid_drake.cli import main
 from cpid_drake.model_files import models_directory
 from cpid_drake.report import convergence, identification_page
 from cpid_drake.report.figures import Picture
@@ -34,17 +32,10 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def cpid(monkeypatch, capsys, folder):
+def cpid(run_cpid, monkeypatch, folder):
     """Return a function that runs `cpid` in one folder: (code, stdout, stderr)."""
     monkeypatch.chdir(folder)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capsys.readouterr()
-
-    return run
+    return run_cpid
 
 
 @pytest.fixture

@@ -1,29 +1,20 @@
 """`cpid scenario`: what it says of good and bad files, and the file to start from."""
 
-import sys
 from dataclasses import is_dataclass
 
 import numpy as np
 import pytest
 
 from cpid_drake import load_scenario, shipped_scenario
-from cpid_drake.cli import main
 
 SHIPPED = sorted(file.stem for file in shipped_scenario("paper").parent.glob("*.yaml"))
 
 
 @pytest.fixture
-def cpid(monkeypatch, capsys, tmp_path):
+def cpid(run_cpid, monkeypatch, tmp_path):
     """Return a function that runs `cpid scenario` in an empty folder: (code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["cpid", "scenario", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capsys.readouterr()
-
-    return run
+    return lambda *arguments: run_cpid("scenario", *arguments)
 
 
 def refusal(outcome) -> str:
