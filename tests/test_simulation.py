@@ -112,6 +112,7 @@ def test_a_tumbling_capture_is_identified_with_its_momentum():
     """Online, in the full simulation; the momentum stays what the scenario says."""
     scenario = load_scenario(shipped_scenario("tumbling_capture"))
     scenario.simulation.simulator.accuracy = 1e-9
+    scenario.simulation.duration = 5.0
     simulation = make_simulation(scenario)
     root_context = simulation.run()
     telemetry = simulation.telemetry(root_context)
