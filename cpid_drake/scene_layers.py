@@ -4,6 +4,7 @@ A layer draws one `Moment` at a time. Given the time as well, it draws into a re
 of a layer is below `/cpid/<layer>`: whether that is visible is nobody's business but the viewer's.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,7 +80,7 @@ class Moment:
     body_poses: dict[str, RigidTransform]
 
 
-class Layer:
+class Layer(ABC):
     """One layer: its objects are set once, and moved, scaled and hidden at every moment."""
 
     name: str
@@ -88,9 +89,9 @@ class Layer:
         self._meshcat, self._extent = meshcat, extent
         self._root = f"{ROOT}/{self.name}"
 
+    @abstractmethod
     def draw(self, moment: Moment, time: float) -> None:
-        """Draw one moment."""
-        raise NotImplementedError
+        """Draw one moment, at this time of a recording [s]."""
 
     def _show(self, path: str, visible: bool, time: float) -> None:
         self._meshcat.SetProperty(f"{self._root}/{path}", "visible", bool(visible), time)

@@ -343,10 +343,11 @@ def _read_npz(file: Path, where: str, problems: Problems) -> tuple[TelemetryTabl
             check_columns(names, where)
             keep = [name for name in names if known_column(name)]
             arrays = [_read_npy(archive, members[name], f"{where}: '{name}'") for name in keep]
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError) as error:
+    except (zipfile.BadZipFile, EOFError, OSError, RuntimeError) as error:
+        # RuntimeError: encrypted, or compressed in a way that is not known here.
         raise InputError(f"{where}: not an NPZ file, or a damaged one: {error}") from error
     ignored = tuple(name for name in names if name not in keep)
-    return _stacked(keep, arrays, where, problems), ignored
+    return _stacked(keep, arrays, where), ignored
 
 
 def _read_npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str) -> NDArray[np.float64]:
@@ -399,7 +400,7 @@ def _read_parquet(
         text = " ".join(str(error).split())
         raise InputError(f"{where}: not a Parquet file that can be read: {text:.200}") from error
     ignored = tuple(name for name in names if name not in keep)
-    return _stacked(keep, arrays, where, problems), ignored
+    return _stacked(keep, arrays, where), ignored
 
 
 def _pyarrow(where: str) -> tuple:
@@ -413,10 +414,8 @@ def _pyarrow(where: str) -> tuple:
     return pyarrow, pyarrow.parquet
 
 
-def _stacked(
-    names: list[str], arrays: list[NDArray[np.float64]], where: str, problems: Problems
-) -> TelemetryTable:
-    """Return columns of equal length as a table; NaN is absent, infinite numbers are problems."""
+def _stacked(names: list[str], arrays: list[NDArray[np.float64]], where: str) -> TelemetryTable:
+    """Return columns of equal length as a table; NaN is absent."""
     lengths = {name: len(values) for name, values in zip(names, arrays, strict=True)}
     for name, length in lengths.items():
         if length != lengths["time"]:

@@ -328,12 +328,10 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
     that were not logged are zero: see `needs` for when that makes no difference.
     """
     needed = ["gyro", "encoders", "joint_rates"]
-    if family.name != "relative":
-        needed.append("velocity")
     if len(measurements.attitude):
         needed.append("attitude")
-    if len(measurements.position):
-        needed.append("position")
+    if family.name != "relative":
+        needed += ["velocity", "position"] if len(measurements.position) else ["velocity"]
     samples = {name: getattr(measurements, name) for name in needed}
     rarest = min(samples.values(), key=len)
     common = rarest.time

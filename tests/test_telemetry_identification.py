@@ -105,6 +105,11 @@ class TestExactLogs:
         assert found.identification.sample_count == len(log.velocity)
         assert error_over_scale(found, skewed_target) < 1e-9
 
+    def test_slow_positions_cost_relative_rows_no_samples(self, craft, exact):
+        log = replace(exact, position=exact.position.where(slice(None, None, 10)))
+        found = identify_log(craft, log, rows="relative")
+        assert found.identification.sample_count == len(exact.gyro)
+
     @pytest.mark.parametrize("rows", ["standard", "relative"])
     def test_rates_that_are_not_logged_come_from_positions(self, craft, exact, skewed_target, rows):
         log = without(exact, "gyro", "velocity", "joint_rates")
