@@ -19,6 +19,9 @@ from cpid_drake.sensors import (
     perfect_measurements,
 )
 
+MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])
+"""Total momentum [L; P] of a tumbling capture about W's origin, in W [N·m·s, N·s]."""
+
 RPY = (0.3, -0.2, 0.4)
 """Attitude of every joint's frame on its parent, as in URDF."""
 

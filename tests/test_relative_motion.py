@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sensing_cases import RPY, small_craft, true_psi, true_telemetry
+from sensing_cases import MOMENTUM, RPY, small_craft, true_psi, true_telemetry
 
 from cpid_drake import HalfCosine, InertialParameters
 from cpid_drake.base_motion import base_twist, known_dynamics
 from cpid_drake.kinematics import rotate
 from cpid_drake.known_bodies import KnownBodies
 from cpid_drake.relative_motion import RelativeDynamics, relative_dynamics
-
-MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])  # [L; P] about W's origin, in W
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from sensing_cases import (
+    MOMENTUM,
     Sines,
     coarse_suite,
     measured,
@@ -37,7 +38,6 @@ from cpid_drake.sensors import (
 from cpid_drake.smoothing import smooth
 
 DURATION = 8.0
-MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])  # [L; P] about W's origin, in W
 UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")
 FAST = {"gyro": Gyro(50.0, 0.005, 1.0, 0.1), "encoders": JointSensor(50.0, 1e-5)}
 

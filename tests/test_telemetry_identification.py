@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sensing_cases import Sines, coarse_suite, measured, small_craft, true_telemetry
+from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_telemetry
 
 from cpid_drake import InputError, identify_log
 from cpid_drake.noise_estimation import estimate_suite, noise_level
@@ -23,7 +23,6 @@ from cpid_drake.telemetry_identification import MOST_SAMPLES, of_spacecraft
 from cpid_drake.whiteness import whiteness
 
 DURATION = 8.0
-MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])  # [L; P] about W's origin, in W
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from sensing_cases import (
+    MOMENTUM,
     Sines,
     coarse_suite,
     measured,
@@ -31,7 +32,6 @@ from cpid_drake.sensors import Gyro, JointSensor, Samples, VectorSensor, add_noi
 from cpid_drake.smoothing import smooth_joints
 
 DURATION = 8.0
-MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])  # [L; P] about W's origin, in W
 RICH = {"velocity": VectorSensor(4.0, 1e-3)}
 
 
