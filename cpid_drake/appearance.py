@@ -12,7 +12,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
 from cpid_drake.model_checks import check_model
-from cpid_drake.model_files import forget_remote_packages, package_map
+from cpid_drake.resources import forget_remote_packages, package_map
 
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
 """Of what has no colour of its own."""

@@ -15,7 +15,7 @@ import yaml
 from pydrake.multibody.parsing import PackageMap
 
 from cpid_drake.errors import InputError
-from cpid_drake.strict_yaml import check_size, choose_from, yaml_errors
+from cpid_drake.yaml_files import check_size, choose_from, yaml_errors
 
 LARGEST_FILE = 64 * 2**20
 """[bytes]; models with all their geometry written out have a few million."""

@@ -15,14 +15,14 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
-from cpid_drake.model_files import models_directory, resolve_model
 from cpid_drake.momentum_sensitivity import BodyUncertainty
 from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
+from cpid_drake.resources import models_directory, resolve_model
 from cpid_drake.sensor_files import load_sensors, sensor_presets
 from cpid_drake.sensor_identification import check_guess
 from cpid_drake.sensors import SensorSuite, check_sensors
 from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.strict_yaml import choose_from, load_strictly
+from cpid_drake.yaml_files import choose_from, load_strictly
 
 INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
 """Drake's error-controlled schemes that conserve momentum well enough to identify with."""

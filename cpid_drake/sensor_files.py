@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from cpid_drake.errors import InputError
-from cpid_drake.model_files import models_directory, resolve_model
+from cpid_drake.resources import models_directory, resolve_model
 from cpid_drake.sensors import SensorSuite, check_sensors
-from cpid_drake.strict_yaml import load_strictly
+from cpid_drake.yaml_files import load_strictly
 
 
 def sensor_presets() -> tuple[str, ...]:

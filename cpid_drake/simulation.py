@@ -15,8 +15,8 @@ from cpid_drake.base_motion import propagate_base
 from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification
 from cpid_drake.inertia import InertialParameters
-from cpid_drake.model_files import package_map, resolve_model
 from cpid_drake.motion.joint_motion import JointMotion
+from cpid_drake.resources import package_map, resolve_model
 from cpid_drake.scenario import ONLINE_ESTIMATORS, Scenario
 from cpid_drake.sensors import Measurements
 from cpid_drake.spacecraft import Spacecraft

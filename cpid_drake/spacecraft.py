@@ -30,8 +30,8 @@ from cpid_drake.errors import InputError
 from cpid_drake.inertia import InertialParameters
 from cpid_drake.kinematics import CaptureMotion, KinematicTree, TreeBody
 from cpid_drake.model_checks import check_model
-from cpid_drake.model_files import forget_remote_packages, package_map, resolve_model
 from cpid_drake.momentum import MomentumSamples
+from cpid_drake.resources import forget_remote_packages, package_map, resolve_model
 from cpid_drake.telemetry import Telemetry
 
 TARGET_NAME = "captured_target"

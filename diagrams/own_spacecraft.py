@@ -9,7 +9,7 @@ import argparse
 from pydrake.multibody.tree import BodyIndex
 
 from cpid_drake import InputError, Spacecraft, identify_log, load_sensors, read_telemetry
-from cpid_drake.model_files import models_directory
+from cpid_drake.resources import models_directory
 
 
 def main() -> None:

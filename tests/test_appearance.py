@@ -94,7 +94,7 @@ def test_a_visual_model_is_drawn_with_its_frame_on_c(draw, model, paper_target):
 
 
 def test_the_papers_target_is_drawn_in_full(draw, paper_target):
-    from cpid_drake.model_files import resolve_model
+    from cpid_drake.resources import resolve_model
 
     count = resolve_model(PAPER_LOOK).read_text().count("<visual>")
     assert len(draw(paper_target, PAPER_LOOK)) == count > 10

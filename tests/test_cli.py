@@ -12,7 +12,7 @@ import pytest
 
 from cpid_drake import shipped_scenario
 from cpid_drake.cli import main
-from cpid_drake.model_files import models_directory
+from cpid_drake.resources import models_directory
 
 COMMAND = [sys.executable, "-c", "from cpid_drake.cli import main; main()"]
 ROOT = str(Path(__file__).resolve().parents[1])

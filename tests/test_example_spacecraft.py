@@ -16,7 +16,7 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.model_files import models_directory
+from cpid_drake.resources import models_directory
 
 EXAMPLES = {"single_arm_wheels": 6.0, "free_flyer_payload": 5.0}  # enough to simulate [s]
 

@@ -18,9 +18,9 @@ from cpid_drake import (
 )
 from cpid_drake.base_motion import propagate_base
 from cpid_drake.inertia import relative_unknowns
-from cpid_drake.model_files import models_directory
 from cpid_drake.momentum import momentum_samples
 from cpid_drake.regressors import relative_rows
+from cpid_drake.resources import models_directory
 
 URDFS = sorted(models_directory().glob("*/*.urdf"))
 SCENARIOS = sorted((models_directory() / "scenarios").glob("*.yaml"))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, identify
 from cpid_drake.cli import main
-from cpid_drake.model_files import resolve_model
+from cpid_drake.resources import resolve_model
 
 mujoco = pytest.importorskip("mujoco", reason="needs the package mujoco")
 

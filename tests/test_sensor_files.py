@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from cpid_drake import InputError
-from cpid_drake.model_files import models_directory
+from cpid_drake.resources import models_directory
 from cpid_drake.sensor_files import load_sensors, sensor_presets
 from cpid_drake.sensors import SENSOR_NAMES, AttitudeSensor
 

@@ -50,7 +50,7 @@ def new(
     ] = None,
 ) -> None:
     """Write a scenario to start from, with comments that say units and choices."""
-    from cpid_drake.model_files import models_directory
+    from cpid_drake.resources import models_directory
 
     text = (models_directory() / "scenario_template.yaml").read_text(encoding="utf-8")
     if out is None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from cpid_drake.errors import InputError
-from cpid_drake.model_files import resolve_model
 from cpid_drake.report.identification import result_of
+from cpid_drake.resources import resolve_model
 from cpid_drake.result_files import IdentificationResult, SpacecraftReference
 from cpid_drake.sensor_files import load_sensors
 from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, SensorSuite

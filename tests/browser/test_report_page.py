@@ -7,10 +7,10 @@ from contextlib import contextmanager
 import matplotlib.image
 import pytest
 
-from cpid_drake.model_files import models_directory
 from cpid_drake.report import convergence
 from cpid_drake.report.evidence import Request, identify_file
 from cpid_drake.report.identification_page import findings_of, identification_report
+from cpid_drake.resources import models_directory
 from cpid_drake.result_files import SpacecraftReference, result_text
 
 FREE_FLYER = SpacecraftReference(

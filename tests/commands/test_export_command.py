@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, Spacecraft
-from cpid_drake.model_files import models_directory
+from cpid_drake.resources import models_directory
 from cpid_drake.result_files import IdentificationResult, SpacecraftReference, write_result
 
 MODEL = models_directory() / "dual_arm_servicer" / "dual_arm_servicer.urdf"

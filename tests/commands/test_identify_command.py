@@ -8,7 +8,7 @@ import pytest
 
 from cpid_drake import InertialParameters, read_telemetry, write_telemetry
 from cpid_drake.inertia import PARAMETER_NAMES
-from cpid_drake.model_files import models_directory
+from cpid_drake.resources import models_directory
 from cpid_drake.result_files import read_result
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"

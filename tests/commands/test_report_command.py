@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from cpid_drake.model_files import models_directory
 from cpid_drake.report import convergence, identification_page
 from cpid_drake.report.figures import Picture
+from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from cpid_drake.cli import main
-from cpid_drake.model_files import models_directory
+from cpid_drake.resources import models_directory
 
 LOG = models_directory() / "telemetry" / "free_flyer.csv"
 CRAFT = (

@@ -3,7 +3,7 @@
 import pytest
 
 from cpid_drake import InputError
-from cpid_drake.model_files import MODELS_PACKAGE, models_directory, package_map, resolve_model
+from cpid_drake.resources import MODELS_PACKAGE, models_directory, package_map, resolve_model
 
 SERVICER = "dual_arm_servicer/dual_arm_servicer.urdf"
 
