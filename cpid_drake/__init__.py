@@ -17,11 +17,13 @@ The public names, from the ground up:
 - `InputError`: what bad input raises.
 """
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.export import export_target
 from cpid_drake.identification import Identification, identify
-from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
-from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.scenario import Scenario, load_scenario, shipped_scenario
 from cpid_drake.sensor_files import load_sensors
 from cpid_drake.sensor_identification import identify_from_sensors
@@ -34,7 +36,6 @@ from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.scene_visualizer import SceneVisualizer
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors
-from cpid_drake.telemetry import Telemetry
 from cpid_drake.telemetry_files import read_telemetry, write_telemetry
 from cpid_drake.telemetry_identification import LogIdentification, identify_log
 

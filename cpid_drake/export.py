@@ -16,9 +16,9 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInstanceIndex
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.tree import TreeBody
 from cpid_drake.errors import InputError
-from cpid_drake.inertia import InertialParameters
-from cpid_drake.kinematics import TreeBody
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.target_models import (
     FORMATS,

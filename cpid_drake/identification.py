@@ -6,6 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import SpatialInertia
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.parameterizations import UnknownVector
+from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimators.least_squares import (
     DEFAULT_RANK_TOLERANCE,
@@ -13,12 +19,7 @@ from cpid_drake.estimators.least_squares import (
 )
 from cpid_drake.estimators.observability import describe_unobservable
 from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
-from cpid_drake.inertia import InertialParameters, UnknownVector
-from cpid_drake.kinematics import KinematicTree
-from cpid_drake.momentum import momentum_samples
-from cpid_drake.regressors import ROW_FAMILIES, RowFamily
 from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.telemetry import Telemetry
 
 _AT_ONCE = 2048
 """Samples that are made rows of at once: their arrays fit into a processor's cache."""

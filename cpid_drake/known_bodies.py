@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from cpid_drake.regressors import skew
-from cpid_drake.relative_motion import RelativeDynamics
+from cpid_drake.dynamics.relative_motion import RelativeDynamics
+from cpid_drake.dynamics.rotations import skew
 from cpid_drake.spacecraft import Spacecraft
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.inertia import InertialParameters
 
 _LARGEST_FILE = 16 * 2**20  # bytes; a result has some thousand
 _LARGEST = 1e90  # SI units: products of what is larger overflow

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
-from cpid_drake.kinematics import rotate
 from cpid_drake.sensors import Measurements, Samples, sample_widths
 
 TOPIC_TYPES = {

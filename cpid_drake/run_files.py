@@ -11,12 +11,12 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.framework import Context
 
+from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.inertia import PARAMETER_NAMES
-from cpid_drake.momentum import total_momentum
 from cpid_drake.scenario import dump_scenario
 from cpid_drake.simulation import Simulation
-from cpid_drake.telemetry import Telemetry
 from cpid_drake.telemetry_files import write_telemetry
 
 RUN_FILES = (

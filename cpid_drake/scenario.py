@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import SimulatorConfig
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
+from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.inertia import InertialParameters
-from cpid_drake.momentum_sensitivity import BodyUncertainty
-from cpid_drake.motion.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.resources import models_directory, resolve_model
 from cpid_drake.sensor_files import load_sensors, sensor_presets
 from cpid_drake.sensor_identification import check_guess

@@ -6,6 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.rows import RowFamily
+from cpid_drake.dynamics.sensitivity import BodyUncertainty
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimators.least_squares import solution_of_information
 from cpid_drake.estimators.momentum_filter import (
@@ -24,17 +33,10 @@ from cpid_drake.estimators.trajectory_fit import (
 )
 from cpid_drake.estimators.trajectory_model import TrajectoryModel
 from cpid_drake.identification import Identification, row_family
-from cpid_drake.inertia import InertialParameters, relative_unknowns
-from cpid_drake.kinematics import KinematicTree, rotate
 from cpid_drake.known_bodies import KnownBodies
-from cpid_drake.momentum import momentum_samples
-from cpid_drake.momentum_sensitivity import BodyUncertainty
-from cpid_drake.regressors import RowFamily
-from cpid_drake.relative_motion import relative_dynamics
 from cpid_drake.sensors import Measurements, SensorSuite, screen
 from cpid_drake.smoothing import SmoothedMotion, smooth, smooth_joints
 from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.telemetry import Telemetry
 
 ESTIMATORS = ("eq18", "standard", "relative", "momentum_filter", "trajectory_fit")
 """Names of the estimators: weighted least squares on three row families, and two that are not."""

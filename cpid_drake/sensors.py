@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.kinematics import rotate
-from cpid_drake.telemetry import Telemetry
 
 ARCSECOND = np.pi / (180 * 3600)
 DEGREE_PER_HOUR = np.pi / (180 * 3600)

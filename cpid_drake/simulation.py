@@ -11,11 +11,12 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from cpid_drake.base_motion import propagate_base
+from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.joint_motion import JointMotion
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification
-from cpid_drake.inertia import InertialParameters
-from cpid_drake.motion.joint_motion import JointMotion
 from cpid_drake.resources import package_map, resolve_model
 from cpid_drake.scenario import ONLINE_ESTIMATORS, Scenario
 from cpid_drake.sensors import Measurements
@@ -37,7 +38,6 @@ from cpid_drake.systems.spacecraft_sensors import (
     log_samples,
     measurements_from_logs,
 )
-from cpid_drake.telemetry import Telemetry
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,11 +15,10 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.kinematics import rotate
-from cpid_drake.regressors import skew
 from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, SensorSuite
-from cpid_drake.telemetry import Telemetry
 
 _INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
 _NEAR = 0.02  # of a rough attitude path from the samples [rad]: Gauss-Newton is at home there

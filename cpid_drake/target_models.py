@@ -10,8 +10,8 @@ import yaml
 from numpy.typing import ArrayLike
 from pydrake.math import RollPitchYaw, RotationMatrix
 
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.inertia import InertialParameters
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.xml_edits import Element, XmlEdits, attribute_text
 

@@ -10,10 +10,10 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.resources import resolve_model
 from cpid_drake.sensors import SENSOR_NAMES, Measurements
-from cpid_drake.telemetry import Telemetry
 from cpid_drake.telemetry_table import (
     LARGEST,
     Problems,

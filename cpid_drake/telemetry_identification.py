@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.rows import RowFamily
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.estimators.least_squares import LeastSquaresSolution
 from cpid_drake.estimators.recursive import solve_root
 from cpid_drake.identification import Identification, accumulate_rows, row_family
-from cpid_drake.momentum import momentum_samples
 from cpid_drake.noise_estimation import estimate_suite
-from cpid_drake.regressors import RowFamily
 from cpid_drake.sensor_identification import (
     fit_measurements,
     identification_of_filter,
@@ -31,7 +32,6 @@ from cpid_drake.sensor_identification import (
 from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, SensorSuite, screen
 from cpid_drake.smoothing import smooth
 from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.telemetry import Telemetry
 from cpid_drake.telemetry_checks import check_consistency
 from cpid_drake.whiteness import Whiteness, whiteness
 

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, sample_widths
-from cpid_drake.telemetry import Telemetry
 
 GROUPS = {
     "attitude": ("qw", "qx", "qy", "qz"),

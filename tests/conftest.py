@@ -13,7 +13,7 @@ from cpid_drake import (
     load_scenario,
     shipped_scenario,
 )
-from cpid_drake.base_motion import zero_momentum_base_twist
+from cpid_drake.dynamics.base_motion import zero_momentum_base_twist
 
 SERVICER = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry
-from cpid_drake.base_motion import propagate_base
-from cpid_drake.inertia import relative_unknowns
-from cpid_drake.relative_motion import relative_dynamics
+from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.sensors import (
     AttitudeSensor,
     Gyro,

@@ -16,10 +16,10 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.base_motion import propagate_base
-from cpid_drake.inertia import relative_unknowns
-from cpid_drake.momentum import momentum_samples
-from cpid_drake.regressors import relative_rows
+from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.rows import relative_rows
 from cpid_drake.resources import models_directory
 
 URDFS = sorted(models_directory().glob("*/*.urdf"))

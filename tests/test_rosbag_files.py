@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError
-from cpid_drake.kinematics import rotate
+from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.rosbag_files import TOPIC_TYPES, read_rosbag
 from cpid_drake.sensors import SENSOR_NAMES, perfect_value, screen
 

@@ -16,7 +16,7 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.momentum_sensitivity import BodyUncertainty
+from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.resources import models_directory
 from cpid_drake.scenario import HalfCosineMotion, MultiSineMotion
 from cpid_drake.sensor_files import load_sensors

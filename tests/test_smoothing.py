@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_telemetry
 
 from cpid_drake import InputError
-from cpid_drake.kinematics import rotate
+from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.sensors import (
     AttitudeSensor,
     Gyro,

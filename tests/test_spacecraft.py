@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, InputError, Spacecraft, Telemetry
-from cpid_drake.momentum import momentum_samples
+from cpid_drake.dynamics.momentum import momentum_samples
 
 # -- models --------------------------------------------------------------------------------------
 

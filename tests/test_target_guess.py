@@ -6,7 +6,7 @@ import numpy as np
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake import InertialParameters
-from cpid_drake.inertia import relative_unknowns
+from cpid_drake.dynamics.parameterizations import relative_unknowns
 from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.sensors import (
     AttitudeSensor,

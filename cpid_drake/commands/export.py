@@ -8,7 +8,7 @@ import typer
 from cpid_drake.errors import InputError
 
 if TYPE_CHECKING:
-    from cpid_drake.inertia import InertialParameters
+    from cpid_drake.dynamics.inertia import InertialParameters
     from cpid_drake.result_files import IdentificationResult
 
 
@@ -63,7 +63,8 @@ def export(
 
 def _parameters(found: "IdentificationResult", raw: bool, where: Path) -> "InertialParameters":
     """Return what to export, or say why there is nothing."""
-    from cpid_drake.inertia import PARAMETER_NAMES, InertialParameters
+    from cpid_drake.dynamics.inertia import InertialParameters
+    from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 
     unknown = [name for name, value in zip(PARAMETER_NAMES, found.parameters) if value != value]
     if unknown:

@@ -28,8 +28,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.regressors import relative_regressor
-from cpid_drake.relative_motion import RelativeDynamics
+from cpid_drake.dynamics.relative_motion import RelativeDynamics
+from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.sensors import SENSOR_NAMES, Measurements, SensorSuite
 
 PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (

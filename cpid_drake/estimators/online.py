@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimators.momentum_filter import (
     ANGULAR,
@@ -31,7 +32,6 @@ from cpid_drake.estimators.momentum_filter import (
 )
 from cpid_drake.estimators.trajectory_fit import TrajectoryFit, fit_trajectory
 from cpid_drake.estimators.trajectory_model import TrajectoryModel
-from cpid_drake.kinematics import KinematicTree
 from cpid_drake.sensors import Measurements, Samples
 from cpid_drake.smoothing import smooth_joints
 

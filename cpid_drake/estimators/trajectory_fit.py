@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
+from cpid_drake.dynamics.parameterizations import (
+    pseudo_inertia_to_standard,
+    standard_to_pseudo_inertia,
+)
+from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimators.least_squares import KNOWN
 from cpid_drake.estimators.momentum_filter import psi_scale
 from cpid_drake.estimators.trajectory_model import Trajectory, TrajectoryModel, TrajectoryState
-from cpid_drake.inertia import pseudo_inertia_to_standard, standard_to_pseudo_inertia
-from cpid_drake.momentum_sensitivity import BodyUncertainty
 
 HUBER = 2.5
 """From so many σ of one sample (its three axes together) on, the robust loss grows linearly."""

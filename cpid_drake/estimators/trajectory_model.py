@@ -19,21 +19,21 @@ from scipy.interpolate import CubicSpline, PPoly
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.errors import InputError
-from cpid_drake.inertia import parameters_to_standard, relative_unknowns
-from cpid_drake.kinematics import KinematicTree, rotate
-from cpid_drake.momentum_sensitivity import (
+from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_unknowns
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.sensitivity import (
     BodyUncertainty,
     MotionSensitivity,
     body_sensitivity,
     joint_sensitivity,
     with_target,
 )
-from cpid_drake.regressors import skew
-from cpid_drake.relative_motion import relative_dynamics
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.errors import InputError
 from cpid_drake.sensors import Measurements, SensorSuite
 from cpid_drake.smoothing import JointSpline, measured_by
-from cpid_drake.telemetry import Telemetry
 
 BASE_SENSORS = ("attitude", "gyro", "position", "velocity")
 

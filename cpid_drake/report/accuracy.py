@@ -8,7 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from cpid_drake.inertia import PARAMETER_NAMES
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.report.style import COLORS, saved_figure
 from cpid_drake.studies.accuracy import Accuracy, AccuracyStudy
 

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.report.convergence import Convergence
 from cpid_drake.report.evidence import Evidence
 from cpid_drake.report.style import COLORS, INK, inline_svg, label_axes, saved_figure

@@ -11,9 +11,11 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification import row_family
-from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS, InertialParameters
 from cpid_drake.noise_estimation import estimate_suite
 from cpid_drake.report.convergence import Convergence, converge
 from cpid_drake.report.evidence import Evidence, identify_file, request_of_result
@@ -33,7 +35,6 @@ from cpid_drake.result_files import IdentificationResult, read_result, result_te
 from cpid_drake.run_files import versions
 from cpid_drake.sensors import SENSOR_NAMES, screen
 from cpid_drake.smoothing import smooth
-from cpid_drake.telemetry import Telemetry
 from cpid_drake.telemetry_identification import complete_samples, of_spacecraft
 from cpid_drake.whiteness import whiteness
 

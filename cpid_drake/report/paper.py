@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from cpid_drake.inertia import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.report.scene import render_scenario
 from cpid_drake.report.style import COLORS, label_axes, saved_figure
 from cpid_drake.studies.paper import (

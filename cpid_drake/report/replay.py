@@ -14,9 +14,10 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification
-from cpid_drake.inertia import InertialParameters
 from cpid_drake.simulation import Simulation
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.systems.scene_visualizer import (
@@ -28,7 +29,6 @@ from cpid_drake.systems.scene_visualizer import (
     prepare_meshcat,
     shapeless_bodies,
 )
-from cpid_drake.telemetry import Telemetry
 
 _OVERLAY = Path(__file__).with_name("replay_overlay.html")
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.inertia import InertialParameters
 from cpid_drake.report.evidence import Request, identify_file
 from cpid_drake.report.identification_page import (
     Findings,

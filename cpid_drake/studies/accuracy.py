@@ -17,14 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, chi2
 
-from cpid_drake.base_motion import BaseTrajectory, propagate_base
+from cpid_drake.dynamics.base_motion import BaseTrajectory, propagate_base
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.joint_motion import JointMotion
+from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification, row_family
-from cpid_drake.inertia import InertialParameters, relative_unknowns
-from cpid_drake.kinematics import KinematicTree
-from cpid_drake.momentum_sensitivity import BodyUncertainty, disturbed
-from cpid_drake.motion.joint_motion import JointMotion
-from cpid_drake.relative_motion import relative_dynamics
 from cpid_drake.scenario import Scenario, SpacecraftConfig
 from cpid_drake.sensor_files import load_sensors
 from cpid_drake.sensor_identification import (
@@ -40,7 +42,6 @@ from cpid_drake.sensor_identification import (
 from cpid_drake.sensors import Measurements, SensorSuite, add_noise, perfect_measurements, screen
 from cpid_drake.smoothing import smooth
 from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.telemetry import Telemetry
 
 Z95 = 1.959964
 """Half-width of a 95 % interval, in σ."""

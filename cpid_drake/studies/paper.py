@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification, identify
-from cpid_drake.inertia import InertialParameters
-from cpid_drake.momentum import total_momentum
 from cpid_drake.scenario import Scenario
 from cpid_drake.simulation import Simulation, make_simulation
-from cpid_drake.telemetry import Telemetry
 
 PAPER_TARGET = InertialParameters(100.0, [0.4330127, 0.0, 0.0], np.diag([20.0, 30.0, 10.0]))
 """The true target of Ning et al. 2016, Table 1: only with it do the paper's results compare."""

@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from cpid_drake.motion.joint_motion import JointMotion
+from cpid_drake.dynamics.joint_motion import JointMotion
 
 
 class JointMotionSource(LeafSystem):

@@ -13,10 +13,11 @@ from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from cpid_drake.appearance import has_shape, inertia_ellipsoid
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.inertia import InertialParameters
-from cpid_drake.kinematics import propagate
-from cpid_drake.momentum import angular_momentum, linear_momentum
 from cpid_drake.scene_layers import (
     ABOVE,
     Bodies,
@@ -33,7 +34,6 @@ from cpid_drake.scene_layers import (
 from cpid_drake.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier
 from cpid_drake.systems.plant_scratch import PlantScratch
-from cpid_drake.telemetry import Telemetry
 
 FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]."""

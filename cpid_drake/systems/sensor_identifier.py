@@ -12,11 +12,11 @@ from pydrake.systems.framework import (
     State,
 )
 
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.estimators.momentum_filter import FILTER_ORDER, FilterState
 from cpid_drake.estimators.online import OnlineState
 from cpid_drake.identification import Identification
-from cpid_drake.inertia import InertialParameters
 from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.sensors import SensorSuite, check_sensors, sample_widths
 from cpid_drake.spacecraft import Spacecraft

@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
-from cpid_drake.base_motion import propagate_base
+from cpid_drake.dynamics.base_motion import propagate_base
 
 
 def main() -> None:

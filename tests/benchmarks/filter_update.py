@@ -23,7 +23,7 @@ import time
 import numpy as np
 
 from cpid_drake import MomentumIdentifier, Telemetry, load_scenario, load_sensors, shipped_scenario
-from cpid_drake.base_motion import propagate_base
+from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.estimators.momentum_filter import FilterState, MomentumFilter
 from cpid_drake.estimators.online import OnlineEstimator, in_order
 from cpid_drake.estimators.recursive import empty_root

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, read_telemetry, write_telemetry
-from cpid_drake.inertia import PARAMETER_NAMES
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.resources import models_directory
 from cpid_drake.result_files import read_result
 

@@ -9,7 +9,7 @@ import pytest
 
 from cpid_drake import identify_from_sensors, load_scenario, load_sensors
 from cpid_drake.cli import main
-from cpid_drake.inertia import PARAMETER_NAMES
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.resources import models_directory
 from cpid_drake.telemetry_files import read_telemetry
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimators.least_squares import solve_least_squares
 from cpid_drake.estimators.observability import describe_unobservable
 from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
-from cpid_drake.momentum import momentum_samples
-from cpid_drake.regressors import ROW_FAMILIES
 
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
 

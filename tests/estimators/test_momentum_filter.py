@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import chi2
 
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
+from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.estimators.momentum_filter import vague_prior
-from cpid_drake.inertia import relative_unknowns
-from cpid_drake.relative_motion import relative_dynamics
 from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.sensors import Samples, add_noise
 from cpid_drake.studies import accuracy

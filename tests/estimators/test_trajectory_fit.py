@@ -17,12 +17,12 @@ from sensing_cases import (
 )
 
 from cpid_drake import InertialParameters, InputError
+from cpid_drake.dynamics.parameterizations import relative_unknowns, standard_to_pseudo_inertia
+from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
 from cpid_drake.estimators import trajectory_fit
 from cpid_drake.estimators.momentum_filter import vague_prior
 from cpid_drake.estimators.trajectory_fit import LogCholesky, fit_trajectory, marginal
 from cpid_drake.estimators.trajectory_model import TrajectoryModel
-from cpid_drake.inertia import relative_unknowns, standard_to_pseudo_inertia
-from cpid_drake.momentum_sensitivity import BodyUncertainty, disturbed
 from cpid_drake.sensor_identification import (
     cramer_rao_bound,
     fit_measurements,

@@ -247,7 +247,7 @@ def test_contexts_in_two_threads_do_not_disturb_each_other(servicer, skewed_targ
 def test_an_unknown_momentum_is_estimated_along(servicer, skewed_target, rows, size):
     """Online as in batch: its unknowns lead the triangle, and the rest is the target's problem."""
     from cpid_drake import HalfCosine, Telemetry
-    from cpid_drake.base_motion import propagate_base
+    from cpid_drake.dynamics.base_motion import propagate_base
 
     rng = np.random.default_rng(43)
     arms = HalfCosine(rng.uniform(-1, 1, 12), rng.uniform(-1, 1, 12), duration=10.0)

@@ -13,7 +13,7 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.momentum import total_momentum
+from cpid_drake.dynamics.momentum import total_momentum
 
 
 def run(knows_target: bool):

@@ -6,10 +6,10 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, RPY, small_craft, true_psi, true_telemetry
 
 from cpid_drake import HalfCosine, InertialParameters
-from cpid_drake.base_motion import base_twist, known_dynamics
-from cpid_drake.kinematics import rotate
+from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
+from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
+from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.known_bodies import KnownBodies
-from cpid_drake.relative_motion import RelativeDynamics, relative_dynamics
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, InputError
-from cpid_drake.inertia import (
+from cpid_drake.dynamics.parameterizations import (
     EQ18,
     STANDARD,
     point_mass_inertia,

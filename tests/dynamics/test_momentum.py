@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.base_motion import zero_momentum_base_twist
-from cpid_drake.kinematics import propagate, rotate
-from cpid_drake.momentum import (
+from cpid_drake.dynamics.base_motion import zero_momentum_base_twist
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import (
     angular_momentum,
     linear_momentum,
     momentum_samples,
     target_momentum,
     total_momentum,
 )
+from cpid_drake.dynamics.rotations import rotate
 
 
 def drake_momentum(plant, states, points):

@@ -14,14 +14,14 @@ from cpid_drake import (
     initial_state,
     make_simulation,
 )
-from cpid_drake.base_motion import (
+from cpid_drake.dynamics.base_motion import (
     base_twist,
     base_twist_sensitivity,
     known_dynamics,
     propagate_base,
     target_spatial_inertia,
 )
-from cpid_drake.momentum import total_momentum
+from cpid_drake.dynamics.momentum import total_momentum
 
 TUMBLE = np.array([3.0, -2.0, 4.0, 1.5, -0.8, 0.6])  # [L; P] about W's origin, in W
 

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.inertia import InertialParameters
-from cpid_drake.kinematics import BodyMotion, CaptureMotion, KinematicTree, cross, propagate, rotate
-from cpid_drake.telemetry import Telemetry
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, propagate
+from cpid_drake.dynamics.rotations import cross, rotate
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
 
 
 @dataclass(frozen=True)

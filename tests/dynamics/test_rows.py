@@ -7,11 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import HalfCosine, InertialParameters, InputError, Telemetry, identify
-from cpid_drake.base_motion import propagate_base
-from cpid_drake.inertia import tensor_to_vector
-from cpid_drake.kinematics import CaptureMotion, propagate, rotate
-from cpid_drake.momentum import MomentumSamples, momentum_samples, target_momentum
-from cpid_drake.regressors import (
+from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.kinematics import CaptureMotion, propagate
+from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples, target_momentum
+from cpid_drake.dynamics.parameterizations import tensor_to_vector
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rows import (
     RELATIVE_ROWS,
     ROW_FAMILIES,
     STANDARD_ROWS,
@@ -22,7 +23,6 @@ from cpid_drake.regressors import (
     instantaneous_rows,
     linear_rows,
     relative_rows,
-    skew,
     standard_rows,
     unknowns_to_world,
 )

@@ -20,13 +20,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.joint_motion import JointMotion
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
+from cpid_drake.dynamics.parameterizations import vector_to_tensor
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
-from cpid_drake.inertia import InertialParameters, vector_to_tensor
-from cpid_drake.kinematics import KinematicTree, propagate, rotate
-from cpid_drake.momentum import angular_momentum, linear_momentum
-from cpid_drake.motion.joint_motion import JointMotion
-from cpid_drake.regressors import skew
-from cpid_drake.telemetry import Telemetry
 
 
 @dataclass(frozen=True)

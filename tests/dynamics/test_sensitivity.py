@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import small_craft
 
 from cpid_drake import InertialParameters, Telemetry
-from cpid_drake.inertia import relative_unknowns
-from cpid_drake.kinematics import KinematicTree, propagate
-from cpid_drake.momentum import angular_momentum, linear_momentum, target_momentum
-from cpid_drake.momentum_sensitivity import (
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, target_momentum
+from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.sensitivity import (
     BodyUncertainty,
     body_sensitivity,
     disturbed,
@@ -19,7 +20,7 @@ from cpid_drake.momentum_sensitivity import (
     stretched_inertia_rate,
     with_target,
 )
-from cpid_drake.relative_motion import relative_dynamics
+from cpid_drake.dynamics.tree import KinematicTree
 
 N = 5
 STRETCHED = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]  # Exx, Eyy, Ezz, Exy, Exz, Eyz

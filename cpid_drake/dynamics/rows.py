@@ -22,7 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.inertia import (
+from cpid_drake.dynamics.momentum import MomentumSamples
+from cpid_drake.dynamics.parameterizations import (
     EQ18,
     STANDARD,
     UnknownVector,
@@ -30,32 +31,11 @@ from cpid_drake.inertia import (
     tensor_to_vector,
     vector_to_tensor,
 )
-from cpid_drake.momentum import MomentumSamples
+from cpid_drake.dynamics.rotations import linear_form, skew
 
 Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Rows A (N, 6, 10) and right-hand sides b (N, 6)."""
-
-
-def _linear_form(columns: int, entries: dict[tuple[int, int], tuple[int, float]]) -> NDArray:
-    """Return the matrix (3, 3 columns) that makes v the matrix with these entries ±v_k."""
-    form = np.zeros((3, 3, columns))
-    for (row, column), (k, sign) in entries.items():
-        form[k, row, column] = sign
-    return form.reshape(3, -1)
-
-
-_SKEW = _linear_form(
-    3,
-    {
-        (0, 1): (2, -1.0),
-        (0, 2): (1, 1.0),
-        (1, 2): (0, -1.0),
-        (1, 0): (2, 1.0),
-        (2, 0): (1, -1.0),
-        (2, 1): (0, 1.0),
-    },
-)
-_INERTIA_OPERATOR = _linear_form(
+_INERTIA_OPERATOR = linear_form(
     6,
     {
         (0, 0): (0, 1.0),
@@ -69,12 +49,6 @@ _INERTIA_OPERATOR = _linear_form(
         (2, 5): (2, 1.0),
     },
 )
-
-
-def skew(v: ArrayLike) -> NDArray[np.float64]:
-    """Return ṽ (..., 3, 3) with ṽ u = v × u (Ning et al. 2016, Eq. 8)."""
-    v = np.asarray(v, dtype=float)
-    return (v @ _SKEW).reshape(*v.shape, 3)
 
 
 def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:

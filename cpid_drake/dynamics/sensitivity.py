@@ -17,10 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.kinematics import BodyMotion, KinematicTree, TreeBody, propagate, rotate
-from cpid_drake.regressors import skew
-from cpid_drake.relative_motion import RelativeDynamics
-from cpid_drake.telemetry import Telemetry
+from cpid_drake.dynamics.kinematics import BodyMotion, propagate
+from cpid_drake.dynamics.relative_motion import RelativeDynamics
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ def body_sensitivity(
 
 def with_target(tree: KinematicTree, phi: NDArray[np.float64]) -> KinematicTree:
     """Return the tree with a target of standard vector φ (10,) welded on C, as its last body."""
-    from cpid_drake.inertia import point_mass_inertia, vector_to_tensor
+    from cpid_drake.dynamics.parameterizations import point_mass_inertia, vector_to_tensor
 
     mass, com = phi[0], phi[1:4] / phi[0]
     target = TreeBody(

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.kinematics import propagate, turned
-from cpid_drake.momentum import angular_momentum, linear_momentum
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
+from cpid_drake.dynamics.rotations import turned
 
 
 @pytest.fixture(scope="module")

@@ -20,10 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.base_motion import KnownDynamics, known_dynamics
-from cpid_drake.inertia import vector_to_tensor
-from cpid_drake.kinematics import KinematicTree, rotate
-from cpid_drake.regressors import relative_regressor, skew
+from cpid_drake.dynamics.base_motion import KnownDynamics, known_dynamics
+from cpid_drake.dynamics.parameterizations import vector_to_tensor
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rows import relative_regressor
+from cpid_drake.dynamics.tree import KinematicTree
 
 
 @dataclass(frozen=True)

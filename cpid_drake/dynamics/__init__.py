@@ -1,0 +1,1 @@
+"""Rigid-body dynamics in plain NumPy: inertia, kinematics, momentum and momentum rows."""

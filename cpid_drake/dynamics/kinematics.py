@@ -1,0 +1,127 @@
+"""Recursive kinematics of a tree of bodies, batched over samples (Ning et al. 2016, Eqs. 1-3).
+
+Plain NumPy over arrays that `Spacecraft` reads once from its Drake plant, so it is both the fast
+route for many samples and one that is independent of Drake's own kinematics.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.dynamics.rotations import cross, product, turned
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """Pose and velocity of K bodies at N samples, all in W.
+
+    Attributes:
+        R: (K, N, 3, 3) attitudes R_WB of the bodies.
+        r: (K, N, 3) centres of mass [m]; the paper's r_k.
+        w: (K, N, 3) angular velocities [rad/s].
+        v: (K, N, 3) velocities of the centres of mass [m/s].
+
+    """
+
+    R: NDArray[np.float64]
+    r: NDArray[np.float64]
+    w: NDArray[np.float64]
+    v: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CaptureMotion:
+    """Pose and velocity of the capture frame C at N samples.
+
+    Attributes:
+        R_WC: (N, 3, 3) attitude; the paper's A_n.
+        p_WC: (N, 3) position of C's origin in W [m]; the paper's d_no.
+        w_WC: (N, 3) angular velocity in W [rad/s].
+        v_WC: (N, 3) velocity of C's origin in W [m/s].
+
+    """
+
+    R_WC: NDArray[np.float64]
+    p_WC: NDArray[np.float64]
+    w_WC: NDArray[np.float64]
+    v_WC: NDArray[np.float64]
+
+
+def angular_velocity(w_m: ArrayLike, H_k: ArrayLike, qdot_k: ArrayLike) -> NDArray[np.float64]:
+    """ω_k = ω_m + H_k q̇_k (Ning et al. 2016, Eq. 1).
+
+    Args:
+        w_m: (N, 3) angular velocity of the inboard body m, in W [rad/s].
+        H_k: (N, 3) unit vector of joint k's axis, in W; zero for a sliding joint.
+        qdot_k: (N,) joint rate [rad/s].
+
+    """
+    return np.asarray(w_m) + np.asarray(H_k) * np.asarray(qdot_k)[:, None]
+
+
+def centroid_position(r_m: ArrayLike, b_m: ArrayLike, c_k: ArrayLike) -> NDArray[np.float64]:
+    """r_k = r_m + b_m + c_k (Ning et al. 2016, Eq. 2).
+
+    Args:
+        r_m: (N, 3) centre of mass of the inboard body m, in W [m].
+        b_m: (N, 3) from m's centre of mass to joint k, in W [m].
+        c_k: (N, 3) from joint k to body k's centre of mass, in W [m].
+
+    """
+    return np.asarray(r_m) + np.asarray(b_m) + np.asarray(c_k)
+
+
+def centroid_velocity(
+    v_m: ArrayLike, w_m: ArrayLike, b_m: ArrayLike, w_k: ArrayLike, c_k: ArrayLike
+) -> NDArray[np.float64]:
+    """v_k = v_m + ω_m × b_m + ω_k × c_k (Ning et al. 2016, Eq. 3). All (N, 3), in W."""
+    return np.asarray(v_m) + cross(w_m, b_m) + cross(w_k, c_k)
+
+
+def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, CaptureMotion]:
+    """Walk the tree outwards from the base and return the motion of every body and of C.
+
+    Sliding joints are an extension of the paper: the joint point moves on the inboard body by
+    axis · q, so that b_m grows by it and v_k gains axis · q̇.
+
+    Source: Ning et al. 2016, Eqs. 1-3.
+    """
+    K, N = len(tree.bodies), len(telemetry)
+    R, r, w, v = np.empty((K, N, 3, 3)), *(np.empty((K, N, 3)) for _ in range(3))
+    for k, body in enumerate(tree.bodies):
+        m = body.parent
+        if m < 0:
+            R[k], w[k] = telemetry.R_WB, telemetry.w_WB
+            c_k = product(R[k], body.p_BBcm)
+            r[k] = telemetry.p_WB + c_k
+            v[k] = telemetry.v_WB + cross(w[k], c_k)
+            continue
+        R_WF = product(R[m], body.R_PF)
+        b_m = product(R[m], body.p_PF - tree.bodies[m].p_BBcm)
+        H_k, rate, slide = np.zeros((N, 3)), np.zeros(N), 0.0
+        if body.joint < 0:
+            R_WM = R_WF
+        else:
+            q_k, qdot_k = telemetry.q[:, body.joint], telemetry.qdot[:, body.joint]
+            axis = product(R_WF, body.axis_F)
+            if body.prismatic:
+                R_WM = R_WF
+                b_m = b_m + axis * q_k[:, None]
+                slide = axis * qdot_k[:, None]
+            else:
+                R_WM = turned(R_WF, body.axis_F, q_k)
+                H_k, rate = axis, qdot_k
+        R[k] = product(R_WM, body.R_MB)
+        c_k = product(R_WM, body.p_MB) + product(R[k], body.p_BBcm)
+        w[k] = angular_velocity(w[m], H_k, rate)
+        r[k] = centroid_position(r[m], b_m, c_k)
+        v[k] = centroid_velocity(v[m], w[m], b_m, w[k], c_k) + slide
+
+    n_i = tree.capture_body
+    R_WC = product(R[n_i], tree.R_BC)
+    b_ni = product(R[n_i], tree.p_BC - tree.bodies[n_i].p_BBcm)
+    v_WC = v[n_i] + cross(w[n_i], b_ni)
+    return BodyMotion(R, r, w, v), CaptureMotion(R_WC, r[n_i] + b_ni, w[n_i].copy(), v_WC)

@@ -1,0 +1,186 @@
+"""The vectors of ten that hold a target's inertial parameters, and the maps between them.
+
+Three vectors of ten hold the same ten numbers; the functions here are the only place that converts
+between them:
+
+- **parameters** π = (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz): what is reported;
+- **eq18** θ = (1/m, c, I11, I12, I13, I22, I23, I33): the unknowns of Ning et al. 2016, Eq. 18;
+- **standard** φ = (m, h, J11, J12, J13, J22, J23, J33), h = m c: the unknowns that the
+  pseudo-inertia, and the momentum itself, are linear in.
+
+Here c is `p_CTcm_C` (target's centre of mass Tcm from the capture point, in the capture frame C)
+[m], I is `I_TTcm_C` (about Tcm, in C) and J is `I_TC_C` (about C's origin, in C) [kg·m²]. Products
+of inertia are tensor entries: I12 = −∫xy dm.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+PARAMETER_NAMES = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+"""Names of the entries of the parameter vector π, in its order."""
+
+PARAMETER_UNITS = ("kg", "m", "m", "m") + 6 * ("kg·m²",)
+"""Units of the entries of the parameter vector π, in its order."""
+
+_ROW, _COLUMN = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
+REPORT_ORDER = np.array([0, 3, 5, 1, 2, 4])  # (11, 12, 13, 22, 23, 33) -> (xx, yy, zz, xy, xz, yz)
+TENSOR_ORDER = np.argsort(REPORT_ORDER)
+
+
+def tensor_to_vector(tensor: ArrayLike) -> NDArray[np.float64]:
+    """Return [I#] = (I11, I12, I13, I22, I23, I33) of symmetric (..., 3, 3) tensors.
+
+    Source: Ning et al. 2016, Eq. 12.
+    """
+    return np.asarray(tensor, dtype=float)[..., _ROW, _COLUMN]
+
+
+def vector_to_tensor(vector: ArrayLike) -> NDArray[np.float64]:
+    """Return the symmetric (..., 3, 3) tensors of vectors (I11, I12, I13, I22, I23, I33).
+
+    Source: Ning et al. 2016, Eq. 13.
+    """
+    vector = np.asarray(vector, dtype=float)
+    tensor = np.empty((*vector.shape[:-1], 3, 3))
+    tensor[..., _ROW, _COLUMN] = vector
+    tensor[..., _COLUMN, _ROW] = vector
+    return tensor
+
+
+def point_mass_inertia(mass: float, p: ArrayLike) -> NDArray[np.float64]:
+    """Return m (|p|² 1 − p pᵀ): the (3, 3) inertia about the origin of a mass [kg] at p [m]."""
+    p = np.asarray(p, dtype=float)
+    return mass * (p @ p * np.eye(3) - np.outer(p, p))
+
+
+def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
+    """Return π (10,) of an Eq. 18 vector θ (10,). NaN stays NaN, entry by entry."""
+    theta = np.asarray(theta, dtype=float)
+    with np.errstate(divide="ignore"):
+        return np.concatenate([1.0 / theta[:1], theta[1:4], theta[4:][REPORT_ORDER]])
+
+
+def parameters_to_eq18(parameters: ArrayLike) -> NDArray[np.float64]:
+    """Return the Eq. 18 vector θ (10,) of π (10,); the inverse of `eq18_to_parameters`."""
+    parameters = np.asarray(parameters, dtype=float)
+    with np.errstate(divide="ignore"):
+        return np.concatenate([1 / parameters[:1], parameters[1:4], parameters[4:][TENSOR_ORDER]])
+
+
+def standard_to_parameters(phi: ArrayLike) -> NDArray[np.float64]:
+    """Return π (10,) of a standard vector φ (10,). NaN where an entry it depends on is NaN."""
+    phi = np.asarray(phi, dtype=float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        com = phi[1:4] / phi[0]
+        moments = tensor_to_vector(vector_to_tensor(phi[4:]) - point_mass_inertia(phi[0], com))
+    return np.concatenate([phi[:1], com, moments[REPORT_ORDER]])
+
+
+def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
+    """Return the standard vector φ (10,) of π (10,); the inverse of `standard_to_parameters`."""
+    parameters = np.asarray(parameters, dtype=float)
+    mass, com = parameters[0], parameters[1:4]
+    shift = tensor_to_vector(point_mass_inertia(mass, com))
+    return np.concatenate([[mass], mass * com, parameters[4:][TENSOR_ORDER] + shift])
+
+
+def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (4, 4) pseudo-inertia [½tr(J)1 − J, h; hᵀ, m] of a standard vector (10,)."""
+    inertia = vector_to_tensor(phi[4:])
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    pseudo[:3, 3] = pseudo[3, :3] = phi[1:4]
+    pseudo[3, 3] = phi[0]
+    return pseudo
+
+
+def pseudo_inertia_to_standard(pseudo: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the standard vector (10,) of a (4, 4) pseudo-inertia; both are linear in the other."""
+    second_moment = pseudo[:3, :3]
+    inertia = np.trace(second_moment) * np.eye(3) - second_moment
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor_to_vector(inertia)])
+
+
+def eq18_jacobian(theta: ArrayLike) -> NDArray[np.float64]:
+    """Return ∂π/∂θ (10, 10) at an Eq. 18 vector θ (10,)."""
+    theta = np.asarray(theta, dtype=float)
+    jacobian = np.zeros((10, 10))
+    jacobian[0, 0] = -1.0 / theta[0] ** 2
+    jacobian[1:4, 1:4] = np.eye(3)
+    jacobian[4 + np.arange(6), 4 + REPORT_ORDER] = 1.0
+    return jacobian
+
+
+def standard_jacobian(phi: ArrayLike) -> NDArray[np.float64]:
+    """Return ∂π/∂φ (10, 10) at a standard vector φ (10,)."""
+    phi = np.asarray(phi, dtype=float)
+    mass, h = phi[0], phi[1:4]
+    jacobian = np.zeros((10, 10))
+    jacobian[0, 0] = 1.0
+    jacobian[1:4, 0] = -h / mass**2
+    jacobian[1:4, 1:4] = np.eye(3) / mass
+    # I = J − (|h|² 1 − h hᵀ)/m
+    jacobian[4:, 0] = tensor_to_vector(point_mass_inertia(1.0, h) / mass**2)[REPORT_ORDER]
+    for k, unit in enumerate(np.eye(3)):
+        derivative = 2 * h[k] * np.eye(3) - np.outer(unit, h) - np.outer(h, unit)
+        jacobian[4:, 1 + k] = tensor_to_vector(-derivative / mass)[REPORT_ORDER]
+    jacobian[4 + np.arange(6), 4 + REPORT_ORDER] = 1.0
+    return jacobian
+
+
+@dataclass(frozen=True)
+class UnknownVector:
+    """A vector of ten that some row family is linear in, and its way back to the parameters π."""
+
+    name: str
+    entries: tuple[str, ...]
+    to_parameters: Callable[[ArrayLike], NDArray[np.float64]]
+    from_parameters: Callable[[ArrayLike], NDArray[np.float64]]
+    jacobian: Callable[[ArrayLike], NDArray[np.float64]]
+
+
+_TENSOR_ENTRIES = ("11", "12", "13", "22", "23", "33")
+EQ18 = UnknownVector(
+    "eq18",
+    ("1/m", "cx", "cy", "cz", *("I" + ij for ij in _TENSOR_ENTRIES)),
+    eq18_to_parameters,
+    parameters_to_eq18,
+    eq18_jacobian,
+)
+STANDARD = UnknownVector(
+    "standard",
+    ("m", "m·cx", "m·cy", "m·cz", *("J" + ij for ij in _TENSOR_ENTRIES)),
+    standard_to_parameters,
+    parameters_to_standard,
+    standard_jacobian,
+)
+
+
+def relative_unknowns(known_mass: float) -> UnknownVector:
+    """Return the unknowns (μ, μc, I_*) of the relative rows, for known bodies of this mass [kg].
+
+    μ = m_k m/(m_k + m) is the reduced mass and I_* = I + μ (|c|² 1 − c cᵀ): the standard vector of
+    a body of mass μ in the target's place.
+    """
+
+    def to_parameters(psi: ArrayLike) -> NDArray[np.float64]:
+        parameters = standard_to_parameters(psi)
+        with np.errstate(divide="ignore"):
+            parameters[0] *= known_mass / (known_mass - parameters[0])
+        return parameters
+
+    def from_parameters(parameters: ArrayLike) -> NDArray[np.float64]:
+        parameters = np.array(parameters, dtype=float)
+        parameters[0] *= known_mass / (known_mass + parameters[0])
+        return parameters_to_standard(parameters)
+
+    def jacobian(psi: ArrayLike) -> NDArray[np.float64]:
+        result = standard_jacobian(psi)
+        result[0] *= (known_mass / (known_mass - np.asarray(psi)[0])) ** 2
+        return result
+
+    entries = ("μ", "μ·cx", "μ·cy", "μ·cz", *("I*" + ij for ij in _TENSOR_ENTRIES))
+    return UnknownVector("relative", entries, to_parameters, from_parameters, jacobian)

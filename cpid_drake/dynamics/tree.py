@@ -1,0 +1,110 @@
+"""The known bodies as a tree of joints, in plain NumPy."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.parameterizations import point_mass_inertia
+
+
+@dataclass(frozen=True)
+class TreeBody:
+    """One body k of the tree and the joint that carries it on its inboard body m.
+
+    Attributes:
+        name: the body's name.
+        parent: index of the inboard body in the tree; −1 for the base.
+        joint: column of the joint in q, or −1 where the body is welded.
+        prismatic: whether the joint slides along its axis (else it turns about it).
+        axis_F: (3,) unit vector of the joint's axis, the same in F and in M.
+        R_PF, p_PF: pose of the joint's inboard frame F, fixed on the inboard body P.
+        R_MB, p_MB: pose of this body's frame B in the joint's outboard frame M.
+        mass: [kg].
+        p_BBcm: (3,) centre of mass in the body's frame [m].
+        I_BBcm: (3, 3) inertia about the centre of mass in the body's frame [kg·m²].
+
+    """
+
+    name: str
+    parent: int
+    joint: int
+    prismatic: bool
+    axis_F: NDArray[np.float64]
+    R_PF: NDArray[np.float64]
+    p_PF: NDArray[np.float64]
+    R_MB: NDArray[np.float64]
+    p_MB: NDArray[np.float64]
+    mass: float
+    p_BBcm: NDArray[np.float64]
+    I_BBcm: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class KinematicTree:
+    """The known bodies, inboard before outboard, and the capture frame C on one of them."""
+
+    bodies: tuple[TreeBody, ...]
+    capture_body: int
+    R_BC: NDArray[np.float64]
+    p_BC: NDArray[np.float64]
+
+    @cached_property
+    def lumped(self) -> "KinematicTree":
+        """The same tree with bodies that are welded together as one: the same momentum, sooner."""
+        lumps: list[TreeBody] = []
+        where: list[tuple[int, NDArray, NDArray]] = []  # of each body: its lump, and its pose there
+        for body in self.bodies:
+            R_PB, p_PB = body.R_PF @ body.R_MB, body.p_PF + body.R_PF @ body.p_MB
+            if body.parent < 0:
+                where.append((0, np.eye(3), np.zeros(3)))
+                lumps.append(body)
+                continue
+            lump, R_LP, p_LP = where[body.parent]
+            if body.joint < 0:
+                where.append((lump, R_LP @ R_PB, p_LP + R_LP @ p_PB))
+                lumps[lump] = _joined(lumps[lump], body, *where[-1][1:])
+                continue
+            where.append((len(lumps), np.eye(3), np.zeros(3)))
+            p_LF = p_LP + R_LP @ body.p_PF
+            lumps.append(replace(body, parent=lump, R_PF=R_LP @ body.R_PF, p_PF=p_LF))
+        lump, R_LB, p_LB = where[self.capture_body]
+        return KinematicTree(tuple(lumps), lump, R_LB @ self.R_BC, p_LB + R_LB @ self.p_BC)
+
+    def is_rotor(self, joint: int) -> bool:
+        """Return whether a joint's angle makes no difference, as a reaction wheel's.
+
+        It turns a single body that carries nothing and is balanced about the axis: its centre of
+        mass on it, its inertia about it symmetric (to 1e-6 of its size).
+        """
+        [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
+        body, axis = self.bodies[k], self.bodies[k].axis_F
+        if body.prismatic or k == self.capture_body or any(b.parent == k for b in self.bodies):
+            return False
+        p_MBcm = body.p_MB + body.R_MB @ body.p_BBcm
+        off_axis = p_MBcm - axis * (axis @ p_MBcm)
+        I_M = body.R_MB @ body.I_BBcm @ body.R_MB.T
+        about = axis @ I_M @ axis
+        across = (np.trace(I_M) - about) / 2
+        balanced = about * np.outer(axis, axis) + across * (np.eye(3) - np.outer(axis, axis))
+        size = np.trace(I_M)
+        return bool(
+            body.mass * off_axis @ off_axis <= 1e-6 * size
+            and np.abs(I_M - balanced).max() <= 1e-6 * size
+        )
+
+
+def _joined(
+    lump: TreeBody, body: TreeBody, R_LB: NDArray[np.float64], p_LB: NDArray[np.float64]
+) -> TreeBody:
+    """Return a lump with a body added that is fixed in its frame L."""
+    mass = lump.mass + body.mass
+    if not body.mass > 0:
+        return lump
+    coms = np.stack([lump.p_BBcm, p_LB + R_LB @ body.p_BBcm])
+    com = np.array([lump.mass, body.mass]) @ coms / mass
+    inertia = lump.I_BBcm + R_LB @ body.I_BBcm @ R_LB.T
+    for part, place in zip((lump.mass, body.mass), coms):
+        inertia = inertia + point_mass_inertia(part, place - com)
+    return replace(lump, mass=mass, p_BBcm=com, I_BBcm=inertia)

@@ -1,1 +1,0 @@
-"""Joint motions: what the arms are commanded to do."""
