@@ -22,14 +22,14 @@ from cpid_drake.dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.export import export_target
 from cpid_drake.identification import Identification, identify
 from cpid_drake.scenario import Scenario, load_scenario, shipped_scenario
 from cpid_drake.sensor_files import load_sensors
 from cpid_drake.sensor_identification import identify_from_sensors
 from cpid_drake.sensors import Measurements, SensorSuite
 from cpid_drake.simulation import Simulation, initial_state, make_simulation
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.export.files import export_target
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource

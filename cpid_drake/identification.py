@@ -19,7 +19,7 @@ from cpid_drake.estimators.least_squares import (
 )
 from cpid_drake.estimators.observability import describe_unobservable
 from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _AT_ONCE = 2048
 """Samples that are made rows of at once: their arrays fit into a processor's cache."""

@@ -21,7 +21,7 @@ from cpid_drake.resources import models_directory, resolve_model
 from cpid_drake.sensor_files import load_sensors, sensor_presets
 from cpid_drake.sensor_identification import check_guess
 from cpid_drake.sensors import SensorSuite, check_sensors
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.yaml_files import choose_from, load_strictly
 
 INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")

@@ -13,9 +13,9 @@ from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, Rgb
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import SpatialInertia
 
-from cpid_drake.appearance import GREY, box_of_inertia, inertia_ellipsoid
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import MomentumSamples, target_momentum
+from cpid_drake.spacecraft.appearance import GREY, box_of_inertia, inertia_ellipsoid
 
 ROOT = "/cpid"
 

@@ -33,10 +33,10 @@ from cpid_drake.estimators.trajectory_fit import (
 )
 from cpid_drake.estimators.trajectory_model import TrajectoryModel
 from cpid_drake.identification import Identification, row_family
-from cpid_drake.known_bodies import KnownBodies
 from cpid_drake.sensors import Measurements, SensorSuite, screen
 from cpid_drake.smoothing import SmoothedMotion, smooth, smooth_joints
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.known_bodies import KnownBodies
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 ESTIMATORS = ("eq18", "standard", "relative", "momentum_filter", "trajectory_fit")
 """Names of the estimators: weighted least squares on three row families, and two that are not."""

@@ -31,7 +31,7 @@ from cpid_drake.sensor_identification import (
 )
 from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, SensorSuite, screen
 from cpid_drake.smoothing import smooth
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.telemetry_checks import check_consistency
 from cpid_drake.whiteness import Whiteness, whiteness
 

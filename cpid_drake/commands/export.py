@@ -36,9 +36,9 @@ def export(
     """Write an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
     from rich.console import Console
 
-    from cpid_drake.export import export_target
     from cpid_drake.result_files import read_result
-    from cpid_drake.spacecraft import Spacecraft
+    from cpid_drake.spacecraft.export.files import export_target
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
 
     found = read_result(result)
     parameters = _parameters(found, raw, result)

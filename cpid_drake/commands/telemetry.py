@@ -35,7 +35,7 @@ def check(
     """
     from cpid_drake.errors import InputError
     from cpid_drake.report.telemetry import contents
-    from cpid_drake.spacecraft import Spacecraft
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
     from cpid_drake.telemetry_checks import check_consistency
     from cpid_drake.telemetry_files import inspect_telemetry
     from cpid_drake.telemetry_identification import check_log, of_spacecraft

@@ -41,7 +41,7 @@ from cpid_drake.sensor_identification import (
 )
 from cpid_drake.sensors import Measurements, SensorSuite, add_noise, perfect_measurements, screen
 from cpid_drake.smoothing import smooth
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Z95 = 1.959964
 """Half-width of a 95 % interval, in σ."""

@@ -6,7 +6,7 @@ from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from cpid_drake.errors import InputError
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 
 

@@ -12,7 +12,6 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
-from cpid_drake.appearance import has_shape, inertia_ellipsoid
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
@@ -31,7 +30,8 @@ from cpid_drake.scene_layers import (
     Trail,
     TrueInertia,
 )
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.appearance import has_shape, inertia_ellipsoid
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier
 from cpid_drake.systems.plant_scratch import PlantScratch
 

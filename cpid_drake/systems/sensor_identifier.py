@@ -19,7 +19,7 @@ from cpid_drake.estimators.online import OnlineState
 from cpid_drake.identification import Identification
 from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.sensors import SensorSuite, check_sensors, sample_widths
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
 from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors, check_port_size
 

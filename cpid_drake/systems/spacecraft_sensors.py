@@ -24,7 +24,7 @@ from cpid_drake.sensors import (
     perfect_value,
     sample_widths,
 )
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 class SpacecraftSensors(LeafSystem):

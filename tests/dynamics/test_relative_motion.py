@@ -9,7 +9,7 @@ from cpid_drake import HalfCosine, InertialParameters
 from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.known_bodies import KnownBodies
+from cpid_drake.spacecraft.known_bodies import KnownBodies
 
 
 @pytest.fixture(scope="module")

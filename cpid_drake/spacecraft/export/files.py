@@ -19,14 +19,14 @@ from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInsta
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import TreeBody
 from cpid_drake.errors import InputError
-from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.target_models import (
+from cpid_drake.spacecraft.export.target_models import (
     FORMATS,
     directives,
     joint_name,
     target_alone,
     target_attached,
 )
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _TOLERANCE = 1e-12
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")

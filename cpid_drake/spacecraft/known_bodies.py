@@ -11,7 +11,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import skew
-from cpid_drake.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 class KnownBodies(threading.local):

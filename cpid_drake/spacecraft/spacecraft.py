@@ -25,15 +25,15 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Context
 
-from cpid_drake.appearance import add_target_appearance
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.errors import InputError
-from cpid_drake.model_checks import check_model
 from cpid_drake.resources import forget_remote_packages, package_map, resolve_model
+from cpid_drake.spacecraft.appearance import add_target_appearance
+from cpid_drake.spacecraft.model_checks import check_model
 
 TARGET_NAME = "captured_target"
 """Name of the target's body and model instance in a simulation plant (with _ if it is taken)."""

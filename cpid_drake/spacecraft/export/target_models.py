@@ -12,8 +12,8 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.spacecraft import Spacecraft
-from cpid_drake.xml_edits import Element, XmlEdits, attribute_text
+from cpid_drake.spacecraft.export.xml_edits import Element, XmlEdits, attribute_text
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml", "drake-yaml": ".dmd.yaml"}
 """What can be written, and how the names of such files end."""

@@ -9,7 +9,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from cpid_drake import InertialParameters, InputError
-from cpid_drake.appearance import inertia_ellipsoid
+from cpid_drake.spacecraft.appearance import inertia_ellipsoid
 
 PAPER_LOOK = "package://cpid_drake_models/paper_target/paper_target.urdf"
 VISUAL = '<visual name="{}"><origin xyz="{}"/><geometry><box size="{}"/></geometry></visual>'

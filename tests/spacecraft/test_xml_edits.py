@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cpid_drake import InputError
-from cpid_drake.xml_edits import XmlEdits
+from cpid_drake.spacecraft.export.xml_edits import XmlEdits
 
 ODD = """\ufeff<?xml version="1.0"?>\r
 <!-- <b name="not me"/> é -->\r

@@ -14,8 +14,8 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, InputError, Spacecraft, identify
-from cpid_drake.export import export_target
-from cpid_drake.target_models import FORMATS
+from cpid_drake.spacecraft.export.files import export_target
+from cpid_drake.spacecraft.export.target_models import FORMATS
 
 SERVICER = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
 RESOLUTION = 1e-12  # of each quantity's size
@@ -575,7 +575,7 @@ FORGERIES = {
 def test_a_file_that_drake_reads_otherwise_is_not_written(
     load, refusal, what, by, words, monkeypatch
 ):
-    from cpid_drake import xml_edits
+    from cpid_drake.spacecraft.export import xml_edits
 
     result = xml_edits.XmlEdits.result
 

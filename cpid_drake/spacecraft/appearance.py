@@ -11,8 +11,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
-from cpid_drake.model_checks import check_model
 from cpid_drake.resources import forget_remote_packages, package_map
+from cpid_drake.spacecraft.model_checks import check_model
 
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
 """Of what has no colour of its own."""

@@ -1,0 +1,1 @@
+"""A target as a model file: URDF, SDF, MJCF or Drake model directives."""
