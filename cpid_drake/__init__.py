@@ -24,9 +24,11 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification, identify
 from cpid_drake.scenario import Scenario, load_scenario, shipped_scenario
-from cpid_drake.sensor_files import load_sensors
+from cpid_drake.sensing.files.telemetry_files import read_telemetry, write_telemetry
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.sensor_identification import identify_from_sensors
-from cpid_drake.sensors import Measurements, SensorSuite
 from cpid_drake.simulation import Simulation, initial_state, make_simulation
 from cpid_drake.spacecraft.export.files import export_target
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -36,7 +38,6 @@ from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.scene_visualizer import SceneVisualizer
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors
-from cpid_drake.telemetry_files import read_telemetry, write_telemetry
 from cpid_drake.telemetry_identification import LogIdentification, identify_log
 
 __all__ = [

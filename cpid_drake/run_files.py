@@ -16,8 +16,8 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.scenario import dump_scenario
+from cpid_drake.sensing.files.telemetry_files import write_telemetry
 from cpid_drake.simulation import Simulation
-from cpid_drake.telemetry_files import write_telemetry
 
 RUN_FILES = (
     *("telemetry.csv", "truth.csv", "truth.json"),

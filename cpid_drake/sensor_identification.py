@@ -33,8 +33,11 @@ from cpid_drake.estimators.trajectory_fit import (
 )
 from cpid_drake.estimators.trajectory_model import TrajectoryModel
 from cpid_drake.identification import Identification, row_family
-from cpid_drake.sensors import Measurements, SensorSuite, screen
-from cpid_drake.smoothing import SmoothedMotion, smooth, smooth_joints
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.smoothing import SmoothedMotion, smooth
+from cpid_drake.sensing.splines import smooth_joints
+from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.known_bodies import KnownBodies
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

@@ -19,7 +19,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification
 from cpid_drake.resources import package_map, resolve_model
 from cpid_drake.scenario import ONLINE_ESTIMATORS, Scenario
-from cpid_drake.sensors import Measurements
+from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController

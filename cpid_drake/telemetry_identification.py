@@ -21,7 +21,12 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimators.least_squares import LeastSquaresSolution
 from cpid_drake.estimators.recursive import solve_root
 from cpid_drake.identification import Identification, accumulate_rows, row_family
-from cpid_drake.noise_estimation import estimate_suite
+from cpid_drake.sensing.files.consistency import check_consistency
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.noise_estimation import estimate_suite
+from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.smoothing import smooth
+from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
 from cpid_drake.sensor_identification import (
     fit_measurements,
     identification_of_filter,
@@ -29,10 +34,7 @@ from cpid_drake.sensor_identification import (
     identify_smoothed,
     online_estimator,
 )
-from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, SensorSuite, screen
-from cpid_drake.smoothing import smooth
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.telemetry_checks import check_consistency
 from cpid_drake.whiteness import Whiteness, whiteness
 
 ESTIMATORS = ("least_squares", "momentum_filter", "trajectory_fit")

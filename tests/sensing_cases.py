@@ -9,15 +9,8 @@ from cpid_drake import InertialParameters, Spacecraft, Telemetry
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import relative_unknowns
 from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.sensors import (
-    AttitudeSensor,
-    Gyro,
-    JointSensor,
-    Measurements,
-    SensorSuite,
-    VectorSensor,
-    perfect_measurements,
-)
+from cpid_drake.sensing.measurements import Measurements, perfect_measurements
+from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, SensorSuite, VectorSensor
 
 MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])
 """Total momentum [L; P] of a tumbling capture about W's origin, in W [N·m·s, N·s]."""

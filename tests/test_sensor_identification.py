@@ -21,21 +21,16 @@ from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import parameters_to_standard
 from cpid_drake.estimators.trajectory_fit import marginal
 from cpid_drake.identification import row_family
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.smoothing import smooth
+from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensor_identification import (
     ESTIMATORS,
     cramer_rao_bound,
     identify_from_sensors,
     identify_smoothed,
 )
-from cpid_drake.sensors import (
-    AttitudeSensor,
-    Gyro,
-    JointSensor,
-    Samples,
-    VectorSensor,
-    add_noise,
-)
-from cpid_drake.smoothing import smooth
 
 DURATION = 8.0
 UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")

@@ -35,9 +35,9 @@ def check(
     """
     from cpid_drake.errors import InputError
     from cpid_drake.report.telemetry import contents
+    from cpid_drake.sensing.files.consistency import check_consistency
+    from cpid_drake.sensing.files.telemetry_files import inspect_telemetry
     from cpid_drake.spacecraft.spacecraft import Spacecraft
-    from cpid_drake.telemetry_checks import check_consistency
-    from cpid_drake.telemetry_files import inspect_telemetry
     from cpid_drake.telemetry_identification import check_log, of_spacecraft
 
     out = Console(markup=False, highlight=False, soft_wrap=True)

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rows import relative_regressor
-from cpid_drake.sensors import SENSOR_NAMES, Measurements, SensorSuite
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
 
 PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (
     slice(0, 10),

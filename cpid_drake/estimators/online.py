@@ -32,8 +32,8 @@ from cpid_drake.estimators.momentum_filter import (
 )
 from cpid_drake.estimators.trajectory_fit import TrajectoryFit, fit_trajectory
 from cpid_drake.estimators.trajectory_model import TrajectoryModel
-from cpid_drake.sensors import Measurements, Samples
-from cpid_drake.smoothing import smooth_joints
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.splines import smooth_joints
 
 FIRST_FIT, NEXT_FIT, LONGEST_FIT = 1.0, 1.3, 60.0
 """When the first fit is made, by what factor later each next one, the last at the latest [s]."""

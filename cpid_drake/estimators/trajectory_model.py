@@ -32,8 +32,9 @@ from cpid_drake.dynamics.sensitivity import (
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
-from cpid_drake.sensors import Measurements, SensorSuite
-from cpid_drake.smoothing import JointSpline, measured_by
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.splines import JointSpline, measured_by
+from cpid_drake.sensing.suite import SensorSuite
 
 BASE_SENSORS = ("attitude", "gyro", "position", "velocity")
 

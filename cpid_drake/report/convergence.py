@@ -10,7 +10,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification import Identification
 from cpid_drake.report.evidence import Evidence
 from cpid_drake.report.identification import intervals
-from cpid_drake.sensors import SENSOR_NAMES
+from cpid_drake.sensing.suite import SENSOR_NAMES
 from cpid_drake.telemetry_identification import identify_log
 
 WINDOWS = {"least_squares": 24, "trajectory_fit": 14, "momentum_filter": 8}

@@ -15,7 +15,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.report.convergence import Convergence
 from cpid_drake.report.evidence import Evidence
 from cpid_drake.report.style import COLORS, INK, inline_svg, label_axes, saved_figure
-from cpid_drake.sensors import Measurements, Samples
+from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.telemetry_identification import LogIdentification
 from cpid_drake.whiteness import autocorrelation
 

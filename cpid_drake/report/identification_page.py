@@ -16,7 +16,6 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification import row_family
-from cpid_drake.noise_estimation import estimate_suite
 from cpid_drake.report.convergence import Convergence, converge
 from cpid_drake.report.evidence import Evidence, identify_file, request_of_result
 from cpid_drake.report.figures import (
@@ -33,8 +32,10 @@ from cpid_drake.report.page import Cell, Report, Section, Table, embedded_json
 from cpid_drake.report.replay import replay_html
 from cpid_drake.result_files import IdentificationResult, read_result, result_text
 from cpid_drake.run_files import versions
-from cpid_drake.sensors import SENSOR_NAMES, screen
-from cpid_drake.smoothing import smooth
+from cpid_drake.sensing.noise_estimation import estimate_suite
+from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.smoothing import smooth
+from cpid_drake.sensing.suite import SENSOR_NAMES
 from cpid_drake.telemetry_identification import complete_samples, of_spacecraft
 from cpid_drake.whiteness import whiteness
 

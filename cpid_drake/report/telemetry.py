@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from cpid_drake.sensors import SENSOR_NAMES, Samples
-from cpid_drake.telemetry_files import TelemetryFile
+from cpid_drake.sensing.files.telemetry_files import TelemetryFile
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.suite import SENSOR_NAMES
 
 _WORDS = {
     "attitude": "attitude R_WB",

@@ -15,15 +15,9 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.errors import InputError
-from cpid_drake.sensors import (
-    Measurements,
-    Samples,
-    SensorNoise,
-    SensorSuite,
-    check_sensors,
-    perfect_value,
-    sample_widths,
-)
+from cpid_drake.sensing.measurements import Measurements, Samples, perfect_value, sample_widths
+from cpid_drake.sensing.noise import SensorNoise
+from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, shipped_scenario
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.joint_motion import HalfCosine
-from cpid_drake.telemetry_table import table_of
+from cpid_drake.sensing.files.table import table_of
 
 TURN = Rotation.from_rotvec([1.2, -0.7, 0.9])
 JOINTS = ("shoulder", "elbow", "wrist")

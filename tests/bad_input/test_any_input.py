@@ -23,10 +23,15 @@ from cpid_drake import (
     telemetry_identification,
 )
 from cpid_drake.result_files import read_result
-from cpid_drake.sensor_files import load_sensors
-from cpid_drake.sensors import SENSOR_NAMES, Samples
-from cpid_drake.telemetry_checks import check_consistency
-from cpid_drake.telemetry_files import inspect_telemetry, read_telemetry, write_telemetry
+from cpid_drake.sensing.files.consistency import check_consistency
+from cpid_drake.sensing.files.telemetry_files import (
+    inspect_telemetry,
+    read_telemetry,
+    write_telemetry,
+)
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensing.suite import SENSOR_NAMES
 from cpid_drake.telemetry_identification import identify_log
 
 

@@ -27,8 +27,9 @@ from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.estimators.momentum_filter import FilterState, MomentumFilter
 from cpid_drake.estimators.online import OnlineEstimator, in_order
 from cpid_drake.estimators.recursive import empty_root
+from cpid_drake.sensing.measurements import Measurements, perfect_measurements, perfect_value
+from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensor_identification import online_estimator
-from cpid_drake.sensors import Measurements, add_noise, perfect_measurements, perfect_value
 
 Sample = tuple[str, float, np.ndarray]
 UPDATE = ("encoders", "gyro", "attitude", "encoders", "position")

@@ -10,8 +10,9 @@ from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_unknowns
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.estimators.momentum_filter import vague_prior
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensor_identification import identification_of_filter, online_estimator
-from cpid_drake.sensors import Samples, add_noise
 from cpid_drake.studies import accuracy
 
 FIRED = (3.0, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]))

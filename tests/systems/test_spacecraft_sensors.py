@@ -8,16 +8,15 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Telemetry
-from cpid_drake.sensors import (
+from cpid_drake.sensing.measurements import perfect_measurements, sample_times
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.suite import (
     SENSOR_NAMES,
     AttitudeSensor,
     Gyro,
     JointSensor,
     SensorSuite,
     VectorSensor,
-    add_noise,
-    perfect_measurements,
-    sample_times,
 )
 from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,

@@ -12,8 +12,8 @@ import yaml
 
 from cpid_drake import InputError
 from cpid_drake.resources import models_directory
-from cpid_drake.sensor_files import load_sensors, sensor_presets
-from cpid_drake.sensors import SENSOR_NAMES, AttitudeSensor
+from cpid_drake.sensing.presets import load_sensors, sensor_presets
+from cpid_drake.sensing.suite import SENSOR_NAMES, AttitudeSensor
 
 PRESETS = ("coarse", "digits6", "flight", "ideal", "servicer", "testbed")
 

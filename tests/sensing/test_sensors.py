@@ -7,25 +7,25 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Telemetry
-from cpid_drake.sensors import (
+from cpid_drake.sensing.measurements import (
+    Measurements,
+    Samples,
+    perfect_measurements,
+    sample_times,
+)
+from cpid_drake.sensing.noise import SensorNoise, add_noise
+from cpid_drake.sensing.screening import LONGEST_GAP, screen
+from cpid_drake.sensing.suite import (
     ARCSECOND,
     DEGREE_PER_HOUR,
     DEGREE_PER_ROOT_HOUR,
-    LONGEST_GAP,
     SENSOR_NAMES,
     AttitudeSensor,
     Gyro,
     JointSensor,
-    Measurements,
-    Samples,
-    SensorNoise,
     SensorSuite,
     VectorSensor,
-    add_noise,
     check_sensors,
-    perfect_measurements,
-    sample_times,
-    screen,
 )
 
 JOINTS = ("a", "b")

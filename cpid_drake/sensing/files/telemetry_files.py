@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.resources import resolve_model
-from cpid_drake.sensors import SENSOR_NAMES, Measurements
-from cpid_drake.telemetry_table import (
+from cpid_drake.sensing.files.table import (
     LARGEST,
     Problems,
     TelemetryTable,
@@ -23,6 +22,8 @@ from cpid_drake.telemetry_table import (
     measurements_of_table,
     table_of,
 )
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.suite import SENSOR_NAMES
 
 TABLE_ENDINGS = (".csv", ".npz", ".parquet")
 BAG_ENDINGS = (".mcap", ".db3")
@@ -74,7 +75,7 @@ def inspect_telemetry(
     where = str(path)
     folder = Path(path)
     if folder.suffix in BAG_ENDINGS or folder.is_dir():
-        from cpid_drake.rosbag_files import read_rosbag
+        from cpid_drake.sensing.files.rosbag import read_rosbag
 
         return _of_bag(read_rosbag(path, topics=topics))
     if topics:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
-from cpid_drake.sensors import Measurements, Samples, sample_widths
+from cpid_drake.sensing.measurements import Measurements, Samples, sample_widths
 
 TOPIC_TYPES = {
     "odometry": "nav_msgs/msg/Odometry",

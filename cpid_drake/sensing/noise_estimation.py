@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 from scipy.special import comb
 
 from cpid_drake.errors import InputError
-from cpid_drake.sensors import (
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.suite import (
     ARCSECOND,
     DEGREE_PER_ROOT_HOUR,
     AttitudeSensor,
     Gyro,
     JointSensor,
-    Measurements,
-    Samples,
     SensorSuite,
     VectorSensor,
 )

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError, Measurements, read_telemetry, write_telemetry
-from cpid_drake.sensors import (
+from cpid_drake.sensing.files.telemetry_files import inspect_telemetry
+from cpid_drake.sensing.measurements import perfect_measurements
+from cpid_drake.sensing.suite import (
     SENSOR_NAMES,
     AttitudeSensor,
     Gyro,
     JointSensor,
     SensorSuite,
     VectorSensor,
-    perfect_measurements,
 )
-from cpid_drake.telemetry_files import inspect_telemetry
 
 SUITE = SensorSuite(
     attitude=AttitudeSensor(rate=4.0),

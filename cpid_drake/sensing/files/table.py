@@ -22,7 +22,8 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.sensors import SENSOR_NAMES, Measurements, Samples, sample_widths
+from cpid_drake.sensing.measurements import Measurements, Samples, sample_widths
+from cpid_drake.sensing.suite import SENSOR_NAMES
 
 GROUPS = {
     "attitude": ("qw", "qx", "qy", "qz"),

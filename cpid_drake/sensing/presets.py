@@ -4,7 +4,7 @@ from pathlib import Path
 
 from cpid_drake.errors import InputError
 from cpid_drake.resources import models_directory, resolve_model
-from cpid_drake.sensors import SensorSuite, check_sensors
+from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.yaml_files import load_strictly
 
 

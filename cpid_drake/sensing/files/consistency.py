@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.sensors import Measurements, Samples
+from cpid_drake.sensing.measurements import Measurements, Samples
 
 _FACTORS = {
     180 / np.pi: "degrees",

@@ -9,8 +9,10 @@ import pytest
 
 from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.rosbag_files import TOPIC_TYPES, read_rosbag
-from cpid_drake.sensors import SENSOR_NAMES, perfect_value, screen
+from cpid_drake.sensing.files.rosbag import TOPIC_TYPES, read_rosbag
+from cpid_drake.sensing.measurements import perfect_value
+from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.suite import SENSOR_NAMES
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
 typesys = pytest.importorskip("rosbags.typesys")

@@ -9,15 +9,11 @@ from sensing_cases import Sines, coarse_suite, measured, small_craft, true_telem
 
 from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.sensors import (
-    AttitudeSensor,
-    Gyro,
-    JointSensor,
-    Samples,
-    VectorSensor,
-    add_noise,
-)
-from cpid_drake.smoothing import Basis, right_jacobian, smooth, smooth_joints
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.smoothing import right_jacobian, smooth
+from cpid_drake.sensing.splines import Basis, smooth_joints
+from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 DURATION = 8.0
 SEEDS = range(8)

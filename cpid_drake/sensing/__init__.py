@@ -1,0 +1,1 @@
+"""Sensors: what they are, what they gave, and how samples become motion."""

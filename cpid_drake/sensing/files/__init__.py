@@ -1,0 +1,1 @@
+"""Telemetry files: CSV, NPZ, Parquet and ROS 2 bags."""

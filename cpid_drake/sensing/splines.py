@@ -1,0 +1,213 @@
+"""Regression splines with known noise: joint motion from encoder samples.
+
+Least squares in a B-spline basis whose knots follow the samples; how many there are is chosen by
+Akaike's criterion.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
+
+from cpid_drake.errors import InputError
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
+
+_INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+
+
+_Rows = tuple[Samples, int, float]
+"""Samples of a function, or of its derivative of this order, and their σ."""
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """A B-spline basis on [start, end]: K functions of one degree."""
+
+    knots: NDArray[np.float64]
+    degree: int
+
+    @classmethod
+    def through(cls, times: NDArray[np.float64], intervals: int, degree: int) -> "Basis":
+        """Return a basis whose `intervals` hold about equally many of the sample times (N,)."""
+        breaks = np.quantile(times, np.linspace(0.0, 1.0, intervals + 1))
+        knots = np.concatenate([degree * [breaks[0]], breaks, degree * [breaks[-1]]])
+        return cls(knots, degree)
+
+    def bridged(self) -> tuple["Basis", NDArray[np.float64]]:
+        """Return a basis without the long pieces that gaps make, and the middles of new ones."""
+        breaks = np.unique(self.knots)
+        usual = np.median(np.diff(breaks))
+        new, middles = [], []
+        for a, b in pairwise(breaks):
+            count = round((b - a) / usual)
+            if count > 1:
+                pieces = np.linspace(a, b, count + 1)
+                new.append(pieces[1:-1])
+                middles.append((pieces[1:] + pieces[:-1]) / 2)
+        return Basis(np.sort(np.concatenate([self.knots, *new])), self.degree), np.concatenate(
+            [[], *middles]
+        )
+
+    @property
+    def size(self) -> int:
+        """K."""
+        return len(self.knots) - self.degree - 1
+
+    def __call__(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
+        """Return the basis functions, or their derivatives, at times (N,): (N, K)."""
+        return BSpline(self.knots, np.eye(self.size), self.degree)(times, nu=derivative)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpline:
+    """A smoothed joint motion: q(t) = basis(t) @ coefficients.
+
+    Attributes:
+        basis: K functions.
+        coefficients: (K, J).
+        covariance: (K, K) of the coefficients of each joint.
+        chi_squared: of all samples, with so many degrees of `freedom`.
+
+    """
+
+    basis: Basis
+    coefficients: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    chi_squared: float
+    freedom: int
+
+    @property
+    def duration(self) -> float:
+        """End of the samples [s]."""
+        return float(self.basis.knots[-1])
+
+    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+        """Return positions, rates and accelerations (..., 3, J) at times (...)."""
+        time = np.asarray(time, dtype=float)
+        flat = np.stack([self.basis(time.ravel(), d) @ self.coefficients for d in range(3)], axis=1)
+        return flat.reshape(*time.shape, 3, self.coefficients.shape[1])
+
+
+def measured_by(suite: SensorSuite, measurements: Measurements) -> Measurements:
+    """Return the measurements without samples of sensors that a suite lacks: no σ is known."""
+    nothing = np.empty(0, dtype=int)
+    absent = {
+        name: getattr(measurements, name).where(nothing)
+        for name in SENSOR_NAMES
+        if getattr(suite, name) is None
+    }
+    return replace(measurements, **absent)
+
+
+def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline:
+    """Smooth encoder samples, and joint rates where there are any, by a quintic spline.
+
+    In a gap of the samples it has as many pieces as elsewhere (`Basis.bridged`), and a jerk that is
+    zero give or take what it is elsewhere: so the covariance says how little is known there.
+
+    Raises:
+        InputError: fewer than eight encoder samples.
+
+    """
+    measurements = measured_by(suite, measurements)
+    positions, rates = measurements.encoders, measurements.joint_rates
+    if len(positions) < 8:
+        raise InputError(f"joint motion needs at least 8 encoder samples, not {len(positions)}")
+    rates = rates.where((rates.time >= positions.time[0]) & (rates.time <= positions.time[-1]))
+    sigma = suite.sigmas("encoders")[0]
+    sigma_rate = suite.sigmas("joint_rates")[0] if len(rates) else 1.0
+    rows = [(positions, 0, sigma), (rates, 1, sigma_rate)]
+
+    def spline(basis: Basis, bridges: list[_Rows]) -> JointSpline:
+        coefficients, covariance, chi_squared = _fit(basis, [*rows, *bridges])
+        known = sum(len(samples) for samples, _, _ in (*rows, *bridges))
+        count = (known - basis.size) * positions.value.shape[1]
+        return JointSpline(basis, coefficients, covariance, chi_squared, count)
+
+    def fit(intervals: int) -> JointSpline:
+        return spline(Basis.through(positions.time, intervals, degree=5), [])
+
+    best = _best(fit, len(positions), finer=True)
+    basis, bridges = _bridges(best.basis, best.coefficients)
+    return spline(basis, bridges) if bridges else best
+
+
+def _bridges(basis: Basis, coefficients: NDArray[np.float64]) -> tuple[Basis, list[_Rows]]:
+    """Return a spline's basis with gaps bridged, and what to add to its samples there, if any."""
+    bridged, middles = basis.bridged()
+    if not len(middles):
+        return basis, []
+    width = coefficients.shape[1]
+    elsewhere = np.setdiff1d((basis.knots[1:] + basis.knots[:-1]) / 2, basis.knots)
+    jerk = float(np.sqrt(np.mean((basis(elsewhere, 3) @ coefficients) ** 2)))
+    return bridged, [(Samples(middles, np.zeros((len(middles), width))), 3, max(jerk, 1e-9))]
+
+
+def _fit(basis: Basis, rows: list[_Rows]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Least squares on samples of a function and of its derivatives, with their σ."""
+    A = np.vstack([basis(s.time, derivative) / sigma for s, derivative, sigma in rows])
+    b = np.vstack([s.value / sigma for s, _, sigma in rows])
+    coefficients, covariance = _solve_normal(A, b)
+    return coefficients, covariance, float(np.sum((A @ coefficients - b) ** 2))
+
+
+def _solve_normal(
+    A: NDArray[np.float64], b: NDArray[np.float64], with_covariance: bool = True
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Solve whitened rows; B-spline bases are well conditioned, so normal equations will do.
+
+    Returns the solution and its covariance, or in place of that, if not asked for, nothing.
+    """
+    rows = csr_array(A)  # few functions reach to one instant
+    normal = (rows.T @ rows).toarray()
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal * scale * scale[:, None]
+    factor = cho_factor(scaled + 1e-13 * np.eye(len(normal)))
+    solution = scale[:, None] * cho_solve(factor, scale[:, None] * (rows.T @ b))
+    covariance = np.empty((0, 0))
+    if with_covariance:
+        covariance = scale[:, None] * cho_solve(factor, np.diag(scale))
+    return solution, covariance
+
+
+def _best(fit: Callable, samples: int, *, first: int = 2, finer: bool = False) -> object:
+    """Return the fit by so many samples of the least χ² + 2 K (Akaike).
+
+    Args:
+        fit: makes one of so many intervals.
+        samples: their number.
+        first: number of intervals to try first; more come after.
+        finer: take one size more than Akaike's. What is left of the error is noise then, which the
+            covariance covers, and not misfit, which it does not; but the noise itself is larger,
+            and the bias that it causes in rows.
+
+    """
+    fits, least, worse = [], np.inf, 0
+    for intervals in _INTERVALS[np.searchsorted(_INTERVALS, first) :]:
+        if fits and intervals + 5 > samples / 2:
+            break
+        fits.append(fit(intervals))
+        criterion = fits[-1].chi_squared + 2 * fits[-1].coefficients.size
+        if criterion < least:
+            best, least, worse = len(fits) - 1, criterion, 0
+        else:
+            worse += 1
+            if worse == 3:
+                break
+    # Knots are not nested: a few more, elsewhere, may fit worse.
+    better = [f for f in fits[best + 1 :] if f.chi_squared < fits[best].chi_squared]
+    return better[0] if finer and better else fits[best]
+
+
+def _misfit(fit: object, rows: int) -> float:
+    """Return χ² of a fit to so many rows over its degrees of freedom, if that is above one.
+
+    Samples too rare for the motion leave more than noise; the covariance has to cover that as well.
+    """
+    return max(fit.chi_squared / max(rows - fit.coefficients.size, 1), 1.0)
