@@ -13,12 +13,9 @@ from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
-from cpid_drake.estimators.least_squares import (
-    DEFAULT_RANK_TOLERANCE,
-    LeastSquaresSolution,
-)
-from cpid_drake.estimators.observability import describe_unobservable
-from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
+from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE, LeastSquaresSolution
+from cpid_drake.estimation.observability import describe_unobservable
+from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _AT_ONCE = 2048

@@ -18,8 +18,9 @@ from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.estimators.least_squares import LeastSquaresSolution
-from cpid_drake.estimators.recursive import solve_root
+from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.square_root import solve_root
+from cpid_drake.estimation.whiteness import Whiteness, whiteness
 from cpid_drake.identification import Identification, accumulate_rows, row_family
 from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.measurements import Measurements, Samples
@@ -35,7 +36,6 @@ from cpid_drake.sensor_identification import (
     online_estimator,
 )
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.whiteness import Whiteness, whiteness
 
 ESTIMATORS = ("least_squares", "momentum_filter", "trajectory_fit")
 """Names of the estimators for logs; least squares takes the name of its rows besides."""

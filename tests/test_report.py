@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, write_telemetry
+from cpid_drake.estimation.whiteness import autocorrelation, whiteness
 from cpid_drake.report import convergence, identification_page
 from cpid_drake.report.evidence import Request, identify_file, request_of_result
 from cpid_drake.report.figures import Picture, ellipse
@@ -21,7 +22,6 @@ from cpid_drake.report.identification_page import (
 from cpid_drake.report.page import Report, embedded_json
 from cpid_drake.report.study_page import StudySection, page_table
 from cpid_drake.result_files import SpacecraftReference, read_result, write_result
-from cpid_drake.whiteness import autocorrelation, whiteness
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"

@@ -9,7 +9,7 @@ from scipy.special import ndtri, stdtrit
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.estimators.observability import describe_unobservable
+from cpid_drake.estimation.observability import describe_unobservable
 from cpid_drake.result_files import IdentificationResult, SpacecraftReference
 from cpid_drake.telemetry_identification import LogIdentification
 

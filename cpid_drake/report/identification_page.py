@@ -15,6 +15,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification import row_family
 from cpid_drake.report.convergence import Convergence, converge
 from cpid_drake.report.evidence import Evidence, identify_file, request_of_result
@@ -37,7 +38,6 @@ from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.smoothing import smooth
 from cpid_drake.sensing.suite import SENSOR_NAMES
 from cpid_drake.telemetry_identification import complete_samples, of_spacecraft
-from cpid_drake.whiteness import whiteness
 
 Progress = Callable[[str], None]
 

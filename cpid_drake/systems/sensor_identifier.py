@@ -14,8 +14,8 @@ from pydrake.systems.framework import (
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.estimators.momentum_filter import FILTER_ORDER, FilterState
-from cpid_drake.estimators.online import OnlineState
+from cpid_drake.estimation.momentum_filter import FILTER_ORDER, FilterState
+from cpid_drake.estimation.online import OnlineState
 from cpid_drake.identification import Identification
 from cpid_drake.sensing.measurements import sample_widths
 from cpid_drake.sensing.suite import SensorSuite, check_sensors

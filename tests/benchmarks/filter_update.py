@@ -24,9 +24,9 @@ import numpy as np
 
 from cpid_drake import MomentumIdentifier, Telemetry, load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.estimators.momentum_filter import FilterState, MomentumFilter
-from cpid_drake.estimators.online import OnlineEstimator, in_order
-from cpid_drake.estimators.recursive import empty_root
+from cpid_drake.estimation.momentum_filter import FilterState, MomentumFilter
+from cpid_drake.estimation.online import OnlineEstimator, in_order
+from cpid_drake.estimation.square_root import empty_root
 from cpid_drake.sensing.measurements import Measurements, perfect_measurements, perfect_value
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensor_identification import online_estimator

@@ -25,7 +25,7 @@ import pinocchio as pin
 from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Spacecraft, Telemetry
 from cpid_drake.dynamics.base_motion import zero_momentum_base_twist
 from cpid_drake.dynamics.parameterizations import STANDARD
-from cpid_drake.estimators.recursive import empty_root, solve_root
+from cpid_drake.estimation.square_root import empty_root, solve_root
 from cpid_drake.resources import resolve_model
 
 MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"

@@ -18,8 +18,8 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.estimators.momentum_filter import FILTER_ORDER
-from cpid_drake.estimators.online import in_order
+from cpid_drake.estimation.momentum_filter import FILTER_ORDER
+from cpid_drake.estimation.online import in_order
 from cpid_drake.sensing.suite import SENSOR_NAMES, AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.systems.sensor_identifier import FILTER_DIAGNOSTICS

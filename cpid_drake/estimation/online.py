@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
-from cpid_drake.estimators.momentum_filter import (
+from cpid_drake.estimation.momentum_filter import (
     ANGULAR,
     BIAS,
     BY_GYRO,
@@ -30,8 +30,8 @@ from cpid_drake.estimators.momentum_filter import (
     FilterState,
     MomentumFilter,
 )
-from cpid_drake.estimators.trajectory_fit import TrajectoryFit, fit_trajectory
-from cpid_drake.estimators.trajectory_model import TrajectoryModel
+from cpid_drake.estimation.trajectory_fit import TrajectoryFit, fit_trajectory
+from cpid_drake.estimation.trajectory_model import TrajectoryModel
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.splines import smooth_joints
 

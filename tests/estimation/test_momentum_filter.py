@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_unknowns
 from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.estimators.momentum_filter import vague_prior
+from cpid_drake.estimation.momentum_filter import vague_prior
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensor_identification import identification_of_filter, online_estimator

@@ -5,9 +5,9 @@ import pytest
 
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import ROW_FAMILIES
-from cpid_drake.estimators.least_squares import solve_least_squares
-from cpid_drake.estimators.observability import describe_unobservable
-from cpid_drake.estimators.recursive import empty_root, solve_root, update_root
+from cpid_drake.estimation.least_squares import solve_least_squares
+from cpid_drake.estimation.observability import describe_unobservable
+from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
 
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
 

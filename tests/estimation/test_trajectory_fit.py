@@ -19,10 +19,10 @@ from sensing_cases import (
 from cpid_drake import InertialParameters, InputError
 from cpid_drake.dynamics.parameterizations import relative_unknowns, standard_to_pseudo_inertia
 from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
-from cpid_drake.estimators import trajectory_fit
-from cpid_drake.estimators.momentum_filter import vague_prior
-from cpid_drake.estimators.trajectory_fit import LogCholesky, fit_trajectory, marginal
-from cpid_drake.estimators.trajectory_model import TrajectoryModel
+from cpid_drake.estimation import trajectory_fit
+from cpid_drake.estimation.momentum_filter import vague_prior
+from cpid_drake.estimation.trajectory_fit import LogCholesky, fit_trajectory, marginal
+from cpid_drake.estimation.trajectory_model import TrajectoryModel
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.splines import smooth_joints

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from cpid_drake.estimators.least_squares import (
+from cpid_drake.estimation.least_squares import (
     DEFAULT_RANK_TOLERANCE,
     LeastSquaresSolution,
     solve_compressed,

@@ -22,9 +22,9 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimators.least_squares import KNOWN
-from cpid_drake.estimators.momentum_filter import psi_scale
-from cpid_drake.estimators.trajectory_model import Trajectory, TrajectoryModel, TrajectoryState
+from cpid_drake.estimation.least_squares import KNOWN
+from cpid_drake.estimation.momentum_filter import psi_scale
+from cpid_drake.estimation.trajectory_model import Trajectory, TrajectoryModel, TrajectoryState
 
 HUBER = 2.5
 """From so many σ of one sample (its three axes together) on, the robust loss grows linearly."""
