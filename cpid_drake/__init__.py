@@ -22,13 +22,14 @@ from cpid_drake.dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.identification import Identification, identify
+from cpid_drake.identification.identification import Identification, identify
+from cpid_drake.identification.sensor_identification import identify_from_sensors
+from cpid_drake.identification.telemetry_identification import LogIdentification, identify_log
 from cpid_drake.scenario import Scenario, load_scenario, shipped_scenario
 from cpid_drake.sensing.files.telemetry_files import read_telemetry, write_telemetry
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
-from cpid_drake.sensor_identification import identify_from_sensors
 from cpid_drake.simulation import Simulation, initial_state, make_simulation
 from cpid_drake.spacecraft.export.files import export_target
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -38,7 +39,6 @@ from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.scene_visualizer import SceneVisualizer
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors
-from cpid_drake.telemetry_identification import LogIdentification, identify_log
 
 __all__ = [
     "PARAMETER_NAMES",

@@ -17,10 +17,10 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
+from cpid_drake.identification.sensor_identification import check_guess
 from cpid_drake.resources import models_directory, resolve_model
 from cpid_drake.sensing.presets import load_sensors, sensor_presets
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
-from cpid_drake.sensor_identification import check_guess
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.yaml_files import choose_from, load_strictly
 

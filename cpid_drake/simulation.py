@@ -16,7 +16,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.identification import Identification
+from cpid_drake.identification.identification import Identification
 from cpid_drake.resources import package_map, resolve_model
 from cpid_drake.scenario import ONLINE_ESTIMATORS, Scenario
 from cpid_drake.sensing.measurements import Measurements

@@ -9,8 +9,10 @@ import pytest
 
 from cpid_drake import InertialParameters, write_telemetry
 from cpid_drake.estimation.whiteness import autocorrelation, whiteness
-from cpid_drake.report import convergence, identification_page
-from cpid_drake.report.evidence import Request, identify_file, request_of_result
+from cpid_drake.identification import convergence
+from cpid_drake.identification.requests import Request, identify_file, request_of_result
+from cpid_drake.identification.result_files import SpacecraftReference, read_result, write_result
+from cpid_drake.report import identification_page
 from cpid_drake.report.figures import Picture, ellipse
 from cpid_drake.report.identification_page import (
     Answer,
@@ -21,7 +23,6 @@ from cpid_drake.report.identification_page import (
 )
 from cpid_drake.report.page import Report, embedded_json
 from cpid_drake.report.study_page import StudySection, page_table
-from cpid_drake.result_files import SpacecraftReference, read_result, write_result
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"

@@ -9,7 +9,7 @@ from cpid_drake.errors import InputError
 
 if TYPE_CHECKING:
     from cpid_drake.dynamics.inertia import InertialParameters
-    from cpid_drake.result_files import IdentificationResult
+    from cpid_drake.identification.result_files import IdentificationResult
 
 
 def export(
@@ -36,7 +36,7 @@ def export(
     """Write an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
     from rich.console import Console
 
-    from cpid_drake.result_files import read_result
+    from cpid_drake.identification.result_files import read_result
     from cpid_drake.spacecraft.export.files import export_target
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 

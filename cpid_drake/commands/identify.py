@@ -86,9 +86,9 @@ def identify(
 
     Exit codes: 0 all ten parameters are known; 2 bad input or usage; 3 the data leave some open.
     """
-    from cpid_drake.report.evidence import Request, identify_file
-    from cpid_drake.report.identification import describe
-    from cpid_drake.result_files import SpacecraftReference, write_result
+    from cpid_drake.identification.description import describe
+    from cpid_drake.identification.requests import Request, identify_file
+    from cpid_drake.identification.result_files import SpacecraftReference, write_result
 
     log = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
     if json_file is not None and not json_file.parent.is_dir():

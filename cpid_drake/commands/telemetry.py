@@ -34,11 +34,11 @@ def check(
     Exit codes: 0 nothing is wrong; 2 something is.
     """
     from cpid_drake.errors import InputError
+    from cpid_drake.identification.telemetry_identification import check_log, of_spacecraft
     from cpid_drake.report.telemetry import contents
     from cpid_drake.sensing.files.consistency import check_consistency
     from cpid_drake.sensing.files.telemetry_files import inspect_telemetry
     from cpid_drake.spacecraft.spacecraft import Spacecraft
-    from cpid_drake.telemetry_identification import check_log, of_spacecraft
 
     out = Console(markup=False, highlight=False, soft_wrap=True)
     given = [spacecraft, base, capture_frame]

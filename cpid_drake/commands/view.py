@@ -10,7 +10,7 @@ from cpid_drake.commands.identify import absolute_model, packages_of
 from cpid_drake.errors import InputError
 
 if TYPE_CHECKING:
-    from cpid_drake.result_files import SpacecraftReference
+    from cpid_drake.identification.result_files import SpacecraftReference
 
 MOST_BYTES = 10_000_000
 """Of a page that is to be sent on; what is larger is said."""
@@ -62,7 +62,7 @@ def view(
     Live, the arms can be posed by sliders before a run; it starts where the scenario does.
     """
     from cpid_drake.commands.report import check_page
-    from cpid_drake.result_files import SpacecraftReference
+    from cpid_drake.identification.result_files import SpacecraftReference
 
     if html is not None:
         check_page("--html", html)
@@ -104,8 +104,8 @@ def _replay_log(
     console: Console,
 ) -> tuple[str, str]:
     """Return the page of a log, and the estimate in words."""
-    from cpid_drake.report.convergence import converge
-    from cpid_drake.report.evidence import Request, identify_file
+    from cpid_drake.identification.convergence import converge
+    from cpid_drake.identification.requests import Request, identify_file
     from cpid_drake.report.identification_page import motion_of
     from cpid_drake.report.replay import estimate_text, replay_html
 

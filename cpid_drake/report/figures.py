@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.whiteness import autocorrelation
-from cpid_drake.report.convergence import Convergence
-from cpid_drake.report.evidence import Evidence
+from cpid_drake.identification.convergence import Convergence
+from cpid_drake.identification.requests import Evidence
+from cpid_drake.identification.telemetry_identification import LogIdentification
 from cpid_drake.report.style import COLORS, INK, inline_svg, label_axes, saved_figure
 from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.telemetry_identification import LogIdentification
 
 _TIME = "time [s]"
 _SMALL = (3.7, 2.3)

@@ -16,9 +16,12 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification import row_family
-from cpid_drake.report.convergence import Convergence, converge
-from cpid_drake.report.evidence import Evidence, identify_file, request_of_result
+from cpid_drake.identification.convergence import Convergence, converge
+from cpid_drake.identification.description import ADVICE, decimals
+from cpid_drake.identification.identification import row_family
+from cpid_drake.identification.requests import Evidence, identify_file, request_of_result
+from cpid_drake.identification.result_files import IdentificationResult, read_result, result_text
+from cpid_drake.identification.telemetry_identification import complete_samples, of_spacecraft
 from cpid_drake.report.figures import (
     Picture,
     convergence_pictures,
@@ -28,16 +31,13 @@ from cpid_drake.report.figures import (
     residual_unit,
     singular_value_picture,
 )
-from cpid_drake.report.identification import ADVICE, decimals
 from cpid_drake.report.page import Cell, Report, Section, Table, embedded_json
 from cpid_drake.report.replay import replay_html
-from cpid_drake.result_files import IdentificationResult, read_result, result_text
 from cpid_drake.run_files import versions
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.smoothing import smooth
 from cpid_drake.sensing.suite import SENSOR_NAMES
-from cpid_drake.telemetry_identification import complete_samples, of_spacecraft
 
 Progress = Callable[[str], None]
 

@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.report.evidence import Request, identify_file
+from cpid_drake.identification.requests import Request, identify_file
+from cpid_drake.identification.result_files import SpacecraftReference
 from cpid_drake.report.identification_page import (
     Findings,
     Progress,
@@ -15,7 +16,6 @@ from cpid_drake.report.identification_page import (
     identification_report,
 )
 from cpid_drake.report.page import Cell, Report, Section, Table
-from cpid_drake.result_files import SpacecraftReference
 from cpid_drake.scenario import Scenario, load_scenario
 
 

@@ -26,15 +26,8 @@ from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
-from cpid_drake.identification import Identification, row_family
-from cpid_drake.scenario import Scenario, SpacecraftConfig
-from cpid_drake.sensing.measurements import Measurements, perfect_measurements
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.presets import load_sensors
-from cpid_drake.sensing.screening import screen
-from cpid_drake.sensing.smoothing import smooth
-from cpid_drake.sensing.suite import SensorSuite
-from cpid_drake.sensor_identification import (
+from cpid_drake.identification.identification import Identification, row_family
+from cpid_drake.identification.sensor_identification import (
     ESTIMATORS,
     consider_covariance,
     cramer_rao_bound,
@@ -44,6 +37,13 @@ from cpid_drake.sensor_identification import (
     identify_smoothed,
     online_estimator,
 )
+from cpid_drake.scenario import Scenario, SpacecraftConfig
+from cpid_drake.sensing.measurements import Measurements, perfect_measurements
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.smoothing import smooth
+from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Z95 = 1.959964

@@ -10,7 +10,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.identification import Identification, identify
+from cpid_drake.identification.identification import Identification, identify
 from cpid_drake.scenario import Scenario
 from cpid_drake.simulation import Simulation, make_simulation
 

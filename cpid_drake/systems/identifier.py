@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE
 from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
-from cpid_drake.identification import Identification, row_family
+from cpid_drake.identification.identification import Identification, row_family
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.spacecraft_sensors import check_port_size

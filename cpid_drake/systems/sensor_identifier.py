@@ -16,10 +16,13 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.momentum_filter import FILTER_ORDER, FilterState
 from cpid_drake.estimation.online import OnlineState
-from cpid_drake.identification import Identification
+from cpid_drake.identification.identification import Identification
+from cpid_drake.identification.sensor_identification import (
+    identification_of_filter,
+    online_estimator,
+)
 from cpid_drake.sensing.measurements import sample_widths
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
-from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
 from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors, check_port_size

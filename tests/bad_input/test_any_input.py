@@ -14,15 +14,10 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import (
-    InputError,
-    Measurements,
-    Spacecraft,
-    Telemetry,
-    load_scenario,
-    telemetry_identification,
-)
-from cpid_drake.result_files import read_result
+from cpid_drake import InputError, Measurements, Spacecraft, Telemetry, load_scenario
+from cpid_drake.identification import telemetry_identification
+from cpid_drake.identification.result_files import read_result
+from cpid_drake.identification.telemetry_identification import identify_log
 from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.files.telemetry_files import (
     inspect_telemetry,
@@ -32,7 +27,6 @@ from cpid_drake.sensing.files.telemetry_files import (
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SENSOR_NAMES
-from cpid_drake.telemetry_identification import identify_log
 
 
 def few(count: int):

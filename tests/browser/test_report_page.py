@@ -7,11 +7,11 @@ from contextlib import contextmanager
 import matplotlib.image
 import pytest
 
-from cpid_drake.report import convergence
-from cpid_drake.report.evidence import Request, identify_file
+from cpid_drake.identification import convergence
+from cpid_drake.identification.requests import Request, identify_file
+from cpid_drake.identification.result_files import SpacecraftReference, result_text
 from cpid_drake.report.identification_page import findings_of, identification_report
 from cpid_drake.resources import models_directory
-from cpid_drake.result_files import SpacecraftReference, result_text
 
 FREE_FLYER = SpacecraftReference(
     str(models_directory() / "free_flyer/free_flyer.urdf"), "body", "capture_point"

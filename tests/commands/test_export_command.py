@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, Spacecraft
+from cpid_drake.identification.result_files import (
+    IdentificationResult,
+    SpacecraftReference,
+    write_result,
+)
 from cpid_drake.resources import models_directory
-from cpid_drake.result_files import IdentificationResult, SpacecraftReference, write_result
 
 MODEL = models_directory() / "dual_arm_servicer" / "dual_arm_servicer.urdf"
 ESTIMATE = np.array([60.001, 0.5, -0.12, 0.08, 8.0, 11.0, 6.0, -0.7, 0.4, 0.9])

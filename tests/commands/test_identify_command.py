@@ -8,8 +8,8 @@ import pytest
 
 from cpid_drake import InertialParameters, read_telemetry, write_telemetry
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.identification.result_files import read_result
 from cpid_drake.resources import models_directory
-from cpid_drake.result_files import read_result
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (

@@ -5,7 +5,8 @@ import re
 
 import pytest
 
-from cpid_drake.report import convergence, identification_page
+from cpid_drake.identification import convergence
+from cpid_drake.report import identification_page
 from cpid_drake.report.figures import Picture
 from cpid_drake.resources import models_directory
 

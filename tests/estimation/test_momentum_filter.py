@@ -10,9 +10,12 @@ from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_unknowns
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.estimation.momentum_filter import vague_prior
+from cpid_drake.identification.sensor_identification import (
+    identification_of_filter,
+    online_estimator,
+)
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.studies import accuracy
 
 FIRED = (3.0, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]))

@@ -23,15 +23,15 @@ from cpid_drake.estimation import trajectory_fit
 from cpid_drake.estimation.momentum_filter import vague_prior
 from cpid_drake.estimation.trajectory_fit import LogCholesky, fit_trajectory, marginal
 from cpid_drake.estimation.trajectory_model import TrajectoryModel
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.splines import smooth_joints
-from cpid_drake.sensing.suite import Gyro, JointSensor, VectorSensor
-from cpid_drake.sensor_identification import (
+from cpid_drake.identification.sensor_identification import (
     cramer_rao_bound,
     fit_measurements,
     identification_of_fit,
 )
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.splines import smooth_joints
+from cpid_drake.sensing.suite import Gyro, JointSensor, VectorSensor
 
 DURATION = 8.0
 RICH = {"velocity": VectorSensor(4.0, 1e-3)}

@@ -20,8 +20,11 @@ from cpid_drake import (
 )
 from cpid_drake.estimation.momentum_filter import FILTER_ORDER
 from cpid_drake.estimation.online import in_order
+from cpid_drake.identification.sensor_identification import (
+    identification_of_filter,
+    online_estimator,
+)
 from cpid_drake.sensing.suite import SENSOR_NAMES, AttitudeSensor, Gyro, JointSensor, VectorSensor
-from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 from cpid_drake.systems.sensor_identifier import FILTER_DIAGNOSTICS
 from cpid_drake.systems.spacecraft_sensors import log_samples, measurements_from_logs
 

@@ -21,20 +21,20 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.square_root import solve_root
 from cpid_drake.estimation.whiteness import Whiteness, whiteness
-from cpid_drake.identification import Identification, accumulate_rows, row_family
-from cpid_drake.sensing.files.consistency import check_consistency
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.noise_estimation import estimate_suite
-from cpid_drake.sensing.screening import screen
-from cpid_drake.sensing.smoothing import smooth
-from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
-from cpid_drake.sensor_identification import (
+from cpid_drake.identification.identification import Identification, accumulate_rows, row_family
+from cpid_drake.identification.sensor_identification import (
     fit_measurements,
     identification_of_filter,
     identification_of_fit,
     identify_smoothed,
     online_estimator,
 )
+from cpid_drake.sensing.files.consistency import check_consistency
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.noise_estimation import estimate_suite
+from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.smoothing import smooth
+from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 ESTIMATORS = ("least_squares", "momentum_filter", "trajectory_fit")

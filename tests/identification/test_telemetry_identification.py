@@ -9,12 +9,12 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, 
 
 from cpid_drake import InputError, identify_log
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.report.identification import intervals
+from cpid_drake.identification.description import intervals
+from cpid_drake.identification.telemetry_identification import MOST_SAMPLES, of_spacecraft
 from cpid_drake.sensing.measurements import Measurements, Samples, perfect_value
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.noise_estimation import estimate_suite, noise_level
 from cpid_drake.sensing.suite import SENSOR_NAMES, JointSensor, VectorSensor
-from cpid_drake.telemetry_identification import MOST_SAMPLES, of_spacecraft
 
 DURATION = 8.0
 

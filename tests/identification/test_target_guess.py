@@ -7,10 +7,13 @@ from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.identification.sensor_identification import (
+    identification_of_filter,
+    online_estimator,
+)
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
-from cpid_drake.sensor_identification import identification_of_filter, online_estimator
 
 SIGMA = 0.15
 POOR = {

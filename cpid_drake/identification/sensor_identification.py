@@ -28,7 +28,7 @@ from cpid_drake.estimation.online import OnlineEstimator, OnlineState
 from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
 from cpid_drake.estimation.trajectory_fit import TrajectoryFit, fit_trajectory, state_information
 from cpid_drake.estimation.trajectory_model import TrajectoryModel
-from cpid_drake.identification import Identification, row_family
+from cpid_drake.identification.identification import Identification, row_family
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.smoothing import SmoothedMotion, smooth

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cpid_drake import InertialParameters, InputError
-from cpid_drake.result_files import (
+from cpid_drake.identification.result_files import (
     IdentificationResult,
     SpacecraftReference,
     read_result,

@@ -20,17 +20,17 @@ from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft, i
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import parameters_to_standard
 from cpid_drake.estimation.trajectory_fit import marginal
-from cpid_drake.identification import row_family
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.smoothing import smooth
-from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
-from cpid_drake.sensor_identification import (
+from cpid_drake.identification.identification import row_family
+from cpid_drake.identification.sensor_identification import (
     ESTIMATORS,
     cramer_rao_bound,
     identify_from_sensors,
     identify_smoothed,
 )
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.smoothing import smooth
+from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 DURATION = 8.0
 UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")

@@ -10,8 +10,8 @@ from scipy.special import ndtri, stdtrit
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.observability import describe_unobservable
-from cpid_drake.result_files import IdentificationResult, SpacecraftReference
-from cpid_drake.telemetry_identification import LogIdentification
+from cpid_drake.identification.result_files import IdentificationResult, SpacecraftReference
+from cpid_drake.identification.telemetry_identification import LogIdentification
 
 ADVICE = (
     "turn the target about three axes (joints with different axes moving at different "

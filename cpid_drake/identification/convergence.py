@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.identification import Identification
-from cpid_drake.report.evidence import Evidence
-from cpid_drake.report.identification import intervals
+from cpid_drake.identification.description import intervals
+from cpid_drake.identification.identification import Identification
+from cpid_drake.identification.requests import Evidence
+from cpid_drake.identification.telemetry_identification import identify_log
 from cpid_drake.sensing.suite import SENSOR_NAMES
-from cpid_drake.telemetry_identification import identify_log
 
 WINDOWS = {"least_squares": 24, "trajectory_fit": 14, "momentum_filter": 8}
 """How many parts of a log are identified, by estimator."""

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from cpid_drake.errors import InputError
-from cpid_drake.report.identification import result_of
+from cpid_drake.identification.description import result_of
+from cpid_drake.identification.result_files import IdentificationResult, SpacecraftReference
+from cpid_drake.identification.telemetry_identification import LogIdentification, identify_log
 from cpid_drake.resources import resolve_model
-from cpid_drake.result_files import IdentificationResult, SpacecraftReference
 from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.telemetry_identification import LogIdentification, identify_log
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""From data and a known spacecraft to a result."""
