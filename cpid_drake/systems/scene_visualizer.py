@@ -17,7 +17,11 @@ from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.scene_layers import (
+from cpid_drake.spacecraft.appearance import has_shape, inertia_ellipsoid
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.systems.identifier import Identifier
+from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.scene_layers import (
     ABOVE,
     Bodies,
     CentreOfMass,
@@ -30,10 +34,6 @@ from cpid_drake.scene_layers import (
     Trail,
     TrueInertia,
 )
-from cpid_drake.spacecraft.appearance import has_shape, inertia_ellipsoid
-from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.identifier import Identifier
-from cpid_drake.systems.plant_scratch import PlantScratch
 
 FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]."""

@@ -8,8 +8,8 @@ from pydrake.multibody.tree import SpatialInertia
 
 from cpid_drake import SceneVisualizer, load_scenario, make_simulation, shipped_scenario
 from cpid_drake.dynamics.kinematics import propagate
-from cpid_drake.scene_layers import wire_sphere
 from cpid_drake.spacecraft.appearance import inertia_ellipsoid
+from cpid_drake.systems.scene_layers import wire_sphere
 from cpid_drake.systems.scene_visualizer import extent_of, shapeless_bodies
 
 
