@@ -25,12 +25,13 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.identification import Identification, identify
 from cpid_drake.identification.sensor_identification import identify_from_sensors
 from cpid_drake.identification.telemetry_identification import LogIdentification, identify_log
-from cpid_drake.scenario import Scenario, load_scenario, shipped_scenario
+from cpid_drake.scenario.files import load_scenario, shipped_scenario
+from cpid_drake.scenario.schema import Scenario
+from cpid_drake.scenario.simulation import Simulation, initial_state, make_simulation
 from cpid_drake.sensing.files.telemetry_files import read_telemetry, write_telemetry
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
-from cpid_drake.simulation import Simulation, initial_state, make_simulation
 from cpid_drake.spacecraft.export.files import export_target
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import MomentumIdentifier

@@ -33,7 +33,7 @@ from cpid_drake.report.figures import (
 )
 from cpid_drake.report.page import Cell, Report, Section, Table, embedded_json
 from cpid_drake.report.replay import replay_html
-from cpid_drake.run_files import versions
+from cpid_drake.scenario.run_files import versions
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.smoothing import smooth

@@ -16,7 +16,8 @@ from cpid_drake.report.identification_page import (
     identification_report,
 )
 from cpid_drake.report.page import Cell, Report, Section, Table
-from cpid_drake.scenario import Scenario, load_scenario
+from cpid_drake.scenario.files import load_scenario
+from cpid_drake.scenario.schema import Scenario
 
 
 @dataclass(frozen=True, eq=False)

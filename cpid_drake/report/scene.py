@@ -19,7 +19,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
-from cpid_drake.scenario import Scenario
+from cpid_drake.scenario.schema import Scenario
 
 _SPACE = (0.03, 0.035, 0.06)
 _OVERSAMPLING = 2

@@ -11,7 +11,7 @@ import rich.table
 
 from cpid_drake.report import accuracy, paper
 from cpid_drake.report.page import Cell, Report, Section, Table
-from cpid_drake.run_files import versions
+from cpid_drake.scenario.run_files import versions
 from cpid_drake.studies.accuracy import AccuracyStudy
 from cpid_drake.studies.paper import PaperStudy
 

@@ -37,7 +37,7 @@ from cpid_drake.identification.sensor_identification import (
     identify_smoothed,
     online_estimator,
 )
-from cpid_drake.scenario import Scenario, SpacecraftConfig
+from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
 from cpid_drake.sensing.measurements import Measurements, perfect_measurements
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.presets import load_sensors

@@ -11,8 +11,8 @@ from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identification import Identification, identify
-from cpid_drake.scenario import Scenario
-from cpid_drake.simulation import Simulation, make_simulation
+from cpid_drake.scenario.schema import Scenario
+from cpid_drake.scenario.simulation import Simulation, make_simulation
 
 PAPER_TARGET = InertialParameters(100.0, [0.4330127, 0.0, 0.0], np.diag([20.0, 30.0, 10.0]))
 """The true target of Ning et al. 2016, Table 1: only with it do the paper's results compare."""

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, InputError, Spacecraft, identify, make_simulation
-from cpid_drake.scenario import (
+from cpid_drake.scenario.joint_motions import MultiSineMotion
+from cpid_drake.scenario.schema import (
     ControllerConfig,
     IdentificationConfig,
-    MultiSineMotion,
     Scenario,
     SimulationConfig,
     SpacecraftConfig,

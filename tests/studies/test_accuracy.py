@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
 from cpid_drake.report.accuracy import write_figures
-from cpid_drake.scenario import FiringConfig
+from cpid_drake.scenario.schema import FiringConfig
 from cpid_drake.studies import accuracy
 from cpid_drake.studies.accuracy import Outcome, run_accuracy, summarize
 

@@ -18,7 +18,8 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identification import Identification
 from cpid_drake.resources import package_map, resolve_model
-from cpid_drake.scenario import ONLINE_ESTIMATORS, Scenario
+from cpid_drake.scenario.checks import ONLINE_ESTIMATORS
+from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, MomentumIdentifier

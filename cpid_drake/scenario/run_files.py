@@ -15,9 +15,9 @@ from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.scenario import dump_scenario
+from cpid_drake.scenario.files import dump_scenario
+from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.sensing.files.telemetry_files import write_telemetry
-from cpid_drake.simulation import Simulation
 
 RUN_FILES = (
     *("telemetry.csv", "truth.csv", "truth.json"),

@@ -18,7 +18,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.resources import models_directory
-from cpid_drake.scenario import HalfCosineMotion, MultiSineMotion
+from cpid_drake.scenario.joint_motions import HalfCosineMotion, MultiSineMotion
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.studies.paper import sampling_times
 

@@ -1,0 +1,1 @@
+"""A simulated identification: YAML, dataclasses, Diagram and run files."""
