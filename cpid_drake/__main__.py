@@ -1,5 +1,5 @@
 """`python -m cpid_drake` is `cpid`."""
 
-from cpid_drake.cli import main
+from cpid_drake.commands.main import main
 
 main()

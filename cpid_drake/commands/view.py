@@ -126,7 +126,7 @@ def _show_scenario(
     source: str, as_page: bool, as_live: bool, rate: float, console: Console
 ) -> tuple[str | None, str]:
     """Return the page of a scenario, if it is wanted, and the estimate in words."""
-    from cpid_drake.live_view import LiveView
+    from cpid_drake.report.live_view import LiveView
     from cpid_drake.report.replay import estimate_text, replay_simulation
     from cpid_drake.scenario.files import find_scenario, load_scenario
     from cpid_drake.scenario.naming import naming

@@ -9,7 +9,7 @@ import sys
 import pytest
 from corpus import Case, cases, link, urdf, write_good
 
-from cpid_drake.cli import main
+from cpid_drake.commands.main import main
 
 CASES = cases()
 

@@ -11,7 +11,7 @@ import pytest
 from pydrake.geometry import Meshcat
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
-from cpid_drake.live_view import PAUSE, SPEED, START, STOP, LiveView
+from cpid_drake.report.live_view import PAUSE, SPEED, START, STOP, LiveView
 from cpid_drake.report.replay import replay_simulation
 
 TITLE = "Capture & <i>hold</i>"

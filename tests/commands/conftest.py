@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from cpid_drake.cli import main
+from cpid_drake.commands.main import main
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import identify_from_sensors, load_scenario, load_sensors
-from cpid_drake.cli import main
+from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.resources import models_directory
 from cpid_drake.sensing.files.telemetry_files import read_telemetry

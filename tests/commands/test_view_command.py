@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from cpid_drake.cli import main
+from cpid_drake.commands.main import main
 from cpid_drake.resources import models_directory
 
 LOG = models_directory() / "telemetry" / "free_flyer.csv"

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, identify
-from cpid_drake.cli import main
+from cpid_drake.commands.main import main
 from cpid_drake.resources import resolve_model
 
 mujoco = pytest.importorskip("mujoco", reason="needs the package mujoco")

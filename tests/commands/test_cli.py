@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from cpid_drake import shipped_scenario
-from cpid_drake.cli import main
+from cpid_drake.commands.main import main
 from cpid_drake.resources import models_directory
 
-COMMAND = [sys.executable, "-c", "from cpid_drake.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from cpid_drake.commands.main import main; main()"]
 ROOT = str(Path(__file__).resolve().parents[1])
 PATHS = os.pathsep.join(filter(None, (ROOT, os.environ.get("PYTHONPATH"))))
 ENVIRONMENT = os.environ | {"COLUMNS": "120", "PYTHONPATH": PATHS}
