@@ -27,7 +27,7 @@ MOST_STEPS = 1_000_000
 """Samples that a simulation logs or identifies from at most, and longest steps in it."""
 
 
-def _check(scenario: Scenario, where: str) -> None:
+def check_scenario(scenario: Scenario, where: str) -> None:
     """Refuse what would fail deep inside Drake, or silently do something else."""
     config = scenario.simulation
     for name in ("model", "base", "capture_frame"):

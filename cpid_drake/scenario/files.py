@@ -6,7 +6,7 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from cpid_drake.errors import InputError
 from cpid_drake.resources import models_directory, resolve_model
-from cpid_drake.scenario.checks import _check
+from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.naming import naming
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.presets import load_sensors, sensor_presets
@@ -50,7 +50,7 @@ def load_scenario(path: str | Path) -> Scenario:
     """
     file = resolve_model(path)
     scenario = load_strictly(Scenario, file, str(path), "a scenario")
-    _check(scenario, str(path))
+    check_scenario(scenario, str(path))
     spacecraft, target = scenario.spacecraft, scenario.target
     with naming(str(path)):
         spacecraft.model = _from_folder(file.parent, spacecraft.model)

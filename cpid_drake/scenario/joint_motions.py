@@ -35,8 +35,8 @@ class HalfCosineMotion:
 
         """
         motion = HalfCosine(
-            _configuration(spacecraft, standing, self.initial, "joint_motion.initial"),
-            _configuration(spacecraft, standing, self.final, "joint_motion.final"),
+            joint_configuration(spacecraft, standing, self.initial, "joint_motion.initial"),
+            joint_configuration(spacecraft, standing, self.final, "joint_motion.final"),
             self.duration,
         )
         _check_rates(motion, spacecraft, "give a longer duration")
@@ -65,7 +65,7 @@ class MultiSineMotion:
         if 0 < self.ramp < SHORTEST_RAMP:
             raise InputError(f"joint_motion.ramp must be at least {SHORTEST_RAMP:g} s")
         motion = MultiSine(
-            centre=_configuration(spacecraft, standing, self.centre, "joint_motion.centre"),
+            centre=joint_configuration(spacecraft, standing, self.centre, "joint_motion.centre"),
             amplitudes=self._table(spacecraft, "amplitudes"),
             frequencies=self.frequencies,
             phases=self._table(spacecraft, "phases"),
@@ -97,7 +97,7 @@ JointMotionConfig = HalfCosineMotion | MultiSineMotion
 """The kinds of joint motion. In YAML the first is meant unless a tag, `!NAME`, says another."""
 
 
-def _configuration(
+def joint_configuration(
     spacecraft: Spacecraft,
     standing: Mapping[str, float],
     angles: Mapping[str, float],

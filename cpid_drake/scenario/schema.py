@@ -12,7 +12,11 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.scenario.joint_motions import HalfCosineMotion, JointMotionConfig, _configuration
+from cpid_drake.scenario.joint_motions import (
+    HalfCosineMotion,
+    JointMotionConfig,
+    joint_configuration,
+)
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -219,7 +223,7 @@ class Scenario:
 
         """
         standing = self.spacecraft.configuration
-        _configuration(spacecraft, {}, standing, "spacecraft.configuration")
+        joint_configuration(spacecraft, {}, standing, "spacecraft.configuration")
         return self.joint_motion.make(spacecraft, standing)
 
     def make_suite(self) -> SensorSuite | None:

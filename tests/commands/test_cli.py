@@ -15,7 +15,7 @@ from cpid_drake.commands.main import main
 from cpid_drake.resources import models_directory
 
 COMMAND = [sys.executable, "-c", "from cpid_drake.commands.main import main; main()"]
-ROOT = str(Path(__file__).resolve().parents[1])
+ROOT = str(Path(__file__).resolve().parents[2])
 PATHS = os.pathsep.join(filter(None, (ROOT, os.environ.get("PYTHONPATH"))))
 ENVIRONMENT = os.environ | {"COLUMNS": "120", "PYTHONPATH": PATHS}
 FIGURES = (
