@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry
 from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.sensing.measurements import Measurements, perfect_measurements
 from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, SensorSuite, VectorSensor
@@ -141,7 +141,7 @@ def measured(
 
 
 def true_psi(spacecraft: Spacecraft, target: InertialParameters) -> NDArray[np.float64]:
-    return relative_unknowns(spacecraft.mass).from_parameters(target.to_vector())
+    return relative_parameterization(spacecraft.mass).from_parameters(target.to_vector())
 
 
 def momentum_about_com(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.dynamics.rotations import cross, product, turned
+from cpid_drake.dynamics.rotations import cross, product, rotate_about_axis
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 
@@ -112,7 +112,7 @@ def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, Ca
                 b_m = b_m + axis * q_k[:, None]
                 slide = axis * qdot_k[:, None]
             else:
-                R_WM = turned(R_WF, body.axis_F, q_k)
+                R_WM = rotate_about_axis(R_WF, body.axis_F, q_k)
                 H_k, rate = axis, qdot_k
         R[k] = product(R_WM, body.R_MB)
         c_k = product(R_WM, body.p_MB) + product(R[k], body.p_BBcm)

@@ -132,7 +132,7 @@ def standard_jacobian(phi: ArrayLike) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class UnknownVector:
+class Parameterization:
     """A vector of ten that some row family is linear in, and its way back to the parameters π."""
 
     name: str
@@ -143,14 +143,14 @@ class UnknownVector:
 
 
 _TENSOR_ENTRIES = ("11", "12", "13", "22", "23", "33")
-EQ18 = UnknownVector(
+EQ18 = Parameterization(
     "eq18",
     ("1/m", "cx", "cy", "cz", *("I" + ij for ij in _TENSOR_ENTRIES)),
     eq18_to_parameters,
     parameters_to_eq18,
     eq18_jacobian,
 )
-STANDARD = UnknownVector(
+STANDARD = Parameterization(
     "standard",
     ("m", "m·cx", "m·cy", "m·cz", *("J" + ij for ij in _TENSOR_ENTRIES)),
     standard_to_parameters,
@@ -159,7 +159,7 @@ STANDARD = UnknownVector(
 )
 
 
-def relative_unknowns(known_mass: float) -> UnknownVector:
+def relative_parameterization(known_mass: float) -> Parameterization:
     """Return the unknowns (μ, μc, I_*) of the relative rows, for known bodies of this mass [kg].
 
     μ = m_k m/(m_k + m) is the reduced mass and I_* = I + μ (|c|² 1 − c cᵀ): the standard vector of
@@ -183,4 +183,4 @@ def relative_unknowns(known_mass: float) -> UnknownVector:
         return result
 
     entries = ("μ", "μ·cx", "μ·cy", "μ·cz", *("I*" + ij for ij in _TENSOR_ENTRIES))
-    return UnknownVector("relative", entries, to_parameters, from_parameters, jacobian)
+    return Parameterization("relative", entries, to_parameters, from_parameters, jacobian)

@@ -119,8 +119,7 @@ class RelativeDynamics:
 
 def relative_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> RelativeDynamics:
     """Return the known bodies as seen from the base at joint positions and rates, (N, J) each."""
-    mass = float(sum(body.mass for body in tree.bodies))
-    return RelativeDynamics.from_known(known_dynamics(tree, q, qdot), mass)
+    return RelativeDynamics.from_known(known_dynamics(tree, q, qdot), tree.mass)
 
 
 def _unskew(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,10 +21,10 @@ def product(R: NDArray[np.float64], constant: NDArray[np.float64]) -> NDArray[np
     return (R.reshape(-1, 3) @ constant).reshape(len(R), 3, *constant.shape[1:])
 
 
-def turned(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
-    """Return R (N, 3, 3) turned by angles (N,) [rad] about one unit axis (3,) (Rodrigues).
+def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
+    """Return R (N, 3, 3) times rotations by angles (N,) [rad] about one unit axis (3,).
 
-    The axis is fixed in the frame that R's columns are the axes of: R @ rotation(axis, angle).
+    The axis is expressed in the frame on R's right-hand side. Source: Rodrigues' formula.
     """
     x, y, z = np.asarray(axis, dtype=float)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

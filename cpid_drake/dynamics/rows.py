@@ -26,8 +26,8 @@ from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.parameterizations import (
     EQ18,
     STANDARD,
-    UnknownVector,
-    relative_unknowns,
+    Parameterization,
+    relative_parameterization,
     tensor_to_vector,
     vector_to_tensor,
 )
@@ -96,7 +96,7 @@ def instantaneous_rows(samples: MomentumSamples) -> Rows:
     return A, np.concatenate([b_top, b_bottom], axis=1)
 
 
-def unknowns_to_world(R_WC: ArrayLike) -> NDArray[np.float64]:
+def eq18_to_world(R_WC: ArrayLike) -> NDArray[np.float64]:
     """Return T (N, 10, 10) with (1/m, c', [I'#]) in W = T (1/m, c, [I#]) in C.
 
     c' = A c and I' = A I Aᵀ with A = R_WC, whose inverse is its transpose. Source: Ning et al.
@@ -207,7 +207,7 @@ class RowFamily:
     Attributes:
         name: as in scenarios and on the command line.
         rows_per_sample: 6, or 3 where only angular momentum is used.
-        unknowns: what the ten columns stand for, given the known bodies' mass [kg].
+        parameterization: what the ten columns stand for, given the known bodies' mass [kg].
         augmented_rows: [A | b] stacked over the samples, (rows_per_sample · N, 11), in C.
         momentum_size: number of unknowns that a constant total momentum adds; 0 where the rows are
             not linear in it.
@@ -217,7 +217,7 @@ class RowFamily:
 
     name: str
     rows_per_sample: int
-    unknowns: Callable[[float], UnknownVector]
+    parameterization: Callable[[float], Parameterization]
     augmented_rows: Callable[[MomentumSamples], NDArray[np.float64]]
     momentum_size: int = 0
     momentum_columns: Callable[[MomentumSamples], NDArray[np.float64]] | None = None
@@ -242,7 +242,7 @@ STANDARD_ROWS = RowFamily(
 """The same physics in (m, m c, I about C): the measured momentum stands on the right only."""
 
 RELATIVE_ROWS = RowFamily(
-    "relative", 3, relative_unknowns, _relative, 3, _relative_momentum_columns
+    "relative", 3, relative_parameterization, _relative, 3, _relative_momentum_columns
 )
 """Attitude and joints only: independent of the base's position and of linear momentum."""
 
@@ -261,7 +261,10 @@ def standard_rows(samples: MomentumSamples) -> Rows:
 
 
 def relative_rows(samples: MomentumSamples) -> Rows:
-    """Return rows A (N, 3, 10), b (N, 3) in (μ, μc, I_*); see `inertia.relative_unknowns`."""
+    """Return rows A (N, 3, 10), b (N, 3) in (μ, μc, I_*).
+
+    See `parameterizations.relative_parameterization`.
+    """
     return RELATIVE_ROWS.rows(samples)
 
 

@@ -116,7 +116,7 @@ def body_sensitivity(
     (1 + E) Σ (1 + E)ᵀ. The target stays the same body. Arguments as for `joint_sensitivity`.
     """
     bodies, _ = propagate(tree, telemetry)
-    total = sum(body.mass for body in tree.bodies)
+    total = tree.mass
     rho = dynamics.com(psi)
     momenta, shifts = [], []
     for k, body in enumerate(tree.bodies[:known_bodies]):

@@ -50,6 +50,11 @@ class KinematicTree:
     R_BC: NDArray[np.float64]
     p_BC: NDArray[np.float64]
 
+    @property
+    def mass(self) -> float:
+        """Total mass of the bodies [kg]."""
+        return float(sum(body.mass for body in self.bodies))
+
     @cached_property
     def lumped(self) -> "KinematicTree":
         """The same tree with bodies that are welded together as one: the same momentum, sooner."""

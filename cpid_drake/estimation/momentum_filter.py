@@ -306,7 +306,8 @@ class MomentumFilter:
     Args:
         suite: the sensors.
         joint_count: J.
-        dynamics: (q (J,), qdot (N, J)) -> the known bodies seen from the base, as `KnownBodies`.
+        dynamics: (q (J,), qdot (N, J)) -> their dynamics seen from the base, as
+            `PlantRelativeDynamics` gives them.
         prior: before the first sample.
 
     """

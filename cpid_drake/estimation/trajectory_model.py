@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline, PPoly
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_unknowns
+from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.sensitivity import (
@@ -488,8 +488,8 @@ class TrajectoryModel:
     def _seen_from_base(self, trajectory: Trajectory, times, dynamics):
         """Return the tree with the target, and its motion with the base's pose the identity."""
         psi = trajectory.state.psi
-        unknowns = relative_unknowns(dynamics.mass)
-        phi = parameters_to_standard(unknowns.to_parameters(psi))
+        parameterization = relative_parameterization(dynamics.mass)
+        phi = parameters_to_standard(parameterization.to_parameters(psi))
         samples, w = self.joints.evaluate(times), trajectory.spline(times)
         v = -(np.cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
         count = len(times)

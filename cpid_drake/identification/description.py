@@ -51,7 +51,7 @@ def result_of(
         "principal_moments": None,
         "principal_axes": None,
         "not_observable": describe_unobservable(
-            solution.unobservable, identification.unknowns.entries
+            solution.unobservable, identification.parameterization.entries
         ),
         "singular_values": _numbers(solution.singular_values),
         "residual_whiteness": None,

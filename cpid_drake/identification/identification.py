@@ -8,7 +8,7 @@ from pydrake.multibody.tree import SpatialInertia
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import momentum_samples
-from cpid_drake.dynamics.parameterizations import UnknownVector
+from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
@@ -30,13 +30,13 @@ class Identification:
     their covariance is rough (σ of the mass up to 25 times too large); standard rows do better.
 
     Attributes:
-        unknowns: what the rows are linear in.
+        parameterization: what the rows are linear in.
         solution: their least-squares solution for these unknowns.
         sample_count: number of samples used.
 
     """
 
-    unknowns: UnknownVector
+    parameterization: Parameterization
     solution: LeastSquaresSolution
     sample_count: int
 
@@ -48,14 +48,14 @@ class Identification:
     @property
     def parameters(self) -> NDArray[np.float64]:
         """(10,) m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz as estimated; NaN where not observable."""
-        return self.unknowns.to_parameters(self.solution.estimate)
+        return self.parameterization.to_parameters(self.solution.estimate)
 
     @property
     def covariance(self) -> NDArray[np.float64]:
         """(10, 10) covariance of `parameters`, to first order; NaN where not observable."""
         # A parameter that is known depends on known unknowns only.
         known = np.isfinite(self.solution.estimate)
-        jacobian = self.unknowns.jacobian(self.solution.estimate)[:, known]
+        jacobian = self.parameterization.jacobian(self.solution.estimate)[:, known]
         is_open = ~np.isfinite(self.parameters)
         jacobian[is_open] = 0.0
         covariance = jacobian @ self.solution.covariance[np.ix_(known, known)] @ jacobian.T
@@ -81,7 +81,7 @@ class Identification:
 
         """
         raw = self.raw()
-        inverse = np.linalg.inv(self.unknowns.jacobian(self.solution.estimate))
+        inverse = np.linalg.inv(self.parameterization.jacobian(self.solution.estimate))
         return raw.nearest_feasible(inverse.T @ self.solution.information @ inverse)
 
     def spatial_inertia(self) -> SpatialInertia:
@@ -95,7 +95,7 @@ class Identification:
         known = f"{self.sample_count} samples determine {self.solution.rank} of 10"
         if self.is_observable:
             return f"{known} parameters (condition {self.solution.condition_number:.3g})"
-        gap = describe_unobservable(self.solution.unobservable, self.unknowns.entries)
+        gap = describe_unobservable(self.solution.unobservable, self.parameterization.entries)
         advice = "turn the target about further axes, or wait for more samples"
         return f"{known}: {gap or 'no motion seen'}; {advice}"
 
@@ -153,7 +153,7 @@ def identify(
         eliminated=family.momentum_size if unknown_momentum else 0,
         rank_tolerance=rank_tolerance,
     )
-    return Identification(family.unknowns(spacecraft.mass), solution, len(telemetry))
+    return Identification(family.parameterization(spacecraft.mass), solution, len(telemetry))
 
 
 def accumulate_rows(

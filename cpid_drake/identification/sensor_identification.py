@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import momentum_samples
-from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import RowFamily
@@ -34,7 +34,7 @@ from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.smoothing import SmoothedMotion, smooth
 from cpid_drake.sensing.splines import smooth_joints
 from cpid_drake.sensing.suite import SensorSuite
-from cpid_drake.spacecraft.known_bodies import KnownBodies
+from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 ESTIMATORS = ("eq18", "standard", "relative", "momentum_filter", "trajectory_fit")
@@ -159,7 +159,7 @@ def identification_of_fit(fit: TrajectoryFit) -> Identification:
         row_count=fit.rows,
     )
     samples = sum(len(getattr(fit.model.measurements, name)) for name in fit.model.sensors)
-    return Identification(relative_unknowns(dynamics.mass), solution, samples)
+    return Identification(relative_parameterization(dynamics.mass), solution, samples)
 
 
 def cramer_rao_bound(
@@ -195,11 +195,11 @@ def cramer_rao_bound(
     )
     trajectory = model.trajectory(model.start(psi))
     information, consider = state_information(model, trajectory, known_bodies)
-    unknowns = relative_unknowns(model.dynamics.mass)
+    parameterization = relative_parameterization(model.dynamics.mass)
     solution = solution_of_information(
         psi, information, psi_scale(model.dynamics.mass, model.dynamics.I_K[0]), consider=consider
     )
-    jacobian = unknowns.jacobian(psi)
+    jacobian = parameterization.jacobian(psi)
     return jacobian @ solution.covariance @ jacobian.T
 
 
@@ -233,9 +233,9 @@ def online_estimator(
     prior = vague_prior(spacecraft.mass, inertia, unknown_momentum)
     if guess is not None:
         check_guess(guess, guess_sigma)
-        psi = relative_unknowns(spacecraft.mass).from_parameters(guess.to_vector())
+        psi = relative_parameterization(spacecraft.mass).from_parameters(guess.to_vector())
         prior = guessed_prior(prior, psi, guess_sigma)
-    momentum_filter = MomentumFilter(suite, joints, KnownBodies(spacecraft), prior)
+    momentum_filter = MomentumFilter(suite, joints, PlantRelativeDynamics(spacecraft), prior)
     return OnlineEstimator(spacecraft.tree, spacecraft.joint_names, momentum_filter)
 
 
@@ -266,7 +266,7 @@ def identification_of_filter(
         consider: (10, 10) covariance to add for what was taken as known but is not.
 
     """
-    prior, known_mass = online.filter.prior, sum(body.mass for body in online.tree.bodies)
+    prior, known_mass = online.filter.prior, online.tree.mass
     P = state.filter.P[PSI, PSI]
     guessed = prior.plausible is not None
     scale = prior.plausible if guessed else prior.psi_sigma
@@ -274,7 +274,7 @@ def identification_of_filter(
     information = (scaled if guessed else scaled - np.eye(10)) / scale / scale[:, None]
     solution = solution_of_information(state.filter.psi, information, scale, consider=consider)
     return Identification(
-        relative_unknowns(known_mass), solution, int(state.filter.used[:-1].sum())
+        relative_parameterization(known_mass), solution, int(state.filter.used[:-1].sum())
     )
 
 
@@ -324,7 +324,7 @@ def identify_smoothed(
         motion = replace(motion, telemetry=moved)
     else:
         L = np.zeros(3)
-    known_mass = sum(body.mass for body in tree.bodies)
+    known_mass = tree.mass
     nuisance = family.momentum_size if unknown_momentum else 0
     rows = _rows(tree, motion.telemetry, family, unknown_momentum, L)
     count = family.rows_per_sample
@@ -333,7 +333,9 @@ def identify_smoothed(
     solution = _solve(rows.reshape(-1, rows.shape[2]), nuisance)
     for _ in range(_MOST_WEIGHINGS):
         if not solution.is_observable:
-            return Identification(family.unknowns(known_mass), solution, len(motion.telemetry))
+            return Identification(
+                family.parameterization(known_mass), solution, len(motion.telemetry)
+            )
         full = _full_solution(rows, nuisance, solution.estimate)
         by_motion = _row_derivatives(tree, motion, family, unknown_momentum, L, full)
         S = by_motion @ covariance @ np.swapaxes(by_motion, -1, -2)
@@ -358,7 +360,7 @@ def identify_smoothed(
             gain = inverse @ np.einsum("nri,nrk->ik", A, part)
             total += gain @ block.covariance @ gain.T
         solution = replace(solution, covariance=total[nuisance:, nuisance:])
-    return Identification(family.unknowns(known_mass), solution, len(motion.telemetry))
+    return Identification(family.parameterization(known_mass), solution, len(motion.telemetry))
 
 
 def _rows(

@@ -312,7 +312,7 @@ def _by_rows(log: _Log, family: RowFamily) -> _Found:
     if not log.unknown_momentum and family.momentum_size:
         solution = solve_root(root[:, family.momentum_size :], count)
         _look_for_momentum(log, root, solution, free, family)
-    unknowns = family.unknowns(log.spacecraft.mass)
+    parameterization = family.parameterization(log.spacecraft.mass)
     residuals, left = None, {}
     if solution.is_observable and solution.row_count > 20:
         rest = _residuals(log, telemetry, family, solution.estimate)
@@ -320,7 +320,7 @@ def _by_rows(log: _Log, family: RowFamily) -> _Found:
         # Errors that hang together from sample to sample average out more slowly.
         wider = residuals.correlation_time * solution.covariance
         solution = replace(solution, covariance=wider)
-    return Identification(unknowns, solution, len(telemetry)), residuals, left
+    return Identification(parameterization, solution, len(telemetry)), residuals, left
 
 
 def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:

@@ -113,7 +113,7 @@ class Spacecraft:
         self._joints = self._movable_joints()
         self.joint_names = self._name_joints()
         self.tree = self._extract_tree()
-        self.mass = sum(body.mass for body in self.tree.bodies)
+        self.mass = self.tree.mass
         if not self.mass > 0:
             raise self._error("the known spacecraft has no mass; give its links inertias")
 

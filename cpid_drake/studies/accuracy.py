@@ -20,7 +20,7 @@ from scipy.stats import binomtest, chi2
 from cpid_drake.dynamics.base_motion import BaseTrajectory, propagate_base
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
-from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -313,8 +313,8 @@ def _momentum_about_com(
     case: Case, tree: KinematicTree
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the true (L, v_Wcm) about the system's centre of mass, for a base that starts at W."""
-    mass = sum(body.mass for body in tree.bodies)
-    psi = relative_unknowns(mass).from_parameters(case.truth.to_vector())
+    mass = tree.mass
+    psi = relative_parameterization(mass).from_parameters(case.truth.to_vector())
     start = case.motion.evaluate(np.zeros(1))
     p_Wcm = relative_dynamics(tree, start[:, 0], start[:, 1]).com(psi)[0]
     L, P = case.momentum_W[:3], case.momentum_W[3:]
@@ -326,7 +326,7 @@ def _bound(case: Case, spacecraft: Spacecraft, perfect: Measurements) -> NDArray
     quiet = replace(case, firing=None)
     if case.firing is not None:
         perfect = _perfect(quiet, spacecraft.tree, spacecraft.joint_names)
-    psi = relative_unknowns(spacecraft.mass).from_parameters(case.truth.to_vector())
+    psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())
     covariance = cramer_rao_bound(
         spacecraft.tree,
         psi,

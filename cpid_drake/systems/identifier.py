@@ -165,7 +165,7 @@ class MomentumIdentifier(Identifier):
         self._spacecraft = spacecraft
         self._family = row_family(rows, unknown_momentum)
         self._unknown_momentum = unknown_momentum
-        self._unknowns = self._family.unknowns(spacecraft.mass)
+        self._parameterization = self._family.parameterization(spacecraft.mass)
         self._nuisance = self._family.momentum_size if unknown_momentum else 0
         self._size = self._nuisance + 11
         self._rank_tolerance = rank_tolerance
@@ -262,7 +262,7 @@ class MomentumIdentifier(Identifier):
             eliminated=self._nuisance,
             rank_tolerance=self._rank_tolerance,
         )
-        return Identification(self._unknowns, solution, int(samples))
+        return Identification(self._parameterization, solution, int(samples))
 
 
 def is_number(value: object) -> bool:

@@ -10,7 +10,7 @@ from cpid_drake.dynamics.parameterizations import (
     EQ18,
     STANDARD,
     point_mass_inertia,
-    relative_unknowns,
+    relative_parameterization,
     tensor_to_vector,
     vector_to_tensor,
 )
@@ -25,25 +25,33 @@ def random_body(rng: np.random.Generator) -> InertialParameters:
 
 
 @pytest.mark.parametrize(
-    "unknowns", [EQ18, STANDARD, relative_unknowns(1031.0)], ids=lambda unknowns: unknowns.name
+    "parameterization",
+    [EQ18, STANDARD, relative_parameterization(1031.0)],
+    ids=lambda parameterization: parameterization.name,
 )
-def test_vectors_and_parameters_convert_both_ways(unknowns):
+def test_vectors_and_parameters_convert_both_ways(parameterization):
     parameters = random_body(np.random.default_rng(1)).to_vector()
-    vector = unknowns.from_parameters(parameters)
-    np.testing.assert_allclose(unknowns.to_parameters(vector), parameters, rtol=1e-13)
+    vector = parameterization.from_parameters(parameters)
+    np.testing.assert_allclose(parameterization.to_parameters(vector), parameters, rtol=1e-13)
 
 
 @pytest.mark.parametrize(
-    "unknowns", [EQ18, STANDARD, relative_unknowns(1031.0)], ids=lambda unknowns: unknowns.name
+    "parameterization",
+    [EQ18, STANDARD, relative_parameterization(1031.0)],
+    ids=lambda parameterization: parameterization.name,
 )
-def test_jacobian_is_the_derivative(unknowns):
-    vector = unknowns.from_parameters(random_body(np.random.default_rng(2)).to_vector())
+def test_jacobian_is_the_derivative(parameterization):
+    vector = parameterization.from_parameters(random_body(np.random.default_rng(2)).to_vector())
     step = 1e-6 * np.abs(vector)
     columns = [
-        (unknowns.to_parameters(vector + h * e) - unknowns.to_parameters(vector - h * e)) / (2 * h)
+        (
+            parameterization.to_parameters(vector + h * e)
+            - parameterization.to_parameters(vector - h * e)
+        )
+        / (2 * h)
         for h, e in zip(step, np.eye(10), strict=True)
     ]
-    jacobian = unknowns.jacobian(vector)
+    jacobian = parameterization.jacobian(vector)
     scale = np.abs(jacobian).max(axis=0)
     assert np.abs((np.stack(columns, axis=1) - jacobian) / scale).max() < 1e-7
 

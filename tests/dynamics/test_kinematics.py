@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
-from cpid_drake.dynamics.rotations import turned
+from cpid_drake.dynamics.rotations import rotate_about_axis
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,9 @@ def test_turning_agrees_with_scipy():
     angles = rng.uniform(-4, 4, 10)
     start = Rotation.random(10, rng)
     expected = (start * Rotation.from_rotvec(angles[:, None] * axis)).as_matrix()
-    np.testing.assert_allclose(turned(start.as_matrix(), axis, angles), expected, atol=1e-14)
+    np.testing.assert_allclose(
+        rotate_about_axis(start.as_matrix(), axis, angles), expected, atol=1e-14
+    )
 
 
 def test_lumping_welded_bodies_changes_no_momentum(servicer, random_motion):
@@ -87,7 +89,7 @@ def test_lumping_welded_bodies_changes_no_momentum(servicer, random_motion):
     telemetry = random_motion(20, 17)
     lumped = servicer.tree.lumped
     assert sum(body.joint < 0 for body in lumped.bodies) == 1
-    assert sum(body.mass for body in lumped.bodies) == pytest.approx(servicer.mass, rel=1e-15)
+    assert lumped.mass == pytest.approx(servicer.mass, rel=1e-15)
     results = []
     for tree in (servicer.tree, lumped):
         bodies, capture = propagate(tree, telemetry)

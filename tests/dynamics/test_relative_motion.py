@@ -9,7 +9,7 @@ from cpid_drake import HalfCosine, InertialParameters
 from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.spacecraft.known_bodies import KnownBodies
+from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
 
 
 @pytest.fixture(scope="module")
@@ -121,9 +121,9 @@ def test_the_identity_of_two_targets_is_exact(dynamics):
 
 @pytest.mark.parametrize("which", ["servicer", "craft"])
 def test_drake_sees_the_same_known_bodies(which, request):
-    """`KnownBodies` one configuration at a time, several rates at once."""
+    """`PlantRelativeDynamics` one configuration at a time, several rates at once."""
     craft, rng = request.getfixturevalue(which), np.random.default_rng(76)
-    bodies, J = KnownBodies(craft), len(craft.joint_names)
+    bodies, J = PlantRelativeDynamics(craft), len(craft.joint_names)
     for _ in range(4):
         q, qdot = rng.normal(size=J), rng.normal(size=(3, J))
         drake, ours = bodies(q, qdot), relative_dynamics(craft.tree, np.tile(q, (3, 1)), qdot)

@@ -19,12 +19,12 @@ from cpid_drake.dynamics.rows import (
     angular_rows,
     com_position_rows,
     eq18_rows,
+    eq18_to_world,
     inertia_operator,
     instantaneous_rows,
     linear_rows,
     relative_rows,
     standard_rows,
-    unknowns_to_world,
 )
 
 KNOWN_MASS = 1031.0  # of the servicer, and what free_samples() pretends
@@ -77,7 +77,7 @@ def test_rows_hold_at_the_truth(servicer, skewed_target, zero_momentum_motion, f
     """Eq. 18 and the standard form, on random states of zero momentum, to 1e-12 of their size."""
     samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 50, seed=3))
     A, b = family.rows(samples)
-    truth = family.unknowns(KNOWN_MASS).from_parameters(skewed_target.to_vector())
+    truth = family.parameterization(KNOWN_MASS).from_parameters(skewed_target.to_vector())
     size = (np.abs(A) @ np.abs(truth)).max()
     assert np.abs(A @ truth - b).max() < 1e-12 * size
 
@@ -87,7 +87,7 @@ def test_rows_determine_the_truth(servicer, skewed_target, zero_momentum_motion,
     samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 10, seed=4))
     A, b = family.rows(samples)
     solution = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
-    found = family.unknowns(KNOWN_MASS).to_parameters(solution)
+    found = family.parameterization(KNOWN_MASS).to_parameters(solution)
     np.testing.assert_allclose(found, skewed_target.to_vector(), rtol=0, atol=1e-10)
 
 
@@ -97,7 +97,7 @@ def test_rows_do_not_hold_for_another_target(
 ):
     samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 5, seed=5))
     A, b = family.rows(samples)
-    wrong = family.unknowns(KNOWN_MASS).from_parameters(paper_target.to_vector())
+    wrong = family.parameterization(KNOWN_MASS).from_parameters(paper_target.to_vector())
     assert np.abs(A @ wrong - b).max() > 1e-2
 
 
@@ -185,7 +185,7 @@ def test_eq18_is_eq14_with_the_unknowns_turned_into_C(case):
     to_C = np.zeros((len(samples), 6, 6))
     to_C[:, :3, :3] = to_C[:, 3:, 3:] = np.swapaxes(R_WC, -1, -2)
     A, b = eq18_rows(samples)
-    expected = to_C @ A_W @ unknowns_to_world(R_WC)
+    expected = to_C @ A_W @ eq18_to_world(R_WC)
     np.testing.assert_allclose(A, expected, rtol=0, atol=1e-11)
     np.testing.assert_allclose(b, rotate(to_C, b_W), rtol=0, atol=1e-11)
 
@@ -392,7 +392,7 @@ def test_relative_rows_hold_with_the_angular_momentum_about_the_centre_of_mass(
     np.testing.assert_allclose(about_com, np.tile(about_com[0], (12, 1)), atol=1e-9)
 
     rows = RELATIVE_ROWS.full_rows(samples, unknown_momentum=True)
-    psi = RELATIVE_ROWS.unknowns(samples.mass).from_parameters(skewed_target.to_vector())
+    psi = RELATIVE_ROWS.parameterization(samples.mass).from_parameters(skewed_target.to_vector())
     np.testing.assert_allclose(rows @ np.concatenate([about_com[0], psi, [-1.0]]), 0, atol=1e-9)
 
 

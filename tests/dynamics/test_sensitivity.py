@@ -10,7 +10,7 @@ from sensing_cases import small_craft
 from cpid_drake import InertialParameters, Telemetry
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, target_momentum
-from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.sensitivity import (
     BodyUncertainty,
@@ -40,8 +40,8 @@ class Case:
 
     def solved(self, tree: KinematicTree, q, qdot):
         """Return ψ, the dynamics, ω, v and ρ where the momentum about the centre of mass is L."""
-        mass = sum(body.mass for body in tree.bodies)
-        psi = relative_unknowns(mass).from_parameters(self.target.to_vector())
+        mass = tree.mass
+        psi = relative_parameterization(mass).from_parameters(self.target.to_vector())
         dynamics = relative_dynamics(tree, q, qdot)
         h, rho = dynamics.momentum_at_rest(psi), dynamics.com(psi)
         w = np.linalg.solve(dynamics.inertia(psi), (self.L - h)[..., None])[..., 0]

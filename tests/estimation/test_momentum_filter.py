@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
-from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.estimation.momentum_filter import vague_prior
 from cpid_drake.identification.sensor_identification import (
@@ -166,7 +166,7 @@ def test_the_prior_is_vague_and_possible(servicer):
     still = np.zeros((1, len(servicer.joint_names)))
     inertia = relative_dynamics(servicer.tree, still, still).I_K[0]
     prior = vague_prior(servicer.mass, inertia)
-    parameters = relative_unknowns(servicer.mass).to_parameters(prior.psi)
+    parameters = relative_parameterization(servicer.mass).to_parameters(prior.psi)
     assert 0 < parameters[0] < servicer.mass
     assert (prior.psi_sigma[[0, 4, 7, 9]] > prior.psi[[0, 4, 7, 9]]).all()
 

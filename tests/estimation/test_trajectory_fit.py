@@ -17,7 +17,10 @@ from sensing_cases import (
 )
 
 from cpid_drake import InertialParameters, InputError
-from cpid_drake.dynamics.parameterizations import relative_unknowns, standard_to_pseudo_inertia
+from cpid_drake.dynamics.parameterizations import (
+    relative_parameterization,
+    standard_to_pseudo_inertia,
+)
 from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
 from cpid_drake.estimation import trajectory_fit
 from cpid_drake.estimation.momentum_filter import vague_prior
@@ -145,8 +148,8 @@ def test_known_bodies_columns(model, craft):
     model, state = model
     uncertainty = BodyUncertainty(mass=0.01, com=0.002, inertia=0.02)
     exact = model.known_bodies(model.trajectory(state), uncertainty)
-    unknowns = relative_unknowns(model.dynamics.mass)
-    target = unknowns.to_parameters(state.psi)
+    parameterization = relative_parameterization(model.dynamics.mass)
+    target = parameterization.to_parameters(state.psi)
 
     class Drawn:
         """In place of a random generator: draws one number that is not zero."""
@@ -173,7 +176,7 @@ def test_known_bodies_columns(model, craft):
                 psi_prior=model.psi_prior,
                 step=0.0125,
             )
-            psi = relative_unknowns(other.dynamics.mass).from_parameters(target)
+            psi = relative_parameterization(other.dynamics.mass).from_parameters(target)
             moved = replace(state, psi=psi)
             residuals = other.residuals(other.trajectory(moved))
             readings.append(residuals[: -10 - moved.bias.size])
@@ -241,7 +244,7 @@ def far_starts(mass):
         A = rng.normal(size=(3, 3))
         moment = 0.3 * m * A @ A.T
         inertia = np.trace(moment) * np.eye(3) - moment
-        yield relative_unknowns(mass).from_parameters(
+        yield relative_parameterization(mass).from_parameters(
             InertialParameters(m, rng.uniform(-1, 1, 3), inertia).to_vector()
         )
 

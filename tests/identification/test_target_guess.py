@@ -6,7 +6,7 @@ import numpy as np
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake import InertialParameters
-from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.identification.sensor_identification import (
     identification_of_filter,
     online_estimator,
@@ -29,7 +29,7 @@ def drawn_guess(craft, psi, rng) -> InertialParameters:
     size = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
     scale = psi[0] * np.concatenate([[1.0], 3 * [size], 6 * [size**2]])
     while True:
-        guess = relative_unknowns(craft.mass).to_parameters(
+        guess = relative_parameterization(craft.mass).to_parameters(
             psi + SIGMA * scale * rng.normal(size=10)
         )
         if (body := InertialParameters.from_vector(guess)).is_feasible():

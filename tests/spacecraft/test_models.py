@@ -18,7 +18,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.momentum import momentum_samples
-from cpid_drake.dynamics.parameterizations import relative_unknowns
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.rows import relative_rows
 from cpid_drake.resources import models_directory
 
@@ -285,8 +285,8 @@ def uncertainty(scenario) -> float:
     base = propagate_base(spacecraft.tree, motion, truth.to_standard_vector(), times)
     telemetry = Telemetry(spacecraft.joint_names, times, **vars(base), q=q, qdot=qdot)
     A = relative_rows(momentum_samples(spacecraft.tree, telemetry))[0].reshape(-1, 10)
-    unknowns = relative_unknowns(spacecraft.mass)
-    jacobian = unknowns.jacobian(unknowns.from_parameters(truth.to_vector()))
+    parameterization = relative_parameterization(spacecraft.mass)
+    jacobian = parameterization.jacobian(parameterization.from_parameters(truth.to_vector()))
     sigma = np.linalg.norm(jacobian @ np.linalg.pinv(A), axis=1)
     return max(sigma / np.repeat([truth.mass, 0.5, np.trace(truth.I_TTcm_C)], [1, 3, 6]))
 

@@ -14,7 +14,7 @@ from cpid_drake.dynamics.rotations import skew
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
-class KnownBodies(threading.local):
+class PlantRelativeDynamics(threading.local):
     """Gives the known bodies' dynamics at one configuration, for one or for several rates.
 
     Args:
