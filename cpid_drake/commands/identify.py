@@ -116,7 +116,8 @@ def identify(
         if report is not None:
             import logging
 
-            from cpid_drake.report.identification_page import findings_of, identification_report
+            from cpid_drake.report.findings import findings_of
+            from cpid_drake.report.pages.identification import identification_report
 
             logging.getLogger("drake").setLevel(logging.WARNING)
             findings = findings_of(evidence, status.update)

@@ -26,8 +26,8 @@ def paper(
     """Run the study of Ning et al. 2016: simulate, identify, print its tables, draw its figures."""
     start = time.perf_counter()
     # Imported here so that `cpid --help` does not wait for Drake.
+    from cpid_drake.report.pages.study import paper_report
     from cpid_drake.report.paper import print_tables, write_figures
-    from cpid_drake.report.study_page import paper_report
     from cpid_drake.scenario.files import find_scenario, load_scenario
     from cpid_drake.scenario.naming import naming
     from cpid_drake.studies.paper import run_paper_study, summarize

@@ -35,8 +35,9 @@ def report(
     log = Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
     with log.status("reading") as status:
         from cpid_drake.report.figures import write_figures
-        from cpid_drake.report.identification_page import findings_of_file, identification_report
-        from cpid_drake.report.run_page import run_report
+        from cpid_drake.report.findings import findings_of_file
+        from cpid_drake.report.pages.identification import identification_report
+        from cpid_drake.report.pages.run import run_report
 
         if source.is_dir():
             page, findings = run_report(source, status.update)

@@ -106,8 +106,8 @@ def _replay_log(
     """Return the page of a log, and the estimate in words."""
     from cpid_drake.identification.convergence import converge
     from cpid_drake.identification.requests import Request, identify_file
-    from cpid_drake.report.identification_page import motion_of
     from cpid_drake.report.replay import estimate_text, replay_html
+    from cpid_drake.report.sections.replay import motion_of
 
     with console.status("identifying") as status:
         request = Request(telemetry, spacecraft, sensors=sensors, unknown_momentum=unknown_momentum)

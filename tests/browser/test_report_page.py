@@ -10,7 +10,8 @@ import pytest
 from cpid_drake.identification import convergence
 from cpid_drake.identification.requests import Request, identify_file
 from cpid_drake.identification.result_files import SpacecraftReference, result_text
-from cpid_drake.report.identification_page import findings_of, identification_report
+from cpid_drake.report.findings import findings_of
+from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.resources import models_directory
 
 FREE_FLYER = SpacecraftReference(

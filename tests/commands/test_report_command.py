@@ -6,8 +6,8 @@ import re
 import pytest
 
 from cpid_drake.identification import convergence
-from cpid_drake.report import identification_page
 from cpid_drake.report.figures import Picture
+from cpid_drake.report.sections import replay
 from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
@@ -22,7 +22,7 @@ def quick():
     """Few windows, and pages without drawings and replay: those are tested elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(convergence, "WINDOWS", dict.fromkeys(convergence.WINDOWS, 3))
-        patch.setattr(identification_page, "replay_html", lambda *args, **options: "replay")
+        patch.setattr(replay, "replay_html", lambda *args, **options: "replay")
         patch.setattr(Picture, "svg", lambda picture: "<svg/>")
         yield
 

@@ -12,17 +12,14 @@ from cpid_drake.estimation.whiteness import autocorrelation, whiteness
 from cpid_drake.identification import convergence
 from cpid_drake.identification.requests import Request, identify_file, request_of_result
 from cpid_drake.identification.result_files import SpacecraftReference, read_result, write_result
-from cpid_drake.report import identification_page
 from cpid_drake.report.figures import Picture, ellipse
-from cpid_drake.report.identification_page import (
-    Answer,
-    findings_of,
-    findings_of_file,
-    identification_report,
-    weakest_combination,
-)
+from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.page import Report, embedded_json
-from cpid_drake.report.study_page import StudySection, page_table
+from cpid_drake.report.pages.identification import identification_report
+from cpid_drake.report.pages.study import StudySection, page_table
+from cpid_drake.report.sections import replay
+from cpid_drake.report.sections.answer import Answer
+from cpid_drake.report.sections.observability import weakest_combination
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"
@@ -69,7 +66,7 @@ def quick():
     """Few windows, and no replay: that is tested in a browser."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(convergence, "WINDOWS", dict.fromkeys(convergence.WINDOWS, 4))
-        patch.setattr(identification_page, "replay_html", lambda *args, **options: SCRIPT)
+        patch.setattr(replay, "replay_html", lambda *args, **options: SCRIPT)
         yield
 
 

@@ -1,0 +1,1 @@
+"""Whole reports: which sections, in which order."""

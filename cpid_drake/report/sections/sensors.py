@@ -1,0 +1,75 @@
+"""The section with a row for every sensor."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from cpid_drake.identification.requests import Evidence
+from cpid_drake.report.page import Cell, Section, Table
+from cpid_drake.sensing.suite import SENSOR_NAMES
+
+_LABELS = {
+    "attitude": ("attitude", "rad"),
+    "gyro": ("gyro", "rad/s"),
+    "position": ("position", "m"),
+    "velocity": ("velocity", "m/s"),
+    "encoders": ("joint positions", "rad or m"),
+    "joint_rates": ("joint rates", "rad/s or m/s"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Sensors(Section):
+    """How the samples fit the sensors."""
+
+    evidence: Evidence
+    title: ClassVar[str] = "Sensors"
+    template: ClassVar[str] = "pictures.html.j2"
+    pictures: ClassVar[tuple] = ()
+
+    @property
+    def texts(self) -> list[str]:
+        """Where the noise is from."""
+        found = self.evidence.found
+        if found.suite is None:
+            return ["All complete samples weighed alike: no noise was assumed of any sensor."]
+        whose = "given" if self.evidence.suite is not None else "estimated from the log"
+        texts = [f"The sensors' noise was {whose}."]
+        if found.estimator == "trajectory_fit":
+            texts.append("χ² per reading is 1 where samples scatter as much as assumed.")
+        return texts
+
+    @property
+    def table(self) -> Table:
+        """A row a sensor."""
+        found = self.evidence.found
+        heads = ["", "samples", "every [ms]", "not used", "σ assumed", "unit", "χ² per reading"]
+        rows = []
+        for name in SENSOR_NAMES:
+            samples = getattr(self.evidence.measurements, name)
+            if not len(samples):
+                continue
+            word, unit = _LABELS[name]
+            step = np.median(np.diff(samples.time)) if len(samples) > 1 else np.nan
+            sigma = ""
+            if found.suite is not None and getattr(found.suite, name) is not None:
+                values = np.unique(found.suite.sigmas(name))
+                sigma = ", ".join(f"{value:.2g}" for value in values)
+            left = found.leftovers.get(name)
+            rows.append(
+                [
+                    word,
+                    Cell(str(len(samples))),
+                    Cell(f"{1e3 * step:.4g}" if np.isfinite(step) else ""),
+                    Cell(str(found.rejected.get(name, 0))),
+                    Cell(sigma),
+                    unit if sigma else "",
+                    Cell("" if left is None else f"{np.mean(left.value**2):.3f}"),
+                ]
+            )
+        if found.estimator != "trajectory_fit":
+            heads, rows = heads[:6], [row[:6] for row in rows]
+        if found.suite is None:
+            heads, rows = heads[:4], [row[:4] for row in rows]
+        return Table(heads, rows)
