@@ -101,25 +101,10 @@ def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) ->
     """Return the true motion at increasing times, by `propagate_base` from W's origin at 0 s."""
     times = np.asarray(times, dtype=float)
     later = int(times[0] > 0)
-    base = propagate_base(
-        tree,
-        motion,
-        target.to_standard_vector(),
-        np.append(0.0, times) if later else times,
-        momentum_W=momentum_W,
-        max_step=0.04,
-    )
-    samples = motion.evaluate(times)
-    return Telemetry(
-        joint_names,
-        times,
-        quaternion_WB=base.quaternion_WB[later:],
-        p_WB=base.p_WB[later:],
-        w_WB=base.w_WB[later:],
-        v_WB=base.v_WB[later:],
-        q=samples[:, 0],
-        qdot=samples[:, 1],
-    )
+    times = np.append(0.0, times) if later else times
+    phi = target.to_standard_vector()
+    base = propagate_base(tree, motion, phi, times, momentum_W=momentum_W, max_step=0.04)
+    return base.to_telemetry(joint_names, times, motion).select(slice(later, None))
 
 
 def measured(

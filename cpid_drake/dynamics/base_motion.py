@@ -25,7 +25,13 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.parameterizations import vector_to_tensor
-from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rotations import (
+    quaternion_rate,
+    rotate,
+    rotate_by_quaternion,
+    skew,
+)
+from cpid_drake.dynamics.spatial_inertia import moved_spatial_inertia, spatial_inertia
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
@@ -66,33 +72,24 @@ class BaseTrajectory:
     w_WB: NDArray[np.float64]
     v_WB: NDArray[np.float64]
 
+    def to_telemetry(
+        self, joint_names: tuple[str, ...], times: ArrayLike, motion: JointMotion
+    ) -> Telemetry:
+        """Return one target's trajectory as telemetry, with its joint motion at the N times [s]."""
+        q, qdot, _ = np.moveaxis(motion.evaluate(np.asarray(times, dtype=float)), 1, 0)
+        return Telemetry(joint_names, times, **vars(self), q=q, qdot=qdot)
+
 
 def known_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> KnownDynamics:
     """Return what the known bodies contribute at joint positions and rates, (N, J) each."""
-    q, qdot = np.asarray(q, dtype=float), np.asarray(qdot, dtype=float)
-    N, still = len(q), np.zeros((len(q), 3))
-    base_at_rest = Telemetry(
-        tuple(f"joint {j}" for j in range(q.shape[1])),
-        np.arange(N, dtype=float),
-        quaternion_WB=np.tile([1.0, 0.0, 0.0, 0.0], (N, 1)),
-        p_WB=still,
-        w_WB=still,
-        v_WB=still,
-        q=q,
-        qdot=qdot,
-    )
-    bodies, capture = propagate(tree, base_at_rest)
-    M = np.zeros((N, 6, 6))
+    bodies, capture = propagate(tree, Telemetry.seen_from_base(q, qdot))
+    M = np.zeros((bodies.r.shape[1], 6, 6))
     for body, R, r in zip(tree.bodies, bodies.R, bodies.r, strict=True):
-        shift = body.mass * skew(r)
-        M[:, :3, :3] += R @ body.I_BBcm @ np.swapaxes(R, -1, -2) - shift @ skew(r)
-        M[:, :3, 3:] += shift
-        M[:, 3:, :3] -= shift
-        M[:, 3:, 3:] += body.mass * np.eye(3)
+        M += moved_spatial_inertia(body.mass, body.I_BBcm, R, r)
     L = angular_momentum(tree, bodies, np.zeros(3))
     P = linear_momentum(tree, bodies)
     R_CB = np.swapaxes(capture.R_WC, -1, -2)
-    X = np.zeros((N, 6, 6))
+    X = np.zeros_like(M)
     X[:, :3, :3] = X[:, 3:, 3:] = R_CB
     X[:, 3:, :3] = -R_CB @ skew(capture.p_WC)
     V_BC = np.hstack([rotate(R_CB, capture.w_WC), rotate(R_CB, capture.v_WC)])
@@ -102,13 +99,7 @@ def known_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> KnownD
 def target_spatial_inertia(phi: ArrayLike) -> NDArray[np.float64]:
     """Return G(φ) (..., 6, 6) with [L; P] = G [ω; v] about and in C, of vectors φ (..., 10)."""
     phi = np.asarray(phi, dtype=float)
-    G = np.zeros((*phi.shape[:-1], 6, 6))
-    h = skew(phi[..., 1:4])
-    G[..., :3, :3] = vector_to_tensor(phi[..., 4:])
-    G[..., :3, 3:] = h
-    G[..., 3:, :3] = -h
-    G[..., 3:, 3:] = phi[..., :1, None] * np.eye(3)
-    return G
+    return spatial_inertia(phi[..., 0], phi[..., 1:4], vector_to_tensor(phi[..., 4:]))
 
 
 # ∂G/∂φ: constant, since G is linear in φ.
@@ -234,8 +225,8 @@ def propagate_base(
         if keep.size:
             V = twist(node, pose)
             result[..., keep[0], :7] = pose
-            result[..., keep[0], 7:10] = _turn(pose, V[..., :3])
-            result[..., keep[0], 10:] = _turn(pose, V[..., 3:])
+            result[..., keep[0], 7:10] = rotate_by_quaternion(pose[..., :4], V[..., :3])
+            result[..., keep[0], 10:] = rotate_by_quaternion(pose[..., :4], V[..., 3:])
         if node + 2 < len(grid):
             pose = _runge_kutta_step(pose, twist, node, grid[node + 2] - grid[node])
     return BaseTrajectory(result[..., :4], result[..., 4:7], result[..., 7:10], result[..., 10:])
@@ -267,26 +258,10 @@ def _runge_kutta_step(
 
 
 def _pose_rate(pose: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rate of (quaternion, position) (..., 7) under a twist in B: q̇ = ½ q ∘ (0, ω), ṗ = R v."""
-    w, x, y, z = (pose[..., i] for i in range(4))
-    a, b, c = (V[..., i] for i in range(3))
-    rate = np.empty_like(pose)
-    rate[..., 0] = -(x * a + y * b + z * c) / 2
-    rate[..., 1] = (w * a + y * c - z * b) / 2
-    rate[..., 2] = (w * b + z * a - x * c) / 2
-    rate[..., 3] = (w * c + x * b - y * a) / 2
-    rate[..., 4:] = _turn(pose, V[..., 3:])
-    return rate
-
-
-def _turn(
-    pose: NDArray[np.float64], v: NDArray[np.float64], inverse: bool = False
-) -> NDArray[np.float64]:
-    """R v (or Rᵀ v) for the attitude of (..., 7) poses, quaternions of any norm but zero."""
-    u = -pose[..., 1:4] if inverse else pose[..., 1:4]
-    scale = 2 / np.einsum("...i,...i->...", pose[..., :4], pose[..., :4])[..., None]
-    cross = np.cross(u, v)
-    return v + scale * (pose[..., :1] * cross + np.cross(u, cross))
+    """Return the rate of (quaternion, position) (..., 7) under a twist [ω; v] (..., 6) in B."""
+    quaternion = pose[..., :4]
+    rates = quaternion_rate(quaternion, V[..., :3]), rotate_by_quaternion(quaternion, V[..., 3:])
+    return np.concatenate(rates, axis=-1)
 
 
 def _momentum_in_base(
@@ -294,7 +269,7 @@ def _momentum_in_base(
 ) -> NDArray[np.float64]:
     """[L; P] about B's origin in B of a constant momentum [L; P] about W's origin in W."""
     L, P = momentum_W[..., :3], momentum_W[..., 3:]
-    shape = np.broadcast_shapes(pose.shape[:-1], L.shape[:-1])
-    moved = np.broadcast_to(L - np.cross(pose[..., 4:], P), (*shape, 3))
-    P = np.broadcast_to(P, (*shape, 3))
-    return np.concatenate([_turn(pose, moved, True), _turn(pose, P, True)], axis=-1)
+    to_B = pose[..., :4] * [1.0, -1.0, -1.0, -1.0]
+    about_B = L - np.cross(pose[..., 4:], P)
+    parts = np.broadcast_arrays(rotate_by_quaternion(to_B, about_B), rotate_by_quaternion(to_B, P))
+    return np.concatenate(parts, axis=-1)

@@ -19,6 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.dynamics.spatial_inertia import (
+    inertia_of_second_moment,
+    point_mass_inertia,
+    second_moment,
+)
+
 PARAMETER_NAMES = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Names of the entries of the parameter vector π, in its order."""
 
@@ -48,12 +54,6 @@ def vector_to_tensor(vector: ArrayLike) -> NDArray[np.float64]:
     tensor[..., _ROW, _COLUMN] = vector
     tensor[..., _COLUMN, _ROW] = vector
     return tensor
-
-
-def point_mass_inertia(mass: float, p: ArrayLike) -> NDArray[np.float64]:
-    """Return m (|p|² 1 − p pᵀ): the (3, 3) inertia about the origin of a mass [kg] at p [m]."""
-    p = np.asarray(p, dtype=float)
-    return mass * (p @ p * np.eye(3) - np.outer(p, p))
 
 
 def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
@@ -89,9 +89,8 @@ def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
 
 def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (4, 4) pseudo-inertia [½tr(J)1 − J, h; hᵀ, m] of a standard vector (10,)."""
-    inertia = vector_to_tensor(phi[4:])
     pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    pseudo[:3, :3] = second_moment(vector_to_tensor(phi[4:]))
     pseudo[:3, 3] = pseudo[3, :3] = phi[1:4]
     pseudo[3, 3] = phi[0]
     return pseudo
@@ -99,8 +98,7 @@ def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def pseudo_inertia_to_standard(pseudo: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the standard vector (10,) of a (4, 4) pseudo-inertia; both are linear in the other."""
-    second_moment = pseudo[:3, :3]
-    inertia = np.trace(second_moment) * np.eye(3) - second_moment
+    inertia = inertia_of_second_moment(pseudo[:3, :3])
     return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor_to_vector(inertia)])
 
 

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.base_motion import KnownDynamics, known_dynamics
 from cpid_drake.dynamics.parameterizations import vector_to_tensor
-from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rotations import rotate, skew, unskew
 from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.dynamics.tree import KinematicTree
 
@@ -58,10 +58,10 @@ class RelativeDynamics:
     def from_known(cls, known: KnownDynamics, mass: float) -> "RelativeDynamics":
         """Take the known bodies' inertia and momentum about B, of this mass, to those about K."""
         M, h, X = known.M, known.h, known.X
-        p_BK = _unskew(M[:, :3, 3:]) / mass
+        p_BK = unskew(M[:, :3, 3:]) / mass
         R_CB = X[:, :3, :3]
         R_BC = np.swapaxes(R_CB, -1, -2)
-        p_BC = -_unskew(R_BC @ X[:, 3:, :3])
+        p_BC = -unskew(R_BC @ X[:, 3:, :3])
         v_BK = h[:, 3:] / mass
         return cls(
             mass=mass,
@@ -120,8 +120,3 @@ class RelativeDynamics:
 def relative_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> RelativeDynamics:
     """Return the known bodies as seen from the base at joint positions and rates, (N, J) each."""
     return RelativeDynamics.from_known(known_dynamics(tree, q, qdot), tree.mass)
-
-
-def _unskew(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return v (..., 3) of skew matrices (..., 3, 3)."""
-    return np.stack([matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0]], axis=-1)

@@ -31,24 +31,12 @@ from cpid_drake.dynamics.parameterizations import (
     tensor_to_vector,
     vector_to_tensor,
 )
-from cpid_drake.dynamics.rotations import linear_form, skew
+from cpid_drake.dynamics.rotations import skew
 
 Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Rows A (N, 6, 10) and right-hand sides b (N, 6)."""
-_INERTIA_OPERATOR = linear_form(
-    6,
-    {
-        (0, 0): (0, 1.0),
-        (0, 1): (1, 1.0),
-        (0, 2): (2, 1.0),
-        (1, 1): (0, 1.0),
-        (1, 3): (1, 1.0),
-        (1, 4): (2, 1.0),
-        (2, 2): (0, 1.0),
-        (2, 4): (1, 1.0),
-        (2, 5): (2, 1.0),
-    },
-)
+# Row k is [#e_k], flattened: column j of it is E_j e_k with E_j the tensor of unit vector j.
+_INERTIA_OPERATOR = vector_to_tensor(np.eye(6)).transpose(2, 1, 0).reshape(3, 18)
 
 
 def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:

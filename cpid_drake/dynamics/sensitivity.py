@@ -20,6 +20,11 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.kinematics import BodyMotion, propagate
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.spatial_inertia import (
+    inertia_of_second_moment,
+    moved_spatial_inertia,
+    second_moment,
+)
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 
@@ -69,14 +74,16 @@ def joint_sensitivity(
     """Return the derivatives by joint positions and by joint rates.
 
     Args:
-        tree: known bodies *and* the target, as from `with_target`.
+        tree: known bodies *and* the target, as from `KinematicTree.with_target`.
         telemetry: N instants seen from the base: its pose is the identity, its twist in B.
         psi: (10,) relative unknowns of the target.
         dynamics: of the known bodies, at the same instants.
 
     """
     bodies, _ = propagate(tree, telemetry)
-    inertia, momentum = _body_inertias(tree, bodies), _body_momenta(tree, bodies)
+    moved = zip(tree.bodies, bodies.R, bodies.r, strict=True)
+    inertia = np.stack([moved_spatial_inertia(b.mass, b.I_BBcm, R, r) for b, R, r in moved])
+    momentum = _body_momenta(tree, bodies)
     for k in range(len(tree.bodies) - 1, 0, -1):  # outboard before inboard
         parent = tree.bodies[k].parent
         inertia[parent] += inertia[k]
@@ -140,28 +147,6 @@ def body_sensitivity(
     )
 
 
-def with_target(tree: KinematicTree, phi: NDArray[np.float64]) -> KinematicTree:
-    """Return the tree with a target of standard vector φ (10,) welded on C, as its last body."""
-    from cpid_drake.dynamics.parameterizations import point_mass_inertia, vector_to_tensor
-
-    mass, com = phi[0], phi[1:4] / phi[0]
-    target = TreeBody(
-        name="target",
-        parent=tree.capture_body,
-        joint=-1,
-        prismatic=False,
-        axis_F=np.array([0.0, 0.0, 1.0]),
-        R_PF=tree.R_BC,
-        p_PF=tree.p_BC,
-        R_MB=np.eye(3),
-        p_MB=np.zeros(3),
-        mass=mass,
-        p_BBcm=com,
-        I_BBcm=vector_to_tensor(phi[4:]) - point_mass_inertia(mass, com),
-    )
-    return replace(tree, bodies=(*tree.bodies, target))
-
-
 def disturbed(
     tree: KinematicTree, uncertainty: BodyUncertainty, rng: np.random.Generator
 ) -> KinematicTree:
@@ -173,10 +158,8 @@ def disturbed(
     for body in tree.bodies:
         draw = uncertainty.sigmas * rng.standard_normal(10)
         E = np.tensordot(draw[4:], _STRETCHES, axes=1)
-        inertia = body.I_BBcm
-        second_moment = np.trace(inertia) / 2 * np.eye(3) - inertia
-        second_moment = (np.eye(3) + E) @ second_moment @ (np.eye(3) + E).T
-        inertia = np.trace(second_moment) * np.eye(3) - second_moment
+        stretch = np.eye(3) + E
+        inertia = inertia_of_second_moment(stretch @ second_moment(body.I_BBcm) @ stretch.T)
         mass = body.mass * (1 + draw[0])
         bodies.append(replace(body, mass=mass, p_BBcm=body.p_BBcm + draw[1:4], I_BBcm=inertia))
     return replace(tree, bodies=tuple(bodies))
@@ -186,9 +169,8 @@ def stretched_inertia_rate(
     inertia: NDArray[np.float64], E: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return dI (3, 3) while the second moment Σ = ½tr(I)1 − I grows by EΣ + ΣEᵀ."""
-    second_moment = np.trace(inertia) / 2 * np.eye(3) - inertia
-    change = E @ second_moment + second_moment @ E.T
-    return np.trace(change) * np.eye(3) - change
+    sigma = second_moment(inertia)
+    return inertia_of_second_moment(E @ sigma + sigma @ E.T)
 
 
 def _stretches() -> NDArray[np.float64]:
@@ -213,19 +195,6 @@ def _motion_sensitivity(
     dL, dP = momentum[:, :3], momentum[:, 3:]
     w = -np.linalg.solve(dynamics.inertia(psi), dL - rho @ dP)
     return MotionSensitivity(w, com, rho @ w - dP / total)
-
-
-def _body_inertias(tree: KinematicTree, bodies: BodyMotion) -> NDArray[np.float64]:
-    """(K, N, 6, 6) spatial inertias about B's origin, in B."""
-    K, N = bodies.r.shape[:2]
-    result = np.zeros((K, N, 6, 6))
-    for k, body in enumerate(tree.bodies):
-        R, shift = bodies.R[k], body.mass * skew(bodies.r[k])
-        result[k, :, :3, :3] = R @ body.I_BBcm @ np.swapaxes(R, -1, -2) - shift @ skew(bodies.r[k])
-        result[k, :, :3, 3:] = shift
-        result[k, :, 3:, :3] = -shift
-        result[k, :, 3:, 3:] = body.mass * np.eye(3)
-    return result
 
 
 def _body_momenta(tree: KinematicTree, bodies: BodyMotion) -> NDArray[np.float64]:

@@ -74,6 +74,30 @@ class Telemetry:
                 f"telemetry: quaternion_WB is not of unit norm in sample {off.argmax()}"
             )
 
+    @classmethod
+    def seen_from_base(
+        cls, q: ArrayLike, qdot: ArrayLike, w_WB: ArrayLike = 0.0, v_WB: ArrayLike = 0.0
+    ) -> "Telemetry":
+        """Return joint states as telemetry in which the frames W and B coincide at every sample.
+
+        Args:
+            q, qdot: (N, J) joint positions and rates; the joints are named by their number.
+            w_WB, v_WB: (N, 3) velocities of the base, in B; default: a base at rest.
+
+        """
+        q = np.asarray(q, dtype=float)
+        count, joints = q.shape
+        return cls(
+            tuple(f"joint {j}" for j in range(joints)),
+            np.arange(count, dtype=float),
+            quaternion_WB=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+            p_WB=np.zeros((count, 3)),
+            w_WB=np.broadcast_to(w_WB, (count, 3)),
+            v_WB=np.broadcast_to(v_WB, (count, 3)),
+            q=q,
+            qdot=qdot,
+        )
+
     def __len__(self) -> int:
         return self.time.size
 

@@ -6,7 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.parameterizations import point_mass_inertia
+from cpid_drake.dynamics.parameterizations import vector_to_tensor
+from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,28 @@ class KinematicTree:
             lumps.append(replace(body, parent=lump, R_PF=R_LP @ body.R_PF, p_PF=p_LF))
         lump, R_LB, p_LB = where[self.capture_body]
         return KinematicTree(tuple(lumps), lump, R_LB @ self.R_BC, p_LB + R_LB @ self.p_BC)
+
+    def with_target(self, phi: NDArray[np.float64]) -> "KinematicTree":
+        """Return the tree with a target of standard vector φ (10,) welded on C, as its last body.
+
+        The target's mass must not be zero.
+        """
+        mass, com = phi[0], phi[1:4] / phi[0]
+        target = TreeBody(
+            name="target",
+            parent=self.capture_body,
+            joint=-1,
+            prismatic=False,
+            axis_F=np.array([0.0, 0.0, 1.0]),
+            R_PF=self.R_BC,
+            p_PF=self.p_BC,
+            R_MB=np.eye(3),
+            p_MB=np.zeros(3),
+            mass=mass,
+            p_BBcm=com,
+            I_BBcm=vector_to_tensor(phi[4:]) - point_mass_inertia(mass, com),
+        )
+        return replace(self, bodies=(*self.bodies, target))
 
     def is_rotor(self, joint: int) -> bool:
         """Return whether a joint's angle makes no difference, as a reaction wheel's.

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
+from cpid_drake.dynamics.rotations import exp, log, quaternion_to_matrix, skew
 from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
@@ -569,7 +570,7 @@ class MomentumFilter:
             state.gyro[-count:, 1:] = gyro.value[-count:]
             state.w[:] = gyro.value[-1] - state.bias
             # The attitude is that at `time`; the gyro's may be a little older.
-            turn = _exp(state.w * (gyro.time[-1] - time))
+            turn = exp(state.w * (gyro.time[-1] - time))
             state.R_by_gyro = state.R_by_gyro @ turn
         self._refresh_joint_noise(state, time, self._look(state))
         R = state.R_by_momentum
@@ -597,7 +598,7 @@ class MomentumFilter:
     # -- attitude --------------------------------------------------------------------------------
 
     def _attitude(self, state: FilterState, time: float, value: NDArray) -> bool:
-        R = _rotation_of(value)
+        R = quaternion_to_matrix(value)
         noise = self._variance["attitude"]
         if not state.attitude_known:
             self._set_attitude(state, R, time)
@@ -605,12 +606,12 @@ class MomentumFilter:
         where, R_state, at = self._best_attitude(state)
         if not abs(time - at) <= LONGEST_GAP:
             return False
-        R_predicted = R_state @ _exp(state.w * (time - at)) if time != at else R_state
+        R_predicted = R_state @ exp(state.w * (time - at)) if time != at else R_state
         H = np.zeros((3, SIZE))
         H[:, where] = R_predicted.T
         if where == BY_MOMENTUM:
             noise = noise + state.joint_noise
-        innovation = _log(R_predicted.T @ R)
+        innovation = log(R_predicted.T @ R)
         if self._correct(state, innovation, H, noise):
             return True
         if self._too_many(state, "attitude"):
@@ -634,8 +635,8 @@ class MomentumFilter:
         noise = self._variance["attitude"]
         gyro, joints = state.gyro[-1, 0], state.joints[0, 0]
         behind = [0.0 if np.isnan(at) else time - at for at in (joints, gyro)]
-        state.R_by_momentum = R @ _exp(-state.w * behind[0])
-        state.R_by_gyro = R @ _exp(-state.w * behind[1])
+        state.R_by_momentum = R @ exp(-state.w * behind[0])
+        state.R_by_gyro = R @ exp(-state.w * behind[1])
         variance = R @ noise @ R.T
         for where in (BY_MOMENTUM, BY_GYRO):
             state.P[where, :] = state.P[:, where] = 0.0
@@ -671,7 +672,7 @@ class MomentumFilter:
             state.attitude_known = np.False_  # that is no longer there: wait for a sample
         if not (state.attitude_known and behind > 0):
             return
-        state.R_by_gyro = state.R_by_momentum @ _exp(state.w * behind)
+        state.R_by_gyro = state.R_by_momentum @ exp(state.w * behind)
         self._adopt(state, BY_GYRO, BY_MOMENTUM)
         # One angular velocity for all of the time between: off by what it changes.
         state.P[_BY_GYRO_DIAGONAL] += (SMOOTHEST["gyro"][0] * behind**2) ** 2 / 12
@@ -700,7 +701,7 @@ class MomentumFilter:
         _drive(state.P, BY_GYRO, M, growth)
         state.P[_BIAS_DIAGONAL] += self._bias_growth * elapsed
         state.effects[BY_GYRO] = M @ state.effects
-        state.R_by_gyro = state.R_by_gyro @ _exp(turn)
+        state.R_by_gyro = state.R_by_gyro @ exp(turn)
         if stepped:
             state.gyro[:] = np.nan
         state.gyro[:-1] = state.gyro[1:]
@@ -772,7 +773,7 @@ class MomentumFilter:
 
         fresh = self._has_gyro and time - state.gyro[-1, 0] <= LONGEST_GAP
         mean = state.w if fresh else state.w_before
-        half = _exp(mean * (T / 2))
+        half = exp(mean * (T / 2))
         nodes = np.stack([_EYE, half, half @ half])
         # The attitude for the derivatives: the gyro's is the better one.
         R = state.R_by_gyro @ nodes[2].T if fresh else state.R_by_momentum
@@ -803,7 +804,7 @@ class MomentumFilter:
             if turning:  # with momentum the velocities depend on where the base turns to
                 halfway = T / 24 * (5 * w[0] + 8 * w[1] - w[2])
                 R = state.R_by_momentum
-                nodes = np.stack([R, R @ _exp(halfway), R @ _exp(turn)])
+                nodes = np.stack([R, R @ exp(halfway), R @ exp(turn)])
 
         weighted = R_nodes @ inverse * (T / 6 * _SIMPSON)
         M = np.zeros((3, SIZE))
@@ -811,10 +812,10 @@ class MomentumFilter:
         M[:, BY_MOMENTUM] = _EYE
         M[:, ANGULAR] = spread = (weighted @ R_nodes.transpose(0, 2, 1)).sum(axis=0)
         if turning:
-            M[:, BY_MOMENTUM] += spread @ _skew(state.L)
+            M[:, BY_MOMENTUM] += spread @ skew(state.L)
         _drive(state.P, BY_MOMENTUM, M, state.rate_noise * T)
         state.effects[BY_MOMENTUM] = M @ state.effects
-        state.R_by_momentum = state.R_by_momentum @ _exp(turn)
+        state.R_by_momentum = state.R_by_momentum @ exp(turn)
         state.w_before[:] = w[2]
         self._move_com(state, T)
         if not fresh:
@@ -845,11 +846,11 @@ class MomentumFilter:
         behind = time - state.gyro[-1, 0]
         if not 0 <= behind <= LONGEST_GAP or state.doubtful_gyro[0] == state.doubtful_gyro[0]:
             return
-        R = state.R_by_gyro @ _exp(state.w * behind) if behind > 1e-9 else state.R_by_gyro
+        R = state.R_by_gyro @ exp(state.w * behind) if behind > 1e-9 else state.R_by_gyro
         H = np.zeros((3, SIZE))
         H[:, BY_MOMENTUM] = R.T
         H[:, BY_GYRO] = -R.T
-        innovation = _log(state.R_by_momentum.T @ R)
+        innovation = log(state.R_by_momentum.T @ R)
         if self._correct(state, innovation, H, state.joint_noise):
             state.used[_AGREEMENT] += 1
             state.in_a_row[_AGREEMENT] = 0
@@ -872,7 +873,7 @@ class MomentumFilter:
     def _rejoin(self, state: FilterState, time: float) -> None:
         """Put the attitude by momentum onto that by gyro, but for the latest encoder error."""
         behind = time - state.gyro[-1, 0]
-        state.R_by_momentum = R = state.R_by_gyro @ _exp(state.w * behind)
+        state.R_by_momentum = R = state.R_by_gyro @ exp(state.w * behind)
         self._adopt(state, BY_MOMENTUM, BY_GYRO)
         state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
 
@@ -900,7 +901,7 @@ class MomentumFilter:
         if not abs(time - at) <= LONGEST_GAP:
             return False
         if abs(time - at) > 1e-9:
-            R = R @ _exp(state.w * (time - at))
+            R = R @ exp(state.w * (time - at))
         com_part = state.com_part
         if abs(ahead) > 1e-9:
             # The joints from the latest samples, carried on or back a little.
@@ -920,7 +921,7 @@ class MomentumFilter:
             H[:, :4] = -R @ by_rho
         else:
             dynamics = self.dynamics(start[1:] + state.rates * ahead, state.rates[None])
-            W = _skew(state.w)
+            W = skew(state.w)
             arm = R @ (W @ rho + dynamics.com_rate(state.psi)[0])
             predicted = state.v_Wcm - arm
             H[:, VELOCITY] = _EYE
@@ -929,9 +930,9 @@ class MomentumFilter:
             period = 1 / self.suite.encoders.rate
             noise = noise + R @ state.com_noise @ R.T * (6.5 / period**2)
             if self._has_gyro:
-                lever = R @ _skew(rho)
+                lever = R @ skew(rho)
                 noise = noise + self._gyro_variance * lever @ lever.T
-        H[:, where] = _skew(arm)
+        H[:, where] = skew(arm)
         if name == "position" and not state.com_known:
             state.p_Wcm[:] = value + arm - state.v_Wcm * ahead
             state.P[COM, :] = state.P[:, COM] = 0.0
@@ -975,8 +976,8 @@ class MomentumFilter:
     def _move(state: FilterState, change: NDArray) -> None:
         """Add an error (28,) to the estimate."""
         state.psi += change[PSI]
-        state.R_by_momentum = _exp(change[BY_MOMENTUM]) @ state.R_by_momentum
-        state.R_by_gyro = _exp(change[BY_GYRO]) @ state.R_by_gyro
+        state.R_by_momentum = exp(change[BY_MOMENTUM]) @ state.R_by_momentum
+        state.R_by_gyro = exp(change[BY_GYRO]) @ state.R_by_gyro
         state.p_Wcm += change[COM]
         state.bias += change[BIAS]
         state.L += change[ANGULAR]
@@ -1149,7 +1150,7 @@ def _response(dynamics: RelativeDynamics) -> tuple[NDArray[np.float64], NDArray[
     N = len(dynamics.sdot)
     motions = np.empty((N + 3, 6))
     motions[:N, :3], motions[:N, 3:] = dynamics.sdot, dynamics.w_BC
-    motions[N:, :3], motions[N:, 3:] = R_BC @ _skew(s), R_BC
+    motions[N:, :3], motions[N:, 3:] = R_BC @ skew(s), R_BC
     in_C = motions @ (_AT_ZERO + (s @ _BY_S).reshape(3, 6, 10))
     known = np.empty((3, N + 3))
     known[:, :N], known[:, N:] = dynamics.h_K.T, dynamics.I_K[0]
@@ -1191,58 +1192,6 @@ def _well_positive(J: NDArray, reference: NDArray) -> bool:
     return True
 
 
-# -- rotations -------------------------------------------------------------------------------------
-
-
-def _skew(v: NDArray) -> NDArray:
-    x, y, z = v.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def _cross(a: NDArray, b: NDArray) -> NDArray:
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
-
-
-def _exp(r: NDArray) -> NDArray:
-    """Rotation (3, 3) of a rotation vector (3,)."""
-    x, y, z = r.tolist()
-    square = x * x + y * y + z * z
-    if square < 1e-6:
-        a, b = 1 - square / 6 * (1 - square / 20), (1 - square / 12 * (1 - square / 30)) / 2
-    else:
-        angle = math.sqrt(square)
-        a, b = math.sin(angle) / angle, (1 - math.cos(angle)) / square
-    xy, xz, yz = b * x * y, b * x * z, b * y * z
-    x2, y2, z2 = b * x * x, b * y * y, b * z * z
-    x, y, z = a * x, a * y, a * z
-    return np.array(
-        [
-            [1 - y2 - z2, xy - z, xz + y],
-            [xy + z, 1 - x2 - z2, yz - x],
-            [xz - y, yz + x, 1 - x2 - y2],
-        ]
-    )
-
-
-def _log(R: NDArray) -> NDArray:
-    """Rotation vector (3,) of a rotation; about any axis if it is a half turn."""
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
-    x, y, z = (h - f) / 2, (c - g) / 2, (d - b) / 2
-    sine, cosine = math.sqrt(x * x + y * y + z * z), (a + e + i - 1) / 2
-    if sine < 1e-9:
-        return np.array([x, y, z] if cosine > 0 else [math.pi, 0.0, 0.0])
-    factor = math.atan2(sine, cosine) / sine
-    return np.array([factor * x, factor * y, factor * z])
-
-
-def _rotation_of(quaternion: NDArray) -> NDArray:
-    """Rotation (3, 3) of a quaternion (w, x, y, z) of about unit length."""
-    w, x, y, z = (quaternion / math.sqrt(quaternion @ quaternion)).tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -27,7 +27,6 @@ from cpid_drake.dynamics.sensitivity import (
     MotionSensitivity,
     body_sensitivity,
     joint_sensitivity,
-    with_target,
 )
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
@@ -492,18 +491,8 @@ class TrajectoryModel:
         phi = parameters_to_standard(parameterization.to_parameters(psi))
         samples, w = self.joints.evaluate(times), trajectory.spline(times)
         v = -(np.cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
-        count = len(times)
-        telemetry = Telemetry(
-            self.measurements.joint_names,
-            np.arange(count, dtype=float),
-            quaternion_WB=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-            p_WB=np.zeros((count, 3)),
-            w_WB=w,
-            v_WB=v,
-            q=samples[:, 0],
-            qdot=samples[:, 1],
-        )
-        return with_target(self.tree, phi), telemetry
+        telemetry = Telemetry.seen_from_base(samples[:, 0], samples[:, 1], w, v)
+        return self.tree.with_target(phi), telemetry
 
     # -- the gyro's bias -------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.dynamics.spatial_inertia import second_moment
 from cpid_drake.estimation.whiteness import autocorrelation
 from cpid_drake.identification.convergence import Convergence
 from cpid_drake.identification.requests import Evidence
@@ -345,7 +346,7 @@ def ellipse(body: InertialParameters, plane: tuple[int, int]) -> NDArray[np.floa
         plane: the two axes of C that are seen.
 
     """
-    moments = np.trace(body.I_TTcm_C) / 2 * np.eye(3) - body.I_TTcm_C
+    moments = second_moment(body.I_TTcm_C)
     shape = 5 / body.mass * moments[np.ix_(plane, plane)]
     values, axes = np.linalg.eigh(shape)
     angle = np.linspace(0, 2 * np.pi, 121)

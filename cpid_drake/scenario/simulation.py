@@ -202,17 +202,7 @@ def predicted_motion(
     base = propagate_base(
         spacecraft.tree, motion, target.to_standard_vector(), times, momentum_W=momentum_W
     )
-    q, qdot, _ = np.moveaxis(motion.evaluate(np.asarray(times, dtype=float)), 1, 0)
-    return Telemetry(
-        spacecraft.joint_names,
-        times,
-        quaternion_WB=base.quaternion_WB,
-        p_WB=base.p_WB,
-        w_WB=base.w_WB,
-        v_WB=base.v_WB,
-        q=q,
-        qdot=qdot,
-    )
+    return base.to_telemetry(spacecraft.joint_names, times, motion)
 
 
 def make_simulation(

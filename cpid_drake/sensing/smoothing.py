@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rotations import right_jacobian, rotate, skew
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements
@@ -196,18 +196,6 @@ class _AttitudeFit:
         columns[row, :3, k] = b * turn[row]
         columns[row, 3:, k] = b * by_rate[row] + b_dot * turn[row]
         return before * added, w, columns.reshape(len(r), 6, 3 * B.shape[1])
-
-
-def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
-    """Return Jr (N, 3, 3) with exp(r + dr) = exp(r) exp(Jr dr) for rotation vectors r (N, 3)."""
-    r = np.asarray(r, dtype=float)
-    angle = np.linalg.norm(r, axis=-1)[:, None, None]
-    small = angle < 1e-4
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
-    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
-    K = skew(r)
-    return np.eye(3) - a * K + b * K @ K
 
 
 def _smooth_attitude(

@@ -263,18 +263,7 @@ def _perfect(case: Case, tree: KinematicTree, joint_names: tuple[str, ...]) -> M
     """Return what the sensors would give without noise, on a spacecraft of this tree."""
 
     def motion(times: NDArray[np.float64]) -> Telemetry:
-        base = _base_trajectory(case, tree, times)
-        samples = case.motion.evaluate(times)
-        return Telemetry(
-            joint_names,
-            times,
-            quaternion_WB=base.quaternion_WB,
-            p_WB=base.p_WB,
-            w_WB=base.w_WB,
-            v_WB=base.v_WB,
-            q=samples[:, 0],
-            qdot=samples[:, 1],
-        )
+        return _base_trajectory(case, tree, times).to_telemetry(joint_names, times, case.motion)
 
     return perfect_measurements(case.suite, joint_names, motion, case.duration)
 

@@ -135,9 +135,7 @@ def motion() -> Telemetry:
     joints = HalfCosine(np.array([0.0, 0.5, -0.3]), np.array([1.5, -0.9, 1.2]), 10.0)
     time = np.linspace(0.0, 10.0, 101)
     base = propagate_base(craft.tree, joints, TARGET.to_standard_vector(), time)
-    q, qdot, _ = np.moveaxis(joints.evaluate(time), 1, 0)
-    pose = (base.quaternion_WB, base.p_WB, base.w_WB, base.v_WB)
-    return Telemetry(craft.joint_names, time, *pose, q, qdot)
+    return base.to_telemetry(craft.joint_names, time, joints)
 
 
 def attitude(telemetry: Telemetry) -> Rotation:

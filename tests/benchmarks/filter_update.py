@@ -87,8 +87,7 @@ def main() -> None:
     def motion(times: np.ndarray) -> Telemetry:
         t = np.concatenate([[0.0], times[times > 0]])  # the motion starts at the first of them
         base = propagate_base(spacecraft.tree, arms, target.to_standard_vector(), t)
-        q, qdot, _ = np.moveaxis(arms.evaluate(t), 1, 0)
-        telemetry = Telemetry(spacecraft.joint_names, t, **vars(base), q=q, qdot=qdot)
+        telemetry = base.to_telemetry(spacecraft.joint_names, t, arms)
         return telemetry.select(slice(-len(times), None))
 
     perfect = perfect_measurements(suite, spacecraft.joint_names, motion, 3.0)

@@ -98,13 +98,9 @@ def zero_momentum_telemetry(spacecraft: Spacecraft, target: InertialParameters) 
     motion = HalfCosine(rng.uniform(-1, 1, joints), rng.uniform(-1, 1, joints), duration=10.0)
     times = np.linspace(0.5, 9.5, 20)
     q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
-    still = np.zeros((20, 3))
-    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (20, 1))
-    telemetry = Telemetry(
-        spacecraft.joint_names, times, attitude, still, w_WB=still, v_WB=still, q=q, qdot=qdot
-    )
+    telemetry = Telemetry.seen_from_base(q, qdot)
     w_WB, v_WB = zero_momentum_base_twist(spacecraft.tree, target, telemetry)
-    return replace(telemetry, w_WB=w_WB, v_WB=v_WB)
+    return replace(telemetry, joint_names=spacecraft.joint_names, time=times, w_WB=w_WB, v_WB=v_WB)
 
 
 def main() -> None:

@@ -34,17 +34,7 @@ def motion(servicer):
 
 
 def as_telemetry(servicer, motion, times, base) -> Telemetry:
-    q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
-    return Telemetry(
-        servicer.joint_names,
-        times,
-        quaternion_WB=base.quaternion_WB,
-        p_WB=base.p_WB,
-        w_WB=base.w_WB,
-        v_WB=base.v_WB,
-        q=q,
-        qdot=qdot,
-    )
+    return base.to_telemetry(servicer.joint_names, times, motion)
 
 
 def test_it_agrees_with_the_full_simulation(paper_scenario):

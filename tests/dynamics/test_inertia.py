@@ -9,11 +9,11 @@ from cpid_drake import InertialParameters, InputError
 from cpid_drake.dynamics.parameterizations import (
     EQ18,
     STANDARD,
-    point_mass_inertia,
     relative_parameterization,
     tensor_to_vector,
     vector_to_tensor,
 )
+from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
 
 
 def random_body(rng: np.random.Generator) -> InertialParameters:

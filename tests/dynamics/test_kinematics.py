@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
-from cpid_drake.dynamics.rotations import rotate_about_axis
 
 
 @pytest.fixture(scope="module")
@@ -70,18 +69,6 @@ def test_velocities_are_the_derivatives_of_the_positions(servicer, random_motion
     ahead, behind = (propagate(servicer.tree, moved(h))[0].r for h in (step, -step))
     v = propagate(servicer.tree, now)[0].v
     np.testing.assert_allclose((ahead - behind) / (2 * step), v, rtol=0, atol=1e-8)
-
-
-def test_turning_agrees_with_scipy():
-    rng = np.random.default_rng(13)
-    axis = rng.normal(size=3)
-    axis /= np.linalg.norm(axis)
-    angles = rng.uniform(-4, 4, 10)
-    start = Rotation.random(10, rng)
-    expected = (start * Rotation.from_rotvec(angles[:, None] * axis)).as_matrix()
-    np.testing.assert_allclose(
-        rotate_about_axis(start.as_matrix(), axis, angles), expected, atol=1e-14
-    )
 
 
 def test_lumping_welded_bodies_changes_no_momentum(servicer, random_motion):

@@ -18,7 +18,6 @@ from cpid_drake.dynamics.sensitivity import (
     disturbed,
     joint_sensitivity,
     stretched_inertia_rate,
-    with_target,
 )
 from cpid_drake.dynamics.tree import KinematicTree
 
@@ -35,8 +34,8 @@ class Case:
         self.q, self.qdot = rng.normal(size=(2, N, J))
         self.L = 20 * rng.normal(size=(N, 3))
         self.psi, self.dynamics, w, v, _ = self.solved(craft.tree, self.q, self.qdot)
-        self.telemetry = telemetry(craft.joint_names, self.q, self.qdot, w, v)
-        self.full = with_target(craft.tree, target.to_standard_vector())
+        self.telemetry = Telemetry.seen_from_base(self.q, self.qdot, w, v)
+        self.full = craft.tree.with_target(target.to_standard_vector())
 
     def solved(self, tree: KinematicTree, q, qdot):
         """Return ψ, the dynamics, ω, v and ρ where the momentum about the centre of mass is L."""
@@ -46,11 +45,6 @@ class Case:
         h, rho = dynamics.momentum_at_rest(psi), dynamics.com(psi)
         w = np.linalg.solve(dynamics.inertia(psi), (self.L - h)[..., None])[..., 0]
         return psi, dynamics, w, -(np.cross(w, rho) + dynamics.com_rate(psi)), rho
-
-
-def telemetry(names, q, qdot, w, v) -> Telemetry:
-    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(q), 1))
-    return Telemetry(names, np.arange(len(q)), attitude, np.zeros((len(q), 3)), w, v, q, qdot)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +130,7 @@ def test_a_tree_with_the_target_has_its_momentum(craft, skewed_target):
         *rng.normal(size=(3, N, 3)),
         *rng.normal(size=(2, N, J)),
     )
-    full = with_target(craft.tree, skewed_target.to_standard_vector())
+    full = craft.tree.with_target(skewed_target.to_standard_vector())
     assert full.bodies[-1].name == "target"
     assert full.bodies[:-1] == craft.tree.bodies
     known, capture = propagate(craft.tree, motion)

@@ -11,7 +11,7 @@ from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.smoothing import right_jacobian, smooth
+from cpid_drake.sensing.smoothing import smooth
 from cpid_drake.sensing.splines import Basis, smooth_joints
 from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
@@ -207,16 +207,6 @@ def test_the_boresights_own_noise_is_weighted_for(scene):
     P = smooth(scene(suite)[0], suite).covariance()
     sigma = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     np.testing.assert_allclose(sigma[:, 2] / sigma[:, 0], 10.0, rtol=0.05)
-
-
-def test_right_jacobian_is_the_derivative_of_the_exponential():
-    rng = np.random.default_rng(93)
-    r = np.vstack([rng.normal(size=(20, 3)), 1e-5 * rng.normal(size=(3, 3)), np.zeros((1, 3))])
-    J, h = right_jacobian(r), 1e-5
-    for k, unit in enumerate(np.eye(3)):
-        ahead, behind = (Rotation.from_rotvec(r + s * unit) for s in (h, -h))
-        turn = (behind.inv() * ahead).as_rotvec() / (2 * h)
-        np.testing.assert_allclose(J[:, :, k], turn, rtol=0, atol=1e-9)
 
 
 # -- rates and times ------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ from pydrake.multibody.tree import BodyIndex, JointIndex, RevoluteJoint
 
 from cpid_drake import (
     InertialParameters,
-    Telemetry,
     load_scenario,
     make_simulation,
     shipped_scenario,
@@ -281,9 +280,8 @@ def uncertainty(scenario) -> float:
     """Largest standard deviation, relative to its size, of m, c and I: equal noise in the rows."""
     spacecraft, truth = scenario.make_spacecraft(), scenario.target_truth()
     motion, times = scenario.make_joint_motion(spacecraft), np.linspace(0.0, 10.0, 101)
-    q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
     base = propagate_base(spacecraft.tree, motion, truth.to_standard_vector(), times)
-    telemetry = Telemetry(spacecraft.joint_names, times, **vars(base), q=q, qdot=qdot)
+    telemetry = base.to_telemetry(spacecraft.joint_names, times, motion)
     A = relative_rows(momentum_samples(spacecraft.tree, telemetry))[0].reshape(-1, 10)
     parameterization = relative_parameterization(spacecraft.mass)
     jacobian = parameterization.jacobian(parameterization.from_parameters(truth.to_vector()))
