@@ -1,4 +1,7 @@
-"""The one exception type that bad input raises."""
+"""The one exception type that bad input raises, and how its messages name the choices."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 
 class InputError(ValueError):
@@ -10,3 +13,12 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(" ".join(message.split()))
+
+
+def choose_from(name: object, choices: Iterable[str]) -> str:
+    """Return how an error message about a wrong name ends: the closest choice, and all choices."""
+    choices = list(choices)
+    near = get_close_matches(str(name), choices, n=1)
+    return (
+        "".join(f"did you mean '{word}'? " for word in near) + f"choose from {', '.join(choices)}"
+    )

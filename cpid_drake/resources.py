@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-
-from pydrake.multibody.parsing import PackageMap
+from typing import TYPE_CHECKING
 
 from cpid_drake.errors import InputError
+
+if TYPE_CHECKING:  # Drake is imported where it is used: commands find missing files without it
+    from pydrake.multibody.parsing import PackageMap
 
 MODELS_PACKAGE = "cpid_drake_models"
 
@@ -17,13 +19,15 @@ def models_directory() -> Path:
     return installed if installed.is_dir() else package.parent / "models"
 
 
-def package_map(packages: Mapping[str, str | Path] | None = None) -> PackageMap:
+def package_map(packages: Mapping[str, str | Path] | None = None) -> "PackageMap":
     """Return a PackageMap that knows `cpid_drake_models` and the given packages (name to folder).
 
     Raises:
         InputError: a folder does not exist, or a name is already taken.
 
     """
+    from pydrake.multibody.parsing import PackageMap
+
     result = PackageMap()
     forget_remote_packages(result)
     result.Add(MODELS_PACKAGE, str(models_directory()))
@@ -36,13 +40,13 @@ def package_map(packages: Mapping[str, str | Path] | None = None) -> PackageMap:
     return result
 
 
-def forget_remote_packages(packages: PackageMap) -> None:
+def forget_remote_packages(packages: "PackageMap") -> None:
     """Take out what Drake would download when a model names it: reading a file fetches nothing."""
     if packages.Contains("drake_models"):
         packages.Remove("drake_models")
 
 
-def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:
+def resolve_model(uri: str | Path, packages: "PackageMap | None" = None) -> Path:
     """Return the file behind a path or a `package://NAME/...` URI.
 
     Raises:
@@ -50,7 +54,6 @@ def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:
 
     """
     text = str(uri)
-    packages = packages or package_map()
     path = Path(text)
     if text.startswith("~"):
         try:
@@ -62,10 +65,15 @@ def resolve_model(uri: str | Path, packages: PackageMap | None = None) -> Path:
         name, _, relative = rest.partition("/")
         if scheme != "package":
             raise InputError(f"{text}: give a path or a package:// URI, not {scheme}://")
-        if not packages.Contains(name):
-            known = ", ".join(packages.GetPackageNames())
-            raise InputError(f"{text}: unknown package '{name}' (known: {known})")
-        path = Path(packages.GetPath(name)) / relative
+        if packages is None and name == MODELS_PACKAGE:
+            folder = models_directory()
+        else:
+            packages = packages or package_map()
+            if not packages.Contains(name):
+                known = ", ".join(packages.GetPackageNames())
+                raise InputError(f"{text}: unknown package '{name}' (known: {known})")
+            folder = Path(packages.GetPath(name))
+        path = folder / relative
     try:
         is_file, is_folder = path.is_file(), path.is_dir()
     except OSError as error:

@@ -1,10 +1,9 @@
 """YAML into dataclasses by Drake's reader, and no silence about what it would let pass."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar, get_args, get_origin
 
@@ -12,7 +11,7 @@ import numpy as np
 import yaml
 from pydrake.common.yaml import yaml_load_typed
 
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, choose_from
 
 Schema = TypeVar("Schema")
 
@@ -82,15 +81,6 @@ def yaml_errors(where: str) -> Iterator[None]:
         raise InputError(f"{where}: not YAML: {error}") from error
     except RecursionError as error:
         raise InputError(f"{where}: nested too deeply") from error
-
-
-def choose_from(name: object, choices: Iterable[str]) -> str:
-    """Return the end of a complaint about a wrong name: what was perhaps meant, and the choices."""
-    choices = list(choices)
-    near = get_close_matches(str(name), choices, n=1)
-    return (
-        "".join(f"did you mean '{word}'? " for word in near) + f"choose from {', '.join(choices)}"
-    )
 
 
 def check_size(text: str, where: str) -> None:

@@ -46,7 +46,8 @@ def accuracy(
 
     from cpid_drake.report.accuracy import print_table, write_figures
     from cpid_drake.report.pages.study import accuracy_report
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    from cpid_drake.scenario.files import load_scenario
+    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.studies.accuracy import run_accuracy, summarize
 
     loaded = load_scenario(find_scenario(scenario))

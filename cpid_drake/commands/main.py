@@ -4,7 +4,6 @@ import os
 import sys
 
 import typer
-from threadpoolctl import threadpool_limits
 
 from cpid_drake.commands.accuracy import accuracy
 from cpid_drake.commands.export import export
@@ -37,11 +36,12 @@ app.command()(report)
 
 def main() -> None:
     """Run `cpid`; bad input or usage ends in one line on stderr and exit code 2."""
-    # Matrices are small here: threads would only wait for each other, in child processes as well.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # The matrices are small: BLAS threads only wait for each other. NumPy, here and in child
+    # processes, reads these variables when it is imported, which is later.
+    for library in ("OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
-        with threadpool_limits(limits=1, user_api="blas"):
-            code = app(standalone_mode=False)
+        code = app(standalone_mode=False)
     except InputError as error:
         code = _fail(str(error))
     except OSError as error:

@@ -28,8 +28,9 @@ def paper(
     # Imported here so that `cpid --help` does not wait for Drake.
     from cpid_drake.report.pages.study import paper_report
     from cpid_drake.report.paper import print_tables, write_figures
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    from cpid_drake.scenario.files import load_scenario
     from cpid_drake.scenario.naming import naming
+    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.studies.paper import run_paper_study, summarize
 
     make_folder(out)

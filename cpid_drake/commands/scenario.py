@@ -17,8 +17,9 @@ _Scenario = Annotated[
 @scenario.command()
 def check(file: _Scenario) -> None:
     """Read a scenario and all that it names: model, motion, sensors. Say what is wrong, if any."""
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    from cpid_drake.scenario.files import load_scenario
     from cpid_drake.scenario.naming import naming
+    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.scenario.simulation import make_simulation
 
     loaded = load_scenario(find_scenario(file))
@@ -39,7 +40,8 @@ def check(file: _Scenario) -> None:
 @scenario.command()
 def show(file: _Scenario) -> None:
     """Print a scenario with the defaults of all that it leaves out, as YAML."""
-    from cpid_drake.scenario.files import dump_scenario, find_scenario, load_scenario
+    from cpid_drake.scenario.files import dump_scenario, load_scenario
+    from cpid_drake.scenario.shipped import find_scenario
 
     print(dump_scenario(load_scenario(find_scenario(file))), end="")
 

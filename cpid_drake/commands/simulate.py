@@ -19,9 +19,10 @@ def simulate(
 ) -> None:
     """Simulate a scenario: telemetry as its sensors give it, and the truth to compare with."""
     start = time.perf_counter()
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    from cpid_drake.scenario.files import load_scenario
     from cpid_drake.scenario.naming import naming
     from cpid_drake.scenario.run_files import identify_command, refuse_other_files, write_run
+    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.scenario.simulation import make_simulation
 
     log = Console(stderr=True, quiet=quiet, markup=False)

@@ -128,8 +128,9 @@ def _show_scenario(
     """Return the page of a scenario, if it is wanted, and the estimate in words."""
     from cpid_drake.report.live_view import LiveView
     from cpid_drake.report.replay import estimate_text, replay_simulation
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    from cpid_drake.scenario.files import load_scenario
     from cpid_drake.scenario.naming import naming
+    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.scenario.simulation import make_simulation
     from cpid_drake.systems.scene_visualizer import open_meshcat
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
 
@@ -104,13 +104,16 @@ class Telemetry:
     @property
     def R_WB(self) -> NDArray[np.float64]:
         """(N, 3, 3) attitude of the base: columns are B's axes in W."""
-        return Rotation.from_quat(self.quaternion_WB, scalar_first=True).as_matrix()
+        return self._rotations().as_matrix()
 
     @property
     def euler_321(self) -> NDArray[np.float64]:
         """(N, 3) attitude as 3-2-1 Euler angles (yaw, pitch, roll) [rad], continuous in time."""
-        rotation = Rotation.from_quat(self.quaternion_WB, scalar_first=True)
-        return np.unwrap(rotation.as_euler("ZYX"), axis=0)
+        return np.unwrap(self._rotations().as_euler("ZYX"), axis=0)
+
+    def _rotations(self) -> "scipy.spatial.transform.Rotation":
+        # SciPy imports scipy.spatial here, at its first use: that takes a quarter of a second.
+        return scipy.spatial.transform.Rotation.from_quat(self.quaternion_WB, scalar_first=True)
 
     def select(self, samples: ArrayLike | slice) -> "Telemetry":
         """Return the samples with these indices, in this slice, or where this (N,) mask is true.
@@ -154,7 +157,8 @@ class Telemetry:
         The attitude is rounded as 3-2-1 Euler angles: the paper's sensors give attitude angles
         (Ning et al. 2016, "Identification results and analysis").
         """
-        attitude = Rotation.from_euler("ZYX", np.round(self.euler_321, digits))
+        angles = np.round(self.euler_321, digits)
+        attitude = scipy.spatial.transform.Rotation.from_euler("ZYX", angles)
         names = ("p_WB", "w_WB", "v_WB", "q", "qdot")
         return replace(
             self,

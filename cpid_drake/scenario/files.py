@@ -5,40 +5,12 @@ from pathlib import Path
 from pydrake.common.yaml import yaml_dump_typed
 
 from cpid_drake.errors import InputError
-from cpid_drake.resources import models_directory, resolve_model
+from cpid_drake.resources import resolve_model
 from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.naming import naming
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.presets import load_sensors, sensor_presets
-from cpid_drake.yaml_files import choose_from, load_strictly
-
-
-def shipped_scenario(name: str) -> Path:
-    """Return the path of a scenario that comes with the package, such as "paper".
-
-    Raises:
-        InputError: there is none of this name.
-
-    """
-    folder = models_directory() / "scenarios"
-    path = folder / f"{name}.yaml"
-    if not path.is_file():
-        names = sorted(file.stem for file in folder.glob("*.yaml"))
-        raise InputError(f"no shipped scenario '{name}'; {choose_from(name, names)}")
-    return path
-
-
-def find_scenario(name_or_path: str) -> Path | str:
-    """Return what a user means by a scenario: a file, or a shipped one's name, such as "paper".
-
-    What has an ending or a slash is a file (or a package:// URI), whether it exists or not.
-
-    Raises:
-        InputError: a name of no shipped scenario.
-
-    """
-    is_file = Path(name_or_path).suffix or "/" in name_or_path
-    return name_or_path if is_file else shipped_scenario(name_or_path)
+from cpid_drake.yaml_files import load_strictly
 
 
 def load_scenario(path: str | Path) -> Scenario:

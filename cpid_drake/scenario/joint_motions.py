@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.joint_motion import HalfCosine, MultiSine
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, choose_from
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.yaml_files import choose_from
 
 SHORTEST_RAMP = 1e-3
 """Of a motion [s]; accelerations would be beyond all numbers."""

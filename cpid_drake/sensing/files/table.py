@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
@@ -199,7 +199,8 @@ def measurements_of_table(
             both = take(name, (*GROUPS["angular velocity"], *GROUPS["attitude"]))
             w_WB, quaternion = both.value[:, :3], both.value[:, 3:]
             if len(both):
-                w_WB = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(w_WB)
+                R_WB = scipy.spatial.transform.Rotation.from_quat(quaternion, scalar_first=True)
+                w_WB = R_WB.inv().apply(w_WB)
             samples[name] = Samples(both.time, w_WB)
         elif all(c in column for c in columns):
             samples[name] = take(name, columns)

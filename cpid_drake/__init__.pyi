@@ -1,0 +1,59 @@
+from .dynamics.inertia import InertialParameters
+from .dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
+from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from .dynamics.telemetry import Telemetry
+from .errors import InputError
+from .identification.identification import Identification, identify
+from .identification.sensor_identification import identify_from_sensors
+from .identification.telemetry_identification import LogIdentification, identify_log
+from .scenario.files import load_scenario
+from .scenario.schema import Scenario
+from .scenario.shipped import shipped_scenario
+from .scenario.simulation import Simulation, initial_state, make_simulation
+from .sensing.files.telemetry_files import read_telemetry, write_telemetry
+from .sensing.measurements import Measurements
+from .sensing.presets import load_sensors
+from .sensing.suite import SensorSuite
+from .spacecraft.export.files import export_target
+from .spacecraft.spacecraft import Spacecraft
+from .systems.identifier import MomentumIdentifier
+from .systems.joint_controller import JointController
+from .systems.joint_motion_source import JointMotionSource
+from .systems.scene_visualizer import SceneVisualizer
+from .systems.sensor_identifier import SensorIdentifier
+from .systems.spacecraft_sensors import SpacecraftSensors
+
+__all__ = [
+    "PARAMETER_NAMES",
+    "PARAMETER_UNITS",
+    "HalfCosine",
+    "Identification",
+    "InertialParameters",
+    "InputError",
+    "JointController",
+    "JointMotion",
+    "JointMotionSource",
+    "LogIdentification",
+    "Measurements",
+    "MomentumIdentifier",
+    "MultiSine",
+    "Scenario",
+    "SceneVisualizer",
+    "SensorIdentifier",
+    "SensorSuite",
+    "Simulation",
+    "Spacecraft",
+    "SpacecraftSensors",
+    "Telemetry",
+    "export_target",
+    "identify",
+    "identify_from_sensors",
+    "identify_log",
+    "initial_state",
+    "load_scenario",
+    "load_sensors",
+    "make_simulation",
+    "read_telemetry",
+    "shipped_scenario",
+    "write_telemetry",
+]
