@@ -9,8 +9,9 @@ from cpid_drake import InertialParameters, Spacecraft, Telemetry
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.sensing.measurements import Measurements, perfect_measurements
-from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, SensorSuite, VectorSensor
+from cpid_drake.sensing.measurements import Measurements, ideal_measurements
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.suite import SensorSuite
 
 MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])
 """Total momentum [L; P] of a tumbling capture about W's origin, in W [N·m·s, N·s]."""
@@ -117,7 +118,7 @@ def measured(
 ) -> Measurements:
     """Return what the sensors would give without noise; of a spacecraft that is `tree` in truth."""
     tree, names = tree or spacecraft.tree, spacecraft.joint_names
-    return perfect_measurements(
+    return ideal_measurements(
         suite,
         names,
         lambda times: true_telemetry(tree, names, motion, target, times, momentum_W),

@@ -32,7 +32,7 @@ from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import exp, log, quaternion_to_matrix, skew
 from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
+from cpid_drake.sensing.suite import SensorSuite
 
 PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (
     slice(0, 10),
@@ -103,7 +103,15 @@ OFFSETS = (0.003, 0.003)
 SAME_CAUSE = 1.0
 """Attitudes that part again so soon after they were put together do so by momentum [s]."""
 
-_SENSORS = (*SENSOR_NAMES, "agreement")
+_SENSORS = (
+    "attitude",
+    "gyro",
+    "position",
+    "velocity",
+    "encoders",
+    "joint_rates",
+    "agreement",
+)
 _INDEX = {name: k for k, name in enumerate(_SENSORS)}
 _GYRO, _ENCODERS, _AGREEMENT = _INDEX["gyro"], _INDEX["encoders"], _INDEX["agreement"]
 _IN_ORDER = np.arange(SIZE)
@@ -353,7 +361,7 @@ class MomentumFilter:
         sensors = self.suite.present()
         noisy = {"attitude": 1, "gyro": 0, "position": 0, "velocity": 0}
         noisy = {name: count for name, count in noisy.items() if name in sensors}
-        if self.suite.digits is not None:
+        if self.suite.rounding is not None:
             return {}
         return {
             name: count

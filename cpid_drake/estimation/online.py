@@ -243,16 +243,12 @@ class OnlineEstimator:
         return state
 
     def _measurements(self, samples: list) -> Measurements:
-        widths = dict.fromkeys(("gyro", "position", "velocity"), 3) | {"attitude": 4}
-        widths |= dict.fromkeys(("encoders", "joint_rates"), len(self._joint_names))
         parts = {}
-        for name, width in widths.items():
+        for name in dict.fromkeys(sensor for sensor, _, _ in samples):
             mine = [(time, value) for sensor, time, value in samples if sensor == name]
-            parts[name] = Samples(
-                np.array([time for time, _ in mine]),
-                np.array([value for _, value in mine]).reshape(-1, width),
-            )
-        return Measurements(self._joint_names, **parts)
+            times, values = zip(*mine)
+            parts[name] = Samples(np.array(times), np.array(values))
+        return Measurements(self._joint_names, parts)
 
     def run(self, measurements: Measurements) -> OnlineState:
         """Return the state after all samples of some measurements, taken in order of time."""

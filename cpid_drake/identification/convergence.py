@@ -11,7 +11,6 @@ from cpid_drake.identification.description import intervals
 from cpid_drake.identification.identification import Identification
 from cpid_drake.identification.requests import Evidence
 from cpid_drake.identification.telemetry_identification import identify_log
-from cpid_drake.sensing.suite import SENSOR_NAMES
 
 WINDOWS = {"least_squares": 24, "trajectory_fit": 14, "momentum_filter": 8}
 """How many parts of a log are identified, by estimator."""
@@ -46,7 +45,7 @@ def converge(
 
     """
     request, result = evidence.request, evidence.result
-    parts = [getattr(evidence.measurements, name).time for name in SENSOR_NAMES]
+    parts = [samples.time for _, samples in evidence.measurements.items()]
     end = max(float(time[-1]) for time in parts if time.size)
     count = WINDOWS[result.estimator]
     times = end * np.arange(1, count + 1) / count

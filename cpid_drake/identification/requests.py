@@ -3,7 +3,7 @@
 import hashlib
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from cpid_drake.resources import resolve_model
 from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.presets import load_sensors
-from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
+from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -222,7 +222,7 @@ def _window(measurements: Measurements, request: Request) -> tuple[Measurements,
         if not first <= last:
             raise InputError(f"--from {first:g} --to {last:g}: nothing lies between them")
         measurements = measurements.between(first, last)
-    parts = {name: getattr(measurements, name) for name in SENSOR_NAMES}
+    parts = dict(measurements.items())
     times = np.concatenate([samples.time for samples in parts.values()])
     if not times.size:
         raise InputError(
@@ -231,4 +231,4 @@ def _window(measurements: Measurements, request: Request) -> tuple[Measurements,
         )
     zero = times.min()
     moved = {name: Samples(samples.time - zero, samples.value) for name, samples in parts.items()}
-    return replace(measurements, **moved), {"from": float(zero), "to": float(times.max())}
+    return measurements.updated(moved), {"from": float(zero), "to": float(times.max())}

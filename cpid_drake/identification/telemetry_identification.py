@@ -33,8 +33,9 @@ from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.smoothing import smooth
-from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
+from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 ESTIMATORS = ("least_squares", "momentum_filter", "trajectory_fit")
@@ -46,15 +47,6 @@ MOST_SAMPLES = {"smoothing": 20_000, "trajectory_fit": 6_000}
 _RESIDUALS = 20_000
 _MOMENTUM_SEEN = 1e-5  # of the rows' size: less than that is integration error, or calls no alarm
 _SIGNIFICANT = 50.0
-
-_COLUMNS = {
-    "attitude": "attitude (qw,qx,qy,qz)",
-    "gyro": "angular velocity (bwx,bwy,bwz or wx,wy,wz)",
-    "position": "position (x,y,z)",
-    "velocity": "velocity (vx,vy,vz)",
-    "encoders": "joint positions (q:<joint>)",
-    "joint_rates": "joint rates (qd:<joint>)",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +207,8 @@ def of_spacecraft(measurements: Measurements, spacecraft: Spacecraft) -> Measure
         turned = cumulative_trapezoid(rates.value[:, k], rates.time, initial=0.0)
         value[:, k] = np.interp(positions.time, rates.time, turned)
     encoders = Samples(positions.time, value)
-    return replace(measurements, joint_names=wanted, encoders=encoders, joint_rates=rates)
+    joints = {"encoders": encoders, "joint_rates": rates}
+    return Measurements(wanted, {**measurements.samples, **joints})
 
 
 def check_log(spacecraft: Spacecraft, measurements: Measurements) -> list[str]:
@@ -274,7 +267,7 @@ def _require(
     if not missing:
         return
     names = f"{estimator} with {rows} rows" if rows else estimator
-    text = " or ".join(_COLUMNS[name] for name in missing[0])
+    text = " or ".join(SENSORS[name].description for name in missing[0])
     choices = [("least_squares", name) for name in ("standard", "relative", "eq18")]
     choices += [("momentum_filter", None), ("trajectory_fit", None)]
     usable = [
@@ -449,7 +442,7 @@ def _by_filter(log: _Log, rejected: dict[str, int]) -> Identification:
             f"the momentum changed {changes} times, last seen at {when:.3f} s; it was estimated "
             "anew from there"
         )
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         k = online.filter.index(name)
         rejected[name] = rejected.get(name, 0) + int(state.filter.rejected[k])
     return identification_of_filter(online, state)
@@ -457,7 +450,7 @@ def _by_filter(log: _Log, rejected: dict[str, int]) -> Identification:
 
 def _not_too_long(measurements: Measurements, what: str) -> Measurements:
     most = MOST_SAMPLES[what]
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         samples = getattr(measurements, name)
         if len(samples) > most:
             raise InputError(

@@ -4,28 +4,21 @@ import numpy as np
 
 from cpid_drake.sensing.files.telemetry_files import TelemetryFile
 from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.suite import SENSOR_NAMES
-
-_WORDS = {
-    "attitude": "attitude R_WB",
-    "gyro": "angular velocity",
-    "position": "position p_WBo_W",
-    "velocity": "velocity v_WBo_W",
-    "encoders": "joint positions",
-    "joint_rates": "joint rates",
-}
+from cpid_drake.sensing.sensors import SENSORS
 
 
 def contents(found: TelemetryFile, where: str) -> list[str]:
     """Return lines that say what a file holds: sensors, number of samples, times, gaps, joints."""
     measurements = found.measurements
     lines = [f"{where}: {found.row_count} rows"]
-    for name in SENSOR_NAMES:
-        lines.append(f"  {_WORDS[name]:18} {_timing(getattr(measurements, name))}")
+    for name, samples in measurements.items():
+        lines.append(f"  {SENSORS[name].label:18} {_timing(samples)}")
     joints = measurements.joint_names
     lines.append(f"  {'joints':18} {len(joints)}: {', '.join(joints)}")
     for name, count in found.partial.items():
-        lines.append(f"  {count} samples of {_WORDS[name]} are there in part only, and not used")
+        lines.append(
+            f"  {count} samples of {SENSORS[name].label} are there in part only, and not used"
+        )
     if found.ignored:
         lines.append(f"  columns without a meaning: {', '.join(found.ignored[:20])}")
     return lines

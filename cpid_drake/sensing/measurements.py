@@ -1,14 +1,14 @@
-"""What the sensors gave: samples of every sensor at its own times."""
+"""Samples of every sensor at the sensor's own times."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
+from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensing.suite import SensorSuite
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,74 +21,77 @@ class Samples:
     def __len__(self) -> int:
         return self.time.size
 
-    def where(self, keep: ArrayLike) -> "Samples":
-        """Return the samples that a mask or index selects."""
+    def where(self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "Samples":
+        """Return the samples that a mask, indices or a slice select."""
         return Samples(self.time[keep], self.value[keep])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Measurements:
-    """What the sensors gave, each at its own times; a sensor that is not there has no samples.
+    """The samples of all sensors; `measurements[name]` or `measurements.name` are one sensor's.
 
-    Attributes:
-        joint_names: the joints, in the order of columns.
-        attitude: unit quaternions (w, x, y, z) of R_WB.
-        gyro: angular velocity of B in W, expressed in B [rad/s].
-        position: B's origin in W [m].
-        velocity: of B's origin, in W [m/s].
-        encoders: joint positions [rad or m].
-        joint_rates: [rad/s or m/s].
+    Samples are in SI units and radians, as the sensor's `Quantity` says. A sensor of the table that
+    is absent has no samples: times (0,) and values (0, width).
+
+    Args:
+        joint_names: the joints, in the order of columns of joint sensors.
+        samples: by the sensors' names in `SENSORS`.
+        named: samples of further sensors, or instead of those in `samples`.
 
     """
 
     joint_names: tuple[str, ...]
-    attitude: Samples
-    gyro: Samples
-    position: Samples
-    velocity: Samples
-    encoders: Samples
-    joint_rates: Samples
+    samples: Mapping[str, Samples] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        joint_names: tuple[str, ...],
+        samples: Mapping[str, Samples] | None = None,
+        **named: Samples,
+    ) -> None:
+        object.__setattr__(self, "joint_names", tuple(joint_names))
+        object.__setattr__(self, "samples", {**(samples or {}), **named})
+        unknown = [name for name in self.samples if name not in SENSORS]
+        if unknown:
+            raise TypeError(f"no sensor '{unknown[0]}'; the sensors are {', '.join(SENSORS)}")
+
+    def __getitem__(self, name: str) -> Samples:
+        if name in self.samples:
+            return self.samples[name]
+        return Samples(np.empty(0), np.empty((0, SENSORS[name].width(len(self.joint_names)))))
+
+    def __getattr__(self, name: str) -> Samples:
+        if name not in SENSORS:
+            raise AttributeError(f"measurements have no sensor '{name}'")
+        return self[name]
+
+    def items(self) -> Iterator[tuple[str, Samples]]:
+        """Yield name and samples of every sensor of the table, also of absent ones."""
+        return ((name, self[name]) for name in SENSORS)
+
+    def updated(self, samples: Mapping[str, Samples]) -> "Measurements":
+        """Return measurements with other samples of the sensors that `samples` names."""
+        return Measurements(self.joint_names, {**self.samples, **samples})
 
     def between(self, start: float, end: float) -> "Measurements":
         """Return the samples with start ≤ time ≤ end [s]."""
-        picked = {}
-        for name in SENSOR_NAMES:
-            samples = getattr(self, name)
-            picked[name] = samples.where((samples.time >= start) & (samples.time <= end))
-        return replace(self, **picked)
+        return self.updated(
+            {name: s.where((s.time >= start) & (s.time <= end)) for name, s in self.items()}
+        )
 
 
 def sample_times(rate: float, duration: float, start: float = 0.0) -> NDArray[np.float64]:
-    """Return a sensor's instants from `start` to the end, both included [s]."""
+    """Return a sensor's sampling times from `start` to `duration`, both included [s]."""
     return start + np.arange(int(np.floor((duration - start) * rate + 1e-9)) + 1) / rate
 
 
-def sample_widths(joint_names: tuple[str, ...]) -> dict[str, int]:
-    """Return the width of every sensor's samples, in the order of `SENSOR_NAMES`."""
-    return dict(zip(SENSOR_NAMES, (4, 3, 3, 3, len(joint_names), len(joint_names))))
-
-
-def perfect_value(name: str, telemetry: Telemetry) -> NDArray[np.float64]:
-    """Return (N, width): what a sensor of this name would give without any error."""
-    if name == "attitude":
-        return telemetry.quaternion_WB
-    if name == "gyro":
-        return rotate(np.swapaxes(telemetry.R_WB, -1, -2), telemetry.w_WB)
-    return {
-        "position": telemetry.p_WB,
-        "velocity": telemetry.v_WB,
-        "encoders": telemetry.q,
-        "joint_rates": telemetry.qdot,
-    }[name]
-
-
-def perfect_measurements(
+def ideal_measurements(
     suite: SensorSuite,
     joint_names: tuple[str, ...],
     motion: Callable[[NDArray[np.float64]], Telemetry],
     duration: float,
 ) -> Measurements:
-    """Return what the sensors would give without error, at their own times in [0, duration].
+    """Return the samples of sensors without errors, at their own times in [0, duration].
 
     Args:
         suite: the sensors; only their rates are used.
@@ -97,20 +100,17 @@ def perfect_measurements(
         duration: [s].
 
     """
-    samples = {
-        name: Samples(np.empty(0), np.empty((0, width)))
-        for name, width in sample_widths(joint_names).items()
-    }
     sensors = suite.present()
+    if not sensors:
+        return Measurements(joint_names)
     times = {name: sample_times(sensor.rate, duration) for name, sensor in sensors.items()}
-    if times:
-        everything = np.concatenate(list(times.values()))
-        keys = np.round(everything * 1e9).astype(np.int64)
-        _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-        telemetry = motion(everything[first])
-        start = 0
-        for name, t in times.items():
-            mine = inverse[start : start + t.size]
-            samples[name] = Samples(t, perfect_value(name, telemetry)[mine])
-            start += t.size
-    return Measurements(tuple(joint_names), **samples)
+    everything = np.concatenate(list(times.values()))
+    keys = np.round(everything * 1e9).astype(np.int64)
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    telemetry = motion(everything[first])
+    samples, start = {}, 0
+    for name, t in times.items():
+        rows = inverse[start : start + t.size]
+        samples[name] = Samples(t, SENSORS[name].quantity.ideal(telemetry)[rows])
+        start += t.size
+    return Measurements(joint_names, samples)

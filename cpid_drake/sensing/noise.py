@@ -1,12 +1,9 @@
 """Simulated sensor errors.
 
-Every sensor has its own stream of random numbers, which depends on the seed, the sensor and the
-sample's number only: the same samples come out whether they are drawn one by one in a Diagram or
-all at once as arrays.
+Every sensor has its own stream of random numbers, which depends on the seed, on the sensor's number
+in the table and on the sample's number only: the same samples result whether they are drawn one by
+one in a Diagram or all at once as arrays, and whatever other sensors there are.
 """
-
-from dataclasses import replace
-from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
-
-_STREAMS = (*SENSOR_NAMES, "gyro_bias", "phase encoders", "phase joint_rates")
-"""What has random numbers of its own; the order is part of what a seed means."""
+from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro
+from cpid_drake.sensing.suite import SensorSuite
 
 
 class SensorNoise:
-    """The errors that a suite's sensors make, as functions of seed and sample number alone.
+    """The errors of a suite's sensors, as functions of seed and sample number alone.
 
     Args:
         suite: the sensors.
@@ -33,76 +28,71 @@ class SensorNoise:
     """
 
     def __init__(self, suite: SensorSuite, seed: int) -> None:
-        if not isinstance(seed, Integral) or seed < 0:
+        if not isinstance(seed, int | np.integer) or seed < 0:
             raise InputError(f"a seed must be a whole number >= 0, not {seed!r}")
-        self.suite, self.seed = suite, int(seed)
-        self._tables: dict[str, NDArray[np.float64]] = {}
-        self._walk = np.empty((0, 3))
+        self.suite = suite
+        self.seed = int(seed)
+        self._tables: dict[int, NDArray[np.float64]] = {}
+        self._biases: dict[str, NDArray[np.float64]] = {}
 
-    def gyro_bias(self, k: int) -> NDArray[np.float64]:
-        """Return the gyro's bias (3,) at its sample k [rad/s]."""
-        return self._bias(k + 1)[k]
-
-    def apply(self, name: str, perfect: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:
-        """Return samples first, first + 1, … of a sensor, from what they were without error.
+    def apply(self, name: str, ideal: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:
+        """Return samples first, first + 1, … of a sensor, from what they are without errors.
 
         Args:
             name: of the sensor.
-            perfect: (N, width) from `perfect_value`.
+            ideal: (N, width) from `Quantity.ideal`.
             first: number of the first sample.
 
         """
-        sensor, digits = getattr(self.suite, name), self.suite.digits
-        last = first + len(perfect)
-        if name == "attitude":
-            noise = self._normal(name, last, 3)[first:] * sensor.sigmas
-            turn = Rotation.from_rotvec(noise @ sensor.R_BS.T)
-            attitude = Rotation.from_quat(perfect, scalar_first=True) * turn
-            if digits is not None:
-                attitude = Rotation.from_euler("ZYX", np.round(attitude.as_euler("ZYX"), digits))
-            return attitude.as_quat(scalar_first=True)
-        value = perfect + sensor.sigma * self._normal(name, last, perfect.shape[1])[first:]
-        if name == "gyro":
-            value = value + self._bias(last)[first:]
-        step = getattr(sensor, "step", 0.0)
-        if step:
-            phase = self._phase(name, perfect.shape[1])
-            value = step * (np.round(value / step - phase) + phase)
-        return value if digits is None else np.round(value, digits)
+        record, errors, decimals = SENSORS[name], self.suite[name], self.suite.rounding
+        last, width = first + len(ideal), ideal.shape[1]
+        if isinstance(errors, AttitudeSensor):
+            noise = self._normal(record.stream, last, 3)[first:] * errors.sigmas
+            error = Rotation.from_rotvec(noise @ errors.R_BS.T)
+            attitude = Rotation.from_quat(ideal, scalar_first=True) * error
+            if decimals is not None:
+                attitude = Rotation.from_euler("ZYX", np.round(attitude.as_euler("ZYX"), decimals))
+            return np.asarray(attitude.as_quat(scalar_first=True))
+        value = ideal + errors.sigmas * self._normal(record.stream, last, width)[first:]
+        if isinstance(errors, Gyro):
+            value = value + self.gyro_bias(last, name)[first:]
+        if errors.step and record.slow_stream is not None:
+            # Without a random zero, the same motion would be rounded alike whatever the seed.
+            zero = self._generator(record.slow_stream).uniform(-0.5, 0.5, width)
+            value = errors.step * (np.round(value / errors.step - zero) + zero)
+        return value if decimals is None else np.round(value, decimals)
 
-    def _bias(self, count: int) -> NDArray[np.float64]:
-        """Return the gyro's biases at its first samples (count, 3): random start, random steps."""
-        if len(self._walk) < count:
-            gyro = self.suite.gyro
-            steps = self._normal("gyro_bias", 2 * count, 3) * gyro.bias_growth / np.sqrt(gyro.rate)
-            steps[0] = gyro.bias_sigma * self._normal("gyro_bias", 1, 3)[0]
-            self._walk = np.cumsum(steps, axis=0)
-        return self._walk[:count]
+    def gyro_bias(self, count: int, name: str = "gyro") -> NDArray[np.float64]:
+        """Return the biases of a gyro's first `count` samples, (count, 3) in B [rad/s].
 
-    def _phase(self, name: str, width: int) -> NDArray[np.float64]:
-        """Return where between two of its marks every encoder has its zero, in steps.
-
-        Else the same motion would be rounded alike whatever the seed.
+        The first is drawn with the σ of the constant part; each later one adds a random step.
         """
-        stream = _STREAMS.index(f"phase {name}")
-        sequence = np.random.SeedSequence(self.seed, spawn_key=(stream,))
-        return np.random.default_rng(sequence).uniform(-0.5, 0.5, width)
+        table = self._biases.get(name, np.empty((0, 3)))
+        gyro, stream = self.suite[name], SENSORS[name].slow_stream
+        if len(table) < count and isinstance(gyro, Gyro) and stream is not None:
+            steps = self._normal(stream, 2 * count, 3) * gyro.bias_growth / np.sqrt(gyro.rate)
+            steps[0] = gyro.bias_sigma * self._normal(stream, 1, 3)[0]
+            table = self._biases[name] = np.cumsum(steps, axis=0)
+        return table[:count]
 
-    def _normal(self, name: str, count: int, width: int) -> NDArray[np.float64]:
-        """Return the first `count` rows of a stream of its own, drawn in growing tables."""
-        table = self._tables.get(name)
+    def _generator(self, stream: int) -> np.random.Generator:
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(stream,)))
+
+    def _normal(self, stream: int, count: int, width: int) -> NDArray[np.float64]:
+        """Return the first `count` rows of a stream, drawn in tables of growing length."""
+        table = self._tables.get(stream)
         if table is None or len(table) < count:
-            sequence = np.random.SeedSequence(self.seed, spawn_key=(_STREAMS.index(name),))
-            stream = np.random.default_rng(sequence)
-            table = self._tables[name] = stream.standard_normal((max(64, 2 * count), width))
+            numbers = self._generator(stream).standard_normal((max(64, 2 * count), width))
+            table = self._tables[stream] = numbers
         return table[:count]
 
 
-def add_noise(suite: SensorSuite, perfect: Measurements, seed: int) -> Measurements:
-    """Return measurements with the errors that a suite's sensors make; the seed fixes them."""
+def add_noise(suite: SensorSuite, ideal: Measurements, seed: int) -> Measurements:
+    """Return measurements with the errors of a suite's sensors; the seed determines them."""
     noise = SensorNoise(suite, seed)
-    changed = {}
-    for name in suite.present():
-        samples = getattr(perfect, name)
-        changed[name] = Samples(samples.time, noise.apply(name, samples.value))
-    return replace(perfect, **changed)
+    return ideal.updated(
+        {
+            name: Samples(ideal[name].time, noise.apply(name, ideal[name].value))
+            for name in suite.present()
+        }
+    )

@@ -10,22 +10,12 @@ from scipy.special import comb
 
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.suite import (
-    ARCSECOND,
-    DEGREE_PER_ROOT_HOUR,
-    AttitudeSensor,
-    Gyro,
-    JointSensor,
-    SensorSuite,
-    VectorSensor,
-)
+from cpid_drake.sensing.sensors import ATTITUDE, SENSORS
+from cpid_drake.sensing.suite import SensorSuite, suite_type
 
 _ORDERS = range(2, 9)
 _FEWEST = 12
 _LEAST = 1e-13
-
-GYRO_BIAS = 10.0
-"""What is assumed of a gyro's constant bias, σ [°/h]: few are worse once calibrated."""
 
 
 def estimate_suite(measurements: Measurements) -> SensorSuite:
@@ -37,9 +27,8 @@ def estimate_suite(measurements: Measurements) -> SensorSuite:
     """
     if not len(measurements.encoders):
         raise InputError("there are no joint positions to estimate noise from")
-    suite = SensorSuite(description="noise estimated from the samples")
-    for name in ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates"):
-        samples = getattr(measurements, name)
+    suite = suite_type()(description="noise estimated from the samples")
+    for name, samples in measurements.items():
         if not len(samples):
             continue
         if len(samples) < _FEWEST:
@@ -48,16 +37,8 @@ def estimate_suite(measurements: Measurements) -> SensorSuite:
                 f"give the sensors, or at least {_FEWEST} samples"
             )
         rate = float(np.clip(1 / np.median(np.diff(samples.time)), 1e-3, 1e5))
-        sigma = noise_level(samples, quaternions=name == "attitude")
-        if name == "attitude":
-            sensor = AttitudeSensor(rate, sigma / ARCSECOND, sigma / ARCSECOND)
-        elif name == "gyro":
-            sensor = Gyro(rate, sigma / (DEGREE_PER_ROOT_HOUR * np.sqrt(rate)), GYRO_BIAS)
-        elif name in ("position", "velocity"):
-            sensor = VectorSensor(rate, sigma)
-        else:
-            sensor = JointSensor(rate, sigma)
-        setattr(suite, name, sensor)
+        sigma = noise_level(samples, quaternions=SENSORS[name].quantity is ATTITUDE)
+        setattr(suite, name, SENSORS[name].errors.with_noise(rate, sigma))
     return suite
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from cpid_drake.errors import InputError
 from cpid_drake.resources import models_directory, resolve_model
-from cpid_drake.sensing.suite import SensorSuite, check_sensors
+from cpid_drake.sensing.suite import SensorSuite, check_sensors, suite_type
 from cpid_drake.yaml_files import load_strictly
 
 
@@ -38,7 +38,7 @@ def load_sensors(name_or_path: str | Path) -> SensorSuite:
             raise InputError(
                 f"no sensors: {error}; choose from {choices}, or give a file"
             ) from error
-    suite = load_strictly(SensorSuite, file, where, "a sensor suite")
+    suite = load_strictly(suite_type(), file, where, "a sensor suite")
     check_sensors(suite, where)
     return suite
 

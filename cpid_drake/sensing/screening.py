@@ -1,13 +1,13 @@
 """Which samples can be used: the rest is left out and counted."""
 
 from bisect import bisect_left
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.measurements import Measurements, Samples, sample_widths
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.sensors import ATTITUDE, SENSORS
 
 LONGEST_GAP = 3600.0
 """Stamps further apart than this cannot be of one identification [s]: a clock is wrong."""
@@ -32,8 +32,8 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
 
     """
     kept, rejected = {}, {}
-    for name, width in sample_widths(measurements.joint_names).items():
-        samples = getattr(measurements, name)
+    for name, samples in measurements.items():
+        width = SENSORS[name].width(len(measurements.joint_names))
         try:
             time, value = np.asarray(samples.time, float), np.asarray(samples.value, float)
         except (TypeError, ValueError) as error:
@@ -45,7 +45,7 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
             )
         value = value.reshape(time.size, width)
         usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
-        if name == "attitude":
+        if SENSORS[name].quantity is ATTITUDE:
             with np.errstate(over="ignore"):
                 norm = np.linalg.norm(value, axis=1)
             usable &= np.abs(norm - 1) < 1e-3
@@ -56,7 +56,7 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
         everything = index.size == time.size
         kept[name] = Samples(time, value) if everything else Samples(time[index], value[index])
         rejected[name] = time.size - index.size
-    return replace(measurements, **kept), rejected
+    return measurements.updated(kept), rejected
 
 
 def _together(time: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -5,7 +5,7 @@ Akaike's criterion.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.suite import SENSOR_NAMES, SensorSuite
+from cpid_drake.sensing.suite import SensorSuite
 
 _INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
 
@@ -96,13 +96,9 @@ class JointSpline:
 
 def measured_by(suite: SensorSuite, measurements: Measurements) -> Measurements:
     """Return the measurements without samples of sensors that a suite lacks: no σ is known."""
-    nothing = np.empty(0, dtype=int)
-    absent = {
-        name: getattr(measurements, name).where(nothing)
-        for name in SENSOR_NAMES
-        if getattr(suite, name) is None
-    }
-    return replace(measurements, **absent)
+    present = suite.present()
+    kept = {name: samples for name, samples in measurements.samples.items() if name in present}
+    return Measurements(measurements.joint_names, kept)
 
 
 def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline:

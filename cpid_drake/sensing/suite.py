@@ -1,136 +1,41 @@
-"""What a spacecraft measures of its own motion, how well, and when.
+"""A spacecraft's sensors: which of the table it has, with their rates and errors."""
 
-Every sensor has its own rate and its own stream of random numbers, which depends on the seed, the
-sensor and the sample's number only: the same samples come out whether they are drawn one by one
-in a Diagram or all at once as arrays. Samples that a sensor does not take are absent.
-"""
-
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, make_dataclass
 from numbers import Integral, Real
+from typing import Any, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-
-ARCSECOND = np.pi / (180 * 3600)
-DEGREE_PER_HOUR = np.pi / (180 * 3600)
-DEGREE_PER_ROOT_HOUR = np.pi / (180 * 60)
+from cpid_drake.sensing.sensors import (
+    SENSORS,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    SensorErrors,
+    VectorSensor,
+)
 
 NUMERICAL_SIGMA = 1e-8
-"""What estimators assume of a sensor without noise [rad, m, rad/s, m/s]: their own arithmetic."""
-
-SENSOR_NAMES = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
-"""The sensors, in the order in which estimators take samples of equal time."""
+"""Smallest σ that estimators assume of any sensor [rad, m, rad/s, m/s]: their own arithmetic."""
 
 RATE_RANGE = (1e-3, 1e5)
 """Slowest and fastest sensor [Hz]."""
 
 
 @dataclass
-class AttitudeSensor:
-    """A star tracker, or any sensor of the base's whole attitude.
-
-    Attributes:
-        rate: samples a second [Hz].
-        cross_boresight_arcsec: σ about each axis across the boresight.
-        boresight_arcsec: σ about the boresight.
-        boresight_B: (3,) direction of the boresight in B, of any length.
-
-    """
-
-    rate: float = 4.0
-    cross_boresight_arcsec: float = 0.0
-    boresight_arcsec: float = 0.0
-    boresight_B: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-
-    @property
-    def sigmas(self) -> NDArray[np.float64]:
-        """(3,) σ about the boresight's two normals and about the boresight [rad]."""
-        cross = self.cross_boresight_arcsec
-        return ARCSECOND * np.array([cross, cross, self.boresight_arcsec])
-
-    @property
-    def R_BS(self) -> NDArray[np.float64]:
-        """(3, 3) rotation whose last column is the boresight in B."""
-        z = np.asarray(self.boresight_B, dtype=float)
-        z = z / np.linalg.norm(z)
-        x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
-        x /= np.linalg.norm(x)
-        return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-@dataclass
-class Gyro:
-    """Three rate gyros along B's axes.
-
-    Attributes:
-        rate: samples a second [Hz].
-        angle_random_walk: [°/√h]; the white noise of the rate, as it adds up in the angle.
-        bias: σ of the constant part [°/h].
-        bias_random_walk: growth of the bias [°/h/√h].
-
-    """
-
-    rate: float = 100.0
-    angle_random_walk: float = 0.0
-    bias: float = 0.0
-    bias_random_walk: float = 0.0
-
-    @property
-    def sigma(self) -> float:
-        """White noise of one sample [rad/s]."""
-        return self.angle_random_walk * DEGREE_PER_ROOT_HOUR * np.sqrt(self.rate)
-
-    @property
-    def bias_sigma(self) -> float:
-        """σ of the constant bias [rad/s]."""
-        return self.bias * DEGREE_PER_HOUR
-
-    @property
-    def bias_growth(self) -> float:
-        """Random walk of the bias [rad/s/√s]."""
-        return self.bias_random_walk * DEGREE_PER_HOUR / 60
-
-
-@dataclass
-class VectorSensor:
-    """A sensor of the position or the velocity of B's origin in W: rate [Hz], σ [m or m/s]."""
-
-    rate: float = 10.0
-    sigma: float = 0.0
-
-
-@dataclass
-class JointSensor:
-    """Encoders or tachometers of all joints.
-
-    Attributes:
-        rate: samples a second [Hz].
-        sigma: white noise [rad or m; for joint rates per second].
-        bits: resolution of so many bits a turn, in steps of 2π/2^bits rad (of sliding joints: as
-            many m); 0 for none. Where between two marks a joint's zero lies is drawn by the seed.
-
-    """
-
-    rate: float = 100.0
-    sigma: float = 0.0
-    bits: int = 0
-
-    @property
-    def step(self) -> float:
-        """Quantization [rad or m; for joint rates per second]; 0 for none."""
-        return 2 * np.pi / 2**self.bits if self.bits else 0.0
-
-
-@dataclass
 class SensorSuite:
-    """A spacecraft's sensors; one that is None is not there.
+    """A spacecraft's sensors; one that is None is absent.
+
+    `suite[name]` returns any sensor of the table. Suites with registered sensors are of the type
+    that `suite_type` returns, which has a field for each.
 
     Attributes:
         description: one line for people.
-        digits: round every sample to so many decimals, in SI units (attitude as 3-2-1 Euler
-            angles); None for no rounding.
+        decimals: every sample is rounded to this number of decimals, in SI units (attitude as 3-2-1
+            Euler angles); None for no rounding.
+        digits: former name of `decimals`, which files may still use.
 
     """
 
@@ -141,28 +46,59 @@ class SensorSuite:
     velocity: VectorSensor | None = None
     encoders: JointSensor | None = None
     joint_rates: JointSensor | None = None
+    decimals: int | None = None
     digits: int | None = None
 
-    def present(self) -> dict[str, AttitudeSensor | Gyro | VectorSensor | JointSensor]:
-        """Return the sensors that are there, by name."""
-        sensors = {name: getattr(self, name) for name in SENSOR_NAMES}
-        return {name: sensor for name, sensor in sensors.items() if sensor is not None}
+    def __getitem__(self, name: str) -> SensorErrors:
+        """Return the errors of a sensor that is present.
+
+        Raises:
+            KeyError: it is absent.
+
+        """
+        errors = getattr(self, name, None) if name in SENSORS else None
+        if errors is None:
+            raise KeyError(name)
+        return errors
+
+    def present(self) -> dict[str, SensorErrors]:
+        """Return the errors of the sensors that are present, by name."""
+        return {name: self[name] for name in SENSORS if getattr(self, name, None) is not None}
+
+    @property
+    def rounding(self) -> int | None:
+        """Number of decimals to which samples are rounded; None for no rounding."""
+        return self.digits if self.decimals is None else self.decimals
 
     def sigmas(self, name: str) -> NDArray[np.float64]:
-        """Return what one sample of a sensor is off by: noise, quantization and rounding together.
+        """Return σ of one sample of a sensor: noise, quantization and rounding together.
 
-        (3,) about the axes of `AttitudeSensor.R_BS` for the attitude, (1,) for the others, in SI
+        (3,) about the axes of `AttitudeSensor.R_BS` for attitude, (1,) for other quantities, in SI
         units and radians; never below `NUMERICAL_SIGMA`.
+
+        Raises:
+            KeyError: the sensor is absent.
+
         """
-        sensor = getattr(self, name)
-        noise = sensor.sigmas if name == "attitude" else np.array([sensor.sigma])
-        step = getattr(sensor, "step", 0.0)
-        rounding = 0.0 if self.digits is None else 10.0**-self.digits
-        return np.sqrt(noise**2 + (step**2 + rounding**2) / 12 + NUMERICAL_SIGMA**2)
+        errors = self[name]
+        rounding = 0.0 if self.rounding is None else 10.0**-self.rounding
+        variance = errors.sigmas**2 + (errors.step**2 + rounding**2) / 12 + NUMERICAL_SIGMA**2
+        return np.asarray(np.sqrt(variance))
+
+
+def suite_type() -> type[SensorSuite]:
+    """Return the dataclass of suites, with a field for every sensor of the table."""
+    known = {entry.name for entry in fields(SensorSuite)}
+    added: list[Any] = [
+        (name, sensor.errors | None, field(default=None))
+        for name, sensor in SENSORS.items()
+        if name not in known
+    ]
+    return make_dataclass("SensorSuite", added, bases=(SensorSuite,)) if added else SensorSuite
 
 
 def check_sensors(suite: SensorSuite, where: str) -> None:
-    """Refuse sensors that cannot be.
+    """Refuse a suite with impossible parameters.
 
     Args:
         suite: from a file, from a scenario or made in Python.
@@ -170,8 +106,8 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
 
     Raises:
         InputError: no encoders; a rate out of `RATE_RANGE`; a noise that is negative or not finite;
-            bits that are not a whole number from 0 to 32, digits not one from 0 to 15; a boresight
-            that is not a direction.
+            bits that are not a whole number from 0 to 32, decimals not one from 0 to 15; both
+            `decimals` and `digits`; a boresight that is not a direction.
 
     """
     for name, sensor in suite.present().items():
@@ -188,23 +124,29 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
             elif not (_is_real(value) and 0 <= value < np.inf):
                 raise InputError(f"{key} must be a finite number >= 0, not {value!r}")
     if suite.encoders is None:
-        raise InputError(f"{where}: encoders are missing; without joint positions nothing is known")
-    if suite.digits is not None:
-        _check_whole(suite.digits, 15, f"{where}: digits")
+        raise InputError(
+            f"{where}: encoders are missing; no estimator works without joint positions"
+        )
+    if suite.decimals is not None and suite.digits is not None:
+        raise InputError(f"{where}: decimals and digits are the same; give one of the two")
+    for key in ("decimals", "digits"):
+        if getattr(suite, key) is not None:
+            _check_whole(getattr(suite, key), 15, f"{where}: {key}")
 
 
-def _is_real(value: object) -> bool:
+def _is_real(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _check_whole(value: object, largest: int, key: str) -> None:
     whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not (whole and 0 <= value <= largest):
+    if not (whole and isinstance(value, Integral) and 0 <= int(value) <= largest):
         raise InputError(f"{key} must be a whole number from 0 to {largest}, not {value!r}")
 
 
-def _check_direction(value: ArrayLike, key: str) -> None:
-    if np.shape(value) != (3,) or np.asarray(value).dtype.kind not in "iuf":
+def _check_direction(value: object, key: str) -> None:
+    vector = np.asarray(value)
+    if vector.shape != (3,) or vector.dtype.kind not in "iuf":
         raise InputError(f"{key} must be 3 numbers, not {value!r}")
-    if not 1e-100 < np.abs(value).max() < 1e100:
-        raise InputError(f"{key} must be a direction, of finite length and not zero, not {value}")
+    if not 1e-100 < np.abs(vector).max() < 1e100:
+        raise InputError(f"{key} must be a direction of finite length, not zero, not {vector}")

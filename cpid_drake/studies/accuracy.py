@@ -38,7 +38,7 @@ from cpid_drake.identification.sensor_identification import (
     online_estimator,
 )
 from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
-from cpid_drake.sensing.measurements import Measurements, perfect_measurements
+from cpid_drake.sensing.measurements import Measurements, ideal_measurements
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.screening import screen
@@ -265,7 +265,7 @@ def _perfect(case: Case, tree: KinematicTree, joint_names: tuple[str, ...]) -> M
     def motion(times: NDArray[np.float64]) -> Telemetry:
         return _base_trajectory(case, tree, times).to_telemetry(joint_names, times, case.motion)
 
-    return perfect_measurements(case.suite, joint_names, motion, case.duration)
+    return ideal_measurements(case.suite, joint_names, motion, case.duration)
 
 
 def _base_trajectory(case: Case, tree: KinematicTree, times: NDArray[np.float64]) -> BaseTrajectory:

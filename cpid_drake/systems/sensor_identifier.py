@@ -21,7 +21,7 @@ from cpid_drake.identification.sensor_identification import (
     identification_of_filter,
     online_estimator,
 )
-from cpid_drake.sensing.measurements import sample_widths
+from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
@@ -121,9 +121,10 @@ class SensorIdentifier(Identifier):
             guess=guess,
             guess_sigma=guess_sigma,
         )
-        widths = sample_widths(spacecraft.joint_names)
+        joints = len(spacecraft.joint_names)
         self._sample_ports = {
-            name: self.DeclareVectorInputPort(name, 1 + widths[name]) for name in sensors
+            name: self.DeclareVectorInputPort(name, 1 + SENSORS[name].width(joints))
+            for name in sensors
         }
         self._memory_index = self.DeclareAbstractState(
             Value(_Memory(self._estimator.start(), dict.fromkeys(sensors, np.nan), []))

@@ -15,8 +15,9 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.measurements import Measurements, Samples, perfect_value, sample_widths
+from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import SensorNoise
+from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -66,9 +67,9 @@ class SpacecraftSensors(LeafSystem):
         self._state_port = self.DeclareVectorInputPort(
             "spacecraft_state", spacecraft.plant.num_multibody_states()
         )
-        widths = sample_widths(spacecraft.joint_names)
-        for name, sensor in suite.present().items():
-            self._declare_sensor(name, sensor.rate, widths[name])
+        for name, errors in suite.present().items():
+            width = SENSORS[name].width(len(spacecraft.joint_names))
+            self._declare_sensor(name, errors.rate, width)
 
     @staticmethod
     def AddToBuilder(
@@ -134,7 +135,7 @@ class SpacecraftSensors(LeafSystem):
         except InputError as error:
             where = f"{self.GetSystemPathname()}: {name} at t = {k / rate:g} s"
             raise InputError(f"{where}: {error}") from error
-        [value] = self._noise.apply(name, perfect_value(name, telemetry), first=k)
+        [value] = self._noise.apply(name, SENSORS[name].quantity.ideal(telemetry), first=k)
         return np.concatenate([[k / rate], value])
 
 
@@ -181,13 +182,10 @@ def measurements_from_logs(
     """
     context = sensors.GetMyContextFromRoot(root_context)
     samples = {}
-    for name, width in sample_widths(sensors.spacecraft.joint_names).items():
-        columns = [np.empty((1 + width, 0))]
-        if name in logs:
-            held = sensors.GetOutputPort(name).Eval(context)
-            columns = [logs[name].FindLog(root_context).data(), held[:, None]]
-        rows = np.hstack(columns).T
+    for name, log in logs.items():
+        held = sensors.GetOutputPort(name).Eval(context)
+        rows = np.hstack([log.FindLog(root_context).data(), held[:, None]]).T
         rows = rows[~np.isnan(rows[:, 0])]
         time, first = np.unique(rows[:, 0], return_index=True)
         samples[name] = Samples(time, rows[first, 1:])
-    return Measurements(sensors.spacecraft.joint_names, **samples)
+    return Measurements(sensors.spacecraft.joint_names, samples)

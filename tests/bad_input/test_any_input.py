@@ -26,7 +26,7 @@ from cpid_drake.sensing.files.telemetry_files import (
 )
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.presets import load_sensors
-from cpid_drake.sensing.suite import SENSOR_NAMES
+from cpid_drake.sensing.sensors import SENSORS
 
 
 def few(count: int):
@@ -55,7 +55,7 @@ def refused_or(read, path: Path):
 def read_fully(path: Path) -> Measurements:
     """Read telemetry, and look at all of it."""
     found = inspect_telemetry(path)
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         samples = getattr(found.measurements, name)
         assert np.isfinite(samples.time).all()
         assert (np.diff(samples.time) > 0).all()
@@ -269,7 +269,7 @@ def telemetries(draw) -> Telemetry:
 def assert_same(one: Measurements, other: Measurements, tolerance: float = 0.0) -> None:
     assert set(one.joint_names) == set(other.joint_names)
     order = [other.joint_names.index(name) for name in one.joint_names]
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         a, b = getattr(one, name), getattr(other, name)
         columns = order if name in ("encoders", "joint_rates") else slice(None)
         np.testing.assert_array_equal(a.time, b.time)
@@ -325,7 +325,7 @@ def test_names_clocks_and_worlds_do_not_change_the_target(
             return R_VW.apply(value)
         return value if name == "gyro" else value[:, list(order)]
 
-    samples = {name: getattr(log, name) for name in SENSOR_NAMES}
+    samples = {name: getattr(log, name) for name in SENSORS}
     other = replace(
         log,
         joint_names=tuple(log.joint_names[k] for k in order),

@@ -28,8 +28,9 @@ from cpid_drake.estimation.momentum_filter import FilterState, MomentumFilter
 from cpid_drake.estimation.online import OnlineEstimator, in_order
 from cpid_drake.estimation.square_root import empty_root
 from cpid_drake.identification.sensor_identification import online_estimator
-from cpid_drake.sensing.measurements import Measurements, perfect_measurements, perfect_value
+from cpid_drake.sensing.measurements import Measurements, ideal_measurements
 from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import SENSORS
 
 Sample = tuple[str, float, np.ndarray]
 UPDATE = ("encoders", "gyro", "attitude", "encoders", "position")
@@ -67,7 +68,9 @@ def ten_updates(start: float, motion) -> list[list[Sample]]:
         ends = start + k * PERIOD + np.array([PERIOD / 2, PERIOD])
         instants = [ends[0], *4 * [ends[1]]]
         telemetry = motion(np.array(instants[:2]))
-        samples = [perfect_value(name, telemetry)[int(i > 0)] for i, name in enumerate(UPDATE)]
+        samples = [
+            SENSORS[name].quantity.ideal(telemetry)[int(i > 0)] for i, name in enumerate(UPDATE)
+        ]
         updates.append(list(zip(UPDATE, instants, samples, strict=True)))
     return updates
 
@@ -90,7 +93,7 @@ def main() -> None:
         telemetry = base.to_telemetry(spacecraft.joint_names, t, arms)
         return telemetry.select(slice(-len(times), None))
 
-    perfect = perfect_measurements(suite, spacecraft.joint_names, motion, 3.0)
+    perfect = ideal_measurements(suite, spacecraft.joint_names, motion, 3.0)
     online = online_estimator(spacecraft, suite)
     momentum_filter = online.filter
     state, start = filtering(online, add_noise(suite, perfect, seed=1), 2.9)

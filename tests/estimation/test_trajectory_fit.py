@@ -33,8 +33,8 @@ from cpid_drake.identification.sensor_identification import (
 )
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import Gyro, JointSensor, VectorSensor
 from cpid_drake.sensing.splines import smooth_joints
-from cpid_drake.sensing.suite import Gyro, JointSensor, VectorSensor
 
 DURATION = 8.0
 RICH = {"velocity": VectorSensor(4.0, 1e-3)}

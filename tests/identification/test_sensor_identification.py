@@ -29,8 +29,8 @@ from cpid_drake.identification.sensor_identification import (
 )
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensing.smoothing import smooth
-from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 DURATION = 8.0
 UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")

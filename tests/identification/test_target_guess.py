@@ -13,7 +13,7 @@ from cpid_drake.identification.sensor_identification import (
 )
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import SensorNoise
-from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 SIGMA = 0.15
 POOR = {

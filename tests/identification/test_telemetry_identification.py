@@ -11,10 +11,10 @@ from cpid_drake import InputError, identify_log
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.description import intervals
 from cpid_drake.identification.telemetry_identification import MOST_SAMPLES, of_spacecraft
-from cpid_drake.sensing.measurements import Measurements, Samples, perfect_value
+from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.noise_estimation import estimate_suite, noise_level
-from cpid_drake.sensing.suite import SENSOR_NAMES, JointSensor, VectorSensor
+from cpid_drake.sensing.sensors import SENSORS, JointSensor, VectorSensor
 
 DURATION = 8.0
 
@@ -31,7 +31,7 @@ def motion():
 
 def log_of(telemetry) -> Measurements:
     samples = {
-        name: Samples(telemetry.time, perfect_value(name, telemetry)) for name in SENSOR_NAMES
+        name: Samples(telemetry.time, SENSORS[name].quantity.ideal(telemetry)) for name in SENSORS
     }
     return Measurements(telemetry.joint_names, **samples)
 
@@ -199,7 +199,7 @@ class TestNoisyLogs:
 
     def test_a_log_without_noise_shows_none(self, exact):
         suite = estimate_suite(exact)
-        for name in SENSOR_NAMES:
+        for name in SENSORS:
             assert suite.sigmas(name).max() < 1e-7
 
 
@@ -362,7 +362,7 @@ class TestWhatIsMissing:
         most = MOST_SAMPLES["trajectory_fit"]
         times = np.arange(most + 1) * 0.01
         again = np.resize(np.arange(len(exact.gyro)), most + 1)
-        log = replace(without(exact, *SENSOR_NAMES), attitude=exact.attitude)
+        log = replace(without(exact, *SENSORS), attitude=exact.attitude)
         log = replace(log, encoders=Samples(times, exact.encoders.value[again]))
         with pytest.raises(InputError, match=f"{most + 1} samples of encoders are too many"):
             identify_log(craft, log, estimator="trajectory_fit")

@@ -13,7 +13,7 @@ import yaml
 from cpid_drake import InputError
 from cpid_drake.resources import models_directory
 from cpid_drake.sensing.presets import load_sensors, sensor_presets
-from cpid_drake.sensing.suite import SENSOR_NAMES, AttitudeSensor
+from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor
 
 PRESETS = ("coarse", "digits6", "flight", "ideal", "servicer", "testbed")
 
@@ -81,11 +81,11 @@ def test_the_numbers_of_the_flight_preset_arrive():
 @pytest.mark.parametrize(("name", "digits"), [("ideal", None), ("digits6", 6)])
 def test_presets_without_noise_have_all_sensors_at_one_rate(name, digits):
     suite = load_sensors(name)
-    assert tuple(suite.present()) == SENSOR_NAMES
+    assert tuple(suite.present()) == tuple(SENSORS)
     assert {sensor.rate for sensor in suite.present().values()} == {100.0}
     assert suite.digits == digits
     floor = 1e-8 if digits is None else 1e-6 / np.sqrt(12)
-    for sensor in SENSOR_NAMES:
+    for sensor in SENSORS:
         np.testing.assert_allclose(suite.sigmas(sensor), floor, rtol=1e-2)
 
 

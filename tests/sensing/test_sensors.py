@@ -10,23 +10,22 @@ from cpid_drake import InputError, Telemetry
 from cpid_drake.sensing.measurements import (
     Measurements,
     Samples,
-    perfect_measurements,
+    ideal_measurements,
     sample_times,
 )
 from cpid_drake.sensing.noise import SensorNoise, add_noise
 from cpid_drake.sensing.screening import LONGEST_GAP, screen
-from cpid_drake.sensing.suite import (
+from cpid_drake.sensing.sensors import (
     ARCSECOND,
     DEGREE_PER_HOUR,
     DEGREE_PER_ROOT_HOUR,
-    SENSOR_NAMES,
+    SENSORS,
     AttitudeSensor,
     Gyro,
     JointSensor,
-    SensorSuite,
     VectorSensor,
-    check_sensors,
 )
+from cpid_drake.sensing.suite import SensorSuite, check_sensors
 
 JOINTS = ("a", "b")
 COUNT = 20000
@@ -63,7 +62,7 @@ def motion(times) -> Telemetry:
 
 @pytest.fixture(scope="module")
 def perfect() -> Measurements:
-    return perfect_measurements(everything(), JOINTS, motion, 10.0)
+    return ideal_measurements(everything(), JOINTS, motion, 10.0)
 
 
 # -- statistics ----------------------------------------------------------------------------------
@@ -112,7 +111,7 @@ def test_a_bias_is_constant_and_of_the_given_spread():
     biases = []
     for seed in range(3000):
         noise = SensorNoise(SensorSuite(gyro=gyro), seed)
-        biases.append(noise.gyro_bias(0))
+        biases.append(noise.gyro_bias(1)[0])
         if seed < 3:
             samples = noise.apply("gyro", np.zeros((500, 3)))
             np.testing.assert_array_equal(samples, np.tile(biases[-1], (500, 1)))
@@ -125,8 +124,8 @@ def test_a_bias_walks_as_the_root_of_time():
     changes = []
     for seed in range(1500):
         noise = SensorNoise(SensorSuite(gyro=gyro), seed)
-        start = noise.gyro_bias(0)
-        changes.append([noise.gyro_bias(k) - start for k in (90, 360)])
+        start = noise.gyro_bias(1)[0]
+        changes.append([noise.gyro_bias(k + 1)[k] - start for k in (90, 360)])
     spread = np.std(np.moveaxis(changes, 1, 0).reshape(2, -1), axis=1)
     per_root_hour = 6.0 * DEGREE_PER_HOUR
     np.testing.assert_allclose(spread, per_root_hour * np.sqrt([9 / 3600, 36 / 3600]), rtol=0.03)
@@ -180,10 +179,10 @@ def test_every_sample_is_rounded(perfect):
         velocity=VectorSensor(),
         encoders=JointSensor(),
         joint_rates=JointSensor(),
-        digits=4,
+        decimals=4,
     )
     rounded = add_noise(suite, perfect, seed=0)
-    for name in SENSOR_NAMES[1:]:
+    for name in list(SENSORS)[1:]:
         value = getattr(rounded, name).value
         np.testing.assert_array_equal(value, np.round(getattr(perfect, name).value, 4))
         assert suite.sigmas(name)[0] == pytest.approx(1e-4 / np.sqrt(12), rel=1e-3)
@@ -193,23 +192,23 @@ def test_every_sample_is_rounded(perfect):
 
 
 def test_sigmas_say_what_samples_are_off_by(perfect):
-    suite = everything(gyro=Gyro(rate=100.0, angle_random_walk=0.07), digits=4)
+    suite = everything(gyro=Gyro(rate=100.0, angle_random_walk=0.07), decimals=4)
     long = Measurements(
         JOINTS,
         **{
             name: Samples(
                 np.arange(COUNT), np.resize(samples.value, (COUNT, samples.value.shape[1]))
             )
-            for name in SENSOR_NAMES
+            for name in SENSORS
             for samples in [getattr(perfect, name)]
         },
     )
     noisy = add_noise(suite, long, seed=4)
-    for name in SENSOR_NAMES[1:]:
+    for name in list(SENSORS)[1:]:
         error = getattr(noisy, name).value - getattr(long, name).value
         assert np.sqrt(np.mean(error**2)) == pytest.approx(suite.sigmas(name)[0], rel=0.05)
     assert suite.sigmas("attitude").shape == (3,)
-    for name in SENSOR_NAMES[1:]:
+    for name in list(SENSORS)[1:]:
         assert suite.sigmas(name).shape == (1,)
 
 
@@ -229,7 +228,7 @@ def test_perfect_sensors_change_nothing(perfect):
         joint_rates=JointSensor(),
     )
     same = add_noise(suite, perfect, seed=7)
-    for name in SENSOR_NAMES[1:]:
+    for name in list(SENSORS)[1:]:
         np.testing.assert_array_equal(getattr(same, name).value, getattr(perfect, name).value)
     np.testing.assert_allclose(same.attitude.value, perfect.attitude.value, atol=1e-15)
 
@@ -270,26 +269,26 @@ def test_a_gyro_measures_in_the_base():
         quaternion = np.tile(turned.as_quat(scalar_first=True), (len(times), 1))
         return replace(telemetry, quaternion_WB=quaternion)
 
-    samples = perfect_measurements(suite, JOINTS, still, 0.1).gyro
+    samples = ideal_measurements(suite, JOINTS, still, 0.1).gyro
     w_WB_B = turned.inv().apply([0.02, -0.05, 0.03])
     np.testing.assert_allclose(samples.value, np.tile(w_WB_B, (11, 1)), atol=1e-15)
 
 
-@pytest.mark.parametrize("name", SENSOR_NAMES)
+@pytest.mark.parametrize("name", SENSORS)
 def test_absent_sensors_have_no_samples(name):
     suite = everything(**{name: None})
     assert name not in suite.present()
-    noisy = add_noise(suite, perfect_measurements(suite, JOINTS, motion, 1.0), seed=1)
-    widths = dict(zip(SENSOR_NAMES, (4, 3, 3, 3, 2, 2)))
-    for other in SENSOR_NAMES:
+    noisy = add_noise(suite, ideal_measurements(suite, JOINTS, motion, 1.0), seed=1)
+    widths = dict(zip(SENSORS, (4, 3, 3, 3, 2, 2)))
+    for other in SENSORS:
         samples = getattr(noisy, other)
         assert (len(samples) == 0) == (other == name)
         assert samples.value.shape == (len(samples), widths[other])
 
 
 def test_no_sensors_give_no_samples():
-    nothing = perfect_measurements(SensorSuite(), JOINTS, motion, 1.0)
-    assert all(len(getattr(nothing, name)) == 0 for name in SENSOR_NAMES)
+    nothing = ideal_measurements(SensorSuite(), JOINTS, motion, 1.0)
+    assert all(len(getattr(nothing, name)) == 0 for name in SENSORS)
 
 
 def test_samples_between_two_times(perfect):
@@ -303,14 +302,14 @@ def test_samples_between_two_times(perfect):
 
 
 def values(measurements) -> np.ndarray:
-    return np.concatenate([getattr(measurements, name).value.ravel() for name in SENSOR_NAMES])
+    return np.concatenate([getattr(measurements, name).value.ravel() for name in SENSORS])
 
 
 def test_a_seed_reproduces_and_another_differs(perfect):
     one, again, other = (values(add_noise(everything(), perfect, seed)) for seed in (6, 6, 7))
     np.testing.assert_array_equal(one, again)
     start = 0
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         stop = start + getattr(perfect, name).value.size
         assert not (one[start:stop] == other[start:stop]).any()
         start = stop
@@ -319,17 +318,17 @@ def test_a_seed_reproduces_and_another_differs(perfect):
 def test_every_sensor_keeps_its_stream_when_others_go(perfect):
     full = add_noise(everything(), perfect, seed=9)
     suite = everything(gyro=None, position=None, attitude=None)
-    part = add_noise(suite, perfect_measurements(suite, JOINTS, motion, 10.0), seed=9)
+    part = add_noise(suite, ideal_measurements(suite, JOINTS, motion, 10.0), seed=9)
     for name in suite.present():
         np.testing.assert_array_equal(getattr(full, name).value, getattr(part, name).value)
 
 
 @pytest.mark.parametrize("block", [1, 7, 64, 65, 500])
 def test_samples_do_not_depend_on_how_many_are_drawn_at_a_time(perfect, block):
-    suite = everything(digits=7)
+    suite = everything(decimals=7)
     at_once = add_noise(suite, perfect, seed=11)
     noise = SensorNoise(suite, seed=11)
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         true = getattr(perfect, name).value
         blocks = [noise.apply(name, true[k : k + block], k) for k in range(0, len(true), block)]
         np.testing.assert_array_equal(np.concatenate(blocks), getattr(at_once, name).value)
@@ -346,7 +345,7 @@ def test_the_streams_are_not_those_of_plain_generators():
     """Whoever draws targets or motions with the same seed must not draw the noise as well."""
     suite = SensorSuite(attitude=AttitudeSensor(), encoders=JointSensor(sigma=1.0))
     noise = SensorNoise(suite, seed=12).apply("encoders", np.zeros((50, 2))).ravel()
-    attitude = SensorNoise(suite, seed=12)._normal("attitude", 50, 2).ravel()
+    attitude = SensorNoise(suite, seed=12)._normal(0, 50, 2).ravel()
     for other in (12, [12, 0], [12, 4]):
         plain = np.random.default_rng(other).standard_normal(100)
         assert not np.isin(plain, noise).any()
@@ -364,14 +363,14 @@ def test_a_seed_that_is_none_is_refused(seed):
 
 def test_good_suites_pass():
     check_sensors(everything(), "here")
-    check_sensors(everything(digits=0), "here")
+    check_sensors(everything(decimals=0), "here")
     check_sensors(SensorSuite(encoders=JointSensor(rate=np.float64(7), bits=np.int64(32))), "here")
     check_sensors(
         everything(attitude=AttitudeSensor(rate=1, boresight_B=[1, 0, 0])), "Python lists will do"
     )
 
 
-@pytest.mark.parametrize("name", SENSOR_NAMES)
+@pytest.mark.parametrize("name", SENSORS)
 @pytest.mark.parametrize("rate", [0.0, -4.0, np.nan, np.inf, 1e-300, 1e9, True, "4", None])
 def test_a_rate_that_is_none_is_refused(name, rate):
     suite = everything()
@@ -410,8 +409,8 @@ def test_bits_that_are_none_are_refused(value):
 
 @pytest.mark.parametrize("value", [-1, 16, 400, 6.0, True, "6"])
 def test_digits_that_are_none_are_refused(value):
-    with pytest.raises(InputError, match="here: digits must be a whole number from 0 to 15"):
-        check_sensors(everything(digits=value), "here")
+    with pytest.raises(InputError, match="here: decimals must be a whole number from 0 to 15"):
+        check_sensors(everything(decimals=value), "here")
 
 
 @pytest.mark.parametrize(
@@ -443,16 +442,16 @@ def test_missing_encoders_are_refused():
 
 def screened(name, time, value=None, **others):
     """Return one sensor's samples that survive, and how many do not."""
-    width = dict(zip(SENSOR_NAMES, (4, 3, 3, 3, 2, 2)))[name]
+    width = dict(zip(SENSORS, (4, 3, 3, 3, 2, 2)))[name]
     time = np.asarray(time, dtype=float)
     if value is None:
         value = np.tile(np.eye(width)[0], (time.size, 1))
     empty = {
         other: Samples(np.empty(0), np.empty((0, w)))
-        for other, w in zip(SENSOR_NAMES, (4, 3, 3, 3, 2, 2))
+        for other, w in zip(SENSORS, (4, 3, 3, 3, 2, 2))
     }
     kept, rejected = screen(Measurements(JOINTS, **(empty | {name: Samples(time, value)})))
-    assert all(rejected[other] == 0 for other in SENSOR_NAMES if other != name)
+    assert all(rejected[other] == 0 for other in SENSORS if other != name)
     assert rejected[name] + len(getattr(kept, name)) == time.size
     return getattr(kept, name), rejected[name]
 
@@ -460,13 +459,13 @@ def screened(name, time, value=None, **others):
 def test_good_samples_survive(perfect):
     noisy = add_noise(everything(), perfect, seed=1)
     kept, rejected = screen(noisy)
-    assert rejected == dict.fromkeys(SENSOR_NAMES, 0)
+    assert rejected == dict.fromkeys(SENSORS, 0)
     assert kept.joint_names == JOINTS
     np.testing.assert_allclose(values(kept), values(noisy), rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("name", SENSOR_NAMES)
+@pytest.mark.parametrize("name", SENSORS)
 def test_samples_that_are_not_finite_are_left_out(perfect, name, bad):
     samples = getattr(perfect, name)
     time, value = samples.time.copy(), samples.value.copy()

@@ -11,9 +11,9 @@ from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensing.smoothing import smooth
 from cpid_drake.sensing.splines import Basis, smooth_joints
-from cpid_drake.sensing.suite import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 DURATION = 8.0
 SEEDS = range(8)

@@ -24,7 +24,7 @@ from cpid_drake.identification.sensor_identification import (
     identification_of_filter,
     online_estimator,
 )
-from cpid_drake.sensing.suite import SENSOR_NAMES, AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.systems.sensor_identifier import FILTER_DIAGNOSTICS
 from cpid_drake.systems.spacecraft_sensors import log_samples, measurements_from_logs
 
@@ -264,7 +264,7 @@ def test_it_equals_the_estimator_on_the_logged_samples(simulation, finished):
     np.testing.assert_allclose(found.parameters, expected.parameters, rtol=1e-9)
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
     np.testing.assert_allclose(packed(identifier, context), state.filter.pack(), rtol=1e-9)
-    assert found.sample_count == sum(len(getattr(measurements, name)) for name in SENSOR_NAMES)
+    assert found.sample_count == sum(len(getattr(measurements, name)) for name in SENSORS)
     batch = identify_from_sensors(
         simulation.spacecraft, measurements, simulation.sensors.suite, estimator="momentum_filter"
     )

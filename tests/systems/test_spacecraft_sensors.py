@@ -8,16 +8,10 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Telemetry
-from cpid_drake.sensing.measurements import perfect_measurements, sample_times
+from cpid_drake.sensing.measurements import ideal_measurements, sample_times
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.suite import (
-    SENSOR_NAMES,
-    AttitudeSensor,
-    Gyro,
-    JointSensor,
-    SensorSuite,
-    VectorSensor,
-)
+from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,
     log_samples,
@@ -104,7 +98,7 @@ def run(diagram, duration=DURATION):
 
 def assert_same(found, expected, atol=1e-12):
     assert found.joint_names == expected.joint_names
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         one, other = getattr(found, name), getattr(expected, name)
         np.testing.assert_array_equal(one.time, other.time)
         np.testing.assert_allclose(one.value, other.value, rtol=0, atol=atol)
@@ -117,7 +111,7 @@ def latest(sensors, context) -> dict:
 def test_ports_are_as_documented(servicer, suite):
     sensors = SpacecraftSensors(servicer, suite)
     assert sensors.GetInputPort("spacecraft_state").size() == 37
-    sizes = dict(zip(SENSOR_NAMES, (5, 4, 4, 4, 13, 13)))
+    sizes = dict(zip(SENSORS, (5, 4, 4, 4, 13, 13)))
     assert sensors.num_output_ports() == len(sizes)
     for name, size in sizes.items():
         assert sensors.GetOutputPort(name).size() == size
@@ -145,7 +139,7 @@ def test_samples_are_those_of_the_array_model(servicer, suite, motion, diagram, 
     suite.digits = digits
     system, sensors, logs = diagram(seed=3, per_step=per_step)
     found = measurements_from_logs(sensors, logs, run(system))
-    perfect = perfect_measurements(suite, servicer.joint_names, motion, DURATION)
+    perfect = ideal_measurements(suite, servicer.joint_names, motion, DURATION)
     assert_same(found, add_noise(suite, perfect, seed=3))
     for name, sensor in suite.present().items():
         times = getattr(found, name).time
@@ -178,7 +172,7 @@ def test_samples_of_a_simulated_plant_are_those_of_its_logged_motion(servicer, s
         return servicer.to_telemetry(wanted, np.array(states)[index])
 
     only = SensorSuite(attitude=suite.attitude, gyro=suite.gyro, position=suite.position)
-    expected = add_noise(only, perfect_measurements(only, servicer.joint_names, motion, 0.5), 8)
+    expected = add_noise(only, ideal_measurements(only, servicer.joint_names, motion, 0.5), 8)
     for name in ("attitude", "gyro", "position"):
         np.testing.assert_array_equal(getattr(found, name).time, getattr(expected, name).time)
         np.testing.assert_allclose(
@@ -249,7 +243,7 @@ def test_a_run_that_starts_late_takes_the_samples_of_that_time(servicer, suite, 
     simulator.AdvanceTo(DURATION)
     simulator.AdvancePendingEvents()
     found = measurements_from_logs(sensors, logs, simulator.get_context())
-    perfect = perfect_measurements(suite, servicer.joint_names, motion, DURATION)
+    perfect = ideal_measurements(suite, servicer.joint_names, motion, DURATION)
     expected = add_noise(suite, perfect, seed=3).between(found.gyro.time[0], DURATION)
     assert found.gyro.time[0] == 1.0
     assert_same(found, expected)

@@ -7,16 +7,7 @@ import numpy as np
 
 from cpid_drake.identification.requests import Evidence
 from cpid_drake.report.page import Cell, Section, Table
-from cpid_drake.sensing.suite import SENSOR_NAMES
-
-_LABELS = {
-    "attitude": ("attitude", "rad"),
-    "gyro": ("gyro", "rad/s"),
-    "position": ("position", "m"),
-    "velocity": ("velocity", "m/s"),
-    "encoders": ("joint positions", "rad or m"),
-    "joint_rates": ("joint rates", "rad/s or m/s"),
-}
+from cpid_drake.sensing.sensors import SENSORS
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,25 +37,23 @@ class Sensors(Section):
         found = self.evidence.found
         heads = ["", "samples", "every [ms]", "not used", "σ assumed", "unit", "χ² per reading"]
         rows = []
-        for name in SENSOR_NAMES:
-            samples = getattr(self.evidence.measurements, name)
+        for name, samples in self.evidence.measurements.items():
             if not len(samples):
                 continue
-            word, unit = _LABELS[name]
             step = np.median(np.diff(samples.time)) if len(samples) > 1 else np.nan
             sigma = ""
-            if found.suite is not None and getattr(found.suite, name) is not None:
+            if found.suite is not None and name in found.suite.present():
                 values = np.unique(found.suite.sigmas(name))
                 sigma = ", ".join(f"{value:.2g}" for value in values)
             left = found.leftovers.get(name)
             rows.append(
                 [
-                    word,
+                    SENSORS[name].label,
                     Cell(str(len(samples))),
                     Cell(f"{1e3 * step:.4g}" if np.isfinite(step) else ""),
                     Cell(str(found.rejected.get(name, 0))),
                     Cell(sigma),
-                    unit if sigma else "",
+                    SENSORS[name].quantity.unit if sigma else "",
                     Cell("" if left is None else f"{np.mean(left.value**2):.3f}"),
                 ]
             )

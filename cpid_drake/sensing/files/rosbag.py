@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.measurements import Measurements, Samples, sample_widths
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.sensors import SENSORS
 
 TOPIC_TYPES = {
     "odometry": "nav_msgs/msg/Odometry",
@@ -102,10 +103,10 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     joint_names = logs["joints"].joint_names
     origin = _origin(np.concatenate([log.stamps for log in logs.values()]))
     samples = {
-        sensor: _samples(sensor, width, logs, origin)
-        for sensor, width in sample_widths(joint_names).items()
+        sensor: _samples(sensor, SENSORS[sensor].width(len(joint_names)), logs, origin)
+        for sensor in _SOURCES
     }
-    return Measurements(joint_names, **samples)
+    return Measurements(joint_names, samples)
 
 
 def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> dict[str, str]:

@@ -12,7 +12,7 @@ Columns, in SI units and radians; a group is there as a whole or not at all:
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 
@@ -22,24 +22,14 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.measurements import Measurements, Samples, sample_widths
-from cpid_drake.sensing.suite import SENSOR_NAMES
-
-GROUPS = {
-    "attitude": ("qw", "qx", "qy", "qz"),
-    "gyro": ("bwx", "bwy", "bwz"),
-    "angular velocity": ("wx", "wy", "wz"),
-    "position": ("x", "y", "z"),
-    "velocity": ("vx", "vy", "vz"),
-}
-"""Columns of the base's motion by group; `angular velocity` is in W, `gyro` in B."""
-
-_JOINT_GROUPS = {"encoders": "q:", "joint_rates": "qd:"}
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.sensors import ATTITUDE, SENSORS, Sensor, sensors_of
 
 LARGEST = 1e9
-"""Largest number in a file that can be meant [SI units, rad]; of times, `LARGEST_TIME`."""
+"""Largest plausible number in a file [SI units, rad]."""
 
 LARGEST_TIME = 1e11
+"""Largest plausible time in a file [s]."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +81,10 @@ class TelemetryTable:
 
 
 def known_column(name: str) -> bool:
-    """Return whether a column of this name means something."""
-    joint = any(name.startswith(prefix) and len(name) > len(prefix) for prefix in ("q:", "qd:"))
-    return joint or name == "time" or any(name in group for group in GROUPS.values())
+    """Return whether a column of this name has a meaning."""
+    if name == "time" or any(name in columns for columns, _ in _base_groups()):
+        return True
+    return any(name.startswith(prefix) and name != prefix for prefix in _joint_prefixes())
 
 
 def check_columns(names: Sequence[str], where: str) -> None:
@@ -111,23 +102,27 @@ def check_columns(names: Sequence[str], where: str) -> None:
     unknown = [name for name in names if not known_column(name)]
     if "time" not in names:
         raise InputError(f"{where}: there is no column 'time'{_likely('time', unknown)}")
-    for group, columns in GROUPS.items():
+    for columns, sensor in _base_groups():
         missing = [column for column in columns if column not in names]
         if 0 < len(missing) < len(columns):
             raise InputError(
-                f"{where}: {group} needs the columns {', '.join(columns)}; missing: "
+                f"{where}: {sensor.label} needs the columns {', '.join(columns)}; missing: "
                 f"{', '.join(missing)}{_likely(missing[0], unknown)}"
             )
-    if "bwx" in names and "wx" in names:
-        raise InputError(
-            f"{where}: angular velocity is there twice, in the world (wx, wy, wz) and in the "
-            "body (bwx, bwy, bwz); keep one of them"
-        )
-    if "wx" in names and "qw" not in names:
-        raise InputError(
-            f"{where}: angular velocity in the world (wx, wy, wz) needs the attitude (qw, qx, qy, "
-            "qz) to be turned into the body; if it is in the body, call it bwx, bwy, bwz"
-        )
+    for sensor in SENSORS.values():
+        in_W, in_B = ", ".join(sensor.columns_in_W), ", ".join(sensor.columns)
+        if not in_W or sensor.columns_in_W[0] not in names:
+            continue
+        if sensor.columns[0] in names:
+            raise InputError(
+                f"{where}: {sensor.label} is there twice, in the world ({in_W}) and in the body "
+                f"({in_B}); keep one of them"
+            )
+        if "qw" not in names:
+            raise InputError(
+                f"{where}: {sensor.label} in the world ({in_W}) needs the attitude (qw, qx, qy, "
+                f"qz) to be rotated into the body; if it is in the body, name it {in_B}"
+            )
     if not any(name.startswith("q:") for name in names):
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
@@ -182,11 +177,8 @@ def measurements_of_table(
         partial[name] = int(np.sum(usable & ~there & ~absent.all(axis=1)))
         return Samples(time[there], values[there])
 
-    for name in SENSOR_NAMES:
-        if name in _JOINT_GROUPS:
-            columns = [_JOINT_GROUPS[name] + joint for joint in joints]
-        else:
-            columns = GROUPS[name]
+    for name, sensor in SENSORS.items():
+        columns = sensor.columns_of(joints)
         if name == "encoders":
             logged = [c in column for c in columns]
             samples[name] = take(name, [c for c in columns if c in column])
@@ -194,9 +186,9 @@ def measurements_of_table(
                 positions = np.full((len(samples[name]), len(joints)), np.nan)
                 positions[:, logged] = samples[name].value
                 samples[name] = Samples(samples[name].time, positions)
-        elif name == "gyro" and "wx" in column:
-            # Without the attitude on the same row it cannot be turned into B.
-            both = take(name, (*GROUPS["angular velocity"], *GROUPS["attitude"]))
+        elif sensor.columns_in_W and sensor.columns_in_W[0] in column:
+            # Without the attitude on the same row it cannot be rotated into B.
+            both = take(name, (*sensor.columns_in_W, *SENSORS["attitude"].columns))
             w_WB, quaternion = both.value[:, :3], both.value[:, 3:]
             if len(both):
                 R_WB = scipy.spatial.transform.Rotation.from_quat(quaternion, scalar_first=True)
@@ -204,10 +196,7 @@ def measurements_of_table(
             samples[name] = Samples(both.time, w_WB)
         elif all(c in column for c in columns):
             samples[name] = take(name, columns)
-        else:
-            width = sample_widths(joints)[name]
-            samples[name] = Samples(np.empty(0), np.empty((0, width)))
-    return Measurements(joints, **samples), {k: n for k, n in partial.items() if n}
+    return Measurements(joints, samples), {k: n for k, n in partial.items() if n}
 
 
 def _selection(indices: list[int]) -> slice | list[int]:
@@ -224,29 +213,36 @@ def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.fl
     joints = motion.joint_names
     if isinstance(motion, Telemetry):
         groups = {
-            GROUPS["attitude"]: motion.quaternion_WB,
-            GROUPS["position"]: motion.p_WB,
-            GROUPS["angular velocity"]: motion.w_WB,
-            GROUPS["velocity"]: motion.v_WB,
-            tuple(f"q:{joint}" for joint in joints): motion.q,
-            tuple(f"qd:{joint}" for joint in joints): motion.qdot,
+            SENSORS["attitude"].columns: motion.quaternion_WB,
+            SENSORS["position"].columns: motion.p_WB,
+            SENSORS["gyro"].columns_in_W: motion.w_WB,
+            SENSORS["velocity"].columns: motion.v_WB,
+            SENSORS["encoders"].columns_of(joints): motion.q,
+            SENSORS["joint_rates"].columns_of(joints): motion.qdot,
         }
         values = np.hstack([motion.time[:, None], *groups.values()])
         return ["time", *(name for group in groups for name in group)], values
-    time = np.unique(np.concatenate([getattr(motion, name).time for name in SENSOR_NAMES]))
+    time = np.unique(np.concatenate([samples.time for _, samples in motion.items()]))
     names, blocks = ["time"], [time[:, None]]
-    for name in SENSOR_NAMES:
-        samples = getattr(motion, name)
+    for name, samples in motion.items():
         if not len(samples):
             continue
-        if name in _JOINT_GROUPS:
-            names += [_JOINT_GROUPS[name] + joint for joint in joints]
-        else:
-            names += GROUPS[name]
+        names += SENSORS[name].columns_of(joints)
         block = np.full((time.size, samples.value.shape[1]), np.nan)
         block[np.searchsorted(time, samples.time)] = samples.value
         blocks.append(block)
     return names, np.hstack(blocks)
+
+
+def _base_groups() -> Iterator[tuple[tuple[str, ...], Sensor]]:
+    """Yield the columns of every quantity of the base, and whose they are."""
+    for sensor in SENSORS.values():
+        if sensor.quantity.width is not None:
+            yield from ((columns, sensor) for columns in (sensor.columns, sensor.columns_in_W))
+
+
+def _joint_prefixes() -> list[str]:
+    return [sensor.columns[0] for sensor in SENSORS.values() if sensor.quantity.width is None]
 
 
 def _joints(columns: Sequence[str], prefix: str) -> tuple[str, ...]:
@@ -269,8 +265,10 @@ def _usable_rows(
         what = "is there twice" if time[row] == before[row] else f"comes after {latest_s} s"
         problems.add(table.place(row, "time"), f"time {now} s {what}")
         usable[row] = False
-    if "qw" in column:
-        values = table.values[:, [column[name] for name in GROUPS["attitude"]]]
+    for sensor in sensors_of(ATTITUDE):
+        if sensor.columns[0] not in column:
+            continue
+        values = table.values[:, [column[name] for name in sensor.columns]]
         with np.errstate(over="ignore"):
             norm = np.linalg.norm(values, axis=1)
         for row in np.flatnonzero(usable & (np.abs(norm - 1) > 1e-3)):

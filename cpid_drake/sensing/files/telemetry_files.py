@@ -3,7 +3,7 @@
 import csv
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,7 +23,6 @@ from cpid_drake.sensing.files.table import (
     table_of,
 )
 from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.suite import SENSOR_NAMES
 
 TABLE_ENDINGS = (".csv", ".npz", ".parquet")
 BAG_ENDINGS = (".mcap", ".db3")
@@ -94,7 +93,7 @@ def inspect_telemetry(
         raise InputError(f"{where}: the file does not fit into memory") from error
     row_count = len(table.values)
     measurements, partial = measurements_of_table(table, problems)
-    if not problems.count and not any(len(getattr(measurements, name)) for name in SENSOR_NAMES):
+    if not problems.count and not any(len(samples) for _, samples in measurements.items()):
         raise InputError(f"{where}: there are no samples in it")
     return TelemetryFile(measurements, row_count, problems, partial, ignored)
 
@@ -163,15 +162,14 @@ def write_telemetry(path: str | Path, motion: Telemetry | Measurements) -> None:
 def _of_bag(measurements: Measurements) -> TelemetryFile:
     """Return a bag's samples; those that cannot be used are problems, as rows are elsewhere."""
     problems, usable = Problems(), {}
-    rows = sum(len(getattr(measurements, name)) for name in SENSOR_NAMES)
-    for name in SENSOR_NAMES:
-        samples = getattr(measurements, name)
+    rows = sum(len(samples) for _, samples in measurements.items())
+    for name, samples in measurements.items():
         fits = (np.abs(samples.value) <= LARGEST).all(axis=1)
         for k in np.flatnonzero(~fits):
             place = f"{name}, message {k + 1} at {samples.time[k]:.6f} s"
             problems.add(place, "a number that is not finite or cannot be meant")
         usable[name] = samples.where(fits)
-    return TelemetryFile(replace(measurements, **usable), rows, problems, {}, ())
+    return TelemetryFile(measurements.updated(usable), rows, problems, {}, ())
 
 
 # -- CSV ------------------------------------------------------------------------------------------

@@ -10,9 +10,8 @@ import pytest
 from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.sensing.files.rosbag import TOPIC_TYPES, read_rosbag
-from cpid_drake.sensing.measurements import perfect_value
 from cpid_drake.sensing.screening import screen
-from cpid_drake.sensing.suite import SENSOR_NAMES
+from cpid_drake.sensing.sensors import SENSORS
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -116,16 +115,18 @@ def odometry_and_joints(telemetry):
     return {"/odom": series(odometry, telemetry), "/joints": series(joint_state, telemetry)}
 
 
-def assert_equal(measurements, telemetry, sensors=SENSOR_NAMES):
+def assert_equal(measurements, telemetry, sensors=SENSORS):
     assert measurements.joint_names == telemetry.joint_names
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         samples = getattr(measurements, name)
         if name not in sensors:
             assert len(samples) == 0
             continue
         expected = np.arange(len(telemetry)) * STEP / 1e9
         np.testing.assert_allclose(samples.time, expected, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(samples.value, perfect_value(name, telemetry), atol=1e-12)
+        np.testing.assert_allclose(
+            samples.value, SENSORS[name].quantity.ideal(telemetry), atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
@@ -153,7 +154,7 @@ def test_an_imu_gives_the_gyro_and_an_attitude_if_it_says_so(write, telemetry):
 def test_the_imu_is_the_gyro_beside_odometry_unless_it_is_left_out(write, telemetry):
     topics = odometry_and_joints(telemetry) | {"/imu": series(imu, telemetry, w_error=0.5)}
     bag = write(topics)
-    gyro = perfect_value("gyro", telemetry)
+    gyro = SENSORS["gyro"].quantity.ideal(telemetry)
     measurements = read_rosbag(bag)
     np.testing.assert_allclose(measurements.gyro.value, gyro + 0.5, atol=1e-12)
     np.testing.assert_allclose(measurements.attitude.value, telemetry.quaternion_WB, atol=1e-12)

@@ -9,15 +9,9 @@ import pytest
 
 from cpid_drake import InputError, Measurements, read_telemetry, write_telemetry
 from cpid_drake.sensing.files.telemetry_files import inspect_telemetry
-from cpid_drake.sensing.measurements import perfect_measurements
-from cpid_drake.sensing.suite import (
-    SENSOR_NAMES,
-    AttitudeSensor,
-    Gyro,
-    JointSensor,
-    SensorSuite,
-    VectorSensor,
-)
+from cpid_drake.sensing.measurements import ideal_measurements
+from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.suite import SensorSuite
 
 SUITE = SensorSuite(
     attitude=AttitudeSensor(rate=4.0),
@@ -40,7 +34,7 @@ def write(folder, *lines, name="log.csv", end="\n", encoding="utf-8"):
 
 def assert_same(a: Measurements, b: Measurements, tolerance: float = 0.0) -> None:
     assert a.joint_names == b.joint_names
-    for name in SENSOR_NAMES:
+    for name in SENSORS:
         one, other = getattr(a, name), getattr(b, name)
         np.testing.assert_array_equal(one.time, other.time)
         np.testing.assert_allclose(one.value, other.value, rtol=0, atol=tolerance)
@@ -63,7 +57,7 @@ class TestRoundTrip:
 
     def test_sensors_of_different_rates_come_back_bit_by_bit(self, tmp_path, random_motion, ending):
         names = random_motion(1, 0).joint_names
-        measurements = perfect_measurements(
+        measurements = ideal_measurements(
             SUITE, names, lambda t: replace(random_motion(len(t), 3), time=t), 2.0
         )
         write_telemetry(tmp_path / f"log.{ending}", measurements)

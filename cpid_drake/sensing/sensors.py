@@ -1,0 +1,324 @@
+"""The table of sensors: what each one measures, how its errors are described, and its names.
+
+Suites, measurements, simulated noise, telemetry files, estimators and reports all read `SENSORS`.
+`register_sensor` is therefore enough to add a sensor. A second star tracker, for example, is read
+from its own columns and enters the trajectory fit with its own noise.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.errors import InputError
+
+ARCSECOND = np.pi / (180 * 3600)
+DEGREE_PER_HOUR = np.pi / (180 * 3600)
+DEGREE_PER_ROOT_HOUR = np.pi / (180 * 60)
+
+CALIBRATED_GYRO_BIAS = 10.0
+"""σ of a gyro's constant bias that is assumed if nothing else is known [°/h]."""
+
+# -- the errors of sensors ------------------------------------------------------------------------
+
+
+@dataclass
+class SensorErrors:
+    """Rate and white noise of a sensor; each kind of sensor has its own subclass.
+
+    Attributes:
+        rate: samples a second [Hz].
+
+    """
+
+    rate: float = 10.0
+
+    @classmethod
+    def with_noise(cls, rate: float, sigma: float) -> Self:
+        """Return errors with white noise of `sigma` [SI units, rad], the same about all axes."""
+        raise NotImplementedError
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """σ of the white noise of one sample, (1,) for all entries or (3,) [SI units, rad]."""
+        raise NotImplementedError
+
+    @property
+    def step(self) -> float:
+        """Quantization step [SI units, rad]; 0 for none."""
+        return 0.0
+
+
+@dataclass
+class AttitudeSensor(SensorErrors):
+    """A star tracker, or any other sensor of the base's whole attitude.
+
+    Attributes:
+        rate: samples a second [Hz].
+        cross_boresight_arcsec: σ about each of the two axes perpendicular to the boresight.
+        boresight_arcsec: σ about the boresight.
+        boresight_B: (3,) direction of the boresight in B, of any length.
+
+    """
+
+    rate: float = 4.0
+    cross_boresight_arcsec: float = 0.0
+    boresight_arcsec: float = 0.0
+    boresight_B: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    @classmethod
+    def with_noise(cls, rate: float, sigma: float) -> Self:
+        """Return a sensor with σ [rad] about every axis."""
+        return cls(rate, sigma / ARCSECOND, sigma / ARCSECOND)
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(3,) σ about the boresight's two normals and about the boresight [rad]."""
+        cross = self.cross_boresight_arcsec
+        return ARCSECOND * np.array([cross, cross, self.boresight_arcsec])
+
+    @property
+    def R_BS(self) -> NDArray[np.float64]:
+        """(3, 3) rotation whose last column is the boresight in B."""
+        z = np.asarray(self.boresight_B, dtype=float)
+        z = z / np.linalg.norm(z)
+        x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
+        x /= np.linalg.norm(x)
+        return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+@dataclass
+class Gyro(SensorErrors):
+    """Three rate gyros along B's axes.
+
+    Attributes:
+        rate: samples a second [Hz].
+        angle_random_walk: white noise of the rate, as it accumulates in the angle [°/√h].
+        bias: σ of the constant part of the bias [°/h].
+        bias_random_walk: growth of the bias [°/h/√h].
+
+    """
+
+    rate: float = 100.0
+    angle_random_walk: float = 0.0
+    bias: float = 0.0
+    bias_random_walk: float = 0.0
+
+    @classmethod
+    def with_noise(cls, rate: float, sigma: float) -> Self:
+        """Return a gyro with σ [rad/s] of one sample and a bias of `CALIBRATED_GYRO_BIAS`."""
+        return cls(rate, sigma / (DEGREE_PER_ROOT_HOUR * np.sqrt(rate)), CALIBRATED_GYRO_BIAS)
+
+    @property
+    def sigma(self) -> float:
+        """White noise of one sample [rad/s]."""
+        return float(self.angle_random_walk * DEGREE_PER_ROOT_HOUR * np.sqrt(self.rate))
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(1,) σ of one sample [rad/s]."""
+        return np.array([self.sigma])
+
+    @property
+    def bias_sigma(self) -> float:
+        """σ of the constant bias [rad/s]."""
+        return self.bias * DEGREE_PER_HOUR
+
+    @property
+    def bias_growth(self) -> float:
+        """Random walk of the bias: its σ grows by this times the square root of time [rad/s/√s]."""
+        return self.bias_random_walk * DEGREE_PER_HOUR / 60
+
+
+@dataclass
+class VectorSensor(SensorErrors):
+    """A sensor of the position or the velocity of B's origin in W: rate [Hz], σ [m or m/s]."""
+
+    rate: float = 10.0
+    sigma: float = 0.0
+
+    @classmethod
+    def with_noise(cls, rate: float, sigma: float) -> Self:
+        """Return a sensor with this σ."""
+        return cls(rate, sigma)
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(1,) σ of every entry of a sample."""
+        return np.array([self.sigma])
+
+
+@dataclass
+class JointSensor(VectorSensor):
+    """Encoders or tachometers of all joints.
+
+    Attributes:
+        rate: samples a second [Hz].
+        sigma: white noise [rad or m; for joint rates per second].
+        bits: resolution in bits per turn: the step is 2π/2^bits rad (of prismatic joints: as many
+            m); 0 for no quantization. The seed determines where between two steps the zero lies.
+
+    """
+
+    rate: float = 100.0
+    sigma: float = 0.0
+    bits: int = 0
+
+    @property
+    def step(self) -> float:
+        """Quantization step [rad or m; for joint rates per second]; 0 for none."""
+        return 2 * np.pi / 2**self.bits if self.bits else 0.0
+
+
+# -- the table ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A part of a spacecraft's motion that sensors can measure.
+
+    Attributes:
+        name: in words.
+        unit: of the samples; for attitude that of its errors.
+        width: number of entries of a sample; None for one per joint.
+        ideal: returns (N, width), what a sensor without errors measures, from the true motion.
+
+    """
+
+    name: str
+    unit: str
+    width: int | None
+    ideal: Callable[[Telemetry], NDArray[np.float64]]
+
+
+def _angular_velocity_in_B(telemetry: Telemetry) -> NDArray[np.float64]:
+    return rotate(np.swapaxes(telemetry.R_WB, -1, -2), telemetry.w_WB)
+
+
+ATTITUDE = Quantity("attitude", "rad", 4, lambda telemetry: telemetry.quaternion_WB)
+"""R_WB as a unit quaternion (w, x, y, z)."""
+
+ANGULAR_VELOCITY = Quantity("angular velocity", "rad/s", 3, _angular_velocity_in_B)
+"""w_WB_B: of B in W, expressed in B."""
+
+POSITION = Quantity("position", "m", 3, lambda telemetry: telemetry.p_WB)
+"""p_WBo_W: B's origin in W."""
+
+VELOCITY = Quantity("velocity", "m/s", 3, lambda telemetry: telemetry.v_WB)
+"""v_WBo_W: velocity of B's origin in W."""
+
+JOINT_POSITIONS = Quantity("joint positions", "rad or m", None, lambda telemetry: telemetry.q)
+"""q of all joints."""
+
+JOINT_RATES = Quantity("joint rates", "rad/s or m/s", None, lambda telemetry: telemetry.qdot)
+"""q̇ of all joints."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One sensor of the table.
+
+    Attributes:
+        name: key in sensor YAML files, in `SensorSuite` and in `Measurements`; an identifier.
+        label: for people.
+        quantity: what it measures; the estimators treat sensors of one quantity alike.
+        errors: dataclass with the errors' parameters: the keys of the sensor in YAML files.
+        columns: names of its columns in telemetry tables; for joints the prefix of all columns.
+        stream: number of its white noise's random numbers, which no other sensor has: so adding a
+            sensor leaves the samples of the others as they are.
+        slow_stream: another such number, for a gyro's bias or where an encoder's zero lies; None
+            for sensors without quantization and bias.
+        columns_in_W: columns of an angular velocity expressed in W, which a table may have instead;
+            each sample then needs an attitude of the first attitude sensor on its row.
+
+    """
+
+    name: str
+    label: str
+    quantity: Quantity
+    errors: type[SensorErrors]
+    columns: tuple[str, ...]
+    stream: int
+    slow_stream: int | None = None
+    columns_in_W: tuple[str, ...] = ()
+
+    def width(self, joint_count: int) -> int:
+        """Return the number of entries of a sample."""
+        return joint_count if self.quantity.width is None else self.quantity.width
+
+    def columns_of(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of the columns of a sample."""
+        if self.quantity.width is None:
+            return tuple(self.columns[0] + joint for joint in joint_names)
+        return self.columns
+
+    @property
+    def description(self) -> str:
+        """The label with the columns, such as "position (x,y,z)", for messages."""
+        if self.quantity.width is None:
+            return f"{self.label} ({self.columns[0]}<joint>)"
+        sets = [",".join(columns) for columns in (self.columns, self.columns_in_W) if columns]
+        return f"{self.label} ({' or '.join(sets)})"
+
+
+SENSORS: dict[str, Sensor] = {}
+"""All sensors by name. Estimators process samples of equal time in this order."""
+
+
+def register_sensor(sensor: Sensor) -> None:
+    """Add a sensor to the table.
+
+    Raises:
+        InputError: the name is not an identifier; the name, a column or a number of random numbers
+            is already that of another sensor; the number of columns is not that of the quantity; a
+            gyro or an encoder without a slow stream.
+
+    """
+    where, others = f"sensor '{sensor.name}'", list(SENSORS.values())
+    if not sensor.name.isidentifier() or sensor.name in SENSORS:
+        raise InputError(f"{where}: the name must be an identifier that no other sensor has")
+    streams = _streams(sensor)
+    if len(set(streams)) < len(streams) or set(streams) & {n for s in others for n in _streams(s)}:
+        raise InputError(f"{where}: random streams {streams} are taken; choose other numbers")
+    columns = {*sensor.columns, *sensor.columns_in_W}
+    taken = columns & {name for s in others for name in (*s.columns, *s.columns_in_W)}
+    if taken:
+        raise InputError(f"{where}: the column '{min(taken)}' is that of another sensor")
+    if len(sensor.columns) != (sensor.quantity.width or 1):
+        raise InputError(f"{where}: {len(sensor.columns)} columns for {sensor.quantity.name}")
+    if issubclass(sensor.errors, Gyro | JointSensor) and sensor.slow_stream is None:
+        raise InputError(f"{where}: its errors need a slow_stream besides the stream")
+    SENSORS[sensor.name] = sensor
+
+
+def _streams(sensor: Sensor) -> list[int]:
+    return [n for n in (sensor.stream, sensor.slow_stream) if n is not None]
+
+
+for _sensor in (
+    Sensor("attitude", "attitude", ATTITUDE, AttitudeSensor, ("qw", "qx", "qy", "qz"), 0),
+    Sensor(
+        "gyro",
+        "angular velocity",
+        ANGULAR_VELOCITY,
+        Gyro,
+        ("bwx", "bwy", "bwz"),
+        stream=1,
+        slow_stream=6,
+        columns_in_W=("wx", "wy", "wz"),
+    ),
+    Sensor("position", "position", POSITION, VectorSensor, ("x", "y", "z"), 2),
+    Sensor("velocity", "velocity", VELOCITY, VectorSensor, ("vx", "vy", "vz"), 3),
+    Sensor("encoders", "joint positions", JOINT_POSITIONS, JointSensor, ("q:",), 4, 7),
+    Sensor("joint_rates", "joint rates", JOINT_RATES, JointSensor, ("qd:",), 5, 8),
+):
+    register_sensor(_sensor)
+
+
+def sensors_of(quantity: Quantity) -> list[Sensor]:
+    """Return the sensors that measure a quantity, in the order of the table."""
+    return [sensor for sensor in SENSORS.values() if sensor.quantity is quantity]
