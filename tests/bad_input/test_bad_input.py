@@ -1,13 +1,12 @@
 """Bad files at the command line: one line that names the file and the place, and exit code 2."""
 
 import json
-import os
 import re
-import subprocess
 import sys
 
 import pytest
 from corpus import Case, cases, link, urdf, write_good
+from processes import finish, start
 
 from cpid_drake.commands.main import main
 
@@ -147,14 +146,14 @@ DANGEROUS = (
 LIMITED = """
 import json, os, resource, sys
 resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30,) * 2)
-from cpid_drake import cli, export, telemetry_identification
-from cpid_drake.report import identification
+import pydrake.multibody.parsing, scipy.optimize  # once for all of them
+from cpid_drake.commands.main import main
 for arguments in json.load(sys.stdin):
     child = os.fork()
     if not child:
         resource.setrlimit(resource.RLIMIT_CPU, (10, 10))
         sys.argv = ["cpid", *arguments]
-        cli.main()
+        main()
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
@@ -170,15 +169,7 @@ def test_the_dangerous_ones_end_with_little_memory_and_time(tmp_path):
         names = {word: str(folder / word) for word in ("arm.urdf", "log.csv", case.make(folder))}
         arguments = command(case.kind, list(names)[-1])
         commands.append([names.get(word, word) for word in arguments])
-    run = subprocess.run(
-        [sys.executable, "-c", LIMITED],
-        input=json.dumps(commands),
-        text=True,
-        capture_output=True,
-        timeout=120,
-        cwd=tmp_path,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-    )
+    run = finish(start("-c", LIMITED, cwd=tmp_path), json.dumps(commands))
     assert run.returncode == 0, run.stderr
     assert dict(zip(DANGEROUS, run.stdout.split())) == dict.fromkeys(DANGEROUS, "2"), run.stderr
     assert run.stderr.count("\n") == len(DANGEROUS)

@@ -4,6 +4,7 @@ import shutil
 from contextlib import contextmanager
 
 import pytest
+from processes import HUNG
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (
@@ -21,13 +22,25 @@ def browser():
     if path is None:
         pytest.skip(f"no browser: none of {', '.join(NAMES)}")
     with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        chromium = playwright.chromium.launch(executable_path=path, args=FLAGS, timeout=1000 * HUNG)
         yield chromium
         chromium.close()
 
 
 @pytest.fixture
-def open_page(browser):
+def new_page(browser):
+    """Return a function (options) -> page, whose waits do not end because the machine is busy."""
+
+    def make(**options):
+        page = browser.new_page(**options)
+        page.set_default_timeout(1000 * HUNG)
+        return page
+
+    return make
+
+
+@pytest.fixture
+def open_page(new_page):
     """Return a context manager (url, width, height) -> page.
 
     At its end: the page had no error, and asked for nothing but files and this machine.
@@ -35,7 +48,7 @@ def open_page(browser):
 
     @contextmanager
     def open_(url: str, width: int = 600, height: int = 450):
-        page = browser.new_page(viewport={"width": width, "height": height})
+        page = new_page(viewport={"width": width, "height": height})
         errors, requests = [], []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)

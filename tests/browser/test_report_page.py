@@ -39,7 +39,7 @@ def report(tmp_path_factory):
 
 
 @pytest.fixture
-def opened(browser, report):
+def opened(new_page, report):
     """Return a context manager (width, colour scheme) -> page.
 
     At its end: nothing but the file was asked for, and nothing complained.
@@ -47,7 +47,7 @@ def opened(browser, report):
 
     @contextmanager
     def open_(width: int = 1400, scheme: str = "light"):
-        page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        page = new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
         said, requests = [], []
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
