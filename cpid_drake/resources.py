@@ -1,15 +1,12 @@
-"""Where the shipped models and scenarios are, and how a model URI becomes a path."""
+"""Where the shipped models and scenarios are, and which file a path or a model URI means."""
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cpid_drake.errors import InputError
 
-if TYPE_CHECKING:  # Drake is imported where it is used: commands find missing files without it
-    from pydrake.multibody.parsing import PackageMap
-
 MODELS_PACKAGE = "cpid_drake_models"
+_DRAKE = "drake"
 
 
 def models_directory() -> Path:
@@ -19,41 +16,49 @@ def models_directory() -> Path:
     return installed if installed.is_dir() else package.parent / "models"
 
 
-def package_map(packages: Mapping[str, str | Path] | None = None) -> "PackageMap":
-    """Return a PackageMap that knows `cpid_drake_models` and the given packages (name to folder).
+def package_folders(packages: Mapping[str, str | Path] | None = None) -> dict[str, Path]:
+    """Return the folders of `cpid_drake_models` and of the given packages, by package name.
 
     Raises:
         InputError: a folder does not exist, or a name is already taken.
 
     """
-    from pydrake.multibody.parsing import PackageMap
-
-    result = PackageMap()
-    forget_remote_packages(result)
-    result.Add(MODELS_PACKAGE, str(models_directory()))
+    folders = {MODELS_PACKAGE: models_directory()}
     for name, folder in (packages or {}).items():
         if not Path(folder).is_dir():
             raise InputError(f"package '{name}': no such folder: {folder}")
-        if result.Contains(name):
+        if name in folders or name == _DRAKE:
             raise InputError(f"package '{name}' is already known; choose another name")
-        result.Add(name, str(folder))
-    return result
+        folders[name] = Path(folder)
+    return folders
 
 
-def forget_remote_packages(packages: "PackageMap") -> None:
-    """Take out what Drake would download when a model names it: reading a file fetches nothing."""
-    if packages.Contains("drake_models"):
-        packages.Remove("drake_models")
+def package_folder(name: str, folders: Mapping[str, Path]) -> Path | None:
+    """Return the folder of a package, Drake's own included, or None for an unknown package.
+
+    Drake's `drake_models` counts as unknown: Drake would download it, and reading a file must not
+    fetch anything.
+    """
+    if name == _DRAKE:
+        from pydrake.multibody.parsing import PackageMap
+
+        return Path(PackageMap().GetPath(name))
+    return folders.get(name)
 
 
-def resolve_model(uri: str | Path, packages: "PackageMap | None" = None) -> Path:
-    """Return the file behind a path or a `package://NAME/...` URI.
+def resolve_model(uri: str | Path, folders: Mapping[str, Path] | None = None) -> Path:
+    """Return the absolute path of the file that a path or a `package://NAME/...` URI names.
+
+    Args:
+        uri: a path, `~` included, or a URI.
+        folders: the packages' folders by name; default: `package_folders()`.
 
     Raises:
         InputError: the package is unknown, the URI scheme is not `package`, or no such file exists.
 
     """
     text = str(uri)
+    folders = package_folders() if folders is None else folders
     path = Path(text)
     if text.startswith("~"):
         try:
@@ -65,14 +70,10 @@ def resolve_model(uri: str | Path, packages: "PackageMap | None" = None) -> Path
         name, _, relative = rest.partition("/")
         if scheme != "package":
             raise InputError(f"{text}: give a path or a package:// URI, not {scheme}://")
-        if packages is None and name == MODELS_PACKAGE:
-            folder = models_directory()
-        else:
-            packages = packages or package_map()
-            if not packages.Contains(name):
-                known = ", ".join(packages.GetPackageNames())
-                raise InputError(f"{text}: unknown package '{name}' (known: {known})")
-            folder = Path(packages.GetPath(name))
+        folder = package_folder(name, folders)
+        if folder is None:
+            known = ", ".join(sorted([*folders, _DRAKE]))
+            raise InputError(f"{text}: unknown package '{name}' (known: {known})")
         path = folder / relative
     try:
         is_file, is_folder = path.is_file(), path.is_dir()

@@ -3,7 +3,7 @@
 import pytest
 
 from cpid_drake import InputError
-from cpid_drake.resources import MODELS_PACKAGE, models_directory, package_map, resolve_model
+from cpid_drake.resources import MODELS_PACKAGE, models_directory, package_folders, resolve_model
 
 SERVICER = "dual_arm_servicer/dual_arm_servicer.urdf"
 
@@ -44,7 +44,7 @@ def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):
 
 def test_packages_of_the_caller_are_found(tmp_path):
     (tmp_path / "a.urdf").write_text("x")
-    packages = package_map({"mine": tmp_path})
+    packages = package_folders({"mine": tmp_path})
     assert resolve_model("package://mine/a.urdf", packages) == tmp_path / "a.urdf"
 
 
@@ -80,11 +80,11 @@ def test_an_unknown_package_is_answered_with_the_known_ones():
 
 
 def test_a_package_whose_folder_does_not_exist_is_refused(tmp_path):
-    message = refusal(package_map, {"mine": tmp_path / "nowhere"})
+    message = refusal(package_folders, {"mine": tmp_path / "nowhere"})
     assert "'mine'" in message
     assert "no such folder" in message
 
 
 def test_a_package_name_that_is_taken_is_refused(tmp_path):
-    message = refusal(package_map, {MODELS_PACKAGE: tmp_path})
+    message = refusal(package_folders, {MODELS_PACKAGE: tmp_path})
     assert "already known" in message

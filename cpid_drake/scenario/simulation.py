@@ -17,7 +17,7 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identification import Identification
-from cpid_drake.resources import package_map, resolve_model
+from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import ONLINE_ESTIMATORS
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.measurements import Measurements
@@ -227,7 +227,7 @@ def make_simulation(
     """
     spacecraft = scenario.make_spacecraft()
     if scenario.target.visual_model is not None:  # else missed only when something is drawn
-        resolve_model(scenario.target.visual_model, package_map(scenario.spacecraft.packages))
+        resolve_model(scenario.target.visual_model, package_folders(scenario.spacecraft.packages))
     truth = target or scenario.target_truth()
     motion = scenario.make_joint_motion(spacecraft)
 

@@ -1,18 +1,18 @@
 """How bodies look: a target's model file or ellipsoid of inertia, and bodies without a shape."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Ellipsoid, Mesh, Rgba, Role, SceneGraph, SceneGraphInspector
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
-from cpid_drake.resources import forget_remote_packages, package_map
 from cpid_drake.spacecraft.model_checks import check_model
+from cpid_drake.spacecraft.parsing import make_parser
 
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
 """Of what has no colour of its own."""
@@ -48,7 +48,11 @@ def has_shape(plant: MultibodyPlant, body: RigidBody, inspector: SceneGraphInspe
 
 
 def add_target_appearance(
-    plant: MultibodyPlant, body: RigidBody, M_TCo_C: SpatialInertia, visual_model: Path | None
+    plant: MultibodyPlant,
+    body: RigidBody,
+    M_TCo_C: SpatialInertia,
+    visual_model: Path | None,
+    folders: Mapping[str, Path],
 ) -> None:
     """Give a target's body visual geometry, before the plant is finalized.
 
@@ -57,6 +61,7 @@ def add_target_appearance(
         body: the target's body, whose frame is C.
         M_TCo_C: the target's spatial inertia, for the default look.
         visual_model: a model file; the geometry is taken with its root body's frame on C.
+        folders: of the packages that its URIs may refer to, by name.
 
     Raises:
         InputError: the model file cannot be read, or its bodies can move against each other.
@@ -66,14 +71,12 @@ def add_target_appearance(
         semi_diameters, X_CE = inertia_ellipsoid(M_TCo_C)
         plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", GREY.rgba)
         return
-    check_model(visual_model, str(visual_model), package_map())
+    check_model(visual_model, str(visual_model), folders)
     scene_graph = SceneGraph()
     model = MultibodyPlant(time_step=0.0)
     model.RegisterAsSourceForSceneGraph(scene_graph)
     try:
-        parser = Parser(model)
-        forget_remote_packages(parser.package_map())
-        parser.AddModels(str(visual_model))
+        make_parser(model, folders).AddModels(visual_model)
         model.Finalize()
     except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(f"{visual_model}: {' '.join(str(error).split())}") from error

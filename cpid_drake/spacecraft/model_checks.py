@@ -6,15 +6,16 @@ come back from a file that includes itself, or from a few YAML aliases that stan
 
 import re
 from codecs import BOM_UTF8
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers.expat import ExpatError, ParserCreate, errors
 
 import numpy as np
 import yaml
-from pydrake.multibody.parsing import PackageMap
 
 from cpid_drake.errors import InputError, choose_from
+from cpid_drake.resources import package_folder
 from cpid_drake.yaml_files import check_size, yaml_errors
 
 LARGEST_FILE = 64 * 2**20
@@ -46,13 +47,13 @@ _COUNTS |= dict.fromkeys(("mass", "value", "density", *_INERTIA, *_LIMITS), 1)
 _NOT_NEGATIVE = ("mass", "value", "density", "size", "diaginertia", "ixx", "iyy", "izz")
 
 
-def check_model(path: Path, where: str, packages: PackageMap) -> None:
+def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> None:
     """Refuse a model that Drake would not finish reading, or read otherwise than it is meant.
 
     Args:
         path: the model's file.
         where: how to call it in error messages.
-        packages: where its URIs lead to.
+        folders: of the packages that its URIs refer to, by name.
 
     Raises:
         InputError: the file, or one that it includes, is not XML or YAML, is too large or nested
@@ -61,7 +62,7 @@ def check_model(path: Path, where: str, packages: PackageMap) -> None:
 
     """
     try:
-        _Walk(where, path, packages).visit(path, ())
+        _Walk(where, path, folders).visit(path, ())
     except InputError:
         raise
     except (OSError, ValueError, RuntimeError) as error:  # of paths too long, with NUL, in circles
@@ -74,7 +75,7 @@ class _Walk:
 
     where: str
     start: Path
-    packages: PackageMap
+    folders: Mapping[str, Path]
     count: int = 0
 
     def visit(self, path: Path, around: tuple[Path, ...]) -> None:
@@ -124,8 +125,8 @@ class _Walk:
         if scheme == "file":
             return Path(rest)
         name, _, relative = rest.partition("/")
-        known = scheme in ("package", "model") and self.packages.Contains(name)
-        return Path(self.packages.GetPath(name)) / relative if known else None
+        known = package_folder(name, self.folders) if scheme in ("package", "model") else None
+        return known / relative if known else None
 
 
 def _included_by_directives(data: bytes, where: str) -> list[str]:

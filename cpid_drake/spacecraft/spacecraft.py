@@ -1,59 +1,30 @@
-"""A model file becomes a known spacecraft: a free base, a tree of joints and a capture frame."""
+"""The known spacecraft that a model file describes: a free base, a tree of joints and C."""
 
 import logging
-import re
-from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import (
-    BodyIndex,
-    Frame,
-    Joint,
-    ModelInstanceIndex,
-    PrismaticJoint,
-    QuaternionFloatingJoint,
-    RevoluteJoint,
-    RigidBody,
-    WeldJoint,
-)
+from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.errors import InputError
-from cpid_drake.resources import forget_remote_packages, package_map, resolve_model
+from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
-from cpid_drake.spacecraft.model_checks import check_model
+from cpid_drake.spacecraft.lookup import find_body, find_frame, joint_names
+from cpid_drake.spacecraft.parsing import ModelFile
+from cpid_drake.spacecraft.tree_checks import movable_joints, require_tree_on_free_base
+from cpid_drake.spacecraft.tree_extraction import extract_tree
 
 TARGET_NAME = "captured_target"
 """Name of the target's body and model instance in a simulation plant (with _ if it is taken)."""
-
-_MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
-
-
-# What Drake's parser only warns of, and then goes on with another spacecraft than the file's: parts
-# of its warnings, and what they mean here.
-_SILENT_REPAIRS = {
-    "While parsing inertia matrix": "a body's inertia is not physically possible",
-    "While re-expressing as central inertia": "a body's mass or inertia is not possible",
-    "has invalid inertia": "a body's inertia is not physically possible",
-    "found as a child of 'equality'": "an equality constraint closes a loop or couples joints",
-    "The attribute 'settotalmass'": "masses other than the bodies' own",
-    "The attribute 'boundmass'": "masses other than the bodies' own",
-    "The attribute 'boundinertia'": "inertias other than the bodies' own",
-    "The attribute 'balanceinertia'": "inertias other than the bodies' own",
-    "The attribute 'inertiagrouprange'": "inertias other than the bodies' own",
-}
 
 
 class Spacecraft:
@@ -96,26 +67,20 @@ class Spacecraft:
         packages: Mapping[str, str | Path] | None = None,
     ) -> None:
         self.model = str(model)
-        self._given = {"base": base, "capture_frame": capture_frame, "packages": packages}
-        self._packages = package_map(packages)
-        self._path = resolve_model(model, self._packages)
-        if not self._path.name.endswith(_MODEL_ENDINGS):
-            raise self._error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
-        self._capture_name = capture_frame
-        check_model(self._path, self.model, self._packages)
-
+        self._names, self._packages = (base, capture_frame), packages
+        self._file = ModelFile(model, package_folders(packages))
         self.plant = MultibodyPlant(time_step=0.0)
-        warnings = self._parse_into(self.plant)
-        self._finalize(self.plant)
-        self.base = self._find_body(base)
-        self.capture_frame = self._find_frame(self.plant, capture_frame)
-        self._require_tree_on_free_base()
-        self._joints = self._movable_joints()
-        self.joint_names = self._name_joints()
-        self.tree = self._extract_tree()
+        warnings = self._file.parse_into(self.plant)
+        self._file.finalize(self.plant)
+        self.base = find_body(self._file, self.plant, base)
+        self.capture_frame = find_frame(self._file, self.plant, capture_frame)
+        require_tree_on_free_base(self._file, self.plant, self.base, self.capture_frame)
+        self._joints = movable_joints(self._file, self.plant)
+        self.joint_names = joint_names(self.plant, self._joints)
+        self.tree = extract_tree(self.plant, self.base, self.capture_frame, self._joints)
         self.mass = self.tree.mass
         if not self.mass > 0:
-            raise self._error("the known spacecraft has no mass; give its links inertias")
+            raise self._file.error("the known spacecraft has no mass; give its links inertias")
 
         nq = self.plant.num_positions()
         q_B = self.base.floating_positions_start()
@@ -128,17 +93,23 @@ class Spacecraft:
             "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
             "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
-        for warning in warnings:  # not of a model that is refused: the error says what matters
+        for warning in warnings:  # only for an accepted model: an error already says what matters
             logging.getLogger("drake").warning(warning)
 
     @property
     def path(self) -> Path:
-        """The model's file."""
-        return self._path
+        """Absolute path of the model's file."""
+        return self._file.path
 
-    def reread(self, model: str | Path) -> "Spacecraft":
-        """Return the spacecraft of another model with this one's base, C and packages by name."""
-        return Spacecraft(model, **self._given)
+    def with_model(self, model: str | Path) -> "Spacecraft":
+        """Return the spacecraft of another model file, with the same names of B, C and packages.
+
+        Raises:
+            InputError: as from the constructor.
+
+        """
+        base, capture_frame = self._names
+        return Spacecraft(model, base=base, capture_frame=capture_frame, packages=self._packages)
 
     # -- plants ------------------------------------------------------------------------------
 
@@ -173,16 +144,16 @@ class Spacecraft:
         if scene_graph is not None and not plant.geometry_source_is_registered():
             raise InputError("the plant is not registered with the scene graph")
         M_TCo_C = target.to_spatial_inertia()
-        self._parse_into(plant)
+        self._file.parse_into(plant)
         name = TARGET_NAME
         while plant.HasModelInstanceNamed(name):
             name += "_"
         body = plant.AddRigidBody(name, plant.AddModelInstance(name), M_TCo_C)
-        plant.WeldFrames(self._find_frame(plant, self._capture_name), body.body_frame())
+        plant.WeldFrames(find_frame(self._file, plant, self._names[1]), body.body_frame())
         if scene_graph is not None:
-            look = target_visual_model and resolve_model(target_visual_model, self._packages)
-            add_target_appearance(plant, body, M_TCo_C, look or None)
-        self._finalize(plant)
+            look = target_visual_model and resolve_model(target_visual_model, self._file.folders)
+            add_target_appearance(plant, body, M_TCo_C, look or None, self._file.folders)
+        self._file.finalize(plant)
         if scene_graph is not None:
             _exclude_all_contact(plant, scene_graph)
         return body
@@ -194,8 +165,8 @@ class Spacecraft:
             InputError: with a SceneGraph: some of its geometry cannot be read.
 
         """
-        self._parse_into(plant)
-        self._finalize(plant)
+        self._file.parse_into(plant)
+        self._file.finalize(plant)
 
     def make_simulation_plant(self, target: InertialParameters) -> MultibodyPlant:
         """Return a finalized zero-gravity plant of the spacecraft with this target welded on C."""
@@ -294,238 +265,6 @@ class Spacecraft:
             self.mass,
         )
 
-    # -- reading the model -------------------------------------------------------------------
-
-    def _error(self, problem: str) -> InputError:
-        return InputError(f"{self.model}: {problem}")
-
-    def _of_drake(self, message: object) -> str:
-        """Return a message of Drake's without the file's name, which stands before it, and ours."""
-        path = re.escape(str(self._path))
-        text = re.sub(rf"/?{path}:(\d+): (error|warning): ", r"line \1: ", _one_line(message))
-        text = re.sub(rf"{path}:(\d+):(\d+): ", r"line \1, column \2: ", text)
-        text = re.sub(r" (for <root> )?while (accepting|visiting) .*", "", text)
-        return re.sub(rf"^(error|warning): |{path}: |Failure at \S+ in \w+\(\): ", "", text)
-
-    def _parse_into(self, plant: MultibodyPlant) -> list[str]:
-        """Add the model to a plant without gravity, and return what the parser warned of."""
-        parser = Parser(plant)
-        forget_remote_packages(parser.package_map())
-        parser.package_map().AddMap(self._packages)
-        if self._path.suffix == ".sdf" and b"<mimic" in self._path.read_bytes():
-            raise self._error("a mimic joint couples joints; Drake's SDF reader would ignore it")
-        try:
-            with _parser_warnings() as warnings:
-                parser.AddModels(str(self._path))
-        except (RuntimeError, ValueError, SystemExit) as error:
-            raise self._error(self._of_drake(error)) from error
-        for warning in warnings:
-            for phrase, problem in _SILENT_REPAIRS.items():
-                if phrase in warning:
-                    raise self._error(f"{problem}: {self._of_drake(warning)}")
-        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-        return warnings
-
-    def _finalize(self, plant: MultibodyPlant) -> None:
-        if plant.num_constraints() > 0:
-            raise self._error(
-                f"{plant.num_constraints()} constraint(s) couple its joints (closed loop, mimic or "
-                "equality); only trees of independent joints can be identified with: in a copy of "
-                "the file, make joints fixed that hold still, such as a hand's fingers"
-            )
-        try:
-            plant.Finalize()
-        except (RuntimeError, SystemExit) as error:
-            if "loop" in str(error):
-                raise self._error(
-                    "its joints form a closed loop; only trees are supported"
-                ) from None
-            raise self._error(self._of_drake(error)) from error
-
-    def _find_body(self, name: str) -> RigidBody:
-        bodies = [
-            self.plant.get_body(k)
-            for instance in _model_instances(self.plant)
-            for k in self.plant.GetBodyIndices(instance)
-        ]
-        return self._find_named(self.plant, "body", bodies, name)
-
-    def _find_frame(self, plant: MultibodyPlant, name: str) -> Frame:
-        frames = [
-            plant.get_frame(k)
-            for instance in _model_instances(plant)
-            for k in plant.GetFrameIndices(instance)
-        ]
-        return self._find_named(plant, "frame", [frame for frame in frames if frame.name()], name)
-
-    def _find_named(
-        self, plant: MultibodyPlant, kind: str, candidates: list, name: str
-    ) -> RigidBody | Frame:
-        scope, _, bare = str(name).rpartition("::")
-        matches = [
-            candidate
-            for candidate in candidates
-            if candidate.name() == name
-            or (
-                candidate.name() == bare
-                and scope == plant.GetModelInstanceName(candidate.model_instance())
-            )
-        ]
-        if not matches:
-            names = _listed([candidate.name() for candidate in candidates])
-            raise self._error(f"no {kind} '{name}'; choose from: {names}")
-        if len(matches) > 1:
-            raise self._error(
-                f"{len(matches)} of its {kind} names are '{name}'; say instance::name"
-            )
-        return matches[0]
-
-    def _require_tree_on_free_base(self) -> None:
-        plant, base = self.plant, self.base
-        floating = [plant.get_body(k) for k in sorted(plant.GetFloatingBaseBodies(), key=int)]
-        if plant.IsAnchored(base):
-            raise self._error(
-                f"base '{base.name()}' is welded to the world{self._weld_to_world()}; a "
-                "spacecraft's base must be free. Take that weld out of a copy of the file (MJCF: "
-                "add a freejoint); to put an arm on a base, write model directives (.dmd.yaml): "
-                "add_model the base, add_model the arm, add_weld with parent BASE::LINK and child "
-                "ARM::FIRST_LINK"
-            )
-        if base.index() not in [body.index() for body in floating]:
-            names = _listed([body.name() for body in floating])
-            raise self._error(
-                f"'{base.name()}' is not the floating base; free bodies are: {names or 'none'}"
-            )
-        if len(floating) > 1:
-            loose = _listed([body.name() for body in floating if body.index() != base.index()])
-            raise self._error(f"bodies not connected to the base '{base.name()}': {loose}")
-        carrier = self.capture_frame.body()
-        with_base = [body.index() for body in plant.GetBodiesWeldedTo(base)]
-        if carrier.index() in with_base:
-            raise self._error(
-                f"capture frame '{self.capture_frame.name()}' is on the base (body "
-                f"'{carrier.name()}'); it must be on a body that joints move against the base"
-            )
-        if plant.IsAnchored(carrier):
-            raise self._error(f"capture frame '{self.capture_frame.name()}' is fixed in the world")
-        for k in plant.GetJointIndices():
-            joint = plant.get_joint(k)
-            of_base = (
-                isinstance(joint, QuaternionFloatingJoint)
-                and joint.child_body().index() == base.index()
-            )
-            if not of_base and not isinstance(joint, (RevoluteJoint, PrismaticJoint, WeldJoint)):
-                raise self._error(
-                    f"joint '{joint.name()}' is of type {joint.type_name()}; only revolute, "
-                    "prismatic and fixed joints are supported"
-                )
-
-    def _weld_to_world(self) -> str:
-        """Name the joint that holds the base in the world: a vendor's arm may have brought it."""
-        joints = [self.plant.get_joint(k) for k in self.plant.GetJointIndices()]
-        welds = [
-            f"{joint.name()} (on {joint.child_body().name()})"
-            for joint in joints
-            if isinstance(joint, WeldJoint)
-            and joint.parent_body().index() == self.plant.world_body().index()
-        ]
-        return f" by {_listed(welds)}" if welds else ""
-
-    def _movable_joints(self) -> list[Joint]:
-        joints = [self.plant.get_joint(k) for k in self.plant.GetJointIndices()]
-        movable = [joint for joint in joints if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
-        if not movable:
-            raise self._error("it has no revolute or prismatic joint to move the target with")
-        return sorted(movable, key=lambda joint: joint.position_start())
-
-    def _name_joints(self) -> tuple[str, ...]:
-        count = Counter(joint.name() for joint in self._joints)
-        instances = [
-            self.plant.GetModelInstanceName(joint.model_instance()) for joint in self._joints
-        ]
-        return tuple(
-            joint.name() if count[joint.name()] == 1 else f"{instance}::{joint.name()}"
-            for joint, instance in zip(self._joints, instances, strict=True)
-        )
-
-    def _extract_tree(self) -> KinematicTree:
-        """Read the plant once, outwards from the base; joints may point either way in the file."""
-        plant = self.plant
-        column = {joint.index(): k for k, joint in enumerate(self._joints)}
-        adjacent: dict[BodyIndex, list[Joint]] = {}
-        for k in plant.GetJointIndices():
-            joint = plant.get_joint(k)
-            for body in (joint.parent_body(), joint.child_body()):
-                adjacent.setdefault(body.index(), []).append(joint)
-
-        order = {self.base.index(): 0}
-        bodies = [_tree_body(self.base)]
-        queue = [self.base]
-        for inboard in queue:
-            for joint in adjacent[inboard.index()]:
-                forward = joint.parent_body().index() == inboard.index()
-                outboard = joint.child_body() if forward else joint.parent_body()
-                if outboard.index() in order or outboard.index() == plant.world_body().index():
-                    continue
-                frames = [joint.frame_on_parent(), joint.frame_on_child()]
-                frame_F, frame_M = frames if forward else frames[::-1]
-                axis = np.zeros(3)
-                if isinstance(joint, RevoluteJoint):
-                    axis = joint.revolute_axis()
-                elif isinstance(joint, PrismaticJoint):
-                    axis = joint.translation_axis()
-                X_PF = frame_F.GetFixedPoseInBodyFrame()
-                X_MB = frame_M.GetFixedPoseInBodyFrame().inverse()
-                if isinstance(joint, WeldJoint):
-                    X_FM = joint.X_FM() if forward else joint.X_FM().inverse()
-                    X_MB = X_FM @ X_MB
-                order[outboard.index()] = len(bodies)
-                bodies.append(
-                    _tree_body(
-                        outboard,
-                        parent=order[inboard.index()],
-                        joint=column.get(joint.index(), -1),
-                        prismatic=isinstance(joint, PrismaticJoint),
-                        axis_F=axis if forward else -axis,
-                        R_PF=X_PF.rotation().matrix(),
-                        p_PF=X_PF.translation(),
-                        R_MB=X_MB.rotation().matrix(),
-                        p_MB=X_MB.translation(),
-                    )
-                )
-                queue.append(outboard)
-        X_BC = self.capture_frame.GetFixedPoseInBodyFrame()
-        return KinematicTree(
-            tuple(bodies),
-            order[self.capture_frame.body().index()],
-            X_BC.rotation().matrix(),
-            X_BC.translation(),
-        )
-
-
-def _tree_body(
-    body: RigidBody,
-    parent: int = -1,
-    joint: int = -1,
-    prismatic: bool = False,
-    axis_F: ArrayLike = (0.0, 0.0, 0.0),
-    R_PF: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    p_PF: ArrayLike = (0.0, 0.0, 0.0),
-    R_MB: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    p_MB: ArrayLike = (0.0, 0.0, 0.0),
-) -> TreeBody:
-    mass, com, inertia = body.default_mass(), np.zeros(3), np.zeros((3, 3))
-    if mass > 0:
-        parameters = InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
-        com, inertia = parameters.p_CTcm_C, parameters.I_TTcm_C
-    arrays = (np.array(values, dtype=float) for values in (axis_F, R_PF, p_PF, R_MB, p_MB))
-    return TreeBody(body.name(), parent, joint, prismatic, *arrays, mass, com, inertia)
-
-
-def _model_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
-    """All model instances but the world's."""
-    return [ModelInstanceIndex(k) for k in range(1, plant.num_model_instances())]
-
 
 def _exclude_all_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
     """Switch contact off: a target held in a gripper touches it, and the grasp is a weld."""
@@ -537,37 +276,3 @@ def _exclude_all_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries))
     )
-
-
-@contextmanager
-def _parser_warnings() -> Iterator[list[str]]:
-    """Collect what Drake's parser warns of (it tells nobody but its logger), and log it after."""
-    messages: list[str] = []
-
-    class Collector(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            messages.append(_one_line(record.getMessage()))
-
-    # However quiet the caller has made the log: nothing that it hides may be missed here.
-    logger, manager = logging.getLogger("drake"), logging.root.manager
-    names = ("level", "disabled", "handlers", "filters", "propagate")
-    saved, switch = {name: getattr(logger, name) for name in names}, manager.disable
-    logger.setLevel(logging.WARNING)
-    logger.disabled, manager.disable = False, 0
-    logger.handlers, logger.filters, logger.propagate = [Collector()], [], False
-    try:
-        yield messages
-    finally:
-        for name, value in saved.items():
-            setattr(logger, name, value)
-        logger.setLevel(saved["level"])  # not an attribute alone: it is cached elsewhere
-        manager.disable = switch
-
-
-def _one_line(message: object) -> str:
-    return " ".join(str(message).split())
-
-
-def _listed(names: list[str]) -> str:
-    shown = ", ".join(sorted(names)[:40])
-    return shown + (f" and {len(names) - 40} more" if len(names) > 40 else "")

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, InputError, Spacecraft, Telemetry
 from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.resources import models_directory
 
 # -- models --------------------------------------------------------------------------------------
 
@@ -641,9 +642,7 @@ def test_a_plant_that_cannot_be_used_is_refused(servicer, paper_target, flaw):
     if flaw == "occupied":
         servicer_file = "package://cpid_drake_models/paper_target/paper_target.urdf"
         parser = Parser(plant)
-        parser.package_map().Add(
-            "cpid_drake_models", servicer._packages.GetPath("cpid_drake_models")
-        )
+        parser.package_map().Add("cpid_drake_models", models_directory())
         parser.AddModels(url=servicer_file)
     if flaw == "finalized":
         plant.Finalize()

@@ -93,7 +93,7 @@ def export_target(
         if spacecraft is None:
             _check_alone(file, name, parameters)
         else:
-            _check_attached(spacecraft.reread(file), spacecraft, name, parameters)
+            _check_attached(spacecraft.with_model(file), spacecraft, name, parameters)
 
     _require_free(path, spacecraft, overwrite)
     if format != "drake-yaml":
@@ -193,7 +193,7 @@ def _write_checked(path: Path, data: bytes, check: Callable[[Path], None]) -> No
 def _check_alone(file: Path, name: str, target: InertialParameters) -> None:
     plant = MultibodyPlant(time_step=0.0)
     try:
-        Parser(plant).AddModels(str(file))
+        Parser(plant).AddModels(file)
         plant.Finalize()
     except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(str(error)) from error

@@ -1,0 +1,85 @@
+"""Bodies, frames and joints of a plant by name, bare or scoped as `instance::name`."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import TypeVar
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex, RigidBody
+
+from cpid_drake.spacecraft.parsing import ModelFile
+
+_Element = TypeVar("_Element")
+
+
+def find_body(model: ModelFile, plant: MultibodyPlant, name: str) -> RigidBody:
+    """Return the body of this name, bare or scoped.
+
+    Raises:
+        InputError: there is none, or more than one.
+
+    """
+    bodies = [
+        plant.get_body(k)
+        for instance in _model_instances(plant)
+        for k in plant.GetBodyIndices(instance)
+    ]
+    return _find(model, plant, "body", bodies, name)
+
+
+def find_frame(model: ModelFile, plant: MultibodyPlant, name: str) -> Frame:
+    """Return the frame of this name, bare or scoped; a body's name means its body frame.
+
+    Raises:
+        InputError: there is none, or more than one.
+
+    """
+    frames = [
+        plant.get_frame(k)
+        for instance in _model_instances(plant)
+        for k in plant.GetFrameIndices(instance)
+    ]
+    return _find(model, plant, "frame", [frame for frame in frames if frame.name()], name)
+
+
+def joint_names(plant: MultibodyPlant, joints: Sequence[Joint]) -> tuple[str, ...]:
+    """Return the bare names of joints where they are unique, else the scoped names."""
+    count = Counter(joint.name() for joint in joints)
+    instances = [plant.GetModelInstanceName(joint.model_instance()) for joint in joints]
+    return tuple(
+        joint.name() if count[joint.name()] == 1 else f"{instance}::{joint.name()}"
+        for joint, instance in zip(joints, instances, strict=True)
+    )
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names in alphabetical order for an error message, at most 40 of them."""
+    ordered = sorted(names)
+    more = f" and {len(ordered) - 40} more" if len(ordered) > 40 else ""
+    return ", ".join(ordered[:40]) + more
+
+
+def _model_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+    """Return all model instances except the world's."""
+    return [ModelInstanceIndex(k) for k in range(1, plant.num_model_instances())]
+
+
+def _find(
+    model: ModelFile, plant: MultibodyPlant, kind: str, candidates: list[_Element], name: str
+) -> _Element:
+    scope, _, bare = str(name).rpartition("::")
+    matches = [
+        candidate
+        for candidate in candidates
+        if candidate.name() == name
+        or (
+            candidate.name() == bare
+            and scope == plant.GetModelInstanceName(candidate.model_instance())
+        )
+    ]
+    if not matches:
+        names = listed(candidate.name() for candidate in candidates)
+        raise model.error(f"no {kind} '{name}'; choose from: {names}")
+    if len(matches) > 1:
+        raise model.error(f"{len(matches)} of its {kind} names are '{name}'; say instance::name")
+    return matches[0]
