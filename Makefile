@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/paper
 
-.PHONY: demo test lint benchmark clean
+.PHONY: demo test lint docs benchmark clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/cpid paper --out $(OUT)
@@ -16,6 +16,10 @@ test: $(VENV)/installed-dev
 lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+
+# The API reference: out/docs/index.html. A reference to something that does not exist is an error.
+docs: $(VENV)/installed-dev
+	$(VENV)/bin/python docs/build.py out/docs
 
 benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmarks/identifier_update.py
