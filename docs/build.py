@@ -31,7 +31,7 @@ LINK = re.compile(r"(?<!`)\[[^]]*]\(([^)#\s]+)[^)]*\)|(?:src|href)=\"([^\"#]+)")
 TEST = re.compile(r"`(tests/[\w/.]+)::(\w+)`")
 NOT_A_NAME = re.compile(
     r".*\.(csv|db3|html|json|mcap|md|npz|parquet|py|toml|urdf|xml|yaml)$"  # a file
-    r"|cpid$"
+    r"|[a-z]+\d*$"  # a plain word: a column, a key of a file, a port, an option
     r"|[A-Za-z]+\d?_[A-Z]\w*$"  # a quantity in monogram notation: p_CTcm_C
 )
 

@@ -55,7 +55,7 @@ def test_a_name_that_exists_is_a_good_reference(build, index, tmp_path, name):
 
 @pytest.mark.parametrize(
     "name",
-    ["rows.eq19_rows", "cpid_drake.row.eq18_rows", "InputErrors", "weight", "scale.tare()"]
+    ["rows.eq19_rows", "cpid_drake.row.eq18_rows", "InputErrors", "weigh_all", "scale.tare()"]
     + ["numpy.linalg.norms", "Simulator.Advance", "RowFamily.colour"],
 )
 def test_a_name_that_does_not_exist_is_named_with_its_line(build, index, tmp_path, name):
