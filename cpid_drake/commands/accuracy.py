@@ -3,43 +3,61 @@
 import json
 import os
 import time
-from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from cpid_drake.commands.folders import make_folder
+from cpid_drake.commands.options import (
+    FolderOption,
+    QuietOption,
+    ScenarioArgument,
+    log_console,
+    make_folder,
+)
+from cpid_drake.scenario.shipped import find_scenario
 
 
 def accuracy(
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped one's name.")
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for figures and summary.json; made if needed.")],
+    scenario: ScenarioArgument,
+    out: FolderOption,
     trials: Annotated[
-        int | None, typer.Option(help="Trials for each preset; default: the scenario's.")
+        int | None, typer.Option(help="Trials for each preset. Default: the scenario's number.")
     ] = None,
     preset: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Sensor preset or file; again for more than one."),
+        typer.Option(
+            metavar="PRESET|YAML", help="Sensors; may be repeated. Default: the scenario's presets."
+        ),
     ] = None,
     estimator: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Estimator; again for more than one. Default: all."),
+        typer.Option(metavar="NAME", help="Estimator; may be repeated. Default: all estimators."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed; default: the scenario's.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the noise. Default: the scenario's seed.")
+    ] = None,
     jobs: Annotated[
-        int | None, typer.Option(help="Processes; default: one for each processor.")
+        int | None, typer.Option(help="Number of processes. Default: one for each processor.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no table and no progress.")] = False,
+    quiet: QuietOption = False,
 ) -> None:
-    """Try the estimators on noisy sensors many times: error, bound, bias, honesty of intervals."""
+    """Compare the estimators on many simulated logs with sensor noise.
+
+    Reports the error, the Cramér-Rao bound, the bias and the coverage of the 95 % intervals.
+    """
     start = time.perf_counter()
+    path = find_scenario(scenario)
+    if preset:
+        from cpid_drake.sensing.presets import load_sensors
+
+        for name in preset:
+            load_sensors(name)
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
         Progress,
+        TaskID,
         TextColumn,
         TimeRemainingColumn,
     )
@@ -47,15 +65,14 @@ def accuracy(
     from cpid_drake.report.accuracy import print_table, write_figures
     from cpid_drake.report.pages.study import accuracy_report
     from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.studies.accuracy import run_accuracy, summarize
 
-    loaded = load_scenario(find_scenario(scenario))
+    loaded = load_scenario(path)
     make_folder(out)
-    log = Console(stderr=True, quiet=quiet, markup=False)
+    log = log_console(quiet)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
-        tasks = {}
+        tasks: dict[str, TaskID] = {}
 
         def progress(name: str, done: int, total: int) -> None:
             if name not in tasks:
@@ -78,4 +95,4 @@ def accuracy(
     files[-1].write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     if not quiet:
         print_table(study, Console(markup=False))
-    log.print(f"\n{len(files)} files in {out}, {summary['wall_seconds']:.1f} s", highlight=False)
+    log.print(f"\n{len(files)} files in {out}, {summary['wall_seconds']:.1f} s")

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cpid_drake.commands.options import log_console
 from cpid_drake.errors import InputError
+from cpid_drake.resources import resolve_model
 
 if TYPE_CHECKING:
     from cpid_drake.dynamics.inertia import InertialParameters
@@ -14,28 +16,32 @@ if TYPE_CHECKING:
 
 def export(
     result: Annotated[
-        Path, typer.Argument(metavar="RESULT", help="What `cpid identify --json` has written.")
+        Path, typer.Argument(metavar="RESULT", help="Result file of `cpid identify --json`.")
     ],
     format: Annotated[
-        str, typer.Option(help="urdf, sdf, mjcf, or drake-yaml for Drake model directives.")
+        str, typer.Option(help="urdf, sdf, mjcf, or drake-yaml (Drake model directives).")
     ],
-    out: Annotated[Path, typer.Option(help="File to write; the ending must be the format's.")],
+    out: Annotated[Path, typer.Option(help="File to write; its ending must fit the format.")],
     with_spacecraft: Annotated[
         bool,
         typer.Option("--with-spacecraft", help="Write the spacecraft with the target attached."),
     ] = False,
     name: Annotated[
-        str | None, typer.Option(help="The target's name. Default: target, or one that is free.")
+        str | None,
+        typer.Option(
+            help="Name of the target's body. Default: target, or target_2 etc. if it is taken."
+        ),
     ] = None,
     raw: Annotated[
         bool,
-        typer.Option("--raw", help="The estimate as it is, not the nearest possible body."),
+        typer.Option(
+            "--raw", help="Export the raw estimate, not the nearest physically consistent one."
+        ),
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what exists.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
-    """Write an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
-    from rich.console import Console
-
+    """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
+    resolve_model(result)
     from cpid_drake.identification.result_files import read_result
     from cpid_drake.spacecraft.export.files import export_target
     from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -54,15 +60,20 @@ def export(
     written = export_target(
         parameters, out, format=format, spacecraft=spacecraft, name=name, overwrite=force
     )
-    log = Console(stderr=True, markup=False, soft_wrap=True)
+    log = log_console()
     if written.name != (name or "target"):
-        log.print(f"the model has a 'target' already: this one is '{written.name}'")
+        log.print(f"the model already has a 'target'; the exported one is '{written.name}'")
     for file in written.files:
-        log.print(f"{file}: read again by Drake, and as meant", highlight=False)
+        log.print(f"{file}: written; Drake reads the same parameters from it")
 
 
 def _parameters(found: "IdentificationResult", raw: bool, where: Path) -> "InertialParameters":
-    """Return what to export, or say why there is nothing."""
+    """Return the parameters to export.
+
+    Raises:
+        InputError: not all ten are known, or a raw estimate is not physically consistent.
+
+    """
     from cpid_drake.dynamics.inertia import InertialParameters
     from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 
@@ -70,7 +81,7 @@ def _parameters(found: "IdentificationResult", raw: bool, where: Path) -> "Inert
     if unknown:
         raise InputError(
             f"{where}: nothing to export: the data do not determine {', '.join(unknown)} (rank "
-            f"{found.rank} of 10); turn the target about further axes and identify again"
+            f"{found.rank} of 10); rotate the target about more axes and identify again"
         )
     if not raw:
         if found.feasible is None:
@@ -80,7 +91,7 @@ def _parameters(found: "IdentificationResult", raw: bool, where: Path) -> "Inert
     problems = parameters.infeasibilities()
     if problems:
         raise InputError(
-            f"{where}: the estimate as it is cannot be exported: {'; '.join(problems)}; without "
-            "--raw the nearest possible one is"
+            f"{where}: the raw estimate cannot be exported: {'; '.join(problems)}; leave --raw out "
+            "to export the nearest physically consistent one"
         )
     return parameters

@@ -1,28 +1,26 @@
-"""`cpid scenario`: check, show and begin scenario files."""
+"""`cpid scenario`: checks, prints and creates scenario files."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from cpid_drake.commands.options import ScenarioArgument
 from cpid_drake.errors import InputError
+from cpid_drake.scenario.shipped import find_scenario
 
-scenario = typer.Typer(no_args_is_help=True, help="Check, show or begin a scenario file.")
-
-_Scenario = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped one's name.")
-]
+scenario = typer.Typer(no_args_is_help=True, help="Check, print or create a scenario file.")
 
 
 @scenario.command()
-def check(file: _Scenario) -> None:
-    """Read a scenario and all that it names: model, motion, sensors. Say what is wrong, if any."""
+def check(file: ScenarioArgument) -> None:
+    """Check a scenario and all that it refers to: model, joint motion, sensors."""
+    path = find_scenario(file)
     from cpid_drake.scenario.files import load_scenario
     from cpid_drake.scenario.naming import naming
-    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.scenario.simulation import make_simulation
 
-    loaded = load_scenario(find_scenario(file))
+    loaded = load_scenario(path)
     with naming(file):
         simulation = make_simulation(loaded)
     suite, spacecraft = simulation.sensors and simulation.sensors.suite, simulation.spacecraft
@@ -38,21 +36,21 @@ def check(file: _Scenario) -> None:
 
 
 @scenario.command()
-def show(file: _Scenario) -> None:
-    """Print a scenario with the defaults of all that it leaves out, as YAML."""
+def show(file: ScenarioArgument) -> None:
+    """Print a scenario as YAML, with the default values of the keys that it leaves out."""
+    path = find_scenario(file)
     from cpid_drake.scenario.files import dump_scenario, load_scenario
-    from cpid_drake.scenario.shipped import find_scenario
 
-    print(dump_scenario(load_scenario(find_scenario(file))), end="")
+    print(dump_scenario(load_scenario(path)), end="")
 
 
 @scenario.command()
 def new(
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File to write; default: print it.")
+        Path | None, typer.Option(metavar="FILE", help="File to write. Default: print it.")
     ] = None,
 ) -> None:
-    """Write a scenario to start from, with comments that say units and choices."""
+    """Write a template of a scenario; its comments give units and choices."""
     from cpid_drake.resources import models_directory
 
     text = (models_directory() / "scenario_template.yaml").read_text(encoding="utf-8")
@@ -63,6 +61,6 @@ def new(
         with out.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError as error:
-        raise InputError(f"--out {out}: is there already; give another name") from error
+        raise InputError(f"--out {out}: exists already; give another name") from error
     except OSError as error:
         raise InputError(f"--out {out}: cannot write there: {error.strerror}") from error

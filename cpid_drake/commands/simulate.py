@@ -1,33 +1,29 @@
 """`cpid simulate`."""
 
 import time
-from pathlib import Path
-from typing import Annotated
 
-import typer
-from rich.console import Console
+from cpid_drake.commands.options import (
+    FolderOption,
+    QuietOption,
+    ScenarioArgument,
+    log_console,
+    make_folder,
+)
+from cpid_drake.scenario.shipped import find_scenario
 
-from cpid_drake.commands.folders import make_folder
 
-
-def simulate(
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped one's name.")
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for the run's files; made if needed.")],
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing.")] = False,
-) -> None:
-    """Simulate a scenario: telemetry as its sensors give it, and the truth to compare with."""
+def simulate(scenario: ScenarioArgument, out: FolderOption, quiet: QuietOption = False) -> None:
+    """Simulate a scenario; write the telemetry of its sensors and the true parameters."""
     start = time.perf_counter()
+    path = find_scenario(scenario)
     from cpid_drake.scenario.files import load_scenario
     from cpid_drake.scenario.naming import naming
     from cpid_drake.scenario.run_files import identify_command, refuse_other_files, write_run
-    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.scenario.simulation import make_simulation
 
-    log = Console(stderr=True, quiet=quiet, markup=False)
+    log = log_console(quiet)
     with log.status("reading the scenario") as status:
-        loaded = load_scenario(find_scenario(scenario))
+        loaded = load_scenario(path)
         with naming(scenario):
             simulation = make_simulation(loaded)
         make_folder(out)
@@ -40,6 +36,6 @@ def simulate(
         status.update("writing")
         files = write_run(simulation, context, out, time.perf_counter() - start)
     seconds = time.perf_counter() - start
-    log.print(f"{len(files)} files in {out}, {seconds:.1f} s", highlight=False, soft_wrap=True)
+    log.print(f"{len(files)} files in {out}, {seconds:.1f} s")
     if not quiet:
         print(identify_command(simulation, out))

@@ -5,7 +5,17 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-telemetry = typer.Typer(no_args_is_help=True, help="Look into telemetry files.")
+from cpid_drake.commands.options import (
+    LOG_KINDS,
+    BaseOption,
+    CaptureFrameOption,
+    ModelOption,
+    TopicOption,
+    topics_of,
+)
+from cpid_drake.errors import InputError
+
+telemetry = typer.Typer(no_args_is_help=True, help="Check telemetry files.")
 
 
 @telemetry.callback()
@@ -15,44 +25,41 @@ def _common() -> None:
 
 @telemetry.command()
 def check(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="CSV, NPZ, Parquet or ROS 2 bag.")],
-    spacecraft: Annotated[
-        str | None,
-        typer.Option(metavar="MODEL", help="Compare its joints as well; needs the next two."),
-    ] = None,
-    base: Annotated[str | None, typer.Option(metavar="NAME", help="Its base body.")] = None,
-    capture_frame: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The frame that holds the target.")
-    ] = None,
-    topic: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KIND=/NAME", help="Topic of a bag: see `cpid identify --help`."),
-    ] = None,
+    file: Annotated[str, typer.Argument(metavar="FILE", help=LOG_KINDS)],
+    spacecraft: ModelOption[str | None] = None,
+    base: BaseOption[str | None] = None,
+    capture_frame: CaptureFrameOption[str | None] = None,
+    topic: TopicOption = None,
 ) -> int:
-    """Say what is in a telemetry file and what is wrong with it, line by line.
+    """List the contents and all problems of a telemetry file.
 
-    Exit codes: 0 nothing is wrong; 2 something is.
+    With --spacecraft, --base and --capture-frame, the joints are compared with the model's.
+
+    Exit codes: 0 no problem; 2 at least one problem.
     """
-    from cpid_drake.errors import InputError
-    from cpid_drake.identification.telemetry_identification import check_log, of_spacecraft
-    from cpid_drake.report.telemetry import contents
-    from cpid_drake.sensing.files.consistency import check_consistency
-    from cpid_drake.sensing.files.telemetry_files import inspect_telemetry
-    from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-    out = Console(markup=False, highlight=False, soft_wrap=True)
     given = [spacecraft, base, capture_frame]
     if any(given) and not all(given):
-        raise InputError("--spacecraft, --base and --capture-frame belong together")
-    found = inspect_telemetry(file, topics=topics_of(topic))
+        raise InputError("give all of --spacecraft, --base and --capture-frame, or none of them")
+    topics = topics_of(topic)
+    from cpid_drake.sensing.files.telemetry_files import inspect_telemetry
+
+    found = inspect_telemetry(file, topics=topics)
+    from cpid_drake.report.telemetry import contents
+
+    out = Console(markup=False, highlight=False, soft_wrap=True)
     out.print("\n".join(contents(found, file)))
     errors = [str(problem) for problem in found.problems.first]
-    warnings = []
+    warnings: list[str] = []
     try:
         if spacecraft and base and capture_frame:
+            from cpid_drake.identification.telemetry_identification import check_log, of_spacecraft
+            from cpid_drake.spacecraft.spacecraft import Spacecraft
+
             craft = Spacecraft(spacecraft, base=base, capture_frame=capture_frame)
             warnings = check_log(craft, of_spacecraft(found.measurements, craft))
         else:
+            from cpid_drake.sensing.files.consistency import check_consistency
+
             consistency = check_consistency(found.measurements)
             errors, warnings = errors + consistency.errors, consistency.warnings
     except InputError as error:
@@ -61,28 +68,11 @@ def check(
         out.print(f"warning: {warning}")
     for error in errors:
         out.print(f"error: {error}")
-    hidden = found.problems.count - len(found.problems.first)
-    if hidden > 0:
+    hidden = max(found.problems.count - len(found.problems.first), 0)
+    if hidden:
         out.print(f"... and {hidden} more")
     if not errors:
-        out.print("nothing is wrong with it")
+        out.print("no problems found")
         return 0
-    raise InputError(f"{file}: {len(errors) + max(hidden, 0)} things are wrong: see above")
-
-
-def topics_of(entries: list[str] | None) -> dict[str, str]:
-    """Return the topics that --topic KIND=/NAME names, by kind.
-
-    Raises:
-        InputError: an entry of another form.
-
-    """
-    from cpid_drake.errors import InputError
-
-    topics = {}
-    for entry in entries or []:
-        kind, separator, name = entry.partition("=")
-        if not (kind and separator):
-            raise InputError(f"--topic {entry}: give KIND=/NAME, such as imu=/imu/data")
-        topics[kind] = name
-    return topics
+    count = len(errors) + hidden
+    raise InputError(f"{file}: {count} problem{'s' * (count > 1)} found, listed above")

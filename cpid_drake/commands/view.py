@@ -6,14 +6,29 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from cpid_drake.commands.identify import absolute_model, packages_of
+from cpid_drake.commands.options import (
+    BaseOption,
+    CaptureFrameOption,
+    ModelOption,
+    MomentumOption,
+    PackageOption,
+    QuietOption,
+    SensorsOption,
+    absolute_model,
+    check_inputs,
+    check_output,
+    log_console,
+    packages_of,
+)
 from cpid_drake.errors import InputError
+from cpid_drake.scenario.shipped import find_scenario
 
 if TYPE_CHECKING:
-    from cpid_drake.identification.result_files import SpacecraftReference
+    from cpid_drake.identification.identification import Identification
+    from cpid_drake.identification.requests import Request
 
-MOST_BYTES = 10_000_000
-"""Of a page that is to be sent on; what is larger is said."""
+LARGE_PAGE = 10_000_000
+"""Size [bytes] of a page above which a warning is printed: it is hard to send."""
 
 _LOGS = (".csv", ".npz", ".parquet", ".db3", ".mcap")
 
@@ -23,133 +38,118 @@ def view(
         str,
         typer.Argument(
             metavar="SCENARIO|TELEMETRY",
-            help="A scenario file, a shipped one's name, or a log of a motion.",
+            help="A scenario file, the name of a shipped scenario, or a log.",
         ),
     ],
     html: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write a replay there: one HTML file, plays offline."),
+        typer.Option(metavar="FILE", help="Write a replay, one HTML file that plays offline."),
     ] = None,
     live: Annotated[
-        bool, typer.Option("--live", help="With --html: show it live all the same, and write then.")
+        bool, typer.Option("--live", help="With --html: show the live view first.")
     ] = False,
     rate: Annotated[
-        float, typer.Option(help="Of simulated to real time at first, 0.1 to 5; live only.")
+        float, typer.Option(help="Initial ratio of simulated to real time in the live view.")
     ] = 1.0,
-    spacecraft: Annotated[
-        str | None, typer.Option(metavar="MODEL", help="TELEMETRY: the known spacecraft.")
-    ] = None,
-    base: Annotated[
-        str | None, typer.Option(metavar="NAME", help="TELEMETRY: its base body.")
-    ] = None,
-    capture_frame: Annotated[
-        str | None, typer.Option(metavar="NAME", help="TELEMETRY: the frame that holds the target.")
-    ] = None,
-    sensors: Annotated[
-        str | None, typer.Option(metavar="PRESET|YAML", help="TELEMETRY: as for `identify`.")
-    ] = None,
-    unknown_momentum: Annotated[
-        bool, typer.Option("--unknown-momentum", help="TELEMETRY: as for `identify`.")
-    ] = False,
-    package: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=FOLDER", help="TELEMETRY: as for `identify`."),
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but warnings.")] = False,
+    spacecraft: ModelOption[str | None] = None,
+    base: BaseOption[str | None] = None,
+    capture_frame: CaptureFrameOption[str | None] = None,
+    sensors: SensorsOption = None,
+    unknown_momentum: MomentumOption = False,
+    package: PackageOption = None,
+    quiet: QuietOption = False,
 ) -> None:
-    """Look at a scenario, live in the browser or as a page; or replay a log as a page.
+    """Show a scenario live in the browser, or write the replay of a scenario or of a log.
 
-    Live, the arms can be posed by sliders before a run; it starts where the scenario does.
+    The options from --spacecraft to --package are for logs. In the live view, sliders pose the
+    arms before a run; the run starts from the scenario's pose.
     """
-    from cpid_drake.commands.report import check_page
-    from cpid_drake.identification.result_files import SpacecraftReference
-
     if html is not None:
-        check_page("--html", html)
+        check_output("--html", html)
     if not 0.1 <= rate <= 5:
         raise InputError(f"--rate {rate:g}: must be from 0.1 to 5")
-    console = Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
+    console = log_console(quiet)
     craft = {"--spacecraft": spacecraft, "--base": base, "--capture-frame": capture_frame}
     missing = [option for option, value in craft.items() if value is None]
-    if len(missing) < len(craft) or source.lower().endswith(_LOGS):
-        if missing:
-            raise InputError(f"{source}: a log's spacecraft must be known: give {missing[0]}")
+    page: str | None
+    if source.lower().endswith(_LOGS) or len(missing) < len(craft):
+        if spacecraft is None or base is None or capture_frame is None:
+            raise InputError(f"{source}: a log needs a spacecraft: give {missing[0]}")
         if html is None or live:
-            raise InputError(f"{source}: a log is replayed as a page: give --html FILE, no --live")
-        reference = SpacecraftReference(
-            absolute_model(spacecraft), base, capture_frame, packages_of(package)
-        )
-        page, text = _replay_log(source, reference, sensors, unknown_momentum, console)
+            raise InputError(f"{source}: a log has no live view: give --html FILE, not --live")
+        packages, model = packages_of(package), absolute_model(spacecraft)
+        check_inputs(source, model, sensors)
+        from cpid_drake.identification.requests import Request
+        from cpid_drake.identification.result_files import SpacecraftReference
+
+        reference = SpacecraftReference(model, base, capture_frame, packages)
+        request = Request(source, reference, sensors=sensors, unknown_momentum=unknown_momentum)
+        page, text = _replay_log(request, console)
     else:
-        of_logs = {"--sensors": sensors, "--unknown-momentum": unknown_momentum}
-        for option, value in (of_logs | {"--package": package}).items():
+        for_logs = {"--sensors": sensors, "--unknown-momentum": unknown_momentum}
+        for option, value in (for_logs | {"--package": package}).items():
             if value:
-                raise InputError(f"{option} is for logs; a scenario says it itself")
+                raise InputError(f"{option} is for logs; a scenario file has its own setting")
         page, text = _show_scenario(source, html is not None, html is None or live, rate, console)
-    if html is not None:
+    if html is not None and page is not None:
         html.write_text(page, encoding="utf-8")
         size = html.stat().st_size
         console.print(f"{html}, {size / 1e6:.1f} MB")
-        if size > MOST_BYTES:
-            Console(stderr=True, markup=False).print("warning: large, since the model's meshes are")
+        if size > LARGE_PAGE:
+            log_console().print("warning: the page is large because the model's meshes are")
     if not quiet:
         print(text)
 
 
-def _replay_log(
-    telemetry: str,
-    spacecraft: "SpacecraftReference",
-    sensors: str | None,
-    unknown_momentum: bool,
-    console: Console,
-) -> tuple[str, str]:
-    """Return the page of a log, and the estimate in words."""
+def _replay_log(request: "Request", console: Console) -> tuple[str, str]:
+    """Return the page of a log, and the estimate as text."""
     from cpid_drake.identification.convergence import converge
-    from cpid_drake.identification.requests import Request, identify_file
+    from cpid_drake.identification.requests import identify_file
     from cpid_drake.report.replay import estimate_text, replay_html
     from cpid_drake.report.sections.replay import motion_of
 
     with console.status("identifying") as status:
-        request = Request(telemetry, spacecraft, sensors=sensors, unknown_momentum=unknown_momentum)
         evidence = identify_file(request, status.update)
         estimates = converge(evidence, status.update).estimates
         status.update("drawing")
-        page = replay_html(
-            evidence.spacecraft, motion_of(evidence), estimates, title=Path(telemetry).name
-        )
+        title = Path(request.telemetry).name
+        page = replay_html(evidence.spacecraft, motion_of(evidence), estimates, title=title)
     for warning in evidence.result.warnings:
-        Console(stderr=True, markup=False).print(f"warning: {warning}", soft_wrap=True)
+        log_console().print(f"warning: {warning}")
     return page, estimate_text(evidence.found.identification)
 
 
 def _show_scenario(
     source: str, as_page: bool, as_live: bool, rate: float, console: Console
 ) -> tuple[str | None, str]:
-    """Return the page of a scenario, if it is wanted, and the estimate in words."""
+    """Return the page of a scenario, if it is wanted, and the estimate as text."""
+    path = find_scenario(source)
     from cpid_drake.report.live_view import LiveView
     from cpid_drake.report.replay import estimate_text, replay_simulation
     from cpid_drake.scenario.files import load_scenario
     from cpid_drake.scenario.naming import naming
-    from cpid_drake.scenario.shipped import find_scenario
     from cpid_drake.scenario.simulation import make_simulation
     from cpid_drake.systems.scene_visualizer import open_meshcat
 
-    page = text = None
+    page, text = None, "no run"
     with console.status("reading the scenario") as status:
-        scenario = load_scenario(find_scenario(source))
+        scenario = load_scenario(path)
         with naming(source):
-            simulation = make_simulation(scenario)  # complains, if it does, before a page is opened
+            simulation = make_simulation(scenario)  # finds errors before a page is opened
         duration = scenario.simulation.duration
         if as_live:
             meshcat = open_meshcat("*")
             live = LiveView(make_simulation(scenario, meshcat=meshcat), meshcat, rate)
-            typer.echo(f"Open {meshcat.web_url()} and there Open Controls: Start, Stop", err=True)
-            status.update("waiting for Start; until then sliders pose the arms, for looking only")
+            typer.echo(
+                f"Open {meshcat.web_url()} and use Start and Stop in Open Controls", err=True
+            )
+            status.update("waiting for Start; until then the sliders only pose the arms")
 
-            def on_frame(time, identification) -> None:
+            def on_frame(time: float, identification: "Identification") -> None:
                 nonlocal text
                 text = estimate_text(identification, simulation.truth)
-                status.update(f"{time:.1f} of {duration:g} s; {_one_line(text)}")
+                line = "; ".join(line.strip() for line in text.splitlines())
+                status.update(f"{time:.1f} of {duration:g} s; {line}")
 
             live.serve(on_frame)
         if as_page:
@@ -159,8 +159,4 @@ def _show_scenario(
                 title=Path(source).stem,
             )
             text = estimate_text(last, simulation.truth)
-    return page, text or "no run"
-
-
-def _one_line(text: str) -> str:
-    return "; ".join(line.strip() for line in text.splitlines())
+    return page, text

@@ -75,7 +75,7 @@ def target_in(path, name="target") -> np.ndarray:
 def test_the_feasible_target_alone(cpid, result, tmp_path):
     code, stdout, stderr = cpid("r.json", "--format", "urdf", "--out", "t.urdf", "--name", "debris")
     assert (code, stdout) == (0, "")
-    assert stderr == "t.urdf: read again by Drake, and as meant\n"
+    assert stderr == "t.urdf: written; Drake reads the same parameters from it\n"
     text = (tmp_path / "t.urdf").read_text()
     assert '<link name="debris">' in text
     assert '<mass value="60.0"/>' in text
@@ -85,13 +85,13 @@ def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
     """Again with --force; what is exported then still has its own spacecraft under it."""
     options = ("--format", "urdf", "--with-spacecraft", "--raw")
     code, _, stderr = cpid("r.json", *options, "--out", "whole.urdf")
-    assert (code, stderr) == (0, "whole.urdf: read again by Drake, and as meant\n")
+    assert (code, stderr) == (0, "whole.urdf: written; Drake reads the same parameters from it\n")
     np.testing.assert_allclose(target_in("whole.urdf"), ESTIMATE, rtol=1e-12)
     result(spacecraft={"model": "whole.urdf", "base": "bus", "capture_frame": "capture_point"})
     (tmp_path / "two.urdf").write_text("mine")
     code, _, stderr = cpid("r.json", *options, "--out", "two.urdf", "--force")
     assert code == 0
-    assert "this one is 'target_2'" in stderr
+    assert "the exported one is 'target_2'" in stderr
     for name in ("target", "target_2"):
         np.testing.assert_allclose(target_in("two.urdf", name), ESTIMATE, rtol=1e-12)
 
@@ -101,7 +101,7 @@ def test_directives_with_the_spacecraft(cpid, result, tmp_path, skewed_target):
     folder.mkdir()
     path = folder / "whole.dmd.yaml"
     code, _, stderr = cpid("r.json", "--format", "drake-yaml", "--with-spacecraft", "--out", path)
-    assert (code, stderr.count("as meant\n")) == (0, 2)
+    assert (code, stderr.count("from it\n")) == (0, 2)
     np.testing.assert_allclose(target_in(path), skewed_target.to_vector(), rtol=1e-12)
 
 
@@ -129,7 +129,7 @@ def test_an_estimate_that_no_body_has_is_not_exported_raw(cpid, refusal, result)
     result(inertia=[8, 15, 6, 0, 0, 0])
     message = refusal("r.json", "--format", "urdf", "--out", "t.urdf", "--raw")
     assert "violate the triangle inequality" in message
-    assert "without --raw the nearest possible one is" in message
+    assert "leave --raw out to export the nearest physically consistent one" in message
     assert cpid("r.json", "--format", "urdf", "--out", "t.urdf")[0] == 0
 
 

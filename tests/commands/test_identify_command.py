@@ -175,7 +175,7 @@ class TestCheck:
         assert (code, stderr) == (0, "")
         assert "1001 samples, 0 to 10 s, every 0.01 s" in stdout
         assert "joints             4: arm_joint1, arm_joint2" in stdout
-        assert "nothing is wrong with it" in stdout
+        assert "no problems found" in stdout
 
     def test_every_problem_is_listed_with_its_line(self, cpid, exact):
         lines = exact.read_text().splitlines()
@@ -186,7 +186,7 @@ class TestCheck:
         assert code == 2
         assert "error: line 4: 39 cells, but 38 columns" in stdout
         assert "error: line 6, column 'time': time 0.5 s comes after 3 s" in stdout
-        assert stderr == f"cpid: error: {exact}: 2 things are wrong: see above\n"
+        assert stderr == f"cpid: error: {exact}: 2 problems found, listed above\n"
 
     def test_contradictions_are_problems(self, cpid):
         log = read_telemetry(SAMPLE)
@@ -203,4 +203,4 @@ class TestCheck:
 
     def test_a_model_needs_its_frames(self, cpid, exact):
         message = refusal(cpid("telemetry", "check", exact, "--base", "bus"))
-        assert "belong together" in message
+        assert "give all of --spacecraft" in message

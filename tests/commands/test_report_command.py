@@ -89,7 +89,7 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
         ([SAMPLE, "--out", "r.html"], "not JSON"),
         (["empty", "--out", "r.html"], "not a run: there is no run.json"),
         (["result.json", "--out", "nowhere/r.html"], "there is no folder nowhere"),
-        (["result.json", "--out", "empty"], "is a folder; name an HTML file"),
+        (["result.json", "--out", "empty"], "is a folder; name a file"),
         (["broken", "--out", "r.html"], "truth.json: does not hold a target"),
     ],
 )

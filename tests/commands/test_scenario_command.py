@@ -100,7 +100,7 @@ REALTIME = "target_realtime_rate"
 
 def test_an_existing_file_is_not_overwritten(cpid, tmp_path):
     (tmp_path / "mine.yaml").write_text("# precious")
-    assert "is there already" in refusal(cpid("new", "--out", "mine.yaml"))
+    assert "exists already" in refusal(cpid("new", "--out", "mine.yaml"))
     assert (tmp_path / "mine.yaml").read_text() == "# precious"
     assert "cannot write there" in refusal(cpid("new", "--out", "nowhere/mine.yaml"))
     assert "cannot write there" in refusal(cpid("new", "--out", tmp_path / "mine.yaml" / "x"))

@@ -72,7 +72,7 @@ def test_a_log_as_a_page(tmp_path, capsys):
         ([LOG, "--html", "a.html"], "give --spacecraft"),
         ([LOG, *CRAFT[:4], "--html", "a.html"], "give --capture-frame"),
         ([LOG, *CRAFT], "give --html"),
-        ([LOG, *CRAFT, "--html", "a.html", "--live"], "no --live"),
+        ([LOG, *CRAFT, "--html", "a.html", "--live"], "not --live"),
         (["nowhere.csv", *CRAFT, "--html", "a.html"], "nowhere.csv"),
         ([LOG, *CRAFT[:3], "nobody", *CRAFT[4:], "--html", "a.html"], "nobody"),
     ],

@@ -72,20 +72,14 @@ def inspect_telemetry(
 
     """
     where = str(path)
-    folder = Path(path)
-    if folder.suffix in BAG_ENDINGS or folder.is_dir():
+    if _is_bag(path):
         from cpid_drake.sensing.files.rosbag import read_rosbag
 
         return _of_bag(read_rosbag(path, topics=topics))
     if topics:
         raise InputError(f"{where}: topics are for ROS 2 bags")
-    file = resolve_model(path)
+    file = _table_file(path)
     readers = {".csv": _read_csv, ".npz": _read_npz, ".parquet": _read_parquet}
-    if file.suffix.lower() not in readers:
-        raise InputError(
-            f"{where}: telemetry is read from {', '.join((*TABLE_ENDINGS, *BAG_ENDINGS))} files "
-            f"and bag folders, not from '{file.suffix or file.name}'"
-        )
     problems = Problems()
     try:
         table, ignored = readers[file.suffix.lower()](file, where, problems)
@@ -96,6 +90,38 @@ def inspect_telemetry(
     if not problems.count and not any(len(samples) for _, samples in measurements.items()):
         raise InputError(f"{where}: there are no samples in it")
     return TelemetryFile(measurements, row_count, problems, partial, ignored)
+
+
+def check_telemetry(path: str | Path) -> None:
+    """Refuse a file that cannot be telemetry, without reading more than the head of a CSV file.
+
+    Raises:
+        InputError: no such file, a file of another kind, or a CSV file with a wrong first line.
+
+    """
+    if _is_bag(path):
+        return
+    file = _table_file(path)
+    if file.suffix.lower() == ".csv":
+        with file.open("rb") as stream:
+            for first, raw in _blocks_of_lines(stream, str(path)):
+                for number, line in _numbered_text(first, raw, str(path)):
+                    _header(number, line, str(path))
+                    return
+
+
+def _is_bag(path: str | Path) -> bool:
+    return Path(path).suffix in BAG_ENDINGS or Path(path).is_dir()
+
+
+def _table_file(path: str | Path) -> Path:
+    file = resolve_model(path)
+    if file.suffix.lower() not in TABLE_ENDINGS:
+        raise InputError(
+            f"{path}: telemetry is read from {', '.join((*TABLE_ENDINGS, *BAG_ENDINGS))} files "
+            f"and bag folders, not from '{file.suffix or file.name}'"
+        )
+    return file
 
 
 def read_telemetry(

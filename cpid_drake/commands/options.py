@@ -1,0 +1,163 @@
+"""Options that several commands share, and the checks of their values.
+
+The checks import neither Drake nor SciPy: a wrong path or name is reported at once.
+"""
+
+import tempfile
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+from rich.console import Console
+
+from cpid_drake.errors import InputError
+from cpid_drake.resources import MODELS_PACKAGE, resolve_model
+
+T = TypeVar("T")
+
+LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
+
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a shipped scenario."),
+]
+FolderOption = Annotated[Path, typer.Option(help="Output folder; created if it does not exist.")]
+ModelOption = Annotated[
+    T,
+    typer.Option(
+        "--spacecraft",
+        metavar="MODEL",
+        help="Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives.",
+    ),
+]
+BaseOption = Annotated[
+    T, typer.Option("--base", metavar="NAME", help="Base body of the spacecraft.")
+]
+CaptureFrameOption = Annotated[
+    T,
+    typer.Option(
+        "--capture-frame", metavar="NAME", help="Frame or link of the model that holds the target."
+    ),
+]
+SensorsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--sensors",
+        metavar="PRESET|YAML",
+        help="Sensor noise: a preset or a YAML file. Default: estimated from the log if needed.",
+    ),
+]
+MomentumOption = Annotated[
+    bool,
+    typer.Option(
+        "--unknown-momentum", help="The total momentum is constant and unknown, not zero."
+    ),
+]
+PackageOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--package",
+        metavar="NAME=FOLDER",
+        help="Folder of a package in the model's URIs; may be repeated.",
+    ),
+]
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic",
+        metavar="KIND=/NAME",
+        help="Topic of a bag that has several of a kind (odometry, pose, imu, joints); may be "
+        "repeated.",
+    ),
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors.")]
+
+
+def log_console(quiet: bool = False) -> Console:
+    """Return a console for plain text on stderr; long lines are not wrapped."""
+    return Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
+
+
+def make_folder(path: Path) -> None:
+    """Create the folder that --out names.
+
+    Raises:
+        InputError: it cannot be created or written to.
+
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass  # finds a folder that cannot be written to before the work, not after it
+    except OSError as error:
+        raise InputError(f"--out {path}: cannot write there: {error.strerror}") from error
+
+
+def check_output(option: str, path: Path) -> None:
+    """Refuse an output file that could not be written, before the work and not after it.
+
+    Raises:
+        InputError: its folder does not exist, or it is a folder itself.
+
+    """
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no folder {path.parent}")
+    if path.is_dir():
+        raise InputError(f"{option} {path}: is a folder; name a file")
+
+
+def check_inputs(telemetry: str, model: str, sensors: str | None) -> None:
+    """Refuse a log, a model or sensors that do not exist or are of another kind.
+
+    Raises:
+        InputError: as `check_telemetry`, `resolve_model` and `load_sensors`.
+
+    """
+    from cpid_drake.sensing.files.telemetry_files import check_telemetry
+
+    check_telemetry(telemetry)
+    if "://" not in model or model.startswith(f"package://{MODELS_PACKAGE}/"):
+        resolve_model(model)
+    if sensors is not None:
+        from cpid_drake.sensing.presets import load_sensors
+
+        load_sensors(sensors)
+
+
+def absolute_model(model: str) -> str:
+    """Return the absolute path of a model, or its URI unchanged."""
+    return model if "://" in model else str(Path(model).expanduser().absolute())
+
+
+def packages_of(entries: list[str] | None) -> dict[str, str]:
+    """Return the folders that --package NAME=FOLDER gives, by name.
+
+    Raises:
+        InputError: an entry has another form, or its folder does not exist.
+
+    """
+    packages = _pairs("--package", entries, "NAME=FOLDER")
+    for name, folder in packages.items():
+        if not Path(folder).is_dir():
+            raise InputError(f"--package {name}={folder}: no such folder: {folder}")
+    return {name: str(Path(folder).absolute()) for name, folder in packages.items()}
+
+
+def topics_of(entries: list[str] | None) -> dict[str, str]:
+    """Return the topics that --topic KIND=/NAME gives, by kind.
+
+    Raises:
+        InputError: an entry has another form.
+
+    """
+    return _pairs("--topic", entries, "KIND=/NAME, such as imu=/imu/data")
+
+
+def _pairs(option: str, entries: list[str] | None, form: str) -> dict[str, str]:
+    pairs = {}
+    for entry in entries or []:
+        key, _, value = entry.partition("=")
+        if not (key and value):
+            raise InputError(f"{option} {entry}: give {form}")
+        pairs[key] = value
+    return pairs
