@@ -1,13 +1,77 @@
-"""The nearest physically consistent inertial parameters, by a semidefinite program."""
+"""The nearest physically consistent inertial parameters, by a semidefinite program.
+
+A rigid body has a standard vector φ exactly when its pseudo-inertia [Σ, h; hᵀ, m] is positive
+semidefinite (Wensing et al. 2018). That condition is convex, so the nearest one is unique.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
+from cpid_drake.dynamics.parameterizations import standard_jacobian, standard_to_pseudo_inertia
+from cpid_drake.dynamics.spatial_inertia import inertia_of_second_moment, second_moment
 from cpid_drake.errors import InputError
 
 
-def least_change(
+def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) -> NDArray:
+    """Return the standard vector of a rigid body that is nearest to φ̂ (10,), up to rounding.
+
+    It minimizes (φ − φ̂)ᵀ Λ (φ − φ̂) over positive semidefinite pseudo-inertias.
+
+    Args:
+        phi: φ̂, with a mass that is not zero.
+        information: (10, 10) information matrix (inverse covariance, up to a factor) of the
+            parameter vector π, carried over to φ at φ̂. Default: mass, m c and J count alike once
+            each is divided by its own size.
+
+    Raises:
+        InputError: `information` is not a finite, symmetric, positive definite matrix.
+        RuntimeError: the solver failed.
+
+    Source: Wensing et al. 2018.
+
+    """
+    mass_scale = abs(phi[0])
+    length = np.sqrt(max(np.abs(phi[4:]).max(), np.abs(phi[1:4]).max() ** 2) / mass_scale)
+    length = max(length, 1e-6)
+    scale = mass_scale * np.concatenate([[1.0], 3 * [length], 6 * [length**2]])
+    root = np.eye(10)
+    if information is not None:
+        root = _information_root(information, standard_jacobian(phi) * scale)
+
+    # A violation of 1e-10 must cost a change of 1e-10, not one of the solver's tolerance: the
+    # change is measured in units of the violation, and the constraint is scaled by congruence
+    # (which keeps definiteness) so that every eigenvalue of the estimate counts as one.
+    values, axes = np.linalg.eigh(standard_to_pseudo_inertia(phi / scale))
+    violation = max(-values[0], 1e-14 * np.abs(values).max())
+    congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
+    directions = [phi / scale, *(violation * np.eye(10))]
+    matrices = [congruence.T @ standard_to_pseudo_inertia(phi) @ congruence for phi in directions]
+    # A body to be simulated has some mass: a thousandth of the estimate's magnitude.
+    least_mass = (1e-3 - phi[0] / scale[0]) / violation if phi[0] < 0 else -np.inf
+    change = _least_change(root, [(matrix + matrix.T) / 2 for matrix in matrices], least_mass)
+    return phi + scale * violation * change
+
+
+def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np.float64]:
+    """Return the inertia (3, 3) moved by rounding's size to where Drake's own checks accept it.
+
+    The change is at most 1e-12 of the body's size where the body is physically consistent up to
+    rounding or a solver's tolerance.
+
+    Args:
+        mass: [kg].
+        com: (3,) centre of mass from the frame's origin [m].
+        inertia: (3, 3) about the centre of mass [kg·m²].
+
+    """
+    values, axes = np.linalg.eigh(second_moment(inertia))
+    # Drake checks about other points too, where m|c|² adds to the rounding.
+    size = np.abs(values).max() + mass * com @ com
+    inertia = inertia_of_second_moment(axes @ np.diag(np.maximum(values, 1e-12 * size)) @ axes.T)
+    return (inertia + inertia.T) / 2
+
+
+def _least_change(
     root: NDArray[np.float64], matrices: list[NDArray[np.float64]], least: float
 ) -> NDArray[np.float64]:
     """Minimize |root z| over z (10,) with F0 + Σ z_i F_i ⪰ 0 and z_0 ≥ least, by Clarabel.
@@ -15,6 +79,8 @@ def least_change(
     The norm is the better scaled cost; where Clarabel cannot reach its tolerance with it, its
     square has the same minimum.
     """
+    from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
     for squared in (False, True):
         program = MathematicalProgram()
         z = program.NewContinuousVariables(10, "z")
@@ -29,11 +95,11 @@ def least_change(
         if result.is_success():
             return result.GetSolution(z)
     raise RuntimeError(
-        f"Clarabel found no physically possible parameters: {result.get_solution_result()}"
+        f"Clarabel found no physically consistent parameters: {result.get_solution_result()}"
     )
 
 
-def information_root(information: ArrayLike, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+def _information_root(information: ArrayLike, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return R (10, 10) with RᵀR = Jᵀ Λ J up to a factor, Λ checked to be positive definite."""
     information = np.asarray(information, dtype=float)
     if information.shape != (10, 10) or not np.isfinite(information).all():

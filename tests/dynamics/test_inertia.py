@@ -60,7 +60,6 @@ def test_every_representation_returns_the_same_body():
     body = random_body(np.random.default_rng(3))
     for again in (
         InertialParameters.from_vector(body.to_vector()),
-        InertialParameters.from_eq18_vector(body.to_eq18_vector()),
         InertialParameters.from_standard_vector(body.to_standard_vector()),
         InertialParameters.from_pseudo_inertia(body.to_pseudo_inertia()),
         InertialParameters.from_spatial_inertia(body.to_spatial_inertia()),

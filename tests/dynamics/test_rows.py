@@ -10,7 +10,7 @@ from cpid_drake import HalfCosine, InertialParameters, InputError, Telemetry, id
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.kinematics import CaptureMotion, propagate
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples, target_momentum
-from cpid_drake.dynamics.parameterizations import tensor_to_vector
+from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.rows import (
     RELATIVE_ROWS,
@@ -137,7 +137,8 @@ def test_both_families_are_the_same_physics(servicer, skewed_target, random_moti
     the same top row crossed with c: residuals vanish together, with or without momentum."""
     samples = momentum_samples(servicer.tree, random_motion(8, seed=8))
     (A, b), (S, d) = eq18_rows(samples), standard_rows(samples)
-    theta, phi = skewed_target.to_eq18_vector(), skewed_target.to_standard_vector()
+    theta = EQ18.from_parameters(skewed_target.to_vector())
+    phi = skewed_target.to_standard_vector()
     eq18, standard = A @ theta - b, S @ phi - d
     top = skewed_target.mass * eq18[:, :3]
     np.testing.assert_allclose(standard[:, :3], top, rtol=0, atol=1e-10)
@@ -243,7 +244,7 @@ def test_erratum_angular_momentum_is_about_the_capture_point(servicer, case, ske
     centroid = bodies.r[names.index("capture_arm_gripper")]
     L = samples.L + np.cross(capture.p_WC - centroid, samples.P)
     A, b = eq18_rows(replace(samples, L=L))
-    assert np.abs(A @ skewed_target.to_eq18_vector() - b).max() > 1e-2
+    assert np.abs(A @ EQ18.from_parameters(skewed_target.to_vector()) - b).max() > 1e-2
 
 
 def test_erratum_rigid_grasp_is_assumed(servicer, case, skewed_target):
@@ -253,7 +254,7 @@ def test_erratum_rigid_grasp_is_assumed(servicer, case, skewed_target):
     slipping = CaptureMotion(motion.R_WC, motion.p_WC, motion.w_WC + [0.1, 0, 0], motion.v_WC)
     P, L = target_momentum(skewed_target, slipping)
     A, b = eq18_rows(replace(samples, P=-P, L=-L))
-    assert np.abs(A @ skewed_target.to_eq18_vector() - b).max() > 1e-2
+    assert np.abs(A @ EQ18.from_parameters(skewed_target.to_vector()) - b).max() > 1e-2
 
 
 def test_erratum_world_frame_rows_cannot_be_stacked(case, skewed_target):
