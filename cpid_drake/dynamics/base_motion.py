@@ -76,7 +76,8 @@ class BaseTrajectory:
         self, joint_names: tuple[str, ...], times: ArrayLike, motion: JointMotion
     ) -> Telemetry:
         """Return one target's trajectory as telemetry, with its joint motion at the N times [s]."""
-        q, qdot, _ = np.moveaxis(motion.evaluate(np.asarray(times, dtype=float)), 1, 0)
+        times = np.asarray(times, dtype=float)
+        q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
         return Telemetry(joint_names, times, **vars(self), q=q, qdot=qdot)
 
 
@@ -119,7 +120,7 @@ def base_twist(
     """
     M, h = _total(known, phi)
     rest = -h if momentum_B is None else np.asarray(momentum_B) - h
-    return np.linalg.solve(M, rest[..., None])[..., 0]
+    return np.asarray(np.linalg.solve(M, rest[..., None])[..., 0], dtype=float)
 
 
 def base_twist_sensitivity(

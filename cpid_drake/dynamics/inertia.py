@@ -155,7 +155,7 @@ class InertialParameters:
 
     def principal_moments(self) -> NDArray[np.float64]:
         """Return the (3,) principal moments about the centre of mass, ascending [kg·m²]."""
-        return np.linalg.eigvalsh(self.I_TTcm_C)
+        return np.linalg.eigvalsh(self.I_TTcm_C).astype(float)
 
     def infeasibilities(self) -> tuple[str, ...]:
         """Return the reasons why no rigid body has these parameters; empty when one has.

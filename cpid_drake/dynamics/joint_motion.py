@@ -135,15 +135,15 @@ class MultiSine:
 
     def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
-        time = np.clip(np.asarray(time, dtype=float)[..., None], 0.0, self.duration)
-        x = np.minimum(np.minimum(time, self.duration - time) / self.ramp, 1.0)
-        direction = np.where(time < self.duration / 2, 1.0, -1.0)
+        t = np.clip(np.asarray(time, dtype=float)[..., None], 0.0, self.duration)
+        x = np.minimum(np.minimum(t, self.duration - t) / self.ramp, 1.0)
+        direction = np.where(t < self.duration / 2, 1.0, -1.0)
         r = x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4)
         rdot = direction * 630 * (x * (1 - x)) ** 4 / self.ramp
         rddot = 2520 * (x * (1 - x)) ** 3 * (1 - 2 * x) / self.ramp**2
 
         w = 2 * np.pi * self.frequencies[:, None]
-        angle = w * time[..., None] + self.phases
+        angle = w * t[..., None] + self.phases
         sines, cosines = self.amplitudes * np.sin(angle), self.amplitudes * np.cos(angle)
         s, sdot, sddot = sines.sum(-2), (w * cosines).sum(-2), -(w**2 * sines).sum(-2)
         q = self.centre + r * s

@@ -75,10 +75,14 @@ def centroid_position(r_m: ArrayLike, b_m: ArrayLike, c_k: ArrayLike) -> NDArray
 
 
 def centroid_velocity(
-    v_m: ArrayLike, w_m: ArrayLike, b_m: ArrayLike, w_k: ArrayLike, c_k: ArrayLike
+    v_m: NDArray[np.float64],
+    w_m: NDArray[np.float64],
+    b_m: NDArray[np.float64],
+    w_k: NDArray[np.float64],
+    c_k: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """v_k = v_m + ω_m × b_m + ω_k × c_k (Ning et al. 2016, Eq. 3). All (N, 3), in W."""
-    return np.asarray(v_m) + cross(w_m, b_m) + cross(w_k, c_k)
+    return v_m + cross(w_m, b_m) + cross(w_k, c_k)
 
 
 def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, CaptureMotion]:
@@ -101,7 +105,7 @@ def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, Ca
             continue
         R_WF = product(R[m], body.R_PF)
         b_m = product(R[m], body.p_PF - tree.bodies[m].p_BBcm)
-        H_k, rate, slide = np.zeros((N, 3)), np.zeros(N), 0.0
+        H_k, rate, slide = np.zeros((N, 3)), np.zeros(N), np.zeros(3)
         if body.joint < 0:
             R_WM = R_WF
         else:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 def rotate(R: ArrayLike, vectors: ArrayLike) -> NDArray[np.float64]:
     """Return R @ v for (..., 3, 3) rotations and (..., 3) vectors, broadcast."""
-    return np.einsum("...ij,...j->...i", R, vectors)
+    return np.einsum("...ij,...j->...i", np.asarray(R), np.asarray(vectors))
 
 
 def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -32,6 +32,7 @@ from cpid_drake.dynamics.parameterizations import (
     vector_to_tensor,
 )
 from cpid_drake.dynamics.rotations import skew
+from cpid_drake.errors import InputError
 
 Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Rows A (N, 6, 10) and right-hand sides b (N, 6)."""
@@ -216,9 +217,18 @@ class RowFamily:
         return augmented[..., :10], augmented[..., 10]
 
     def full_rows(self, samples: MomentumSamples, unknown_momentum: bool) -> NDArray[np.float64]:
-        """Return [N | A | b]: the columns of an unknown momentum, if any, before all others."""
+        """Return [A | b] (R, 11), or [N | A | b] with the columns N of an unknown momentum.
+
+        Raises:
+            InputError: the rows are not linear in an unknown momentum.
+
+        """
         rows = self.augmented_rows(samples)
-        return np.hstack([self.momentum_columns(samples), rows]) if unknown_momentum else rows
+        if not unknown_momentum:
+            return rows
+        if self.momentum_columns is None:
+            raise InputError(f"{self.name} rows are not linear in an unknown total momentum")
+        return np.hstack([self.momentum_columns(samples), rows])
 
 
 EQ18_ROWS = RowFamily("eq18", 6, lambda known_mass: EQ18, _constant_block(_eq18))

@@ -193,7 +193,7 @@ def _motion_sensitivity(
     rho = skew(dynamics.com(psi))
     total = dynamics.mass**2 / (dynamics.mass - psi[0])  # m_k + m, of μ = m_k m/(m_k + m)
     dL, dP = momentum[:, :3], momentum[:, 3:]
-    w = -np.linalg.solve(dynamics.inertia(psi), dL - rho @ dP)
+    w = -np.asarray(np.linalg.solve(dynamics.inertia(psi), dL - rho @ dP), dtype=float)
     return MotionSensitivity(w, com, rho @ w - dP / total)
 
 

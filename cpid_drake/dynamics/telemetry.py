@@ -95,7 +95,7 @@ class Telemetry:
             w_WB=np.broadcast_to(w_WB, (count, 3)),
             v_WB=np.broadcast_to(v_WB, (count, 3)),
             q=q,
-            qdot=qdot,
+            qdot=np.asarray(qdot, dtype=float),
         )
 
     def __len__(self) -> int:
@@ -135,7 +135,7 @@ class Telemetry:
 
     def with_base_twist(self, w_WB: ArrayLike, v_WB: ArrayLike) -> "Telemetry":
         """Return the same samples with other base velocities, (N, 3) each in W."""
-        return replace(self, w_WB=w_WB, v_WB=v_WB)
+        return replace(self, w_WB=np.asarray(w_WB), v_WB=np.asarray(v_WB))
 
     def at(self, times: ArrayLike) -> "Telemetry":
         """Return the samples at these times, each within 1 µs.

@@ -2,14 +2,14 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex, RigidBody
 
 from cpid_drake.spacecraft.parsing import ModelFile
 
-_Element = TypeVar("_Element")
+_Element = TypeVar("_Element", bound=Any)  # RigidBody or Frame
 
 
 def find_body(model: ModelFile, plant: MultibodyPlant, name: str) -> RigidBody:

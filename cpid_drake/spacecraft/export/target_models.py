@@ -154,7 +154,7 @@ def _attach(
   <child>{name}</child>
 </joint>
 """
-        edits.append(carrier.parent, _sdf_link(target, name, pose) + joint)
+        edits.append(carrier.parent or carrier, _sdf_link(target, name, pose) + joint)
     else:
         pose = f' pos="{xyz}" quat="{quaternion}"'
         edits.append(carrier, _mjcf_body(target, name, pose))
@@ -173,10 +173,12 @@ def _carrier(edits: XmlEdits, tag: str, spacecraft: Spacecraft) -> Element:
 
 
 def _scope(element: Element) -> str:
-    names = []
-    while (element := element.parent) is not None:
-        if element.tag == "model":
-            names.append(element.attributes.get("name", ""))
+    """Return the names of the SDF models around an element, outermost first."""
+    names, around = [], element.parent
+    while around is not None:
+        if around.tag == "model":
+            names.append(around.attributes.get("name", ""))
+        around = around.parent
     return "::".join(reversed(names))
 
 
