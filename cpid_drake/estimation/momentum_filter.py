@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import exp, log, quaternion_to_matrix, skew
 from cpid_drake.dynamics.rows import relative_regressor
+from cpid_drake.estimation.likelihood.priors import psi_scale
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -182,13 +183,6 @@ def guessed_prior(vague: FilterPrior, psi: NDArray[np.float64], sigma: float) ->
     radius = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
     scale = psi[0] * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
     return replace(vague, psi=psi, psi_sigma=sigma * scale, plausible=vague.psi_sigma)
-
-
-def psi_scale(known_mass: float, known_inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (10,) magnitudes of ψ for a target as heavy and as large as the spacecraft."""
-    radius = np.sqrt(np.trace(known_inertia) / 2 / known_mass)
-    mass = known_mass / 2
-    return mass * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
 
 
 @dataclass(eq=False)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.likelihood.model import TrajectoryModel
 from cpid_drake.estimation.momentum_filter import (
     ANGULAR,
     BIAS,
@@ -31,7 +32,6 @@ from cpid_drake.estimation.momentum_filter import (
     MomentumFilter,
 )
 from cpid_drake.estimation.trajectory_fit import TrajectoryFit, fit_trajectory
-from cpid_drake.estimation.trajectory_model import TrajectoryModel
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.splines import smooth_joints
 
@@ -183,7 +183,7 @@ class OnlineEstimator:
         squares = model.residuals(fit.trajectory)[of_samples] ** 2
         size = np.sqrt(np.bincount(rows[of_samples], squares) / 3)
         names = np.repeat(
-            model.sensors, [len(getattr(model.measurements, n)) for n in model.sensors]
+            list(model.sensors), [len(getattr(model.measurements, n)) for n in model.sensors]
         )
         far = np.zeros(len(size), dtype=bool)
         for name in model.sensors:
@@ -217,7 +217,7 @@ class OnlineEstimator:
         elapsed = model.nodes[-1] - model.nodes[0]
         columns = model.columns
         F[PSI, columns["psi"]] = np.eye(10)
-        F[BY_GYRO] = F[BY_MOMENTUM] = model.end_change(trajectory)
+        F[BY_GYRO] = F[BY_MOMENTUM] = model.end_attitude_jacobian(trajectory)
         if "p_Wcm" in columns:
             F[COM, columns["p_Wcm"]] = np.eye(3)
         if "v_Wcm" in columns:

@@ -1,6 +1,6 @@
 """Trajectory fit: maximum likelihood from the whole of the sensors' samples.
 
-Levenberg-Marquardt on the predicted readings of `trajectory_model`, in two stages. The first works
+Levenberg-Marquardt on the predicted readings of `likelihood.model`, in two stages. The first works
 in the log-Cholesky form of the pseudo-inertia, so that every iterate is a rigid body (Rucker &
 Wensing 2022); it finds the neighbourhood. The second works in the relative unknowns themselves and
 takes the joint motion's errors into account, as unknowns that are eliminated. Its result is the
@@ -13,18 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.blas import dsyrk
 
-from cpid_drake.dynamics.parameterizations import (
-    pseudo_inertia_to_standard,
-    standard_to_pseudo_inertia,
-)
+from cpid_drake.dynamics.log_cholesky import LogCholesky
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.least_squares import KNOWN
-from cpid_drake.estimation.momentum_filter import psi_scale
-from cpid_drake.estimation.trajectory_model import Trajectory, TrajectoryModel, TrajectoryState
+from cpid_drake.estimation.likelihood.elimination import WeightedRows, marginal
+from cpid_drake.estimation.likelihood.model import TrajectoryModel
+from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.priors import psi_scale
 
 HUBER = 2.5
 """From so many σ of one sample (its three axes together) on, the robust loss grows linearly."""
@@ -87,7 +84,7 @@ class TrajectoryFit:
         form = LogCholesky(scale)
         psi, _ = form.to_psi(form.from_psi(self.state.psi))
         rigid = self.model.trajectory(replace(self.state, psi=psi), self.trajectory)
-        weighted = _Weighted(self.model.nuisance(rigid), self.weights)
+        weighted = WeightedRows(self.model.joint_jacobian(rigid), self.weights)
         information, _, _ = _uncertainty(self.model, rigid, weighted, None)
         return marginal(information, 10) - self._prior
 
@@ -102,7 +99,7 @@ class TrajectoryFit:
         That is the residuals without the most likely errors of the joint motion, which hang
         together over many samples.
         """
-        weighted = _Weighted(self.model.nuisance(self.trajectory), self.weights)
+        weighted = WeightedRows(self.model.joint_jacobian(self.trajectory), self.weights)
         rest = weighted.own_noise(self.model.residuals(self.trajectory))
         counts = [len(getattr(self.model.measurements, name)) for name in self.model.sensors]
         parts = np.split(rest, 3 * np.cumsum(counts))
@@ -123,114 +120,6 @@ class TrajectoryFit:
             f"χ² {self.chi_squared:.0f} of {self.rows} rows; {known}"
         )
         return f"{text}; {self.downweighted} samples count less" if self.downweighted else text
-
-
-def marginal(information: NDArray[np.float64], kept: int) -> NDArray[np.float64]:
-    """Return the information about the first `kept` unknowns, the others eliminated."""
-    N = information
-    if len(N) == kept:
-        return N
-    scale = 1 / np.sqrt(np.maximum(np.diag(N), 1e-300))
-    N = N * scale * scale[:, None]
-    cross = N[:kept, kept:]
-    rest = N[kept:, kept:] + 1e-14 * np.eye(len(N) - kept)
-    result = N[:kept, :kept] - cross @ cho_solve(cho_factor(rest), cross.T)
-    return (result + result.T) / 2 / scale[:kept] / scale[:kept, None]
-
-
-class _Weighted:
-    """Rows whose errors are their own noise and that of the joint motion: (1 + N Nᵀ)."""
-
-    def __init__(self, nuisance: NDArray[np.float64] | None, weights: NDArray[np.float64]) -> None:
-        self.weights = weights
-        self.nuisance = None
-        if nuisance is not None and nuisance.shape[1]:
-            self.nuisance = nuisance * weights[:, None]
-            normal = dsyrk(1.0, self.nuisance.T)  # its upper half
-            normal[np.diag_indices(len(normal))] += 1.0
-            self._factor = cho_factor(normal, overwrite_a=True, check_finite=False)
-
-    def normal(
-        self, A: NDArray[np.float64], b: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        """Return AᵀC⁻¹A, AᵀC⁻¹b and bᵀC⁻¹b."""
-        A, b = A * self.weights[:, None], b * self.weights
-        N, g, c = A.T @ A, A.T @ b, float(b @ b)
-        if self.nuisance is not None:
-            to_A, to_b = self.nuisance.T @ A, self.nuisance.T @ b
-            solved = cho_solve(self._factor, to_A)
-            N = N - to_A.T @ solved
-            g = g - solved.T @ to_b
-            c -= float(to_b @ cho_solve(self._factor, to_b))
-        return (N + N.T) / 2, g, c
-
-    def cost(self, b: NDArray[np.float64]) -> float:
-        """Return bᵀC⁻¹b."""
-        b = b * self.weights
-        c = float(b @ b)
-        if self.nuisance is not None:
-            to_b = self.nuisance.T @ b
-            c -= float(to_b @ cho_solve(self._factor, to_b))
-        return c
-
-    def own_noise(self, b: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what is left of b without the most likely errors of the joint motion."""
-        if self.nuisance is None:
-            return b
-        errors = cho_solve(self._factor, self.nuisance.T @ (b * self.weights))
-        return b - self.nuisance @ errors / self.weights
-
-    def cross(self, A: NDArray[np.float64], K: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return AᵀC⁻¹K."""
-        A, K = A * self.weights[:, None], K * self.weights[:, None]
-        result = A.T @ K
-        if self.nuisance is not None:
-            result -= (self.nuisance.T @ A).T @ cho_solve(self._factor, self.nuisance.T @ K)
-        return result
-
-
-class LogCholesky:
-    """Relative unknowns as ψ(λ): pseudo-inertia P = S U Uᵀ S, U's diagonal an exponential.
-
-    Args:
-        scale: (10,) magnitudes of the unknowns; only m and I are used, for S.
-
-    Source: Rucker & Wensing 2022, log-Cholesky parameterization.
-
-    """
-
-    _rows, _columns = np.tril_indices(4)
-
-    def __init__(self, scale: NDArray[np.float64]) -> None:
-        mass = np.sqrt(scale[0])
-        length = np.sqrt(np.abs(scale[4:]).max() / scale[0])
-        self.S = mass * np.diag([length, length, length, 1.0])
-
-    def from_psi(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return λ (10,) of the unknowns of a rigid body, moved inside the limits if on them."""
-        inverse = np.diag(1 / np.diag(self.S))
-        P = inverse @ standard_to_pseudo_inertia(psi) @ inverse
-        values, axes = np.linalg.eigh((P + P.T) / 2)
-        values = np.maximum(values, 1e-3 * values[-1])
-        U = np.linalg.cholesky((axes * values) @ axes.T)
-        U[np.diag_indices(4)] = np.log(np.diag(U))
-        return U[self._rows, self._columns]
-
-    def to_psi(
-        self, parameters: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return ψ (10,) and ∂ψ/∂λ (10, 10)."""
-        U = np.zeros((4, 4))
-        U[self._rows, self._columns] = parameters
-        diagonal = np.diag_indices(4)
-        U[diagonal] = np.exp(U[diagonal])
-        jacobian = np.empty((10, 10))
-        for n, (i, j) in enumerate(zip(self._rows, self._columns)):
-            dU = np.zeros((4, 4))
-            dU[i, j] = U[i, j] if i == j else 1.0
-            dP = dU @ U.T + U @ dU.T
-            jacobian[:, n] = pseudo_inertia_to_standard(self.S @ dP @ self.S)
-        return pseudo_inertia_to_standard(self.S @ U @ U.T @ self.S), jacobian
 
 
 def fit_trajectory(
@@ -255,15 +144,15 @@ def fit_trajectory(
 
     """
     weights = np.ones(len(model.sample_rows()))
-    trajectory, iterations = _neighbourhood(model, psi, _Weighted(None, weights), max_iterations)
-    nuisance = model.nuisance(trajectory)
-    weighted = _Weighted(nuisance, weights)
+    trajectory, iterations = _neighbourhood(model, psi, WeightedRows(None, weights), max_iterations)
+    joint_jacobian = model.joint_jacobian(trajectory)
+    weighted = WeightedRows(joint_jacobian, weights)
     for k in range(8 if robust else 1):
         if robust:
             if k == 1:  # outliers have led the first stage, and its derivatives, astray
-                nuisance = model.nuisance(trajectory)
+                joint_jacobian = model.joint_jacobian(trajectory)
             weights = _huber_weights(model, weighted.own_noise(model.residuals(trajectory)))
-            weighted = _Weighted(nuisance, weights)
+            weighted = WeightedRows(joint_jacobian, weights)
         trajectory, count, converged = _free_stage(model, trajectory, weighted, max_iterations)
         iterations += count
         if robust:
@@ -293,7 +182,7 @@ def state_information(
     All else, joint errors included, is eliminated: the inverse of the information at the true state
     is the Cramér-Rao bound.
     """
-    weighted = _Weighted(model.nuisance(trajectory), np.ones(len(model.sample_rows())))
+    weighted = WeightedRows(model.joint_jacobian(trajectory), np.ones(len(model.sample_rows())))
     information, consider, _ = _uncertainty(model, trajectory, weighted, known_bodies)
     return marginal(information, 10), consider[:10, :10]
 
@@ -301,15 +190,15 @@ def state_information(
 def _uncertainty(
     model: TrajectoryModel,
     trajectory: Trajectory,
-    weighted: _Weighted,
+    weighted: WeightedRows,
     known_bodies: BodyUncertainty | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Information about all unknowns, consider covariance, and χ²."""
     A = model.jacobian(trajectory)
-    information, _, chi_squared = weighted.normal(A, model.residuals(trajectory))
+    information, _, chi_squared = weighted.normal_equations(A, model.residuals(trajectory))
     consider = np.zeros_like(information)
     if known_bodies is not None:
-        cross = weighted.cross(A, model.known_bodies(trajectory, known_bodies))
+        cross = weighted.cross(A, model.body_jacobian(trajectory, known_bodies))
         scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled = information * scale * scale[:, None]
         gain = scale[:, None] * np.linalg.lstsq(scaled, scale[:, None] * cross, rcond=1e-14)[0]
@@ -318,7 +207,7 @@ def _uncertainty(
 
 
 def _neighbourhood(
-    model: TrajectoryModel, psi: NDArray[np.float64], weighted: _Weighted, max_iterations: int
+    model: TrajectoryModel, psi: NDArray[np.float64], weighted: WeightedRows, max_iterations: int
 ) -> tuple[Trajectory, int]:
     """Return the best fit that does without the joint errors, and how many steps it took.
 
@@ -340,7 +229,7 @@ def _neighbourhood(
 def _log_cholesky_stage(
     model: TrajectoryModel,
     state: TrajectoryState,
-    weighted: _Weighted,
+    weighted: WeightedRows,
     max_iterations: int,
     little: float,
 ) -> tuple[TrajectoryState, int]:
@@ -356,7 +245,7 @@ def _log_cholesky_stage(
     while count < max_iterations:
         A = model.jacobian(trajectory)
         A = np.hstack([A[:, :10] @ by_parameters, A[:, 10:]])
-        N, g, _ = weighted.normal(A, residuals)
+        N, g, _ = weighted.normal_equations(A, residuals)
         before = cost
         for _ in range(12):
             count += 1
@@ -364,7 +253,7 @@ def _log_cholesky_stage(
             change = step.copy()
             change[:10] = 0.0
             new_psi, new_by = form.to_psi(parameters + np.clip(step[:10], -1.0, 1.0))
-            candidate = replace(model.moved(state, change), psi=new_psi)
+            candidate = replace(model.retracted(state, change), psi=new_psi)
             try:
                 new = model.trajectory(candidate, trajectory)
             except InputError:
@@ -386,20 +275,20 @@ def _log_cholesky_stage(
 
 
 def _free_stage(
-    model: TrajectoryModel, trajectory: Trajectory, weighted: _Weighted, max_iterations: int
+    model: TrajectoryModel, trajectory: Trajectory, weighted: WeightedRows, max_iterations: int
 ) -> tuple[Trajectory, int, bool]:
     """Descend in the unknowns themselves to the maximum of the likelihood."""
     residuals = model.residuals(trajectory)
     cost, damping = weighted.cost(residuals), 0.0
     count = 0
     while count < max_iterations:
-        N, g, _ = weighted.normal(model.jacobian(trajectory), residuals)
+        N, g, _ = weighted.normal_equations(model.jacobian(trajectory), residuals)
         for _ in range(12):
             count += 1
             step = _damped(N, g, damping)
             size = np.sqrt(max(step @ N @ step, 0.0))
             try:
-                new = model.trajectory(model.moved(trajectory.state, step), trajectory)
+                new = model.trajectory(model.retracted(trajectory.state, step), trajectory)
                 new_residuals = model.residuals(new)
                 new_cost = weighted.cost(new_residuals)
             except InputError:

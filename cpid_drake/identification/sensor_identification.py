@@ -17,17 +17,17 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.least_squares import solution_of_information
+from cpid_drake.estimation.likelihood.model import TrajectoryModel
+from cpid_drake.estimation.likelihood.priors import psi_scale
 from cpid_drake.estimation.momentum_filter import (
     PSI,
     MomentumFilter,
     guessed_prior,
-    psi_scale,
     vague_prior,
 )
 from cpid_drake.estimation.online import OnlineEstimator, OnlineState
 from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
 from cpid_drake.estimation.trajectory_fit import TrajectoryFit, fit_trajectory, state_information
-from cpid_drake.estimation.trajectory_model import TrajectoryModel
 from cpid_drake.identification.identification import Identification, row_family
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.screening import screen

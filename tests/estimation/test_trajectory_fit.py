@@ -17,15 +17,17 @@ from sensing_cases import (
 )
 
 from cpid_drake import InertialParameters, InputError
+from cpid_drake.dynamics.log_cholesky import LogCholesky
 from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
     standard_to_pseudo_inertia,
 )
 from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
 from cpid_drake.estimation import trajectory_fit
+from cpid_drake.estimation.likelihood.elimination import marginal
+from cpid_drake.estimation.likelihood.model import TrajectoryModel
 from cpid_drake.estimation.momentum_filter import vague_prior
-from cpid_drake.estimation.trajectory_fit import LogCholesky, fit_trajectory, marginal
-from cpid_drake.estimation.trajectory_model import TrajectoryModel
+from cpid_drake.estimation.trajectory_fit import fit_trajectory
 from cpid_drake.identification.sensor_identification import (
     cramer_rao_bound,
     fit_measurements,
@@ -95,7 +97,7 @@ def model(request, craft, motion, skewed_target):
 
 def by_differences(model, state, change, step):
     ahead, behind = (
-        model.residuals(model.trajectory(model.moved(state, s * change))) for s in (step, -step)
+        model.residuals(model.trajectory(model.retracted(state, s * change))) for s in (step, -step)
     )
     return -(ahead - behind) / (2 * step)
 
@@ -116,10 +118,10 @@ def test_jacobian(model):
             )
 
 
-def test_nuisance_columns(model, craft):
+def test_joint_jacobian(model, craft):
     """By coefficients of the joints' splines, in units of their σ."""
     model, state = model
-    exact, joints = model.nuisance(model.trajectory(state)), model.joints
+    exact, joints = model.joint_jacobian(model.trajectory(state)), model.joints
     K, root = joints.basis.size, np.linalg.cholesky(joints.covariance)
     assert exact.shape[1] == 4 * K
     step = 1.0
@@ -143,11 +145,11 @@ def test_nuisance_columns(model, craft):
         np.testing.assert_allclose(exact[:, joint * K + k], column, rtol=0, atol=tolerance)
 
 
-def test_known_bodies_columns(model, craft):
+def test_body_jacobian(model, craft):
     """By each body's ten numbers, in units of their σ; the target stays the same body."""
     model, state = model
     uncertainty = BodyUncertainty(mass=0.01, com=0.002, inertia=0.02)
-    exact = model.known_bodies(model.trajectory(state), uncertainty)
+    exact = model.body_jacobian(model.trajectory(state), uncertainty)
     parameterization = relative_parameterization(model.dynamics.mass)
     target = parameterization.to_parameters(state.psi)
 
@@ -186,11 +188,11 @@ def test_known_bodies_columns(model, craft):
         np.testing.assert_allclose(rows, column, rtol=0, atol=tolerance, err_msg=f"{body}, {k}")
 
 
-def test_end_change_is_the_attitudes_at_the_end(model):
+def test_end_attitude_jacobian(model):
     model, state = model
-    exact = model.end_change(model.trajectory(state))
+    exact = model.end_attitude_jacobian(model.trajectory(state))
     for k, unit in list(enumerate(np.eye(model.size)))[::2]:
-        R = [model.trajectory(model.moved(state, s * 1e-5 * unit)).R[-1] for s in (1, -1)]
+        R = [model.trajectory(model.retracted(state, s * 1e-5 * unit)).R[-1] for s in (1, -1)]
         turn = Rotation.from_matrix(R[0] @ R[1].T).as_rotvec() / 2e-5
         np.testing.assert_allclose(exact[:, k], turn, rtol=1e-3, atol=1e-7)
 

@@ -19,7 +19,7 @@ from sensing_cases import (
 from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft, identify
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import parameters_to_standard
-from cpid_drake.estimation.trajectory_fit import marginal
+from cpid_drake.estimation.likelihood.elimination import marginal
 from cpid_drake.identification.identification import row_family
 from cpid_drake.identification.sensor_identification import (
     ESTIMATORS,

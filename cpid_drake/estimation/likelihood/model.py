@@ -1,0 +1,230 @@
+"""The likelihood of all samples: residuals and their derivatives, in units of σ, with priors."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.dynamics.relative_motion import RelativeDynamics
+from cpid_drake.dynamics.rotations import skew
+from cpid_drake.dynamics.sensitivity import BodyUncertainty, MotionSensitivity
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.likelihood.errors import body_errors, joint_errors
+from cpid_drake.estimation.likelihood.motion import (
+    BaseMotion,
+    Instants,
+    Trajectory,
+    TrajectoryState,
+)
+from cpid_drake.estimation.likelihood.sensors import GyroModel, MotionChange, sensor_models
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.sensors import ATTITUDE, POSITION, SENSORS, VELOCITY, Quantity
+from cpid_drake.sensing.splines import JointSpline, measured_by
+from cpid_drake.sensing.suite import SensorSuite
+
+
+class TrajectoryModel:
+    """Predicts the base's sensors from a target, for one joint motion.
+
+    Args:
+        tree: the known spacecraft.
+        joints: its joint motion.
+        measurements: from its sensors; samples outside the joint motion are left out, and those of
+            sensors that the suite lacks.
+        suite: the sensors' errors.
+        unknown_momentum: whether the momentum is an unknown constant instead of known.
+        momentum: (L, v_Wcm), (3,) each, in W: the angular momentum about the system's centre of
+            mass and that centre's velocity; of an unknown momentum, where to start. None for zero.
+        psi_prior: mean and σ, (10,) each, of the relative unknowns; None for no prior.
+        step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
+
+    Attributes:
+        sensors: models of the sensors that have samples, by name.
+        columns: of the Jacobian, by unknown.
+
+    Raises:
+        InputError: there is no attitude sensor, or it has no samples in the joint motion.
+
+    """
+
+    def __init__(
+        self,
+        tree: KinematicTree,
+        joints: JointSpline,
+        measurements: Measurements,
+        suite: SensorSuite,
+        *,
+        unknown_momentum: bool = False,
+        momentum: tuple[ArrayLike, ArrayLike] | None = None,
+        psi_prior: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+        step: float = 0.025,
+    ) -> None:
+        self.motion, self.joints, self.suite = BaseMotion(tree, joints, step), joints, suite
+        self.nodes = self.motion.nodes
+        self.measurements = measured_by(suite, measurements).between(self.nodes[0], self.nodes[-1])
+        self.unknown_momentum, self.psi_prior = unknown_momentum, psi_prior
+        L, v_Wcm = (np.zeros(3), np.zeros(3)) if momentum is None else momentum
+        self.momentum = np.array(L, dtype=float), np.array(v_Wcm, dtype=float)
+        self.sensors = sensor_models(self.measurements.samples, suite, self.motion)
+        if self._first(ATTITUDE) is None:
+            raise InputError("no attitude samples while the joints are known: none to start from")
+        self._biases, count = [], 0
+        for sensor in self.sensors.values():
+            if isinstance(sensor, GyroModel):
+                self._biases.append(sensor.bias)
+                sensor.bias.rows = slice(count, count + len(sensor.bias.nodes))
+                count = sensor.bias.rows.stop
+        self._bias_prior = block_diag(np.empty((0, 0)), *(bias.prior() for bias in self._biases))
+        self.columns = self._layout()
+
+    @property
+    def dynamics(self) -> RelativeDynamics:
+        """The known bodies at the nodes."""
+        return self.motion.grid.dynamics
+
+    def _first(self, quantity: Quantity) -> Samples | None:
+        """Return the samples of the sensor of a quantity that measured first."""
+        samples = [s.samples for n, s in self.sensors.items() if SENSORS[n].quantity is quantity]
+        return min(samples, key=lambda each: each.time[0], default=None)
+
+    def _layout(self) -> dict[str, slice]:
+        sizes, quantities = {"psi": 10, "attitude": 3}, {SENSORS[n].quantity for n in self.sensors}
+        if POSITION in quantities:
+            sizes["p_Wcm"] = 3
+        if self.unknown_momentum:
+            sizes["L"] = 3
+            if quantities & {POSITION, VELOCITY}:
+                sizes["v_Wcm"] = 3
+        sizes["bias"] = len(self._bias_prior)
+        ends = np.cumsum(list(sizes.values())).tolist()
+        return {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends)}
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(self.columns["bias"].stop)
+
+    def start(self, psi: NDArray[np.float64]) -> TrajectoryState:
+        """Return a state to start from: the first samples, the given momentum, no bias."""
+        first, position = self._first(ATTITUDE), self._first(POSITION)
+        assert first is not None
+        attitude = Rotation.from_quat(first.value[0], scalar_first=True)
+        L, v_Wcm = self.momentum
+        bias = np.zeros((len(self._bias_prior) // 3, 3))
+        state = TrajectoryState(psi, attitude, np.zeros(3), v_Wcm, L, bias)
+        if position is not None:
+            rho = self.dynamics.com(psi)[0]
+            state = replace(state, p_Wcm=position.value[0] + attitude.apply(rho))
+        return state
+
+    def retracted(self, state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:
+        """Return the state after a change (size,) of the unknowns."""
+        part = {name: change[columns] for name, columns in self.columns.items()}
+        zero = np.zeros(3)
+        return TrajectoryState(
+            psi=state.psi + part["psi"],
+            attitude=Rotation.from_rotvec(part["attitude"]) * state.attitude,
+            p_Wcm=state.p_Wcm + part.get("p_Wcm", zero),
+            v_Wcm=state.v_Wcm + part.get("v_Wcm", zero),
+            L=state.L + part.get("L", zero),
+            bias=state.bias + part["bias"].reshape(-1, 3),
+        )
+
+    def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> Trajectory:
+        """Return the base's motion; see `BaseMotion.trajectory`."""
+        return self.motion.trajectory(state, near)
+
+    def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return measured minus predicted in units of σ, all sensors, then the priors."""
+        parts = [sensor.residuals(trajectory).ravel() for sensor in self.sensors.values()]
+        if self.psi_prior is not None:
+            mean, sigma = self.psi_prior
+            parts.append((mean - trajectory.state.psi) / sigma)
+        return np.concatenate([*parts, -self._bias_prior @ trajectory.state.bias.ravel()])
+
+    def sample_rows(self) -> NDArray[np.intp]:
+        """Return for every row of the residuals the number of its sample; −1 for priors."""
+        count = sum(len(sensor.samples) for sensor in self.sensors.values())
+        prior = np.full(len(self._bias_prior) + 10 * (self.psi_prior is not None), -1)
+        return np.concatenate([np.repeat(np.arange(count), 3), prior])
+
+    def jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the derivative of predicted readings by the unknowns, in units of σ."""
+        xi, w = self._change_by_unknowns(trajectory)
+
+        def com(at: Instants) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            by_psi = at.dynamics.com_regressor(), at.dynamics.com_rate_regressor()
+            return _padded(by_psi[0], self.size), _padded(by_psi[1], self.size)
+
+        rows = self._rows(trajectory, MotionChange(xi, w, com), self.columns)
+        priors = len(rows) - len(self._bias_prior)
+        rows[priors:, self.columns["bias"]] = self._bias_prior
+        if self.psi_prior is not None:
+            rows[priors - 10 : priors, self.columns["psi"]] = np.diag(1 / self.psi_prior[1])
+        return rows
+
+    def end_attitude_jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the derivative (3, size) of the attitude at the end, as a rotation in W."""
+        return self._change_by_unknowns(trajectory)[0][-1]
+
+    def joint_jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the same as `jacobian` by errors of the joint motion, each in units of its σ.
+
+        One column for every coefficient of the joints' splines; the errors are independent.
+        """
+        return self._error_rows(trajectory, lambda at: joint_errors(self.motion, trajectory, at))
+
+    def body_jacobian(
+        self, trajectory: Trajectory, uncertainty: BodyUncertainty
+    ) -> NDArray[np.float64]:
+        """Return the same by errors of the known bodies' parameters, each in units of its σ."""
+        return self._error_rows(
+            trajectory, lambda at: body_errors(self.motion, trajectory, at, uncertainty)
+        )
+
+    def _change_by_unknowns(
+        self, trajectory: Trajectory
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the change of attitude and angular velocity at the nodes, (N, 3, size) each."""
+        columns = self.columns
+        moment = np.zeros((len(self.nodes), 3, self.size))
+        moment[:, :, columns["psi"]] = -self.dynamics.regressor(trajectory.w)
+        if "L" in columns:
+            moment[:, :, columns["L"]] = np.swapaxes(trajectory.R, -1, -2)
+        w = np.asarray(np.linalg.solve(self.dynamics.inertia(trajectory.state.psi), moment))
+        initial = np.zeros((3, self.size))
+        initial[:, columns["attitude"]] = np.eye(3)
+        return self.motion.attitude_change(trajectory, w, initial)
+
+    def _error_rows(
+        self, trajectory: Trajectory, sensitivity: Callable[[Instants], MotionSensitivity]
+    ) -> NDArray[np.float64]:
+        def com(at: Instants) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            change, rho = sensitivity(at), at.dynamics.com(trajectory.state.psi)
+            w = trajectory.spline(at.times)
+            # v = −(ω × ρ + ρ'), solved for the change of ρ'
+            return change.com, skew(rho) @ change.w - skew(w) @ change.com - change.v
+
+        w = sensitivity(self.motion.grid).w
+        initial = np.zeros((3, w.shape[-1]))
+        xi, w = self.motion.attitude_change(trajectory, w, initial)
+        return self._rows(trajectory, MotionChange(xi, w, com), {})
+
+    def _rows(
+        self, trajectory: Trajectory, change: MotionChange, columns: dict[str, slice]
+    ) -> NDArray[np.float64]:
+        """Return the rows of all sensors, then zeros for the priors."""
+        parts = [s.jacobian(trajectory, change, columns) for s in self.sensors.values()]
+        priors = len(self._bias_prior) + 10 * (self.psi_prior is not None)
+        return np.vstack([*parts, np.zeros((priors, change.w.shape[-1]))])
+
+
+def _padded(columns: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Return (N, 3, size) with the given leading columns and zeros."""
+    result = np.zeros((*columns.shape[:2], size))
+    result[:, :, : columns.shape[2]] = columns
+    return result
