@@ -1,6 +1,10 @@
 """Shared fixtures: one spacecraft, one target, random motion with and without momentum."""
 
-from dataclasses import replace
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +17,42 @@ from cpid_drake import (
     load_scenario,
     shipped_scenario,
 )
+from cpid_drake.commands.main import main
 from cpid_drake.dynamics.base_motion import zero_momentum_base_twist
+from cpid_drake.studies import paper
+
+LONG = (
+    "paper_run",
+    "test_diagrams",
+    "test_momentum_filter",
+    "test_trajectory_fit",
+    "test_accuracy",
+    "test_sensor_identification",
+)
+"""What takes longest is started first: no process is left alone with it at the end."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Let the tests of a file share a process, and so all that use the run of the paper's case."""
+
+    def group(item) -> str:
+        return "paper_run" if "paper_run" in item.fixturenames else item.path.stem
+
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(group(item)))
+    items.sort(key=lambda item: [*LONG, group(item)].index(group(item)))
+
+
+@dataclass(frozen=True, eq=False)
+class PaperRun:
+    """What `cpid paper` found, wrote and printed."""
+
+    study: paper.PaperStudy
+    folder: Path
+    stdout: str
+    stderr: str
+
 
 SERVICER = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
 
@@ -26,6 +65,28 @@ def servicer() -> Spacecraft:
 @pytest.fixture
 def paper_scenario():
     return load_scenario(shipped_scenario("paper"))
+
+
+@pytest.fixture(scope="session")
+def paper_run(tmp_path_factory) -> PaperRun:
+    """`cpid paper`, once for all tests that ask for it: they run in one process."""
+    studies, stdout, stderr = [], StringIO(), StringIO()
+    run_paper_study = paper.run_paper_study
+
+    def kept(*arguments):
+        studies.append(run_paper_study(*arguments))
+        return studies[-1]
+
+    folder = tmp_path_factory.mktemp("paper")
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(stdout), redirect_stderr(stderr):
+        patch.chdir(folder)
+        patch.setenv("COLUMNS", "120")
+        patch.setattr(paper, "run_paper_study", kept)
+        patch.setattr(sys, "argv", ["cpid", "paper", "--out", "new/paper"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert ended.value.code == 0, stderr.getvalue()
+    return PaperRun(studies[0], folder / "new" / "paper", stdout.getvalue(), stderr.getvalue())
 
 
 @pytest.fixture(scope="session")

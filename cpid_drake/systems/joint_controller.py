@@ -73,7 +73,9 @@ class JointController(LeafSystem):
         self._damping = 2 * damping_ratio * natural_frequency
         self._q_columns, self._v_columns = spacecraft.joint_state_columns
         self._J = self._v_columns - plant.num_positions()
-        self._B = np.setdiff1d(np.arange(plant.num_velocities()), self._J)
+        B, J = np.setdiff1d(np.arange(plant.num_velocities()), self._J), self._J
+        self._B = B
+        self._BB, self._BJ, self._JJ = np.ix_(B, B), np.ix_(B, J), np.ix_(J, J)
 
         self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self.DeclareVectorInputPort("desired_motion", 3 * len(self._J))
@@ -99,7 +101,7 @@ class JointController(LeafSystem):
         plant.CalcForceElementsContribution(model, forces)
         bias = plant.CalcBiasTerm(model) - plant.CalcGeneralizedForces(model, forces)
         B, J = self._B, self._J
-        M_BB, M_BJ, M_JJ = M[np.ix_(B, B)], M[np.ix_(B, J)], M[np.ix_(J, J)]
+        M_BB, M_BJ, M_JJ = M[self._BB], M[self._BJ], M[self._JJ]
         a_B = np.linalg.solve(M_BB, -bias[B] - M_BJ @ a_J)
         force = np.zeros(plant.num_velocities())
         force[J] = M_BJ.T @ a_B + M_JJ @ a_J + bias[J]

@@ -14,7 +14,6 @@ from cpid_drake import shipped_scenario
 from cpid_drake.commands.main import main
 from cpid_drake.resources import models_directory
 
-CPID = ("-m", "cpid_drake")
 FIGURES = (
     "figure3_configurations.png",
     "figure5_joint_motion.png",
@@ -57,8 +56,8 @@ def cpid(monkeypatch, capfd, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """The paper's study, and the same of a target of 60 kg, side by side."""
+def lighter(tmp_path_factory):
+    """The paper's study of a target of 60 kg, in a process of its own: (folder, process)."""
     folder = tmp_path_factory.mktemp("runs")
     text = shipped_scenario("paper").read_text()
     lighter = re.sub(r"\bmass: \S+", "mass: 60.0", text, count=1)
@@ -66,37 +65,28 @@ def runs(tmp_path_factory):
     assert "mass: 60.0" in lighter
     assert "accuracy: 1.0e-7" in lighter
     (folder / "lighter.yaml").write_text(lighter)
-    processes = {
-        "paper": start(*CPID, "paper", "--out", "new/paper", cwd=folder),
-        "lighter": start(
-            *CPID,
-            *("paper", "--quiet", "--out", "lighter", "--scenario", "lighter.yaml"),
-            cwd=folder,
-        ),
-    }
-    return folder, {name: finish(process) for name, process in processes.items()}
+    arguments = ("paper", "--quiet", "--out", "lighter", "--scenario", "lighter.yaml")
+    return folder, finish(start("-m", "cpid_drake", *arguments, cwd=folder))
 
 
 @pytest.fixture(scope="module")
-def summary(runs):
-    folder, results = runs
-    assert results["paper"].returncode == 0, results["paper"].stderr
-    return json.loads((folder / "new" / "paper" / "summary.json").read_text())
+def summary(paper_run):
+    return json.loads((paper_run.folder / "summary.json").read_text())
 
 
 # -- a full run ----------------------------------------------------------------------------------
 
 
-def test_the_folder_is_made_and_holds_figures_and_numbers(runs, summary):
-    files = {path.name: path.read_bytes() for path in (runs[0] / "new" / "paper").iterdir()}
+def test_the_folder_is_made_and_holds_figures_and_numbers(paper_run):
+    files = {path.name: path.read_bytes() for path in paper_run.folder.iterdir()}
     assert files.keys() == {*FIGURES, "summary.json", "report.html"}
     for name in FIGURES:
         assert files[name].startswith(b"\x89PNG\r\n\x1a\n"), name
         assert len(files[name]) > 10_000, name
 
 
-def test_the_report_holds_figures_tables_and_summary(runs, summary):
-    page = (runs[0] / "new" / "paper" / "report.html").read_text()
+def test_the_report_holds_figures_tables_and_summary(paper_run, summary):
+    page = (paper_run.folder / "report.html").read_text()
     assert embedded_summary(page) == summary
     assert page.count("data:image/png;base64,") == len(FIGURES)
     for title in ("Table 1.", "Table 2.", "How many samples?", "Checks"):
@@ -104,18 +94,17 @@ def test_the_report_holds_figures_tables_and_summary(runs, summary):
     assert len(page) < 5_000_000
 
 
-def test_tables_go_to_stdout_and_progress_to_stderr(runs):
-    run = runs[1]["paper"]
+def test_tables_go_to_stdout_and_progress_to_stderr(paper_run):
     for title in ("Table 1.", "Table 2.", "How many samples?", "Checks"):
-        assert title in run.stdout
-        assert title not in run.stderr
-    assert "8 files in new/paper" in run.stderr
-    assert "8 files" not in run.stdout
-    assert "\x1b" not in run.stdout  # no colours where it is not a terminal
+        assert title in paper_run.stdout
+        assert title not in paper_run.stderr
+    assert "8 files in new/paper" in paper_run.stderr
+    assert "8 files" not in paper_run.stdout
+    assert "\x1b" not in paper_run.stdout  # no colours where it is not a terminal
 
 
-def test_quiet_prints_nothing(runs):
-    run = runs[1]["lighter"]
+def test_quiet_prints_nothing(lighter):
+    _, run = lighter
     assert run.returncode == 0
     assert run.stdout == ""
     assert run.stderr == ""
@@ -165,10 +154,10 @@ def test_the_other_numbers_of_the_summary(summary):
     assert summary["wall_seconds"] > 0
 
 
-def test_another_target_is_identified_as_that_one(runs):
+def test_another_target_is_identified_as_that_one(lighter):
     """Nothing of the answer is in the program: change the truth and the answer follows."""
-    folder, results = runs
-    assert results["lighter"].returncode == 0, results["lighter"].stderr
+    folder, run = lighter
+    assert run.returncode == 0, run.stderr
     table = json.loads((folder / "lighter" / "summary.json").read_text())["table1"]["exact"]
     found = [table["mass"], *table["com"], *table["inertia"]]
     np.testing.assert_allclose(found, PI_60, rtol=1e-5, atol=1e-4)

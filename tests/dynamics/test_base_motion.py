@@ -12,7 +12,6 @@ from cpid_drake import (
     JointMotionSource,
     Telemetry,
     initial_state,
-    make_simulation,
 )
 from cpid_drake.dynamics.base_motion import (
     base_twist,
@@ -37,10 +36,9 @@ def as_telemetry(servicer, motion, times, base) -> Telemetry:
     return base.to_telemetry(servicer.joint_names, times, motion)
 
 
-def test_it_agrees_with_the_full_simulation(paper_scenario):
+def test_it_agrees_with_the_full_simulation(paper_run):
     """Base pose to 1e-8 over the paper's motion, at the simulation's own accuracy."""
-    simulation = make_simulation(paper_scenario)
-    telemetry = simulation.telemetry(simulation.run())
+    simulation, telemetry = paper_run.study.simulation, paper_run.study.telemetry
     base = propagate_base(
         simulation.spacecraft.tree,
         simulation.joint_motion,

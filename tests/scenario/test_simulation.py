@@ -90,10 +90,9 @@ def test_drawing_changes_nothing(paper_scenario):
     np.testing.assert_allclose(ours.p_WB, theirs.p_WB, rtol=0, atol=1e-7)
 
 
-def test_momentum_of_the_paper_case_is_conserved(paper_scenario):
+def test_momentum_of_the_paper_case_is_conserved(paper_run):
     """At most 1e-8 N·s and N·m·s over the 10 s."""
-    simulation = make_simulation(paper_scenario)
-    telemetry = simulation.telemetry(simulation.run())
+    simulation, telemetry = paper_run.study.simulation, paper_run.study.telemetry
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     assert np.linalg.norm(P, axis=1).max() < 1e-8
     assert np.linalg.norm(L, axis=1).max() < 1e-8

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
+from cpid_drake import InertialParameters, InputError
 from cpid_drake.studies.paper import (
     PAPER_TABLE_1,
     max_relative_error,
@@ -18,8 +18,8 @@ from cpid_drake.studies.paper import (
 
 
 @pytest.fixture(scope="module")
-def study():
-    return run_paper_study(load_scenario(shipped_scenario("paper")))
+def study(paper_run):
+    return paper_run.study
 
 
 @pytest.fixture(scope="module")

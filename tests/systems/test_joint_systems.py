@@ -16,25 +16,34 @@ from cpid_drake import (
 from cpid_drake.dynamics.momentum import total_momentum
 
 
-def run(knows_target: bool):
+@pytest.fixture(scope="module")
+def informed(paper_run):
+    """Return the paper's simulation, whose controller knows the target, and its telemetry."""
+    assert paper_run.study.simulation.scenario.controller.knows_target
+    return paper_run.study.simulation, paper_run.study.telemetry
+
+
+@pytest.fixture(scope="module")
+def blind_run():
+    """Return the same with a controller that takes the target for a sphere, and its Context."""
     scenario = load_scenario(shipped_scenario("paper"))
     scenario.simulation.simulator.accuracy = 1e-8
-    scenario.controller.knows_target = knows_target
+    scenario.controller.knows_target = False
     scenario.controller.nominal_mass = 60.0
     simulation = make_simulation(scenario)
-    telemetry = simulation.telemetry(simulation.run())
+    return simulation, simulation.run()
+
+
+@pytest.fixture(scope="module")
+def blind(blind_run):
+    simulation, root_context = blind_run
+    return simulation, simulation.telemetry(root_context)
+
+
+def joint_errors(simulation, telemetry):
+    """Return (position, rate) errors of the joints."""
     desired = simulation.joint_motion.evaluate(telemetry.time)
-    return simulation, telemetry, telemetry.q - desired[:, 0], telemetry.qdot - desired[:, 1]
-
-
-@pytest.fixture(scope="module")
-def informed():
-    return run(knows_target=True)
-
-
-@pytest.fixture(scope="module")
-def blind():
-    return run(knows_target=False)
+    return telemetry.q - desired[:, 0], telemetry.qdot - desired[:, 1]
 
 
 def test_source_gives_the_motion_at_the_contexts_time():
@@ -48,28 +57,26 @@ def test_source_gives_the_motion_at_the_contexts_time():
 
 
 def test_with_the_target_in_its_model_the_motion_is_exact(informed):
-    _, _, position_error, rate_error = informed
+    position_error, rate_error = joint_errors(*informed)
     assert np.abs(position_error).max() < 1e-6
     assert np.abs(rate_error).max() < 1e-6
 
 
 def test_blind_to_the_target_feedback_still_follows(blind):
     """Within four degrees, though it takes a plate of 100 kg for a sphere of 60 kg."""
-    _, _, position_error, _ = blind
+    position_error, _ = joint_errors(*blind)
     assert 1e-4 < np.abs(position_error).max() < np.radians(4.0)
 
 
-@pytest.mark.parametrize("case", ["informed", "blind"])
-def test_momentum_is_conserved_whatever_the_controller_believes(case, request):
-    simulation, telemetry, _, _ = request.getfixturevalue(case)
+def test_momentum_is_conserved_whatever_the_controller_believes(blind):
+    simulation, telemetry = blind
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     assert np.abs(P).max() < 1e-6
     assert np.abs(L).max() < 1e-6
 
 
-def test_identification_does_not_need_an_informed_controller(blind):
-    simulation, _, _, _ = blind
-    root_context = simulation.run()
+def test_identification_does_not_need_an_informed_controller(blind_run):
+    simulation, root_context = blind_run
     context = simulation.identifier.GetMyContextFromRoot(root_context)
     estimate = simulation.identifier.GetOutputPort("parameters").Eval(context)
     np.testing.assert_allclose(estimate, simulation.truth.to_vector(), rtol=0, atol=1e-5)
