@@ -1,6 +1,7 @@
 """The one exception type that bad input raises, and how its messages name the choices."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 
@@ -13,6 +14,20 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(" ".join(message.split()))
+
+
+@contextmanager
+def prefix_errors(where: str) -> Iterator[None]:
+    """Put the name of a file before the message of an InputError that is raised inside.
+
+    Raises:
+        InputError: the one raised inside, with `where` before its message.
+
+    """
+    try:
+        yield
+    except InputError as error:
+        raise error if str(error).startswith(where) else InputError(f"{where}: {error}") from error
 
 
 def choose_from(name: object, choices: Iterable[str]) -> str:

@@ -16,15 +16,15 @@ def simulate(scenario: ScenarioArgument, out: FolderOption, quiet: QuietOption =
     """Simulate a scenario; write the telemetry of its sensors and the true parameters."""
     start = time.perf_counter()
     path = find_scenario(scenario)
+    from cpid_drake.errors import prefix_errors
     from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.scenario.naming import naming
     from cpid_drake.scenario.run_files import identify_command, refuse_other_files, write_run
     from cpid_drake.scenario.simulation import make_simulation
 
     log = log_console(quiet)
     with log.status("reading the scenario") as status:
         loaded = load_scenario(path)
-        with naming(scenario):
+        with prefix_errors(scenario):
             simulation = make_simulation(loaded)
         make_folder(out)
         refuse_other_files(out)

@@ -124,17 +124,17 @@ def _show_scenario(
 ) -> tuple[str | None, str]:
     """Return the page of a scenario, if it is wanted, and the estimate as text."""
     path = find_scenario(source)
+    from cpid_drake.errors import prefix_errors
     from cpid_drake.report.live_view import LiveView
     from cpid_drake.report.replay import estimate_text, replay_simulation
     from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.scenario.naming import naming
     from cpid_drake.scenario.simulation import make_simulation
     from cpid_drake.systems.scene_visualizer import open_meshcat
 
     page, text = None, "no run"
     with console.status("reading the scenario") as status:
         scenario = load_scenario(path)
-        with naming(source):
+        with prefix_errors(source):
             simulation = make_simulation(scenario)  # finds errors before a page is opened
         duration = scenario.simulation.duration
         if as_live:

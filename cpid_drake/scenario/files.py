@@ -2,15 +2,16 @@
 
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed
-
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.input_files import dump_yaml, load_yaml, tag_of
 from cpid_drake.resources import resolve_model
 from cpid_drake.scenario.checks import check_scenario
-from cpid_drake.scenario.naming import naming
+from cpid_drake.scenario.joint_motions import MultiSineMotion
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.presets import load_sensors, sensor_presets
-from cpid_drake.yaml_files import load_strictly
+
+TAGS = (tag_of(MultiSineMotion),)
+"""The YAML tags of a scenario."""
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -21,10 +22,10 @@ def load_scenario(path: str | Path) -> Scenario:
 
     """
     file = resolve_model(path)
-    scenario = load_strictly(Scenario, file, str(path), "a scenario")
+    scenario = load_yaml(Scenario, file, str(path), "a scenario", TAGS)
     check_scenario(scenario, str(path))
     spacecraft, target = scenario.spacecraft, scenario.target
-    with naming(str(path)):
+    with prefix_errors(str(path)):
         spacecraft.model = _from_folder(file.parent, spacecraft.model)
         spacecraft.packages = {
             name: _from_folder(file.parent, folder) for name, folder in spacecraft.packages.items()
@@ -38,16 +39,13 @@ def load_scenario(path: str | Path) -> Scenario:
 def dump_scenario(scenario: Scenario) -> str:
     """Return a scenario with all its defaults as YAML; `load_scenario` gives the same again.
 
-    Files that a scenario names are written as absolute paths, as it has been loaded.
+    Files that a scenario names are written as absolute paths, as `load_scenario` returns them.
     """
-    text = yaml_dump_typed(scenario)
-    # Not every version of Drake knows this key, and a simulation here does not depend on it.
-    lines = [line for line in text.splitlines() if "publish_every_time_step:" not in line]
-    return "\n".join(lines) + "\n"
+    return dump_yaml(scenario, TAGS)
 
 
 def _from_folder(folder: Path, path: str) -> str:
-    """Return a path that the scenario's author wrote, seen from the scenario's folder."""
+    """Return a path of a scenario's file, resolved from the folder of this file."""
     try:
         return path if "://" in path else str(folder / Path(path).expanduser())
     except RuntimeError as error:  # there is no such user
@@ -55,18 +53,16 @@ def _from_folder(folder: Path, path: str) -> str:
 
 
 def _find_suites(scenario: Scenario, folder: Path, where: str) -> None:
-    """Turn the sensor suites' paths into those seen from the folder, and see that all can be read.
+    """Resolve the paths of the sensor suites from the folder, and check that all can be read.
 
-    An unknown suite would else be missed only when a study has been running for a while.
+    Otherwise an unknown suite would stop a study that has been running for a while.
     """
     known = sensor_presets()
 
     def find(suite: str, key: str) -> str:
-        try:
+        with prefix_errors(f"{where}: {key}"):
             found = suite if suite in known else _from_folder(folder, suite)
             load_sensors(found)
-        except InputError as error:
-            raise InputError(f"{where}: {key}: {error}") from error
         return found
 
     if scenario.sensors.suite:

@@ -2,40 +2,48 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.joint_motion import HalfCosine, MultiSine
 from cpid_drake.errors import InputError, choose_from
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.input_files import Numbers
+
+if TYPE_CHECKING:  # it imports Drake: a scenario is read and checked without
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 SHORTEST_RAMP = 1e-3
-"""Of a motion [s]; accelerations would be beyond all numbers."""
+"""Of a motion [s]; a shorter one would need accelerations out of all proportion."""
+
+Array = Annotated[NDArray[np.float64], Numbers()]
+Configuration = Mapping[str, float]
 
 
 @dataclass
 class HalfCosineMotion:
     """Half-cosine motion between two configurations [rad or m by joint name], T = duration [s].
 
-    Joints that a configuration does not name stand as `spacecraft.configuration` says.
+    Joints that a configuration does not name are where `spacecraft.configuration` has them.
     """
 
-    duration: float = 10.0
+    duration: Annotated[float, Gt(0)] = 10.0
     initial: dict[str, float] = field(default_factory=dict)
     final: dict[str, float] = field(default_factory=dict)
 
-    def make(self, spacecraft: Spacecraft, standing: Mapping[str, float]) -> HalfCosine:
+    def make(self, spacecraft: "Spacecraft", default: Configuration) -> HalfCosine:
         """Return the motion of this spacecraft's joints; errors as `Scenario.make_joint_motion`.
 
         Args:
             spacecraft: whose joints move.
-            standing: where joints are that the motion does not name [rad or m by joint name].
+            default: positions of joints that the motion does not name [rad or m by joint name].
 
         """
         motion = HalfCosine(
-            joint_configuration(spacecraft, standing, self.initial, "joint_motion.initial"),
-            joint_configuration(spacecraft, standing, self.final, "joint_motion.final"),
+            joint_configuration(spacecraft, default, self.initial, "joint_motion.initial"),
+            joint_configuration(spacecraft, default, self.final, "joint_motion.final"),
             self.duration,
         )
         _check_rates(motion, spacecraft, "give a longer duration")
@@ -47,24 +55,24 @@ class MultiSineMotion:
     """Sums of sines about a configuration, tagged `!MultiSineMotion` in YAML.
 
     `centre` [rad or m], `amplitudes` [rad or m] and `phases` [rad] are by joint name; the latter
-    two are lists, one entry for each of the frequencies [Hz]. Where a joint is not named, its
-    centre is as `spacecraft.configuration` says, the others are zero. The motion rises over the
-    first `ramp` [s] and falls over the last.
+    two are lists with one entry for each of the frequencies [Hz]. A joint that is not named has
+    its centre from `spacecraft.configuration`, and zero amplitudes and phases. The amplitudes rise
+    from zero over the first `ramp` [s] and fall to zero over the last.
     """
 
-    duration: float = 10.0
+    duration: Annotated[float, Gt(0)] = 10.0
     ramp: float = 2.0
-    frequencies: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    frequencies: Array = field(default_factory=lambda: np.zeros(0))
     centre: dict[str, float] = field(default_factory=dict)
-    amplitudes: dict[str, np.ndarray] = field(default_factory=dict)
-    phases: dict[str, np.ndarray] = field(default_factory=dict)
+    amplitudes: dict[str, Array] = field(default_factory=dict)
+    phases: dict[str, Array] = field(default_factory=dict)
 
-    def make(self, spacecraft: Spacecraft, standing: Mapping[str, float]) -> MultiSine:
-        """Return the motion of this spacecraft's joints; as `HalfCosineMotion.make`."""
+    def make(self, spacecraft: "Spacecraft", default: Configuration) -> MultiSine:
+        """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
         if 0 < self.ramp < SHORTEST_RAMP:
             raise InputError(f"joint_motion.ramp must be at least {SHORTEST_RAMP:g} s")
         motion = MultiSine(
-            centre=joint_configuration(spacecraft, standing, self.centre, "joint_motion.centre"),
+            centre=joint_configuration(spacecraft, default, self.centre, "joint_motion.centre"),
             amplitudes=self._table(spacecraft, "amplitudes"),
             frequencies=self.frequencies,
             phases=self._table(spacecraft, "phases"),
@@ -77,7 +85,7 @@ class MultiSineMotion:
         _check_rates(motion, spacecraft, "give smaller amplitudes or frequencies")
         return motion
 
-    def _table(self, spacecraft: Spacecraft, key: str) -> np.ndarray:
+    def _table(self, spacecraft: "Spacecraft", key: str) -> NDArray[np.float64]:
         """Return amplitudes or phases as (K, J)."""
         names, count = spacecraft.joint_names, np.size(self.frequencies)
         table = np.zeros((count, len(names)))
@@ -92,20 +100,16 @@ class MultiSineMotion:
         return table
 
 
-JointMotionConfig = HalfCosineMotion | MultiSineMotion
-"""The kinds of joint motion. In YAML the first is meant unless a tag, `!NAME`, says another."""
-
-
 def joint_configuration(
-    spacecraft: Spacecraft,
-    standing: Mapping[str, float],
-    angles: Mapping[str, float],
+    spacecraft: "Spacecraft",
+    default: Configuration,
+    angles: Configuration,
     where: str,
 ) -> NDArray[np.float64]:
-    """Return q (J,) with the joints that `angles` names there, and the others as they stand.
+    """Return q (J,): joints that `angles` names are there, the others in their default position.
 
     Raises:
-        InputError: as `Spacecraft.configuration`; a position that is degrees is called that.
+        InputError: as `Spacecraft.configuration`; the message says if a position is in degrees.
 
     """
     for name, value in angles.items():
@@ -118,10 +122,10 @@ def joint_configuration(
                     f"{error}; angles are in radians: {value:g} degrees are {np.radians(value):.4g}"
                 ) from error
             raise
-    return spacecraft.configuration({**standing, **angles}, where)
+    return spacecraft.configuration({**default, **angles}, where)
 
 
-def _is_possible(spacecraft: Spacecraft, joint: str, position: float) -> bool:
+def _is_possible(spacecraft: "Spacecraft", joint: str, position: float) -> bool:
     try:
         spacecraft.configuration({joint: position}, "")
     except InputError:
@@ -129,12 +133,12 @@ def _is_possible(spacecraft: Spacecraft, joint: str, position: float) -> bool:
     return True
 
 
-def _check_joint(spacecraft: Spacecraft, name: str, where: str) -> None:
+def _check_joint(spacecraft: "Spacecraft", name: str, where: str) -> None:
     if name not in spacecraft.joint_names:
         raise InputError(f"{where}: no joint '{name}'; {choose_from(name, spacecraft.joint_names)}")
 
 
-def _check_rates(motion: HalfCosine | MultiSine, spacecraft: Spacecraft, remedy: str) -> None:
+def _check_rates(motion: HalfCosine | MultiSine, spacecraft: "Spacecraft", remedy: str) -> None:
     rates, limits = motion.peak_rates(), spacecraft.velocity_limits
     if (rates > limits).any():
         k = int((rates > limits).argmax())

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
+from cpid_drake.input_files import dump_yaml
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.sensing.files.telemetry_files import write_telemetry
@@ -73,7 +73,7 @@ def write_run(
     texts = {"truth.json": _json(target_document(simulation))}
     (folder / "sensors.yaml").unlink(missing_ok=True)
     if sensed:
-        texts["sensors.yaml"] = yaml_dump_typed(simulation.sensors.suite)
+        texts["sensors.yaml"] = dump_yaml(simulation.sensors.suite)
     texts["scenario.yaml"] = dump_scenario(scenario)
     names = [*(file.name for file in files), *texts, "run.json"]
     texts["run.json"] = _json(

@@ -1,80 +1,97 @@
-"""A scenario: everything a simulated identification needs, as dataclasses and as YAML.
+"""A scenario: everything that a simulated identification needs, as dataclasses and as YAML.
 
-Its values are numbers and names; `cpid_drake.scenario.simulation` turns them into a Drake Diagram.
+The declarations state the limits of single values; `checks` has those that concern several values.
+`simulation` turns a scenario into a Drake Diagram.
 """
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydrake.systems.analysis import SimulatorConfig
+from annotated_types import Ge, Gt, Interval, Le, MinLen
+from numpy.typing import NDArray
 
-from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.joint_motion import JointMotion
-from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
+from cpid_drake.input_files import FirstUnlessTagged, Numbers
 from cpid_drake.scenario.joint_motions import (
     HalfCosineMotion,
-    JointMotionConfig,
+    MultiSineMotion,
     joint_configuration,
 )
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+if TYPE_CHECKING:  # these import Drake or SciPy: a scenario is read and checked without
+    from cpid_drake.dynamics.inertia import InertialParameters
+    from cpid_drake.dynamics.joint_motion import JointMotion
+    from cpid_drake.dynamics.sensitivity import BodyUncertainty
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+Name = Annotated[str, MinLen(1)]
+Positive = Annotated[float, Gt(0)]
+NotNegative = Annotated[float, Ge(0)]
+Seed = Annotated[int, Ge(0)]
+Mass = Annotated[float, Le(1e9)]
+Vector = Annotated[NDArray[np.float64], Numbers(3)]
+Matrix = Annotated[NDArray[np.float64], Numbers(3, 3)]
+Momentum = Annotated[NDArray[np.float64], Numbers(6)]
+Gain = Annotated[float, Interval(gt=0, le=1e4)]
+"""Of a controller; stiffer ones would take forever to simulate."""
 
 
 @dataclass
 class SpacecraftConfig:
     """The known spacecraft: model file, base body and capture frame.
 
-    Files are package:// URIs or paths, which start at the scenario's own folder; `packages` gives
-    the folders of further packages by name. `configuration` is where joints stand that the motion
-    does not name [rad or m by joint name]; joints that it does not name either stand at zero.
+    Files are package:// URIs or paths relative to the scenario's folder; `packages` gives the
+    folders of further packages by name. `configuration` is the default position of joints that the
+    motion does not name [rad or m by joint name]; joints that it does not name either are at zero.
     """
 
-    model: str = ""
-    base: str = ""
-    capture_frame: str = ""
+    model: Name
+    base: Name
+    capture_frame: Name
     packages: dict[str, str] = field(default_factory=dict)
     configuration: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass
 class TargetConfig:
-    """The target's truth, for the simulated plant only [kg, m, kg·m²]; a model for its look."""
+    """The true target of the simulated plant [kg, m, kg·m²], and a model of its appearance."""
 
-    mass: float = np.nan
-    p_CTcm_C: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
-    I_TTcm_C: np.ndarray = field(default_factory=lambda: np.full((3, 3), np.nan))
+    mass: Mass
+    p_CTcm_C: Vector
+    I_TTcm_C: Matrix
     visual_model: str | None = None
 
 
 @dataclass
 class ControllerConfig:
-    """The joint controller: what its model holds at C, and its feedback gains [rad/s, 1].
+    """The joint controller: its model of the target, and its feedback gains [rad/s, 1].
 
-    If it does not know the target, it takes it for a solid sphere about C's origin [kg, m], whose
-    mass must then be given: half or double the true one will do.
+    A controller that does not know the target assumes a solid sphere about C's origin [kg, m]. Its
+    mass must then be given; half or double the true mass is good enough.
     """
 
     knows_target: bool = True
-    nominal_mass: float = 0.0
-    nominal_radius: float = 0.5
-    natural_frequency: float = 10.0
-    damping_ratio: float = 1.0
+    nominal_mass: NotNegative = 0.0
+    nominal_radius: Positive = 0.5
+    natural_frequency: Gain = 10.0
+    damping_ratio: Gain = 1.0
 
 
 @dataclass
 class SensorsConfig:
     """The spacecraft's sensors in the Diagram, and the seed of their errors.
 
-    `suite` is a preset's name, a package:// URI or a YAML file's path, which starts at the
-    scenario's own folder. `explicit` are the sensors themselves, with the keys of such a file. Give
-    one of the two; with neither there are none: the identifier then sees the exact state.
+    `suite` is a preset's name, a package:// URI or the path of a YAML file relative to the
+    scenario's folder. `explicit` lists the sensors themselves, with the keys of such a file. Give
+    one of the two; without either there are no sensors, and the identifier reads the exact state.
     """
 
     suite: str = ""
     explicit: SensorSuite | None = None
-    seed: int = 1
+    seed: Seed = 1
 
     @property
     def present(self) -> bool:
@@ -84,36 +101,36 @@ class SensorsConfig:
 
 @dataclass
 class PriorConfig:
-    """A guess of the target beforehand [kg, m, kg·m²], and how good it is: σ, relative.
+    """A guess of the target before the first sample [kg, m, kg·m²], and its relative σ.
 
-    Mass, mass times place and moments of inertia about C's origin are each known to this part of
-    the guess's own mass, mass times radius of gyration, and mass times its square.
+    The σ of the mass, of mass times position and of the moments of inertia about C's origin are
+    this fraction of the guess's mass, mass times radius of gyration, and mass times its square.
     """
 
-    mass: float = np.nan
-    p_CTcm_C: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
-    I_TTcm_C: np.ndarray = field(default_factory=lambda: np.full((3, 3), np.nan))
+    mass: Mass
+    p_CTcm_C: Vector
+    I_TTcm_C: Matrix
     sigma: float = 0.5
 
-    def guess(self) -> InertialParameters:
+    def guess(self) -> "InertialParameters":
         """Return the guessed target."""
-        return InertialParameters(self.mass, self.p_CTcm_C, self.I_TTcm_C)
+        return _inertial_parameters(self)
 
 
 @dataclass
 class IdentificationConfig:
     """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
 
-    `estimator` is one of `ONLINE_ESTIMATORS`. Rows, period and offset are those of least squares:
-    the momentum filter takes every sample of the sensors, which it needs. `prior` is what the
-    momentum filter knows of the target before the first sample; null for nothing.
+    `estimator` is one of `ONLINE_ESTIMATORS`. Rows, period and offset apply to least squares; the
+    momentum filter needs sensors and processes every sample of theirs. `prior` is what the momentum
+    filter knows of the target before the first sample; null for nothing.
     """
 
     estimator: str = "least_squares"
     rows: str = "eq18"
     unknown_momentum: bool = False
-    period: float = 1.0
-    offset: float = 1.0
+    period: Positive = 1.0
+    offset: NotNegative = 1.0
     prior: PriorConfig | None = None
 
 
@@ -121,64 +138,84 @@ class IdentificationConfig:
 class KnownBodiesConfig:
     """How well the spacecraft is known: σ of its bodies' masses, centres of mass and inertias.
 
-    Mass and inertia are relative, `com` is in metres; see `momentum_sensitivity.BodyUncertainty`.
+    Mass and inertia are relative, `com` is in metres; see `sensitivity.BodyUncertainty`.
     """
 
-    mass: float = 0.0
-    com: float = 0.0
-    inertia: float = 0.0
+    mass: NotNegative = 0.0
+    com: NotNegative = 0.0
+    inertia: NotNegative = 0.0
 
 
 @dataclass
 class FiringConfig:
-    """A thruster's firing: when [s], and the momentum [L; P] that it adds about W's origin, in W.
+    """A thruster firing: its time [s], and the momentum [L; P] that it adds about W's origin, in W.
 
     Units: N·m·s and N·s.
     """
 
-    time: float = np.nan
-    momentum_W: np.ndarray = field(default_factory=lambda: np.full(6, np.nan))
+    time: float
+    momentum_W: Momentum
 
 
 @dataclass
 class AccuracyConfig:
     """Monte Carlo trials with noisy sensors.
 
-    `presets` are sensor suites, named as in `SensorsConfig`. `momentum_known` tells the estimators
-    the momentum in `simulation.momentum_W`, which they have to estimate otherwise.
+    `presets` are sensor suites, named as in `SensorsConfig`. With `momentum_known` the estimators
+    are given the momentum in `simulation.momentum_W`; otherwise they estimate it.
     """
 
-    presets: list[str] = field(default_factory=lambda: ["flight", "servicer", "testbed", "coarse"])
-    trials: int = 200
-    seed: int = 2016
+    presets: Annotated[list[str], MinLen(1)] = field(
+        default_factory=lambda: ["flight", "servicer", "testbed", "coarse"]
+    )
+    trials: Annotated[int, Ge(1)] = 200
+    seed: Seed = 2016
     momentum_known: bool = False
     firing: FiringConfig | None = None
 
 
 @dataclass
-class SimulationConfig:
-    """How long to simulate and how often to log [s], and Drake's simulator settings.
+class IntegratorConfig:
+    """Settings of Drake's Simulator, with the keys of `pydrake.systems.analysis.SimulatorConfig`.
 
-    `momentum_W` is the total momentum [L; P] about W's origin, in W: a tumbling capture's.
+    The integration schemes are Drake's error-controlled ones that conserve momentum well enough to
+    identify with.
     """
 
-    duration: float = 10.0
-    momentum_W: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    log_period: float = 0.0625
-    simulator: SimulatorConfig = field(
-        default_factory=lambda: SimulatorConfig(
-            integration_scheme="runge_kutta3", max_step_size=0.05, accuracy=1e-9
-        )
+    integration_scheme: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3"] = (
+        "runge_kutta3"
     )
+    max_step_size: Positive = 0.05
+    accuracy: Annotated[float, Ge(1e-13)] = 1e-9
+    use_error_control: bool = True
+    start_time: Annotated[float, Interval(ge=0, le=0)] = 0.0
+    target_realtime_rate: NotNegative = 0.0
+    publish_every_time_step: bool = False
+
+
+@dataclass
+class SimulationConfig:
+    """Duration of the simulation and logging period [s], and the settings of Drake's Simulator.
+
+    `momentum_W` is the total momentum [L; P] about W's origin, in W; not zero if the target was
+    tumbling at capture.
+    """
+
+    duration: Positive = 10.0
+    momentum_W: Momentum = field(default_factory=lambda: np.zeros(6))
+    log_period: Positive = 0.0625
+    simulator: IntegratorConfig = field(default_factory=IntegratorConfig)
 
 
 @dataclass
 class Scenario:
     """A simulated identification, from spacecraft to simulator."""
 
-    spacecraft: SpacecraftConfig = field(default_factory=SpacecraftConfig)
-    target: TargetConfig = field(default_factory=TargetConfig)
-    joint_motion: JointMotionConfig = field(default_factory=HalfCosineMotion)
+    spacecraft: SpacecraftConfig
+    target: TargetConfig
+    joint_motion: Annotated[HalfCosineMotion | MultiSineMotion, FirstUnlessTagged()] = field(
+        default_factory=HalfCosineMotion
+    )
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     sensors: SensorsConfig = field(default_factory=SensorsConfig)
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)
@@ -186,13 +223,15 @@ class Scenario:
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
 
-    def make_spacecraft(self) -> Spacecraft:
+    def make_spacecraft(self) -> "Spacecraft":
         """Return the known spacecraft.
 
         Raises:
             InputError: as `Spacecraft`.
 
         """
+        from cpid_drake.spacecraft.spacecraft import Spacecraft
+
         config = self.spacecraft
         return Spacecraft(
             config.model,
@@ -201,20 +240,20 @@ class Scenario:
             packages=config.packages,
         )
 
-    def target_truth(self) -> InertialParameters:
+    def target_truth(self) -> "InertialParameters":
         """Return the true target.
 
         Raises:
-            InputError: not numbers of the right shape, or not a rigid body.
+            InputError: the target is not a rigid body.
 
         """
-        truth = InertialParameters(self.target.mass, self.target.p_CTcm_C, self.target.I_TTcm_C)
+        truth = _inertial_parameters(self.target)
         problems = truth.infeasibilities()
         if problems:
             raise InputError(f"target: not a rigid body: {'; '.join(problems)}")
         return truth
 
-    def make_joint_motion(self, spacecraft: Spacecraft) -> JointMotion:
+    def make_joint_motion(self, spacecraft: "Spacecraft") -> "JointMotion":
         """Return the joint motion of this spacecraft's joints.
 
         Raises:
@@ -222,24 +261,35 @@ class Scenario:
                 as the motion's own class.
 
         """
-        standing = self.spacecraft.configuration
-        joint_configuration(spacecraft, {}, standing, "spacecraft.configuration")
-        return self.joint_motion.make(spacecraft, standing)
+        default = joint_configuration(
+            spacecraft, {}, self.spacecraft.configuration, "spacecraft.configuration"
+        )
+        return self.joint_motion.make(
+            spacecraft, dict(zip(spacecraft.joint_names, default, strict=True))
+        )
 
     def make_suite(self) -> SensorSuite | None:
-        """Return the sensors, or None for none.
+        """Return the sensors, or None if there are none.
 
         Raises:
-            InputError: as `sensor_files.load_sensors`.
+            InputError: as `presets.load_sensors`.
 
         """
         if self.sensors.explicit is not None:
             return self.sensors.explicit
         return load_sensors(self.sensors.suite) if self.sensors.suite else None
 
-    def body_uncertainty(self) -> BodyUncertainty | None:
+    def body_uncertainty(self) -> "BodyUncertainty | None":
         """Return how well the spacecraft is known, or None if it is known exactly."""
+        from cpid_drake.dynamics.sensitivity import BodyUncertainty
+
         config = self.known_bodies
         if not (config.mass or config.com or config.inertia):
             return None
         return BodyUncertainty(config.mass, config.com, config.inertia)
+
+
+def _inertial_parameters(body: TargetConfig | PriorConfig) -> "InertialParameters":
+    from cpid_drake.dynamics.inertia import InertialParameters
+
+    return InertialParameters(body.mass, body.p_CTcm_C, body.I_TTcm_C)

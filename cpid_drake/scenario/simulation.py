@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
@@ -78,7 +78,8 @@ class Simulation:
     def make_simulator(self) -> Simulator:
         """Return an initialized Simulator at t = 0: joints on their motion, zero total momentum."""
         simulator = Simulator(self.diagram)
-        ApplySimulatorConfig(self.scenario.simulation.simulator, simulator)
+        settings = vars(self.scenario.simulation.simulator)
+        ApplySimulatorConfig(SimulatorConfig(**settings), simulator)
         context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         momentum_W = self.scenario.simulation.momentum_W
         state = initial_state(self.spacecraft, self.truth, self.joint_motion, momentum_W)

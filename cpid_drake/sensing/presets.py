@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from cpid_drake.errors import InputError
+from cpid_drake.input_files import load_yaml
 from cpid_drake.resources import models_directory, resolve_model
 from cpid_drake.sensing.suite import SensorSuite, check_sensors, suite_type
-from cpid_drake.yaml_files import load_strictly
 
 
 def sensor_presets() -> tuple[str, ...]:
@@ -24,7 +24,7 @@ def load_sensors(name_or_path: str | Path) -> SensorSuite:
 
     Raises:
         InputError: neither a preset nor a file, not YAML, unknown keys, values of the wrong type,
-            or sensors that cannot be: see `sensors.check_sensors`.
+            or sensors that cannot be: see `suite.check_sensors`.
 
     """
     where, presets = str(name_or_path), sensor_presets()
@@ -38,7 +38,7 @@ def load_sensors(name_or_path: str | Path) -> SensorSuite:
             raise InputError(
                 f"no sensors: {error}; choose from {choices}, or give a file"
             ) from error
-    suite = load_strictly(suite_type(), file, where, "a sensor suite")
+    suite = load_yaml(suite_type(), file, where, "a sensor suite")
     check_sensors(suite, where)
     return suite
 

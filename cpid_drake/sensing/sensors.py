@@ -7,14 +7,16 @@ from its own columns and enters the trajectory fit with its own noise.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
+from annotated_types import Ge, Interval
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
+from cpid_drake.input_files import Numbers
 
 ARCSECOND = np.pi / (180 * 3600)
 DEGREE_PER_HOUR = np.pi / (180 * 3600)
@@ -22,6 +24,9 @@ DEGREE_PER_ROOT_HOUR = np.pi / (180 * 60)
 
 CALIBRATED_GYRO_BIAS = 10.0
 """σ of a gyro's constant bias that is assumed if nothing else is known [°/h]."""
+
+Rate = Annotated[float, Interval(ge=1e-3, le=1e5)]
+Noise = Annotated[float, Ge(0)]
 
 # -- the errors of sensors ------------------------------------------------------------------------
 
@@ -35,7 +40,7 @@ class SensorErrors:
 
     """
 
-    rate: float = 10.0
+    rate: Rate = 10.0
 
     @classmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:
@@ -65,10 +70,12 @@ class AttitudeSensor(SensorErrors):
 
     """
 
-    rate: float = 4.0
-    cross_boresight_arcsec: float = 0.0
-    boresight_arcsec: float = 0.0
-    boresight_B: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    rate: Rate = 4.0
+    cross_boresight_arcsec: Noise = 0.0
+    boresight_arcsec: Noise = 0.0
+    boresight_B: Annotated[NDArray[np.float64], Numbers(3)] = field(
+        default_factory=lambda: np.array([0.0, 0.0, 1.0])
+    )
 
     @classmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:
@@ -103,10 +110,10 @@ class Gyro(SensorErrors):
 
     """
 
-    rate: float = 100.0
-    angle_random_walk: float = 0.0
-    bias: float = 0.0
-    bias_random_walk: float = 0.0
+    rate: Rate = 100.0
+    angle_random_walk: Noise = 0.0
+    bias: Noise = 0.0
+    bias_random_walk: Noise = 0.0
 
     @classmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:
@@ -138,8 +145,8 @@ class Gyro(SensorErrors):
 class VectorSensor(SensorErrors):
     """A sensor of the position or the velocity of B's origin in W: rate [Hz], σ [m or m/s]."""
 
-    rate: float = 10.0
-    sigma: float = 0.0
+    rate: Rate = 10.0
+    sigma: Noise = 0.0
 
     @classmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:
@@ -164,9 +171,9 @@ class JointSensor(VectorSensor):
 
     """
 
-    rate: float = 100.0
-    sigma: float = 0.0
-    bits: int = 0
+    rate: Rate = 100.0
+    sigma: Noise = 0.0
+    bits: Annotated[int, Interval(ge=0, le=32)] = 0
 
     @property
     def step(self) -> float:

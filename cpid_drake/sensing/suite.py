@@ -1,13 +1,14 @@
 """A spacecraft's sensors: which of the table it has, with their rates and errors."""
 
 from dataclasses import dataclass, field, fields, make_dataclass
-from numbers import Integral, Real
-from typing import Any, TypeGuard
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
+from cpid_drake.input_files import check_values
 from cpid_drake.sensing.sensors import (
     SENSORS,
     AttitudeSensor,
@@ -20,8 +21,7 @@ from cpid_drake.sensing.sensors import (
 NUMERICAL_SIGMA = 1e-8
 """Smallest σ that estimators assume of any sensor [rad, m, rad/s, m/s]: their own arithmetic."""
 
-RATE_RANGE = (1e-3, 1e5)
-"""Slowest and fastest sensor [Hz]."""
+Decimals = Annotated[int, Interval(ge=0, le=15)]
 
 
 @dataclass
@@ -46,8 +46,8 @@ class SensorSuite:
     velocity: VectorSensor | None = None
     encoders: JointSensor | None = None
     joint_rates: JointSensor | None = None
-    decimals: int | None = None
-    digits: int | None = None
+    decimals: Decimals | None = None
+    digits: Decimals | None = None
 
     def __getitem__(self, name: str) -> SensorErrors:
         """Return the errors of a sensor that is present.
@@ -98,55 +98,28 @@ def suite_type() -> type[SensorSuite]:
 
 
 def check_sensors(suite: SensorSuite, where: str) -> None:
-    """Refuse a suite with impossible parameters.
+    """Refuse a suite with impossible values.
 
     Args:
         suite: from a file, from a scenario or made in Python.
         where: what is being read, for the error message.
 
     Raises:
-        InputError: no encoders; a rate out of `RATE_RANGE`; a noise that is negative or not finite;
-            bits that are not a whole number from 0 to 32, decimals not one from 0 to 15; both
-            `decimals` and `digits`; a boresight that is not a direction.
+        InputError: a value is of the wrong type or out of the limits that its class declares; no
+            encoders; both `decimals` and `digits`; a boresight that is not a direction.
 
     """
-    for name, sensor in suite.present().items():
-        for entry in fields(sensor):
-            key, value = f"{where}: {name}.{entry.name}", getattr(sensor, entry.name)
-            if entry.name == "boresight_B":
-                _check_direction(value, key)
-            elif entry.name == "bits":
-                _check_whole(value, 32, key)
-            elif entry.name == "rate":
-                low, high = RATE_RANGE
-                if not (_is_real(value) and low <= value <= high):
-                    raise InputError(f"{key} must be from {low:g} to {high:g} Hz, not {value!r}")
-            elif not (_is_real(value) and 0 <= value < np.inf):
-                raise InputError(f"{key} must be a finite number >= 0, not {value!r}")
+    check_values(suite, where, "a sensor suite")
+    for name, errors in suite.present().items():
+        direction = errors.boresight_B if isinstance(errors, AttitudeSensor) else np.ones(1)
+        if not 1e-100 < np.abs(direction).max() < 1e100:
+            raise InputError(
+                f"{where}: {name}.boresight_B must be a direction of finite length, not zero, "
+                f"not {direction}"
+            )
     if suite.encoders is None:
         raise InputError(
             f"{where}: encoders are missing; no estimator works without joint positions"
         )
     if suite.decimals is not None and suite.digits is not None:
         raise InputError(f"{where}: decimals and digits are the same; give one of the two")
-    for key in ("decimals", "digits"):
-        if getattr(suite, key) is not None:
-            _check_whole(getattr(suite, key), 15, f"{where}: {key}")
-
-
-def _is_real(value: object) -> TypeGuard[float]:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _check_whole(value: object, largest: int, key: str) -> None:
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not (whole and isinstance(value, Integral) and 0 <= int(value) <= largest):
-        raise InputError(f"{key} must be a whole number from 0 to {largest}, not {value!r}")
-
-
-def _check_direction(value: object, key: str) -> None:
-    vector = np.asarray(value)
-    if vector.shape != (3,) or vector.dtype.kind not in "iuf":
-        raise InputError(f"{key} must be 3 numbers, not {value!r}")
-    if not 1e-100 < np.abs(vector).max() < 1e100:
-        raise InputError(f"{key} must be a direction of finite length, not zero, not {vector}")

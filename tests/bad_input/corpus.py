@@ -851,7 +851,10 @@ SCENARIOS = {
         f"'mass' is given twice ({paper_line('  p_CTcm_C')})",
     ),
     "mass_misspelt": (scenario(MASS, "mas: 100.0"), "'target.mas'; did you mean 'mass'?"),
-    "short_com": (scenario("[0.4330127, 0.0, 0.0]", "[0.4, 0.0]"), "target needs p_CTcm_C of 3"),
+    "short_com": (
+        scenario("[0.4330127, 0.0, 0.0]", "[0.4, 0.0]"),
+        "target.p_CTcm_C must be a list of 3",
+    ),
     "com_in_millimetres": (scenario("[0.4330127, 0.0, 0.0]", "[433.0, 0.0, 0.0]"), "millimetres"),
     "impossible_inertia": (scenario("30.0, 0.0]", "90.0, 0.0]"), "triangle inequality"),
     "joint_misspelt": (

@@ -179,9 +179,8 @@ def test_a_firing_changes_the_momentum_and_not_the_place(scenario, case):
 
 
 def test_filter_sees_a_firing_and_the_study_says_when(scenario):
-    fired = replace(scenario, accuracy=replace(scenario.accuracy, firing=FiringConfig()))
-    fired.accuracy.firing.time = 5.0
-    fired.accuracy.firing.momentum_W = np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0])
+    firing = FiringConfig(5.0, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]))
+    fired = replace(scenario, accuracy=replace(scenario.accuracy, firing=firing))
     options = {"trials": 2, "presets": ["flight"], "estimators": ["momentum_filter"]}
     study = run_accuracy(fired, **options)
     share, delay = study.results[0].detected

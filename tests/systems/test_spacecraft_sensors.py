@@ -266,7 +266,7 @@ def test_wiring_a_port_of_another_size_is_refused(servicer, suite):
 
 def test_sensors_that_cannot_be_are_refused(servicer, suite):
     suite.gyro.rate = 0.0
-    with pytest.raises(InputError, match=r"sensors: gyro.rate must be from"):
+    with pytest.raises(InputError, match=r"sensors: gyro.rate must be a number >= 0.001"):
         SpacecraftSensors(servicer, suite)
     with pytest.raises(InputError, match="encoders are missing"):
         SpacecraftSensors(servicer, SensorSuite())
