@@ -1,5 +1,7 @@
 """Motion about the centre of mass, against the 6x6 formulation, Drake, and propagated motion."""
 
+import threading
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -133,6 +135,38 @@ def test_drake_sees_the_same_known_bodies(which, request):
             his = np.broadcast_to(getattr(drake, name), mine.shape)
             atol = 1e-12 * max(np.abs(mine).max(), 1.0)
             np.testing.assert_allclose(his, mine, rtol=0, atol=atol, err_msg=name)
+
+
+class Interrupted:
+    """A spacecraft that runs a function in another thread whenever its capture frame is read."""
+
+    def __init__(self, craft):
+        self.craft, self.interrupt = craft, None
+
+    def __getattr__(self, name):
+        return getattr(self.craft, name)
+
+    @property
+    def capture_frame(self):
+        if self.interrupt and threading.current_thread() is threading.main_thread():
+            thread = threading.Thread(target=self.interrupt)
+            thread.start()
+            thread.join()
+        return self.craft.capture_frame
+
+
+def test_another_thread_in_the_middle_of_an_evaluation_changes_nothing(craft):
+    rng, interrupted = np.random.default_rng(78), Interrupted(craft)
+    evaluate = PlantRelativeDynamics(interrupted)
+    q, q_other = rng.normal(size=(2, len(craft.joint_names)))
+    qdot = rng.normal(size=(1, len(q)))
+    undisturbed, others = evaluate(q, qdot), []
+    interrupted.interrupt = lambda: others.append(evaluate(q_other, qdot))
+    disturbed = evaluate(q, qdot)
+    assert others
+    assert np.abs(others[0].s - undisturbed.s).max() > 0.01
+    for name, value in vars(undisturbed).items():
+        np.testing.assert_array_equal(getattr(disturbed, name), value, err_msg=name)
 
 
 def test_reaction_wheels_are_known_bodies(craft, tmp_path):

@@ -562,6 +562,11 @@ FORGERIES = {
     "another mass": ('<mass value="60.0"/>', '<mass value="60.00000001"/>', "the target is"),
     "another product": ('ixy="-0.7"', 'ixy="0.7"', "the target is"),
     "another place": ('xyz="0.1 0.2 0.3"', 'xyz="0.1 0.2 0.3001"', "not fixed on the capture"),
+    "another attitude": (
+        '<child link="target"/>\n  <origin xyz="0.1 0.2 0.3" rpy="',
+        '<child link="target"/>\n  <origin xyz="0.1 0.2 0.3" rpy="0.3 -1.5707963 0.4" was="',
+        "not fixed on the capture",
+    ),
     "another body": ('<parent link="arm"/>\n  <c', '<parent link="base"/>\n  <c', "not fixed"),
     "a moving joint": ('type="fixed"', 'type="continuous"', "the spacecraft itself has changed"),
     "a changed link": ('<mass value="10"/>', '<mass value="10.1"/>', "itself has changed"),
