@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 from cpid_drake.commands.options import FolderOption, QuietOption, log_console, make_folder
+from cpid_drake.errors import prefix_errors
 from cpid_drake.scenario.shipped import find_scenario
 
 
@@ -25,15 +26,15 @@ def paper(
     start = time.perf_counter()
     make_folder(out)
     path = find_scenario(scenario)
-    from cpid_drake.errors import prefix_errors
-    from cpid_drake.report.pages.study import paper_report
-    from cpid_drake.report.paper import print_tables, write_figures
     from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.studies.paper import run_paper_study, summarize
 
     log = log_console(quiet)
     with log.status("reading the scenario") as status:
         loaded = load_scenario(path)
+        from cpid_drake.report.pages.study import paper_report
+        from cpid_drake.report.paper import print_tables, write_figures
+        from cpid_drake.studies.paper import run_paper_study, summarize
+
         with prefix_errors(scenario):
             study = run_paper_study(loaded, status.update)
         status.update("drawing the figures")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from cpid_drake.commands.options import ScenarioArgument
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.scenario.shipped import find_scenario
 
 scenario = typer.Typer(no_args_is_help=True, help="Check, print or create a scenario file.")
@@ -16,11 +16,11 @@ scenario = typer.Typer(no_args_is_help=True, help="Check, print or create a scen
 def check(file: ScenarioArgument) -> None:
     """Check a scenario and all that it refers to: model, joint motion, sensors."""
     path = find_scenario(file)
-    from cpid_drake.errors import prefix_errors
     from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.scenario.simulation import make_simulation
 
     loaded = load_scenario(path)
+    from cpid_drake.scenario.simulation import make_simulation
+
     with prefix_errors(file):
         simulation = make_simulation(loaded)
     suite, spacecraft = simulation.sensors and simulation.sensors.suite, simulation.spacecraft

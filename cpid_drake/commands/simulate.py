@@ -9,6 +9,7 @@ from cpid_drake.commands.options import (
     log_console,
     make_folder,
 )
+from cpid_drake.errors import prefix_errors
 from cpid_drake.scenario.shipped import find_scenario
 
 
@@ -16,14 +17,14 @@ def simulate(scenario: ScenarioArgument, out: FolderOption, quiet: QuietOption =
     """Simulate a scenario; write the telemetry of its sensors and the true parameters."""
     start = time.perf_counter()
     path = find_scenario(scenario)
-    from cpid_drake.errors import prefix_errors
     from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.scenario.run_files import identify_command, refuse_other_files, write_run
-    from cpid_drake.scenario.simulation import make_simulation
 
     log = log_console(quiet)
     with log.status("reading the scenario") as status:
         loaded = load_scenario(path)
+        from cpid_drake.scenario.run_files import identify_command, refuse_other_files, write_run
+        from cpid_drake.scenario.simulation import make_simulation
+
         with prefix_errors(scenario):
             simulation = make_simulation(loaded)
         make_folder(out)

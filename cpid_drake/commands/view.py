@@ -20,7 +20,7 @@ from cpid_drake.commands.options import (
     log_console,
     packages_of,
 )
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.scenario.shipped import find_scenario
 
 if TYPE_CHECKING:
@@ -124,16 +124,16 @@ def _show_scenario(
 ) -> tuple[str | None, str]:
     """Return the page of a scenario, if it is wanted, and the estimate as text."""
     path = find_scenario(source)
-    from cpid_drake.errors import prefix_errors
-    from cpid_drake.report.live_view import LiveView
-    from cpid_drake.report.replay import estimate_text, replay_simulation
     from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.scenario.simulation import make_simulation
-    from cpid_drake.systems.scene_visualizer import open_meshcat
 
     page, text = None, "no run"
     with console.status("reading the scenario") as status:
         scenario = load_scenario(path)
+        from cpid_drake.report.live_view import LiveView
+        from cpid_drake.report.replay import estimate_text, replay_simulation
+        from cpid_drake.scenario.simulation import make_simulation
+        from cpid_drake.systems.scene_visualizer import open_meshcat
+
         with prefix_errors(source):
             simulation = make_simulation(scenario)  # finds errors before a page is opened
         duration = scenario.simulation.duration
