@@ -1,24 +1,24 @@
-"""Momentum filter: online estimation from sensors that each come at their own rate.
+"""Momentum filter: online estimation from sensors with different sample rates.
 
 An error-state Kalman filter on (ψ, attitude by momentum, attitude by gyro, centre of mass, gyro
-bias, momentum). The two attitudes are one and the same to the spacecraft, but come by different
-roads: the first from joint motion through conservation of angular momentum, the second from the
-gyro. That they must agree is what tells ψ; both roads' noise is white, the encoders' because it
-does not add up: only the latest encoder sample's error is in the attitude by momentum.
+bias, momentum). Both attitudes estimate the attitude of the base. The first is propagated by the
+joint motion through conservation of angular momentum, the second by the gyro. Their difference
+determines ψ. The noise of both is white: encoder errors do not accumulate, because only the latest
+encoder sample's error enters the attitude by momentum.
 
-What a thruster does is found in two ways. A strong one puts many readings in a row out of their
-gates. A weak one does not: so the filter carries along, for some recent instants, what a change of
-momentum there would have made of its errors and innovations since, and tests whether it explains
-them (the generalized likelihood ratio of Willsky & Jones 1976); if so, it corrects the estimate and
-its covariance by just that, as if it had let the momentum go at that instant.
+A thruster's firing is detected in two ways. A strong one makes several innovations in a row fail
+their gates. For a weak one, the filter propagates the effect that a jump of momentum at each of
+some recent instants would have on its errors and innovations, and tests whether a jump explains
+them (the generalized likelihood ratio test of Willsky & Jones 1976). If it does, the filter
+corrects the estimate and its covariance by the effect of that jump.
 
-ψ are the relative unknowns. In them conservation is linear, whatever they are linearized about
-(see `relative_motion`), as long as the angular velocity in the regressor is the true one: the
-gyro's is. So the filter may start from a prior as vague as one likes.
+ψ are the relative unknowns. Conservation is linear in them, whatever the point of linearization
+(see `relative_motion`), as long as the regressor contains the true angular velocity. The gyro
+measures that one. The filter can therefore start from a prior as vague as desired.
 
 Sources: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass; Willsky & Jones 1976, A
 generalized likelihood ratio approach to the detection and estimation of jumps in linear systems,
-IEEE TAC 21(1); the filter is ours.
+IEEE TAC 21(1). The filter itself is this project's.
 """
 
 import math
@@ -44,65 +44,68 @@ PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (
     slice(22, 25),
     slice(25, 28),
 )
-"""Where in the error state: ψ, the two attitudes (turned in W), p_Wcm, gyro bias, L and v_Wcm."""
+"""Slices of the error state: ψ, both attitudes (rotation vectors in W), p_Wcm, bias, L, v_Wcm."""
 
 SIZE = 28
 
 FILTER_ORDER = ("gyro", "attitude", "encoders", "position", "velocity")
-"""The order in which samples of one instant are best given to the filter."""
+"""The best order for samples of the same instant."""
 
 Sample = tuple[str, float, NDArray[np.float64]]
 """Sensor, time [s] and value, as in `Measurements`."""
 
-# -- what can be believed of a sample ------------------------------------------------------------
+# -- limits for the screening of samples ---------------------------------------------------------
 
 GATE = 35.0
-"""Innovations whose normalized square (3 degrees of freedom) is above are not used: 1e-7."""
+"""Largest normalized squared innovation (χ² of 3): good samples exceed it once in 1e7."""
 
 IN_A_ROW = {"agreement": 3, "attitude": 3, "position": 3, "velocity": 3}
-"""So many rejections in a row are not outliers: the prediction is lost."""
+"""Number of rejections in a row that shows that the prediction, not the sensor, is wrong."""
 
 LARGEST = 1e9
-"""No sensor reads more, in SI units."""
+"""Largest reading of any sensor, in SI units."""
 
 LONGEST_GAP = 0.25
-"""Integration does not bridge longer gaps in gyro or encoder samples [s]."""
+"""Longest gap between gyro or encoder samples that is integrated over [s]."""
 
 LONGEST_SILENCE = 1.0
-"""A stamp that is later than all before by more is believed once the next one agrees [s]."""
+"""A time later than all earlier ones by more than this must be confirmed by the next [s]."""
 
 SPIKE = 8.0
-"""A sample off by more σ than this, and by more than the motion allows, must be confirmed."""
+"""A sample that deviates by more σ, and by more than the motion allows, must be confirmed."""
 
 SMOOTHEST = {"gyro": (2.0, 10.0, 30.0), "encoders": (10.0, 10.0, 30.0)}
-"""First, second and third derivative that are not exceeded without a jerk [rad/s, rad/s², …]; of
-the gyro's signal, which is a rate itself, and of joint positions."""
+"""Largest first, second and third derivative of smooth motion: of the gyro's signal [rad/s², …] and
+of joint positions [rad/s, …]."""
 
 FASTEST_JOINT = 20.0
-"""Joints do not move faster [rad/s]."""
+"""Largest joint rate [rad/s]."""
 
 HARDEST_BRAKE = 1.0
-"""Deceleration at which no arm stops all its joints at once [rad/s²]; a stuck sensor shows more."""
+"""Joints that all stop at once with a larger deceleration are a stuck sensor [rad/s²]."""
 
 SLOWEST = 200.0
-"""For so many samples, at most, a creeping joint's rounding error is taken to be the same."""
+"""Largest number of samples for which a slow joint's rounding error is taken to be constant."""
 
 # -- changes of momentum -------------------------------------------------------------------------
 
 LARGEST_STEP = 0.03
-"""Change of the base's angular velocity that a thruster is expected to cause at once [rad/s]."""
+"""Largest jump of the base's angular velocity that a thruster is expected to cause [rad/s]."""
 
 WATCHED, SPACING = 6, 0.2
-"""For how many instants changes of momentum are watched, and how far the latest are apart [s]."""
+"""Number of instants that are tested for a jump of momentum, and least time between them [s]."""
 
 CHANGED = 60.0
-"""Likelihood ratio (χ² of 6) above which momentum has changed: 5e-11, and one outlier is less."""
+"""Likelihood ratio (χ² of 6) above which momentum has jumped.
+
+Noise exceeds it with a probability of 5e-11; a single outlier does not reach it.
+"""
 
 OFFSETS = (0.003, 0.003)
-"""σ of what a change between two watched instants moves attitude [rad] and centre of mass [m]."""
+"""σ of the attitude [rad] and centre of mass [m] that a jump between two such instants causes."""
 
 SAME_CAUSE = 1.0
-"""Attitudes that part again so soon after they were put together do so by momentum [s]."""
+"""If both attitudes differ again within this time of a reset, momentum has jumped [s]."""
 
 _SENSORS = (
     "attitude",
@@ -120,18 +123,19 @@ _IN_ORDER = np.arange(SIZE)
 
 @dataclass(frozen=True)
 class FilterPrior:
-    """What is taken to be known before the first sample.
+    """What is known before the first sample.
 
     Attributes:
         psi: (10,) mean of the relative unknowns, those of a rigid body.
         psi_sigma: (10,) their σ.
-        momentum_known: whether the momentum is what `L` and `v_Wcm` say, instead of unknown.
+        momentum_known: whether `L` and `v_Wcm` are the momentum; otherwise it is unknown.
         angular_momentum: σ of an unknown angular momentum [N·m·s].
         velocity: σ of an unknown velocity of the centre of mass [m/s].
         L: (3,) mean of the angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) mean of the velocity of the centre of mass, in W [m/s].
-        plausible: (10,) what is plausible of ψ at all, if `psi_sigma` is knowledge, to be counted
-            in what is known in the end; None if `psi_sigma` is no more than plausible itself.
+        plausible: (10,) largest plausible deviations of ψ, where `psi_sigma` is real knowledge
+            that counts in the final estimate; None where `psi_sigma` is itself no more than
+            plausible.
 
     """
 
@@ -148,7 +152,7 @@ class FilterPrior:
 def vague_prior(
     known_mass: float, known_inertia: NDArray[np.float64], unknown_momentum: bool = False
 ) -> FilterPrior:
-    """Return a prior that says no more than that the target is no larger than the spacecraft.
+    """Return a vague prior: the target is about as large as the spacecraft, or smaller.
 
     Its mean is a solid sphere of a tenth of the spacecraft's mass about C's origin; σ is that of a
     target as heavy as the spacecraft, with its radius of gyration.
@@ -169,15 +173,15 @@ def vague_prior(
 
 
 def guessed_prior(vague: FilterPrior, psi: NDArray[np.float64], sigma: float) -> FilterPrior:
-    """Return a prior that knows the target roughly; of momentum it says what the vague one does.
+    """Return a prior around a guess of the target, with the vague prior's momentum.
 
-    Each of the relative unknowns is known by itself, to a part of its scale: μ, μ k and μ k², where
-    k is the radius of gyration of `psi` about C's origin.
+    The relative unknowns are uncorrelated. The σ of each is a share of its scale: μ, μ k or μ k²,
+    with k the radius of gyration of `psi` about C's origin.
 
     Args:
         vague: from `vague_prior`.
-        psi: (10,) mean of the relative unknowns, those of a rigid body that is not a point at C.
-        sigma: σ, relative.
+        psi: (10,) mean of the relative unknowns, of a rigid body that is not a point at C's origin.
+        sigma: that share.
 
     """
     radius = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
@@ -187,51 +191,52 @@ def guessed_prior(vague: FilterPrior, psi: NDArray[np.float64], sigma: float) ->
 
 @dataclass(eq=False)
 class FilterState:
-    """All that the filter remembers: arrays and numpy scalars, each with a `copy` method.
+    """The filter's complete state: arrays and numpy scalars, each with a `copy` method.
 
-    J joints; n sensors, with the two attitudes' agreement as the last.
+    J is the number of joints, n that of sensors, where the last is the agreement of both attitudes.
 
     Attributes:
         psi: (10,) relative unknowns.
         P: (28, 28) covariance of the error state.
-        R_by_momentum, R_by_gyro: (3, 3) attitude R_WB by either road.
+        R_by_momentum, R_by_gyro: (3, 3) attitude R_WB, propagated by momentum and by the gyro.
         p_Wcm: (3,) the system's centre of mass [m].
         bias: (3,) of the gyro [rad/s].
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) velocity of the centre of mass [m/s].
-        momentum_known: whether the momentum is still the one that was known beforehand.
-        attitude_known, com_known: whether there has been a sample to start from.
-        momentum_changes: how often the momentum was found to have changed.
-        momentum_change_time: when that was last found [s]; NaN for never.
-        joints: (2, 1 + J) time and joint positions where the attitude by momentum has got to, and
-            of one later sample that waits for the next; NaN for none.
-        rates: (J,) joint rates at the first of them [rad/s].
-        response, known_part: (3, J + 3, 10), (3, J + 3) angular momentum by unit joint rates and
-            unit angular velocity, there: by ψ, and that of the known bodies.
-        com_part: (3, 5) the centre of mass from B's origin, there, in B: the known bodies' part,
-            and the derivative by (μ, μc).
-        q_before: (J,) joint positions when the joint noise was last computed; `noise_time` when.
-        joint_noise, com_noise: (3, 3) what one encoder sample's error does to the attitude by
-            momentum and to the centre of mass, in B; `unsure_noise` the part of the first that is
-            for not knowing ψ.
-        rate_noise: growth of the attitude by momentum's variance [rad²/s] by the noise of the
+        momentum_known: whether the momentum is still the one known from the start.
+        attitude_known, com_known: whether a sample has initialized them.
+        momentum_changes: number of detected jumps of momentum.
+        momentum_change_time: time of the latest detection [s]; NaN if there is none.
+        joints: (2, 1 + J) time and joint positions up to which the attitude by momentum is
+            propagated, and those of one later sample that is not processed yet; NaN for none.
+        rates: (J,) joint rates at the first of both [rad/s].
+        response, known_part: (3, J + 3, 10), (3, J + 3) angular momentum at those positions, for
+            unit joint rates and unit angular velocity: its derivative by ψ, and that of the known
+            bodies.
+        com_part: (3, 5) the centre of mass from B's origin at those positions, in B: the known
+            bodies' part, and the derivative by (μ, μc).
+        q_before: (J,) joint positions when the joint noise was last computed, at `noise_time`.
+        joint_noise, com_noise: (3, 3) covariance of the attitude by momentum and of the centre of
+            mass due to one encoder sample's error, in B; `unsure_noise` is the part of the first
+            that is due to the uncertainty of ψ.
+        rate_noise: growth of the attitude by momentum's variance [rad²/s] due to the noise of the
             angular velocity in its regressor.
-        w: (3,) latest angular velocity, in B [rad/s]; `w_before` the one that momentum predicts.
+        w: (3,) latest angular velocity, in B [rad/s]; `w_before` the one predicted by momentum.
         gyro: (4, 4) time and value of the latest gyro samples, the newest last; NaN for none.
-        rejoin_time: when the attitude by momentum was last put onto that by gyro for disagreeing.
-        effects: (28, 12 · WATCHED) what unit changes at the watched instants have made of the
-            error state: angular (L, attitude by momentum), then linear (v_Wcm, p_Wcm).
-        watch_information, watch_score: (WATCHED, 12, 12), (WATCHED, 12) the information about them
-            in the innovations since, and its product with the most likely changes.
-        watch_start: (WATCHED,) the watched instants [s].
+        rejoin_time: when the attitude by momentum was last reset to that by gyro [s].
+        effects: (28, 12 · WATCHED) effect on the error state of unit jumps at the tested instants:
+            angular (L, attitude by momentum), then linear (v_Wcm, p_Wcm).
+        watch_information, watch_score: (WATCHED, 12, 12), (WATCHED, 12) information about these
+            jumps in the innovations since, and its product with the most likely jumps.
+        watch_start: (WATCHED,) the tested instants [s].
         used, rejected: (n,) number of samples.
         in_a_row: (n,) rejections in a row.
-        times: (n,) latest stamp admitted [s]; −inf before the first.
-        latest: (n, max(4, J)) value of the latest sample; `repeats` (n,) how often it came again.
-        recent_gyro, recent_encoders: (3, 4), (3, 1 + J) latest samples admitted, the newest last.
-        doubtful_gyro, doubtful_encoders: (4,), (1 + J,) a sample that waits to be confirmed.
-        late: (2 + max(4, J),) sensor, time and value of a sample with too late a stamp, waiting.
-        step_time: stamp of the gyro sample that came by a step [s].
+        times: (n,) time of the latest accepted sample [s]; −inf before the first.
+        latest: (n, max(4, J)) value of the latest sample; `repeats` (n,) how often it was repeated.
+        recent_gyro, recent_encoders: (3, 4), (3, 1 + J) latest accepted samples, the newest last.
+        doubtful_gyro, doubtful_encoders: (4,), (1 + J,) a sample that must be confirmed.
+        late: (2 + max(4, J),) sensor, time and value of a sample whose time must be confirmed.
+        step_time: time of the gyro sample that a jump of angular velocity led to [s].
 
     """
 
@@ -283,15 +288,15 @@ class FilterState:
     doubtful_gyro: NDArray[np.float64] = field(default_factory=lambda: np.full(4, np.nan))
 
     def copy(self) -> "FilterState":
-        """Return a copy that shares nothing with this one."""
+        """Return a copy that shares no memory with this state."""
         return FilterState(**{name: value.copy() for name, value in vars(self).items()})
 
     def pack(self) -> NDArray[np.float64]:
-        """Return all of it as one vector."""
+        """Return the whole state as one vector."""
         return np.concatenate([np.ravel(value) for value in vars(self).values()])
 
     def keep_admission(self, other: "FilterState") -> None:
-        """Take over what another state remembers of samples and of changes, not of estimates."""
+        """Copy another state's records of samples and of jumps, without its estimates."""
         for name in _ADMISSION:
             setattr(self, name, getattr(other, name))
 
@@ -304,14 +309,14 @@ _ADMISSION = (
 
 
 class MomentumFilter:
-    """The filter's equations, for one spacecraft and one suite of sensors; it holds no state.
+    """The filter's equations for one spacecraft and one sensor suite; without a state of its own.
 
     Args:
         suite: the sensors.
         joint_count: J.
-        dynamics: (q (J,), qdot (N, J)) -> their dynamics seen from the base, as
-            `PlantRelativeDynamics` gives them.
-        prior: before the first sample.
+        dynamics: function of q (J,) and qdot (N, J) that returns the dynamics seen from the base,
+            such as `PlantRelativeDynamics`.
+        prior: what is known before the first sample.
 
     """
 
@@ -351,7 +356,7 @@ class MomentumFilter:
             self._change[where, 3 * k : 3 * k + 3] = sigma * np.eye(3)
 
     def _allowed_repeats(self) -> dict[str, int]:
-        """How often a sensor with noise may give the very same value: what is stuck gives more."""
+        """Return how often a noisy sensor may repeat a value; a stuck sensor exceeds it."""
         sensors = self.suite.present()
         noisy = {"attitude": 1, "gyro": 0, "position": 0, "velocity": 0}
         noisy = {name: count for name, count in noisy.items() if name in sensors}
@@ -397,33 +402,33 @@ class MomentumFilter:
         return _INDEX[name]
 
     def take(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
-        """Take one sample of a sensor in, in place; what cannot be used is counted.
+        """Process one sample of a sensor, in place; count it if it cannot be used.
 
         Samples of one instant are best given in `FILTER_ORDER`.
 
         Args:
             state: changed.
             name: of the sensor.
-            time: the sample's stamp [s].
+            time: of the sample [s].
             value: as in `Measurements`, (width,).
 
         """
         for sample in self.admit(state, name, time, value):
             self.use(state, *sample)
 
-    # -- admission: checks that need no prediction ------------------------------------------------
+    # -- screening: checks that need no prediction ------------------------------------------------
 
     def admit(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
-        """Return the samples that can be used now that this one has come: none, it, or two.
+        """Screen a sample and return those that can now be processed: none, this one, or two.
 
-        A sample is out if it is not finite, no attitude, not later than the sensor's last one, or
-        of a sensor that is stuck: one with noise that repeats itself, encoders that all stand still
-        from one sample to the next. Held back until the next one comes is
+        A sample is rejected if it is not finite, no attitude, not later than the sensor's last one,
+        or from a stuck sensor (a noisy sensor that repeats a value, or encoders that all stop from
+        one sample to the next). Two kinds of samples are kept until the next one confirms them:
 
-        - a stamp that is later than all others by more than `LONGEST_SILENCE`, the very first one
-          too: two in a row that agree are a gap, a single one is an error;
-        - a gyro or encoder sample that no smooth motion leads to (see `SMOOTHEST`): if the next one
-          is where the motion before would have led, it was a spike.
+        - one that is later than all others by more than `LONGEST_SILENCE`, also the very first:
+          two such samples in a row are a gap, a single one is an error;
+        - a gyro or encoder sample that no smooth motion leads to (see `SMOOTHEST`): if the next
+          sample continues the earlier motion, it was a spike.
         """
         value = np.asarray(value, dtype=float)
         entries = value.tolist()
@@ -458,7 +463,7 @@ class MomentumFilter:
             state.late[:] = np.nan
 
     def _screened(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
-        """As `admit`, of a sample with a believable stamp."""
+        """Do the same as `admit` for a sample whose time is accepted."""
         k = _INDEX[name]
         last = state.times[k]
         if not time > last or self._is_stuck(state, k, name, time, value):
@@ -472,7 +477,7 @@ class MomentumFilter:
         doubtful = getattr(state, f"doubtful_{name}")
         pending = doubtful[0] == doubtful[0]
         if time - (doubtful[0] if pending else last) > LONGEST_GAP:
-            # Nothing to compare with: what comes begins anew.
+            # There is nothing to compare with: start again from this sample.
             if pending:
                 state.rejected[k] += 1
                 doubtful[0] = np.nan
@@ -487,7 +492,7 @@ class MomentumFilter:
                     state.rejected[k] += 1
                     doubtful[:] = sample
                     return []
-                # A step, or a jerk: the motion goes on from there.
+                # A step, or a jerk: the motion continues from there.
                 recent[0], recent[1], recent[2] = np.nan, earlier, sample
                 if name == "gyro":
                     state.step_time = np.float64(earlier[0])
@@ -515,14 +520,14 @@ class MomentumFilter:
             moved = np.abs(q_last - q).max()
             braked = moved / (last - before) / (time - last)
             if braked > HARDEST_BRAKE and moved > 10 * self._joint_sigma:
-                state.repeats[k] = math.inf  # until another value comes
+                state.repeats[k] = math.inf  # until the value changes
         return math.isinf(state.repeats[k])
 
     @staticmethod
     def _follows(recent: NDArray, time: float, value: NDArray, sigma: float, bounds: tuple) -> bool:
-        """Whether a sample is where the polynomial through the recent ones (time, value) leads.
+        """Return whether a sample continues the polynomial through the recent ones (time, value).
 
-        The bounds are those of the derivative that the polynomial lacks.
+        The bounds are those of the first derivative that the polynomial does not have.
         """
         times = [t for t in recent[:, 0].tolist() if t == t]
         order = len(times)
@@ -541,12 +546,12 @@ class MomentumFilter:
         limit = SPIKE * gain * sigma + bounds[order - 1] * rest
         return max(off.max(), -off.min()) <= limit
 
-    # -- use of admitted samples ------------------------------------------------------------------
+    # -- processing of accepted samples -----------------------------------------------------------
 
     def use(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
-        """Take an admitted sample in, in place; outliers are counted."""
+        """Update the state by an accepted sample, in place; count outliers."""
         if name == "joint_rates":
-            return  # the filter uses encoders only: their noise does not add up
+            return  # the filter uses encoders only: their noise does not accumulate
         k = _INDEX[name]
         if getattr(self, f"_{name}")(state, time, value):
             state.used[k] += 1
@@ -557,7 +562,7 @@ class MomentumFilter:
     def resume(
         self, state: FilterState, time: float, q: NDArray, measurements: Measurements
     ) -> None:
-        """Set what else a state needs to go on at `time`, after the last of these measurements."""
+        """Complete a state for filtering from `time` on, after the last of these measurements."""
         state.attitude_known = np.True_
         state.com_known = np.bool_(len(measurements.position) > 0)
         state.joints[0, 0], state.joints[0, 1:] = time, q
@@ -571,7 +576,7 @@ class MomentumFilter:
             state.gyro[-count:, 0] = gyro.time[-count:]
             state.gyro[-count:, 1:] = gyro.value[-count:]
             state.w[:] = gyro.value[-1] - state.bias
-            # The attitude is that at `time`; the gyro's may be a little older.
+            # The attitude is for `time`; the latest gyro sample may be a little older.
             turn = exp(state.w * (gyro.time[-1] - time))
             state.R_by_gyro = state.R_by_gyro @ turn
         self._refresh_joint_noise(state, time, self._look(state))
@@ -580,19 +585,19 @@ class MomentumFilter:
         self._watch_anew(state, time)
 
     def well_known(self, state: FilterState) -> bool:
-        """Whether ψ is known well enough for this filter to go on with.
+        """Return whether ψ is known well enough for this filter to start from it.
 
-        Encoder errors are in the regressors too. That does no harm once it hardly matters to their
-        effect which of the still possible ψ is the true one: 1 % of its variance here.
+        Encoder errors also enter the regressors. That is harmless once the uncertainty of ψ changes
+        their effect little: here by at most 1 % of its variance.
         """
         self._refresh_joint_noise(state, state.joints[0, 0], self._look(state))
         return bool(np.trace(state.unsure_noise) < 0.01 * np.trace(state.joint_noise))
 
     def open_momentum(self, state: FilterState, angular: bool = True) -> None:
-        """Forget the momentum, or the linear one only; keep all else."""
+        """Make the momentum unknown, or the linear one only."""
         state.momentum_known = np.False_
         state.P[VELOCITY, VELOCITY] += self.prior.velocity**2 * np.eye(3)
-        # The centre of mass may have moved since, unnoticed.
+        # The centre of mass may have moved before the change was detected.
         state.P[COM, COM] += (0.1 * self.prior.velocity) ** 2 * np.eye(3)
         if angular:
             state.P[ANGULAR, ANGULAR] += self.prior.angular_momentum**2 * np.eye(3)
@@ -626,14 +631,14 @@ class MomentumFilter:
         return False
 
     def _best_attitude(self, state: FilterState) -> tuple[slice, NDArray, float]:
-        """Return the attitude that sensors of the pose are compared with, and its time."""
+        """Return which attitude pose sensors are compared with, its value and its time."""
         newest = state.gyro[-1, 0]
         if newest == newest and not state.joints[0, 0] - newest > LONGEST_GAP:
             return BY_GYRO, state.R_by_gyro, newest
         return BY_MOMENTUM, state.R_by_momentum, state.joints[0, 0]
 
     def _set_attitude(self, state: FilterState, R: NDArray, time: float) -> None:
-        """Take the attitude from one sample, with no memory of what it was."""
+        """Reset both attitudes to one sample."""
         noise = self._variance["attitude"]
         gyro, joints = state.gyro[-1, 0], state.joints[0, 0]
         behind = [0.0 if np.isnan(at) else time - at for at in (joints, gyro)]
@@ -656,7 +661,7 @@ class MomentumFilter:
     def _gyro(self, state: FilterState, time: float, value: NDArray) -> bool:
         last = state.gyro[-1, 0]
         if not (state.attitude_known and time - last <= LONGEST_GAP):
-            # Nothing to carry on from.
+            # There is no attitude to propagate.
             if last == last:
                 state.P[BIAS, BIAS] += self._bias_growth * (time - last) * np.eye(3)
             state.gyro[:] = np.nan
@@ -668,15 +673,15 @@ class MomentumFilter:
         return True
 
     def _carry_gyro_on(self, state: FilterState, time: float) -> None:
-        """Let the gyro's attitude begin where that by momentum has got to."""
+        """Start the attitude by gyro from that by momentum."""
         behind = time - state.joints[0, 0]
         if behind > LONGEST_GAP:
-            state.attitude_known = np.False_  # that is no longer there: wait for a sample
+            state.attitude_known = np.False_  # it is too old: wait for a sample
         if not (state.attitude_known and behind > 0):
             return
         state.R_by_gyro = state.R_by_momentum @ exp(state.w * behind)
         self._adopt(state, BY_GYRO, BY_MOMENTUM)
-        # One angular velocity for all of the time between: off by what it changes.
+        # One angular velocity stands for the whole interval: its change is the error.
         state.P[_BY_GYRO_DIAGONAL] += (SMOOTHEST["gyro"][0] * behind**2) ** 2 / 12
 
     def _turn_by_gyro(self, state: FilterState, time: float, value: NDArray, stepped: bool) -> None:
@@ -697,7 +702,7 @@ class MomentumFilter:
         M[:, BIAS] = -elapsed * state.R_by_gyro
         growth = self._attitude_growth * elapsed
         if stepped:
-            # It came at an unknown instant between the two samples.
+            # The jump was at an unknown instant between the two samples.
             jump = value - w_last
             growth += (jump @ jump) * elapsed**2 / 12
         _drive(state.P, BY_GYRO, M, growth)
@@ -734,7 +739,7 @@ class MomentumFilter:
         return True
 
     def _start_joints(self, state: FilterState, time: float, value: NDArray) -> None:
-        """Begin with the joints anew, at the attitude by gyro if there is one."""
+        """Restart the propagation by momentum, from the attitude by gyro if there is one."""
         before = state.joints[0, 0]
         lost = before == before
         if lost:
@@ -752,7 +757,9 @@ class MomentumFilter:
     def _turn_by_momentum(
         self, state: FilterState, time: float, value: NDArray
     ) -> RelativeDynamics:
-        """Integrate over two encoder intervals: a parabola through three samples, and Simpson.
+        """Propagate the attitude by momentum over two encoder intervals, by Simpson's rule.
+
+        The joint motion is a parabola through three samples.
 
         Returns:
             The dynamics at the end, for unit joint rates.
@@ -777,14 +784,14 @@ class MomentumFilter:
         mean = state.w if fresh else state.w_before
         half = exp(mean * (T / 2))
         nodes = np.stack([_EYE, half, half @ half])
-        # The attitude for the derivatives: the gyro's is the better one.
+        # For the derivatives the attitude by gyro is the more accurate one.
         R = state.R_by_gyro @ nodes[2].T if fresh else state.R_by_momentum
         R_nodes = R @ nodes
 
         psi = state.psi
         J, h = _momenta(parts, psi)
         if not _well_positive(J[1], middle.I_K[0]):
-            psi = self.prior.psi  # any ψ will do to linearize about, but a possible one
+            psi = self.prior.psi  # any physically consistent ψ serves as point of linearization
             J, h = _momenta(parts, psi)
         inverse = np.linalg.inv(J)
         if fresh:
@@ -803,7 +810,7 @@ class MomentumFilter:
             momentum = state.L @ nodes if turning else 0.0
             w = (inverse @ (momentum - h)[..., None])[..., 0]
             turn = T / 6 * (w[0] + 4 * w[1] + w[2]) + T**2 / 12 * _cross(w[0], w[2])
-            if turning:  # with momentum the velocities depend on where the base turns to
+            if turning:  # with momentum the velocities depend on the attitude
                 halfway = T / 24 * (5 * w[0] + 8 * w[1] - w[2])
                 R = state.R_by_momentum
                 nodes = np.stack([R, R @ exp(halfway), R @ exp(turn)])
@@ -826,7 +833,7 @@ class MomentumFilter:
 
     @staticmethod
     def _move_com(state: FilterState, elapsed: float) -> None:
-        """Move the centre of mass on by its velocity."""
+        """Propagate the centre of mass by its velocity."""
         state.p_Wcm += state.v_Wcm * elapsed
         P = state.P
         P[COM] += elapsed * P[VELOCITY]
@@ -835,7 +842,7 @@ class MomentumFilter:
 
     @staticmethod
     def _angular_velocities(state: FilterState, times: tuple) -> NDArray:
-        """Return the gyro's angular velocities, without bias, at times in its latest samples."""
+        """Return the gyro's angular velocities (N, 3), without bias, at N of its latest times."""
         latest = state.gyro[-3:]
         if all(abs(a - b) < 1e-9 for a, b in zip(latest[:, 0].tolist(), times)):
             return latest[:, 1:] - state.bias
@@ -844,7 +851,7 @@ class MomentumFilter:
         return np.stack([np.interp(times, at, axis) for axis in samples.T], axis=1) - state.bias
 
     def _agree(self, state: FilterState, time: float) -> None:
-        """Both roads lead to one attitude, but for the latest encoder sample's error."""
+        """Update by the agreement of both attitudes, up to the latest encoder sample's error."""
         behind = time - state.gyro[-1, 0]
         if not 0 <= behind <= LONGEST_GAP or state.doubtful_gyro[0] == state.doubtful_gyro[0]:
             return
@@ -861,19 +868,19 @@ class MomentumFilter:
         if not self._too_many(state, "agreement"):
             return
         if time - state.rejoin_time > SAME_CAUSE:
-            # Once: an error of gyro or encoders that has stayed in one of the attitudes.
+            # The first time, it is an error of gyro or encoders that stays in one attitude.
             state.P[_BY_GYRO_DIAGONAL] += innovation @ innovation
         else:
             self._momentum_changed(state, time)
             self.open_momentum(state)
-            # The step came at an unknown instant between two gyro samples.
+            # The jump was at an unknown instant between two gyro samples.
             state.P[_BY_GYRO_DIAGONAL] += (LARGEST_STEP / self.suite.gyro.rate) ** 2
         state.rejoin_time = np.float64(time)
         self._rejoin(state, time)
         self._watch_anew(state, time)
 
     def _rejoin(self, state: FilterState, time: float) -> None:
-        """Put the attitude by momentum onto that by gyro, but for the latest encoder error."""
+        """Reset the attitude by momentum to that by gyro, up to the latest encoder error."""
         behind = time - state.gyro[-1, 0]
         state.R_by_momentum = R = state.R_by_gyro @ exp(state.w * behind)
         self._adopt(state, BY_MOMENTUM, BY_GYRO)
@@ -881,7 +888,7 @@ class MomentumFilter:
 
     @staticmethod
     def _adopt(state: FilterState, where: slice, other: slice) -> None:
-        """Give one of the two attitudes the other's error."""
+        """Copy the error of one attitude to the other."""
         state.P[where, :] = state.P[other, :]
         state.P[:, where] = state.P[:, other]
         state.effects[where] = state.effects[other]
@@ -906,7 +913,7 @@ class MomentumFilter:
             R = R @ exp(state.w * (time - at))
         com_part = state.com_part
         if abs(ahead) > 1e-9:
-            # The joints from the latest samples, carried on or back a little.
+            # Joint positions extrapolated a little from the latest samples.
             rates = state.rates
             if middle[0] == middle[0]:
                 rates = (middle[1:] - start[1:]) / (middle[0] - start[0])
@@ -953,7 +960,7 @@ class MomentumFilter:
     # -- the filter's steps ----------------------------------------------------------------------
 
     def _correct(self, state: FilterState, innovation: NDArray, H: NDArray, noise: NDArray) -> bool:
-        """Take an innovation in, unless it is out of the gate."""
+        """Update by an innovation, unless it fails the gate."""
         P = state.P
         PHt = P @ H.T
         inverse = np.linalg.inv(H @ PHt + noise)
@@ -1000,7 +1007,7 @@ class MomentumFilter:
         state.in_a_row[:] = 0
 
     def _watch_anew(self, state: FilterState, time: float) -> None:
-        """Forget all watched instants, and watch this one."""
+        """Drop all tested instants, and test this one from now on."""
         state.effects[:] = 0.0
         state.watch_information[:] = 0.0
         state.watch_score[:] = 0.0
@@ -1014,11 +1021,11 @@ class MomentumFilter:
         state.watch_start[slot] = time
 
     def _watch(self, state: FilterState, time: float) -> None:
-        """Now and then: see whether momentum has changed, and watch one more instant."""
+        """Test for a jump of momentum once in `SPACING`, and add an instant to test."""
         if time - state.watch_start.max() < SPACING - 1e-9:
             return
         if not self._compensate(state, time, (0, 1), CHANGED):
-            # The further back, the fewer: drop the one that its neighbours can best stand in for.
+            # Older instants are spaced more widely: drop the one closest to its neighbours.
             age = time - state.watch_start
             order = np.argsort(age)
             older = np.append(age[order[1:]], np.inf)
@@ -1031,7 +1038,7 @@ class MomentumFilter:
     def _compensate(
         self, state: FilterState, time: float, groups: tuple[int, ...], threshold: float
     ) -> bool:
-        """Correct for the most likely change of momentum, if one is likely enough.
+        """Correct for the most likely jump of momentum, if one is likely enough.
 
         Args:
             state: changed.
@@ -1063,7 +1070,7 @@ class MomentumFilter:
     def _likeliest(
         state: FilterState, columns: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the likeliest changes (WATCHED, n), how likely, and their covariances."""
+        """Return the most likely jumps (WATCHED, n), their likelihood ratios and covariances."""
         information = state.watch_information[:, columns[:, None], columns]
         score = state.watch_score[:, columns]
         covariance = np.linalg.inv(information + np.eye(len(columns)))
@@ -1073,7 +1080,7 @@ class MomentumFilter:
     # -- joints ---------------------------------------------------------------------------------
 
     def _look(self, state: FilterState) -> RelativeDynamics:
-        """Compute what the joint positions in `state.joints[0]` tell; return it for unit rates."""
+        """Store the response at the positions `joints[0]`; return the dynamics for unit rates."""
         dynamics = self.dynamics(state.joints[0, 1:], self._unit_rates)
         state.response, state.known_part = _response(dynamics)
         state.com_part = _com_part(dynamics)
@@ -1082,7 +1089,7 @@ class MomentumFilter:
     def _refresh_joint_noise(
         self, state: FilterState, time: float, dynamics: RelativeDynamics
     ) -> None:
-        """Compute what one encoder sample's error does to attitude and centre of mass, in B."""
+        """Compute the covariances that one encoder sample's error causes, in B."""
         joints, psi = self.joint_count, state.psi
         response, known = state.response, state.known_part
         momenta = response @ psi + known
@@ -1095,15 +1102,15 @@ class MomentumFilter:
         step, elapsed = self.suite.encoders.step, time - state.noise_time
         q = state.joints[0, 1:]
         if step:
-            # Rounding is white only where every sample is another step; a joint that creeps makes
-            # the same error for as long as it takes to the next step.
+            # Rounding errors are white only where every sample is a different step. A slow joint
+            # keeps the same error until the next step.
             moved = np.abs(q - state.q_before) / max(elapsed * self.suite.encoders.rate, 1.0)
             variance *= np.clip(step / np.maximum(moved, 1e-300), 1.0, SLOWEST)
-        # A ψ that is not well known does not say well what an error of the joints does.
+        # The uncertainty of ψ makes the effect of joint errors uncertain.
         by_psi = (response @ state.P[PSI, PSI]).reshape(3, -1)
         weights = np.concatenate([variance, np.zeros(3)])[:, None]
         unsure = by_psi @ (weights * response).reshape(3, -1).T
-        # 1e-9 rad and m: what the arithmetic of a filter in double precision is good for.
+        # 1e-9 rad and m: about the precision of a filter in double precision.
         state.unsure_noise = inverse @ unsure @ inverse.T
         state.joint_noise = turn * variance @ turn.T + state.unsure_noise + 1e-18 * _EYE
         state.com_noise = com * variance @ com.T + 1e-18 * _EYE
@@ -1125,9 +1132,9 @@ _BY_GYRO_DIAGONAL = (_IN_ORDER[BY_GYRO], _IN_ORDER[BY_GYRO])
 
 
 def _regressor_of_units() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return relative regressors of unit (ṡ, ω): (3, 6, 10) at s = 0, and what s adds (3, 180).
+    """Return relative regressors for unit (ṡ, ω): at s = 0 (3, 6, 10), and the part by s (3, 180).
 
-    It is linear in (ṡ, ω), and its coefficients are in s.
+    The regressor is linear in (ṡ, ω), with coefficients that are linear in s.
     """
     units, still = np.eye(6), np.zeros((6, 3))
     at = [
@@ -1141,11 +1148,11 @@ _AT_ZERO, _BY_S = _regressor_of_units()
 
 
 def _response(dynamics: RelativeDynamics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Angular momentum about the centre of mass, in B, by the N rates and unit ω of the base.
+    """Return the angular momentum about the centre of mass, in B, for N rates and unit ω.
 
     Returns:
-        (3, N + 3, 10) by ψ, and (3, N + 3) of the known bodies: for rates that are the given ones
-        times x (N,), it is (known + by_ψ ψ) [x, ω].
+        Its derivative by ψ (3, N + 3, 10) and that of the known bodies (3, N + 3). For the given
+        rates times x (N,) and an angular velocity ω it is (known + derivative · ψ) [x, ω].
 
     """
     R_BC, s = dynamics.R_BC[0], dynamics.s[0]
@@ -1160,7 +1167,7 @@ def _response(dynamics: RelativeDynamics) -> tuple[NDArray[np.float64], NDArray[
 
 
 def _momenta(parts: list[tuple], psi: NDArray) -> tuple[NDArray, NDArray]:
-    """J (n, 3, 3) and h (n, 3) of responses, each with the rates that go with it."""
+    """Return J (n, 3, 3) and h (n, 3) of n responses with their rates."""
     momenta = [response @ psi + known for response, known, _ in parts]
     J = np.stack([momentum[:, -3:] for momentum in momenta])
     h = np.stack([m[:, :-3] @ rates for m, (_, _, rates) in zip(momenta, parts)])
@@ -1177,7 +1184,7 @@ def _com_part(dynamics: RelativeDynamics) -> NDArray[np.float64]:
 
 
 def _drive(P: NDArray, where: slice, M: NDArray, growth: float) -> None:
-    """Let three of the errors become M (3, 28) times all, and grow by a variance; in place."""
+    """Propagate the covariance in place: three errors become M (3, 28) times all, plus noise."""
     rows = M @ P
     block = rows @ M.T
     P[where] = rows
@@ -1186,7 +1193,7 @@ def _drive(P: NDArray, where: slice, M: NDArray, growth: float) -> None:
 
 
 def _well_positive(J: NDArray, reference: NDArray) -> bool:
-    """Whether J is at least a third of the known bodies' own inertia, in every direction."""
+    """Return whether J is at least a third of the known bodies' inertia in every direction."""
     try:
         np.linalg.cholesky(J - reference / 3)
     except np.linalg.LinAlgError:
