@@ -1,15 +1,15 @@
 """Base motion that follows from joint motion while momentum is conserved.
 
-Seen from the base, everything but the base's own twist is given by the joints. With twists
-V = [ω; v] and momenta Π = [L; P] about B's origin, all in B, conservation of momentum reads
+The motion relative to the base is given by the joints; only the base's own twist is unknown. With
+twists V = [ω; v] and momenta Π = [L; P] about B's origin, all in B, conservation of momentum reads
 
     (M + XᵀG(φ)X) V_WB + h + XᵀG(φ)V_BC = Π.
 
 M and h are the known bodies' inertia and their momentum on a base at rest, X takes the base's
 twist to that of the capture frame C, V_BC is the twist of C against B in C, and G(φ) is the
-target's spatial inertia in C, linear in its standard vector φ. So V_WB and its derivative by φ
-are closed formulas, and the base's pose is a quadrature: the simulation without the dynamics,
-for many targets at once.
+target's spatial inertia in C, linear in its standard vector φ. V_WB and its
+derivative by φ are therefore closed formulas. Integrating V_WB gives the base's pose for many
+targets at once, without a simulation of the dynamics.
 
 Source: Ning et al. 2016, Eqs. 5 and 9, solved for the motion of the base.
 """
@@ -39,12 +39,12 @@ from cpid_drake.errors import InputError
 
 @dataclass(frozen=True)
 class KnownDynamics:
-    """What the known bodies contribute to momentum at N instants of a joint motion.
+    """Inertia and momentum of the known bodies at N instants of a joint motion.
 
     Attributes:
         M: (N, 6, 6) their spatial inertia about B's origin, in B.
         h: (N, 6) their momentum [L; P] about B's origin, in B, on a base at rest.
-        X: (N, 6, 6) takes the base's twist, in B, to that of C, in C, at rest joints.
+        X: (N, 6, 6) maps the base's twist, in B, to that of C, in C, for joints at rest.
         V_BC: (N, 6) twist of C against B, in C.
 
     """
@@ -82,7 +82,7 @@ class BaseTrajectory:
 
 
 def known_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> KnownDynamics:
-    """Return what the known bodies contribute at joint positions and rates, (N, J) each."""
+    """Return the known bodies' inertia and momentum at joint positions and rates, (N, J) each."""
     bodies, capture = propagate(tree, Telemetry.seen_from_base(q, qdot))
     M = np.zeros((bodies.r.shape[1], 6, 6))
     for body, R, r in zip(tree.bodies, bodies.R, bodies.r, strict=True):
@@ -142,10 +142,10 @@ def zero_momentum_base_twist(
     """Return the base's (w_WB, v_WB), (N, 3) each in W, for which the total momentum is zero.
 
     The base velocities in `telemetry` are not used. A simulation whose joints already move at its
-    start must start with this twist, or it starts with momentum.
+    start must start with this twist; otherwise its total momentum is not zero.
 
     Args:
-        target: what is held; for the spacecraft alone, one of zero mass and inertia.
+        target: the body that is held; of zero mass and inertia for the spacecraft alone.
 
     """
     known = known_dynamics(tree, telemetry.q, telemetry.qdot)

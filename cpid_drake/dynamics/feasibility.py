@@ -53,7 +53,7 @@ def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) 
 
 
 def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np.float64]:
-    """Return the inertia (3, 3) moved by rounding's size to where Drake's own checks accept it.
+    """Return the inertia (3, 3) changed by about the rounding error, so that Drake accepts it.
 
     The change is at most 1e-12 of the body's size where the body is physically consistent up to
     rounding or a solver's tolerance.

@@ -26,7 +26,7 @@ from cpid_drake.errors import InputError
 if TYPE_CHECKING:
     from pydrake.multibody.tree import SpatialInertia
 
-# Rounding in the arithmetic of a few hundred operations; not a physical tolerance.
+# Rounding error of a few hundred operations; not a physical tolerance.
 _ROUNDING = 1e-14
 
 
@@ -124,11 +124,11 @@ class InertialParameters:
     def to_spatial_inertia(self) -> "SpatialInertia":
         """Return Drake's spatial inertia about C's origin, in C.
 
-        For a flat body far from C, whose limits rounding would overstep about C's origin, the
-        inertia is changed by 1e-12 of its size to lie within them.
+        For a flat body far from C, rounding can violate the limits about C's origin; the inertia is
+        then changed by 1e-12 of its size.
 
         Raises:
-            InputError: no rigid body has these parameters; `nearest_feasible()` returns some.
+            InputError: no rigid body has these parameters; use `nearest_feasible()` first.
 
         """
         from pydrake.multibody.tree import SpatialInertia, UnitInertia

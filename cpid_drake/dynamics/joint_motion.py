@@ -21,7 +21,7 @@ class JointMotion(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class HalfCosine:
-    """q(t) = q0 + Δ/2 (1 − cos(π t/T)), Δ = q1 − q0: at rest at t = 0 and at t = T, held after.
+    """q(t) = q0 + Δ/2 (1 − cos(π t/T)), Δ = q1 − q0: at rest at t = 0 and from t = T on.
 
     Source: Ning et al. 2016, Fig. 5 (a half cycle of cosine motion with T = 10 s).
 
@@ -75,8 +75,8 @@ class MultiSine:
     """q(t) = centre + r(t) Σ_k a_k sin(2π f_k t + φ_k): a bounded motion of all joints.
 
     r rises from 0 to 1 over the first `ramp` seconds and falls back over the last, by the
-    polynomial of degree 9 whose first four derivatives vanish at both ends: at rest at the centre,
-    without acceleration or jerk, at t = 0 and at t = T, held there before and after.
+    polynomial of degree 9 whose first four derivatives vanish at both ends. The joints are at rest
+    at the centre, without acceleration or jerk, until t = 0 and from t = T on.
 
     Attributes:
         centre: (J,) positions about which the joints move [rad or m].
@@ -152,12 +152,12 @@ class MultiSine:
         return np.stack([q, qdot, qddot], axis=-2)
 
     def position_range(self) -> NDArray[np.float64]:
-        """Return the lowest and highest positions (2, J), to some 1e-4 of the motion."""
+        """Return the lowest and highest positions (2, J), accurate to about 1e-4 of the motion."""
         q = self._fine_samples()[:, 0]
         return np.stack([q.min(axis=0), q.max(axis=0)])
 
     def peak_rates(self) -> NDArray[np.float64]:
-        """Return the (J,) largest joint speeds, to some 1e-4 of them [rad/s or m/s]."""
+        """Return the (J,) largest joint speeds, accurate to about 1e-4 [rad/s or m/s]."""
         return np.abs(self._fine_samples()[:, 1]).max(axis=0)
 
     def _fine_samples(self) -> NDArray[np.float64]:

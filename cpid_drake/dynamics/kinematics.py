@@ -1,7 +1,7 @@
 """Recursive kinematics of a tree of bodies, batched over samples (Ning et al. 2016, Eqs. 1-3).
 
-Plain NumPy over arrays that `Spacecraft` reads once from its Drake plant, so it is both the fast
-route for many samples and one that is independent of Drake's own kinematics.
+Plain NumPy over arrays that `Spacecraft` reads once from its Drake plant. It is fast for many
+samples, and independent of Drake's own kinematics.
 """
 
 from dataclasses import dataclass
@@ -86,10 +86,10 @@ def centroid_velocity(
 
 
 def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, CaptureMotion]:
-    """Walk the tree outwards from the base and return the motion of every body and of C.
+    """Return the motion of every body and of C, computed from the base outwards.
 
-    Sliding joints are an extension of the paper: the joint point moves on the inboard body by
-    axis · q, so that b_m grows by it and v_k gains axis · q̇.
+    Sliding joints are an extension of the paper: axis · q is added to
+    b_m, and axis · q̇ to v_k.
 
     Source: Ning et al. 2016, Eqs. 1-3.
     """

@@ -10,7 +10,7 @@ from cpid_drake.dynamics.parameterizations import (
 
 
 class LogCholesky:
-    """Relative unknowns as ψ(λ): pseudo-inertia P = S U Uᵀ S, U's diagonal an exponential.
+    """Relative unknowns ψ(λ) of the pseudo-inertia P = S U Uᵀ S, with exp(λ) on U's diagonal.
 
     Args:
         scale: (10,) magnitudes of the unknowns; only m and I are used, for S.
@@ -27,7 +27,7 @@ class LogCholesky:
         self.S = mass * np.diag([length, length, length, 1.0])
 
     def from_psi(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return λ (10,) of the unknowns of a rigid body, moved inside the limits if on them."""
+        """Return λ (10,) of the unknowns ψ (10,) of a rigid body; one on the limits is moved inside."""
         inverse = np.diag(1 / np.diag(self.S))
         P = inverse @ standard_to_pseudo_inertia(psi) @ inverse
         values, axes = np.linalg.eigh((P + P.T) / 2)

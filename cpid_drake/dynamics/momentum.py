@@ -1,8 +1,7 @@
 """Momentum of the known bodies and of the target (Ning et al. 2016, Eqs. 4-9).
 
-Sums over the known bodies start at the base, i = 0, in every equation. (The paper's Eqs. 4, 10, 14
-and 18 print i = 1; taken literally the base is left out, and the paper's case gives a negative
-mass.)
+Sums over the known bodies start at the base, i = 0, in every equation. The paper's Eqs. 4, 10, 14
+and 18 print i = 1. That omits the base and gives a negative mass in the paper's case.
 """
 
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 
 @dataclass(frozen=True)
 class MomentumSamples:
-    """All that a row family needs, at N samples: the motion of C and the known bodies' momentum.
+    """Motion of C and momentum of the known bodies at N samples: the input of a row family.
 
     Attributes:
         motion: pose and velocity of the capture frame C.
@@ -69,8 +68,8 @@ def target_momentum(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the target's m_n v_n and its angular momentum about C's origin, (N, 3) each, in W.
 
-    The target turns with the capture frame, ω_n = ω_C: a rigid grasp, which the paper assumes and
-    does not say. Source: Ning et al. 2016, target's terms of Eqs. 5 and 9.
+    The target turns with the capture frame, ω_n = ω_C: a rigid grasp, which the paper assumes
+    without stating it. Source: Ning et al. 2016, target's terms of Eqs. 5 and 9.
     """
     R_WC, w = motion.R_WC, motion.w_WC
     c_W = rotate(R_WC, target.p_CTcm_C)

@@ -1,12 +1,11 @@
-"""The vectors of ten that hold a target's inertial parameters, and the maps between them.
+"""Vectors of a target's ten inertial parameters, and the conversions between them.
 
-Three vectors of ten hold the same ten numbers; the functions here are the only place that converts
-between them:
+Three vectors hold the same ten numbers. Only the functions of this module convert between them:
 
 - **parameters** π = (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz): what is reported;
 - **eq18** θ = (1/m, c, I11, I12, I13, I22, I23, I33): the unknowns of Ning et al. 2016, Eq. 18;
-- **standard** φ = (m, h, J11, J12, J13, J22, J23, J33), h = m c: the unknowns that the
-  pseudo-inertia, and the momentum itself, are linear in.
+- **standard** φ = (m, h, J11, J12, J13, J22, J23, J33), h = m c: the pseudo-inertia
+  and the target's momentum are linear in it.
 
 Here c is `p_CTcm_C` (target's centre of mass Tcm from the capture point, in the capture frame C)
 [m], I is `I_TTcm_C` (about Tcm, in C) and J is `I_TC_C` (about C's origin, in C) [kg·m²]. Products
@@ -131,7 +130,7 @@ def standard_jacobian(phi: ArrayLike) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Parameterization:
-    """A vector of ten that some row family is linear in, and its way back to the parameters π."""
+    """A vector of ten unknowns in which a row family is linear, and its conversion to π."""
 
     name: str
     entries: tuple[str, ...]

@@ -5,12 +5,13 @@ constant. Seen from the base, with ω = w_WB and all in B,
 
     J(ψ) ω + h(ψ) = Rᵀ L,      p_WB = p_Wcm − R ρ(ψ),
 
-where J, h and ρ are *linear* in the unknowns ψ = (μ, μc, I_*) of the relative rows. That makes
-estimation easy: for any two ψ and ψ', and ω the true velocity of ψ,
+where J, h and ρ are *linear* in the unknowns ψ = (μ, μc, I_*) of the relative rows. For
+any two ψ and ψ', with ω the true angular velocity for ψ, this means
 
     J(ψ') (ω − ω') = Rᵀ(L − L') − Y(ω) (ψ − ψ')
 
-exactly, Y being the relative rows; and the attitude needs no position, the position no velocity.
+exactly, with Y the relative rows. The attitude does not depend on the position, nor the position
+on a measured velocity.
 
 Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
 """
@@ -56,7 +57,7 @@ class RelativeDynamics:
 
     @classmethod
     def from_known(cls, known: KnownDynamics, mass: float) -> "RelativeDynamics":
-        """Take the known bodies' inertia and momentum about B, of this mass, to those about K."""
+        """Return the dynamics of known bodies of this mass [kg], converted from B's origin to K."""
         M, h, X = known.M, known.h, known.X
         p_BK = unskew(M[:, :3, 3:]) / mass
         R_CB = X[:, :3, :3]

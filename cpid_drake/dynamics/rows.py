@@ -1,8 +1,8 @@
-"""Row families: what momentum conservation says about the target, linear in ten unknowns.
+"""Row families: momentum conservation as equations that are linear in the target's ten unknowns.
 
-Each family turns momentum samples into rows A θ = b, stacked or online, from one place. All assume
-a rigid grasp (ω_n = ω_C) and no external force, and a total momentum that is zero, or constant and
-unknown where its columns are added.
+Each family turns momentum samples into rows A θ = b, for batch and online identification alike. All
+assume a rigid grasp (ω_n = ω_C) and no external force, and a total momentum that is zero, or
+constant and unknown where its columns are added.
 
 Corrections of the paper (Ning et al. 2016) that these rows contain:
 
@@ -123,8 +123,8 @@ def _standard(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.floa
 def _constant_block(block: Callable[..., NDArray]) -> Callable[[MomentumSamples], NDArray]:
     """Turn a block that is linear in (v, ω, P, L) into a function of N samples.
 
-    A linear block is one constant matrix: its values at unit vectors. So any number of samples is
-    a single product.
+    Its values at unit vectors form one constant matrix, and the rows of any number of samples are
+    a single product with it.
     """
     unit = np.eye(12).reshape(12, 4, 3)
     coefficients = np.stack([block(*vectors).ravel() for vectors in unit])
@@ -160,8 +160,8 @@ def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
     """[Y | −L_K] (3 N, 11), all in C, s = p_C − r_k and Y from `relative_regressor`.
 
     Angular momentum about the system's centre of mass: with L_K the known bodies' about their own,
-    L_K + μ s × ṡ + μ (s × (ω × c) + c × ṡ) + I_* ω = 0, in which neither the base's position nor
-    any constant velocity has a part.
+    L_K + μ s × ṡ + μ (s × (ω × c) + c × ṡ) + I_* ω = 0, which does not depend on the
+    base's position or on a constant velocity.
     """
     motion = samples.motion
     s = motion.p_WC - samples.p_WKcm
@@ -237,7 +237,7 @@ EQ18_ROWS = RowFamily("eq18", 6, lambda known_mass: EQ18, _constant_block(_eq18)
 STANDARD_ROWS = RowFamily(
     "standard", 6, lambda known_mass: STANDARD, _constant_block(_standard), 6, _momentum_columns
 )
-"""The same physics in (m, m c, I about C): the measured momentum stands on the right only."""
+"""The same physics in (m, m c, I about C): measured momentum on the right-hand side only."""
 
 RELATIVE_ROWS = RowFamily(
     "relative", 3, relative_parameterization, _relative, 3, _relative_momentum_columns

@@ -1,11 +1,11 @@
-"""How the base's motion answers to what is known of the spacecraft, but not exactly.
+"""Sensitivity of the base's motion to errors of the joint motion and of the known bodies.
 
-Joint positions and rates come from encoders, and masses, centres of mass and inertias of the
-known bodies from drawings. Both have errors; here is what one does to the base's angular velocity
-and to the place of the system's centre of mass, to first order and in closed form.
+Joint positions and rates come from encoders; masses, centres of mass and inertias of the known
+bodies come from drawings. Both have errors. This module gives their effect on the base's angular
+velocity and on the position of the system's centre of mass, to first order and in closed form.
 
-With screws S_j = [a; o × a] of the joints, and for everything outboard of joint j its spatial
-inertia I and momentum Π about B's origin, in B, and V its inboard end's twist:
+S_j = [a; o × a] is the screw of joint j. I and Π are the spatial inertia and the momentum about
+B's origin, in B, of all bodies outboard of joint j, and V is the twist of the first of them:
 
     ∂Π/∂q̇_j = I S_j,      ∂Π/∂q_j = S_j ×* Π − I (S_j × V),
 
@@ -47,13 +47,13 @@ class MotionSensitivity:
 
 @dataclass(frozen=True)
 class BodyUncertainty:
-    """How well the known bodies are known: one σ for each kind of number, for every body.
+    """Uncertainty of the known bodies: one σ for each kind of parameter, the same for every body.
 
     Attributes:
         mass: relative σ of the mass.
         com: σ of each coordinate of the centre of mass [m].
-        inertia: relative σ of the inertia: of the principal second moments, and of the turn of
-            their axes alike.
+        inertia: relative σ of the inertia: of the principal second moments, and of the rotation
+            of their axes.
 
     """
 
@@ -119,8 +119,8 @@ def body_sensitivity(
     """Return the derivatives by the inertial parameters of the first `known_bodies` bodies.
 
     Ten for each body, as in `BodyUncertainty.sigmas`: relative mass, centre of mass in the body's
-    frame, and the stretch E (Exx, Eyy, Ezz, Exy, Exz, Eyz) that takes its second moment Σ to
-    (1 + E) Σ (1 + E)ᵀ. The target stays the same body. Arguments as for `joint_sensitivity`.
+    frame, and the stretch E (Exx, Eyy, Ezz, Exy, Exz, Eyz) that changes its second moment Σ to
+    (1 + E) Σ (1 + E)ᵀ. The target does not change. Arguments as for `joint_sensitivity`.
     """
     bodies, _ = propagate(tree, telemetry)
     total = tree.mass
@@ -150,9 +150,9 @@ def body_sensitivity(
 def disturbed(
     tree: KinematicTree, uncertainty: BodyUncertainty, rng: np.random.Generator
 ) -> KinematicTree:
-    """Return a spacecraft drawn at random from those that an uncertainty allows.
+    """Return a spacecraft drawn at random, with errors of the given uncertainty.
 
-    Its inertias remain ones that rigid bodies can have.
+    Its inertias remain physically consistent.
     """
     bodies = []
     for body in tree.bodies:

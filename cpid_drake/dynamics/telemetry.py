@@ -1,4 +1,4 @@
-"""The one type that motion data travels in: from simulation, from sensors and from users' files."""
+"""Motion data from simulations, from sensors and from files: one type for all of them."""
 
 from dataclasses import dataclass, replace
 
@@ -127,7 +127,7 @@ class Telemetry:
         parts = {name: getattr(self, name)[samples] for name in names}
         if not isinstance(samples, slice) or (samples.step or 1) < 0:
             return replace(self, **parts)
-        # What has been checked need not be checked again: a long log is cut into many pieces.
+        # These samples are already checked; a long log is cut into many pieces.
         piece = object.__new__(Telemetry)
         for name, values in {"joint_names": self.joint_names, **parts}.items():
             object.__setattr__(piece, name, values)

@@ -58,7 +58,7 @@ class KinematicTree:
 
     @cached_property
     def lumped(self) -> "KinematicTree":
-        """The same tree with bodies that are welded together as one: the same momentum, sooner."""
+        """The same tree with welded bodies joined into one: the same momentum with less work."""
         lumps: list[TreeBody] = []
         where: list[tuple[int, NDArray, NDArray]] = []  # of each body: its lump, and its pose there
         for body in self.bodies:
@@ -101,10 +101,10 @@ class KinematicTree:
         return replace(self, bodies=(*self.bodies, target))
 
     def is_rotor(self, joint: int) -> bool:
-        """Return whether a joint's angle makes no difference, as a reaction wheel's.
+        """Return whether a joint's angle has no effect, as for a reaction wheel.
 
-        It turns a single body that carries nothing and is balanced about the axis: its centre of
-        mass on it, its inertia about it symmetric (to 1e-6 of its size).
+        Such a joint turns a single body that carries no other, with its centre of mass on the axis
+        and an inertia that is symmetric about the axis (to 1e-6 of its size).
         """
         [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
         body, axis = self.bodies[k], self.bodies[k].axis_F

@@ -1,4 +1,4 @@
-"""Batch least squares that says how well the data determine each unknown."""
+"""Batch least squares, with a measure of how well the data determine each unknown."""
 
 from dataclasses import dataclass
 
@@ -9,30 +9,30 @@ DEFAULT_RANK_TOLERANCE = 1e-9
 """Singular values of column-scaled rows below this share of the largest count as zero.
 
 A simulation that conserves momentum to 1e-10 of its size leaves unobservable directions below it.
-With noisy rows a full rank says little: read the covariance.
+With noisy rows a full rank means little: use the covariance.
 """
 
 
 KNOWN = 0.1
-"""Share of what is plausible at all to which a combination must be known, or it is open."""
+"""Largest σ of a determined combination of unknowns, as a share of its plausible size."""
 
 
 @dataclass(frozen=True)
 class LeastSquaresSolution:
-    """The solution of A x = b in n unknowns, and what the rows say about its quality.
+    """The least-squares solution of A x = b in n unknowns, and measures of its quality.
 
     Attributes:
-        estimate: (n,) unknowns; NaN in every entry that the rows leave open.
+        estimate: (n,) unknowns; NaN in every entry that the rows do not determine.
         covariance: (n, n) s² (AᵀA)⁻¹ with s² the residual sum of squares over the degrees of
-            freedom; NaN in rows and columns of open entries, and throughout without degrees of
-            freedom. It takes all rows to be equally uncertain.
+            freedom, for rows of equal uncertainty; NaN in rows and columns of undetermined entries,
+            and in all entries if there are no degrees of freedom.
         information: (n, n) AᵀA: the inverse covariance up to the factor s².
         rank: number of independent combinations of the unknowns that the rows determine.
         singular_values: (n,) of the rows with every column scaled to unit length, descending.
-        condition_number: largest over smallest of them; infinite below full rank.
+        condition_number: ratio of the largest to the smallest of them; infinite below full rank.
         condition_number_unscaled: the same without scaling, in SI units.
         unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
-            the unknowns can change without any row noticing.
+            the unknowns can change without a change of any row.
         residual_rms: root mean square of A x − b; NaN without rows.
         row_count: number of scalar rows used; rows of zeros do not count.
 
@@ -60,7 +60,7 @@ def solve_least_squares(
 ) -> LeastSquaresSolution:
     """Solve rows A (..., n), b (...) for the n unknowns, all rows weighted alike.
 
-    Rows that are zero throughout (a sample at rest) say nothing and are not counted.
+    Rows of zeros (a sample at rest) contain no information and are not counted.
 
     Raises:
         ValueError: the shapes do not fit, or an entry is not finite.
@@ -87,14 +87,14 @@ def solve_compressed(
 
     Args:
         A, b: (M, n) and (M,) the rows themselves, or R and Qᵀb of their QR factors.
-        left_out: residual sum of squares that the compression left out.
+        left_out: residual sum of squares that the compressed rows do not contain.
         row_count: number of rows before compression.
         rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
 
     """
     n = A.shape[1]
     norms = np.linalg.norm(A, axis=0)
-    # A column that is zero but for rounding must not be blown up to unit length.
+    # A column that is zero up to rounding must not be scaled to unit length.
     largest = norms.max(initial=0.0) or 1.0
     scale = np.where(norms > 1e-12 * largest, norms, largest)
     if len(A) < n:
@@ -109,7 +109,7 @@ def solve_compressed(
     residual_sum = residual @ residual + left_out
     freedom = row_count - rank
     variance = residual_sum / freedom if freedom > 0 else np.nan
-    with np.errstate(over="ignore", invalid="ignore"):  # of rows at the edge of what numbers can be
+    with np.errstate(over="ignore", invalid="ignore"):  # rows of extreme size
         root = (Vt[:rank].T / s[:rank]) / scale[:, None]
         covariance = variance * root @ root.T
     covariance[is_open, :] = covariance[:, is_open] = np.nan
@@ -138,14 +138,14 @@ def solution_of_information(
     residual_sum: float = np.nan,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
-    """Return an estimate whose noise is known as a solution, saying what it leaves open.
+    """Return an estimate of known information as a solution, with what it does not determine.
 
     Args:
         estimate: (n,) unknowns.
         information: (n, n) inverse covariance, of the data alone.
-        scale: (n,) what is plausible at all: a combination that is not known to a tenth of that is
-            open. Noise alone looks like that much information: it is in the regressors too.
-        consider: (n, n) covariance to add for what was taken as known but is not.
+        scale: (n,) plausible sizes: a combination with a larger σ than a tenth of that is taken as
+            not determined, because noise in the regressors looks like information.
+        consider: (n, n) covariance to add for uncertain quantities that were taken as known.
         residual_sum: of the whitened rows.
         row_count: number of whitened rows.
 

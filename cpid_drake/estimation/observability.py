@@ -1,4 +1,4 @@
-"""Which unknowns the data leave open, in words."""
+"""A description in words of the unknowns that the data do not determine."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ def describe_unobservable(
     Args:
         directions: (k, n) orthonormal directions, in column-scaled unknowns.
         names: the n unknowns.
-        share: unknowns with a smaller share in the open directions are called weakly open.
+        share: unknowns with a smaller share in these directions are called weakly affected.
 
     """
     if len(directions) == 0:

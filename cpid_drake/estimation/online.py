@@ -1,12 +1,13 @@
-"""Online estimation from a vague prior: a trajectory fit until it is safe to filter.
+"""Online estimation from a vague prior: trajectory fits first, the momentum filter afterwards.
 
-With hardly any motion seen, every error of a sensor looks like a sign of the target: a filter that
-takes samples one by one would never forget what it made of the first ones. So the samples are kept
-at first and fitted together, again and again at growing intervals; once the target is known well
-enough (`MomentumFilter.well_known`), the filter goes on from the last fit, sample by sample.
+While little motion has been observed, sensor errors look like effects of the target, and a filter
+that processes samples one by one could not correct what it concluded from the first ones. The
+samples are therefore stored at first and fitted together, at growing intervals. Once the target is
+known well enough (`MomentumFilter.well_known`), the filter continues from the last fit, sample by
+sample.
 
-Samples that no constant momentum explains are given up, and all begins anew with the momentum
-unknown: a thruster has fired among them.
+If no constant momentum explains the stored samples, a thruster has fired. They are discarded, and
+the estimation starts again with the momentum unknown.
 """
 
 from dataclasses import dataclass, field
@@ -36,27 +37,27 @@ from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.splines import smooth_joints
 
 FIRST_FIT, NEXT_FIT, LONGEST_FIT = 1.0, 1.3, 60.0
-"""When the first fit is made, by what factor later each next one, the last at the latest [s]."""
+"""Time of the first fit [s], ratio of the times of successive fits, latest time of a fit [s]."""
 
 MISFIT = 4.0
-"""So many σ of χ² too much are no chance: the momentum is not constant."""
+"""Excess of χ², in σ, above which the momentum cannot have been constant."""
 
 FEW = 0.05
-"""This part of the samples, at most, are outliers."""
+"""Largest share of samples that can be outliers."""
 
 FASTEST_BASE = {"attitude": 0.5, "position": 1.0, "velocity": 1.0}
-"""The base does not turn, move or speed up faster [rad/s, m/s, m/s²], but for a spike."""
+"""Largest rate of change of each reading; faster changes are spikes [rad/s, m/s, m/s²]."""
 
 
 @dataclass(eq=False)
 class OnlineState:
-    """What is remembered: the filter's state, and until it runs alone, all samples.
+    """The filter's state and, while the target is estimated by fits, all samples.
 
     Attributes:
         filter: its state; ψ and its covariance are the estimate at any time.
-        samples: (sensor, time, value) so far, while there are fits to make.
+        samples: (sensor, time, value) so far; empty once the filter runs alone.
         next_fit: when the next fit is due [s]; NaN once the filter runs alone.
-        first_time: of all samples; NaN before.
+        first_time: time of the first sample [s]; NaN before.
 
     """
 
@@ -72,7 +73,7 @@ class OnlineState:
 
 
 class OnlineEstimator:
-    """Fits first, filters then; it holds no state.
+    """Estimates the target by fits at first, then by the filter; without a state of its own.
 
     Args:
         tree: the known spacecraft.
@@ -92,7 +93,7 @@ class OnlineEstimator:
         return OnlineState(self.filter.start())
 
     def take(self, state: OnlineState, name: str, time: float, value: NDArray) -> None:
-        """Take one sample of a sensor in, in place; see `MomentumFilter.take`."""
+        """Process one sample of a sensor, in place; see `MomentumFilter.take`."""
         for sample in self.filter.admit(state.filter, name, time, value):
             self._use(state, *sample)
 
@@ -110,7 +111,7 @@ class OnlineEstimator:
         state.samples.append((name, time, np.array(value)))
 
     def _joints_lost(self, state: OnlineState, time: float) -> bool:
-        """Whether the joints' motion since their last sample is anybody's guess."""
+        """Return whether the last encoder sample is too old to interpolate the joint motion."""
         longest = max(LONGEST_GAP, 5 / self.filter.suite.encoders.rate)
         for sensor, last, _ in reversed(state.samples):
             if sensor == "encoders":
@@ -118,7 +119,7 @@ class OnlineEstimator:
         return False
 
     def _fit(self, state: OnlineState, time: float) -> None:
-        """Fit all samples so far, and decide whether the filter can go on alone."""
+        """Fit all samples so far, and decide whether the filter can run alone from now on."""
         elapsed = state.next_fit - state.first_time
         state.next_fit = state.first_time + elapsed * NEXT_FIT
         self._drop_spikes(state)
@@ -155,7 +156,7 @@ class OnlineEstimator:
             return None
 
     def _begin_anew(self, state: OnlineState, time: float) -> None:
-        """Give up what there is of samples: momentum has changed among them."""
+        """Discard all samples, because the momentum has changed among them."""
         start = self.filter.start()
         start.keep_admission(state.filter)
         if start.momentum_known:
@@ -166,7 +167,7 @@ class OnlineEstimator:
         state.first_time, state.next_fit = time, time + FIRST_FIT
 
     def _drop_spikes(self, state: OnlineState) -> None:
-        """Leave out samples that none of their neighbours in time agree with."""
+        """Reject samples that agree with none of their neighbours in time."""
         for name, fastest in FASTEST_BASE.items():
             if getattr(self.filter.suite, name) is None:
                 continue
@@ -176,7 +177,7 @@ class OnlineEstimator:
             self._drop(state, [k for k, is_bad in zip(mine, bad) if is_bad])
 
     def _drop_outliers(self, state: OnlineState, fit: TrajectoryFit) -> bool:
-        """Leave out a few samples that are far off while the others fit; whether there were any."""
+        """Reject a few samples that are far off while the others fit; return whether any are."""
         model = fit.model
         rows = model.sample_rows()
         of_samples = rows >= 0
@@ -197,7 +198,7 @@ class OnlineEstimator:
         return True
 
     def _drop(self, state: OnlineState, places: list[int]) -> None:
-        """Leave samples out, and count them."""
+        """Reject the samples at these places, and count them."""
         for k in places:
             sensor = self.filter.index(state.samples[k][0])
             state.filter.used[sensor] -= 1
@@ -212,7 +213,7 @@ class OnlineEstimator:
         scale = 1 / np.sqrt(np.maximum(np.diag(fit.information), 1e-300))
         scaled = fit.information * scale * scale[:, None]
         covariance = np.linalg.inv(scaled) * scale * scale[:, None] + fit.consider
-        # How the filter's error state at the end follows from the fit's unknowns.
+        # Derivative of the filter's error state at the end by the fit's unknowns.
         F = np.zeros((len(state.P), model.size))
         elapsed = model.nodes[-1] - model.nodes[0]
         columns = model.columns
@@ -251,7 +252,7 @@ class OnlineEstimator:
         return Measurements(self._joint_names, parts)
 
     def run(self, measurements: Measurements) -> OnlineState:
-        """Return the state after all samples of some measurements, taken in order of time."""
+        """Return the state after all samples of some measurements, processed in order of time."""
         state = self.start()
         for name, time, value in in_order(measurements):
             self.take(state, name, time, value)
@@ -259,21 +260,21 @@ class OnlineEstimator:
 
 
 def _misfit(fit: TrajectoryFit) -> bool:
-    """Whether χ² is too large to be by chance."""
+    """Return whether χ² is too large for chance."""
     return bool(fit.chi_squared > fit.rows + MISFIT * np.sqrt(2 * fit.rows))
 
 
 def _spikes(name: str, samples: list, fastest: float, limit: float) -> list[bool]:
     """Return which samples are further from both neighbours than these are from each other.
 
-    Of the first and the last one, the neighbours are the two on one side.
+    The neighbours of the first sample are the two after it; of the last, the two before it.
     """
     if len(samples) < 3:
         return len(samples) * [False]
     times, values = np.array([s[1] for s in samples]), np.array([s[2] for s in samples])
 
     def apart(i: NDArray, j: NDArray) -> NDArray:
-        """Whether two samples are too far from each other."""
+        """Return whether two samples are too far from each other."""
         if name == "attitude":
             cosine = np.abs(np.einsum("ni,ni->n", values[i], values[j]))
             distance = 2 * np.arccos(np.minimum(cosine, 1.0))

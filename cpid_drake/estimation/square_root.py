@@ -1,13 +1,13 @@
 """Recursive least squares as a square-root information filter.
 
-The whole memory of any number of rows [A | b] in n unknowns is one upper triangular matrix
+Any number of rows [A | b] in n unknowns is summarized by one upper triangular matrix
 (n + 1, n + 1), the R factor of their QR decomposition:
 
     [R  z]      R x = z    the equations compressed to n rows,
     [0  ρ]      ρ²         the residual sum of squares at their solution.
 
-A new sample costs the QR decomposition of a triangle over six rows. No covariance is propagated,
-so nothing can lose symmetry or definiteness. Source: Bierman 1977, Factorization Methods for
+A new sample costs the QR decomposition of a triangle over six rows. No covariance is propagated
+that could lose its symmetry or definiteness. Source: Bierman 1977, Factorization Methods for
 Discrete Sequential Estimation, ch. IV.
 """
 
@@ -32,7 +32,7 @@ def update_root(
 ) -> NDArray[np.float64]:
     """Return the square root after the rows [A | b] (M, n + 1) have been added to `root`.
 
-    Rows are not checked; one that is not finite makes the result so.
+    Rows are not checked: a row that is not finite makes the result not finite.
     """
     size = len(root)
     new_root, _, _, _ = lapack.dtpqrt(0, size, root, augmented_rows)
@@ -53,8 +53,8 @@ def solve_root(
     Args:
         root: (n + 1, n + 1) from `update_root`.
         row_count: number of scalar rows that were added.
-        eliminated: so many leading unknowns are left out of the solution, free to take whatever
-            values suit the others best: the rest of the triangle is the problem without them.
+        eliminated: number of leading unknowns to eliminate: the solution is that of the others,
+            with these at their best values.
         rank_tolerance: see `least_squares.DEFAULT_RANK_TOLERANCE`.
 
     """

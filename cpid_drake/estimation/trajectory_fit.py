@@ -1,12 +1,12 @@
-"""Trajectory fit: maximum likelihood from the whole of the sensors' samples.
+"""Trajectory fit: maximum likelihood from all samples of all sensors.
 
-Levenberg-Marquardt on the predicted readings of `likelihood.model`, in two stages. The first works
-in the log-Cholesky form of the pseudo-inertia, so that every iterate is a rigid body (Rucker &
-Wensing 2022); it finds the neighbourhood. The second works in the relative unknowns themselves and
-takes the joint motion's errors into account, as unknowns that are eliminated. Its result is the
-plain maximum: of a target at the edge of what is physically possible (a flat one) it may lie
-beyond, which keeps the estimate unbiased and its intervals honest. What leaves as a spatial inertia
-is projected (`Identification.feasible`).
+Levenberg-Marquardt on the readings that `likelihood.model` predicts, in two stages. The first stage
+uses the log-Cholesky form of the pseudo-inertia, so that every iterate is a rigid body (Rucker &
+Wensing 2022); it finds a good starting point. The second stage uses the relative unknowns
+themselves and eliminates the errors of the joint motion. Its result is the unconstrained maximum.
+For a target at the limit of physical consistency, such as a flat plate, the maximum may lie beyond
+that limit; this keeps the estimate unbiased and its intervals valid. `Identification.feasible`
+projects the estimate on physically consistent parameters.
 """
 
 from dataclasses import dataclass, replace
@@ -24,11 +24,11 @@ from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.priors import psi_scale
 
 HUBER = 2.5
-"""From so many σ of one sample (its three axes together) on, the robust loss grows linearly."""
+"""Residual of a sample, in σ over its three axes, above which the robust loss grows linearly."""
 
-_WELL_KNOWN = 0.01  # to this share of what is plausible at all, whatever the noise may feign
-_LITTLE = 0.1  # a step's share of the cost, before the unknowns are set free
-_STEP_TOLERANCE = 1e-4  # of a step in units of σ: far below what the data can tell
+_WELL_KNOWN = 0.01  # σ as a share of the plausible size of ψ
+_LITTLE = 0.1  # a smaller share of the cost gained by a step ends the first stage
+_STEP_TOLERANCE = 1e-4  # of a step in units of σ: far below the accuracy of the data
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +38,13 @@ class TrajectoryFit:
     Attributes:
         model: what was fitted.
         trajectory: at the solution.
-        information: (n, n) of the unknowns in `model.columns`, joint errors eliminated.
+        information: (n, n) about the unknowns in `model.columns`, joint errors eliminated.
         consider: (n, n) covariance that the known bodies' uncertainty adds; zeros without any.
         chi_squared: of all rows at the solution, weighted as in the last iteration.
         rows: number of scalar rows.
         iterations: of both stages.
         converged: whether the last step was far below σ.
-        downweighted: samples to which the robust loss gives less than full weight.
+        downweighted: number of samples to which the robust loss gives less than full weight.
         weights: (rows,) square roots of the weights that it gives.
 
     """
@@ -70,11 +70,11 @@ class TrajectoryFit:
         return marginal(self.information, 10)
 
     def data_information(self) -> NDArray[np.float64]:
-        """Return what the data alone, without a prior, say about the relative unknowns, (10, 10).
+        """Return the information (10, 10) of the data alone about the relative unknowns.
 
-        Unknowns that the data leave open go wherever they make noise look like motion, such as to
-        a target that cancels the spacecraft's inertia; there even the open ones seem to be known.
-        So if something is hardly known this is taken at a rigid body near by.
+        Unknowns that the data leave open are fitted to noise, for example to a target that cancels
+        the spacecraft's inertia, where even they seem to be known. If a combination is hardly
+        known, the information is therefore evaluated at a rigid body near the solution.
         """
         information = self.psi_information() - self._prior
         dynamics = self.model.dynamics
@@ -94,10 +94,10 @@ class TrajectoryFit:
         return np.zeros((10, 10)) if prior is None else np.diag(prior[1] ** -2.0)
 
     def own_noise(self) -> dict[str, NDArray[np.float64]]:
-        """Return by sensor what is left of its samples (N, 3), in units of σ: its own noise.
+        """Return each sensor's own noise as estimated: residuals (N, 3) in units of σ, by sensor.
 
-        That is the residuals without the most likely errors of the joint motion, which hang
-        together over many samples.
+        These residuals exclude the most likely errors of the joint motion, which are correlated
+        over many samples.
         """
         weighted = WeightedRows(self.model.joint_jacobian(self.trajectory), self.weights)
         rest = weighted.own_noise(self.model.residuals(self.trajectory))
@@ -106,7 +106,7 @@ class TrajectoryFit:
         return {name: part.reshape(-1, 3) for name, part in zip(self.model.sensors, parts[:-1])}
 
     def explain(self) -> str:
-        """Say in words whether it converged, how well it fits, and what it determines."""
+        """Return a sentence: whether the fit converged, how well it fits, what it determines."""
         ended = "converged" if self.converged else "did not converge"
         dynamics = self.model.dynamics
         scale = psi_scale(dynamics.mass, dynamics.I_K[0])
@@ -133,14 +133,14 @@ def fit_trajectory(
     """Fit the target, the base's start, momentum and gyro bias to all samples.
 
     Args:
-        model: the readings' prediction.
+        model: predicts the readings.
         psi: (10,) relative unknowns of a rigid body to start from.
-        known_bodies: how well the spacecraft is known; its share of the covariance is reported.
+        known_bodies: uncertainty of the known bodies; gives the result's `consider`.
         robust: Huber loss instead of squares.
         max_iterations: of each stage.
 
     Raises:
-        InputError: the prediction cannot be made even at the start.
+        InputError: the readings cannot be predicted even at the starting point.
 
     """
     weights = np.ones(len(model.sample_rows()))
@@ -149,7 +149,7 @@ def fit_trajectory(
     weighted = WeightedRows(joint_jacobian, weights)
     for k in range(8 if robust else 1):
         if robust:
-            if k == 1:  # outliers have led the first stage, and its derivatives, astray
+            if k == 1:  # outliers have falsified the first stage, and so its derivatives
                 joint_jacobian = model.joint_jacobian(trajectory)
             weights = _huber_weights(model, weighted.own_noise(model.residuals(trajectory)))
             weighted = WeightedRows(joint_jacobian, weights)
@@ -177,10 +177,10 @@ def fit_trajectory(
 def state_information(
     model: TrajectoryModel, trajectory: Trajectory, known_bodies: BodyUncertainty | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the information about ψ (10, 10) and the covariance to add for the known bodies.
+    """Return the information about ψ (10, 10) and the covariance that the known bodies add to it.
 
-    All else, joint errors included, is eliminated: the inverse of the information at the true state
-    is the Cramér-Rao bound.
+    All other unknowns, joint errors included, are eliminated: at the true state, the inverse of the
+    information is the Cramér-Rao bound.
     """
     weighted = WeightedRows(model.joint_jacobian(trajectory), np.ones(len(model.sample_rows())))
     information, consider, _ = _uncertainty(model, trajectory, weighted, known_bodies)
@@ -193,7 +193,7 @@ def _uncertainty(
     weighted: WeightedRows,
     known_bodies: BodyUncertainty | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Information about all unknowns, consider covariance, and χ²."""
+    """Return the information about all unknowns, the consider covariance, and χ²."""
     A = model.jacobian(trajectory)
     information, _, chi_squared = weighted.normal_equations(A, model.residuals(trajectory))
     consider = np.zeros_like(information)
@@ -209,10 +209,10 @@ def _uncertainty(
 def _neighbourhood(
     model: TrajectoryModel, psi: NDArray[np.float64], weighted: WeightedRows, max_iterations: int
 ) -> tuple[Trajectory, int]:
-    """Return the best fit that does without the joint errors, and how many steps it took.
+    """Return the best fit without joint errors, and the number of steps that it took.
 
-    As soon as steps through rigid bodies bring little, as they do near a flat one, the unknowns are
-    set free; where that leads nowhere it goes on through rigid bodies.
+    The first stage ends as soon as its steps gain little, as they do near a flat body, and the free
+    stage follows. If that one does not converge, the first stage continues.
     """
     state, iterations = model.start(psi), 0
     for little in (_LITTLE, 1e-3):
@@ -233,7 +233,7 @@ def _log_cholesky_stage(
     max_iterations: int,
     little: float,
 ) -> tuple[TrajectoryState, int]:
-    """Descend through rigid bodies until a step lowers the cost by little, as a share of it."""
+    """Descend through rigid bodies until a step gains less than a share `little` of the cost."""
     form = LogCholesky(np.abs(state.psi))
     parameters = form.from_psi(state.psi)
     psi, by_parameters = form.to_psi(parameters)
@@ -277,7 +277,7 @@ def _log_cholesky_stage(
 def _free_stage(
     model: TrajectoryModel, trajectory: Trajectory, weighted: WeightedRows, max_iterations: int
 ) -> tuple[Trajectory, int, bool]:
-    """Descend in the unknowns themselves to the maximum of the likelihood."""
+    """Descend in the relative unknowns to the maximum of the likelihood."""
     residuals = model.residuals(trajectory)
     cost, damping = weighted.cost(residuals), 0.0
     count = 0
@@ -313,9 +313,9 @@ def _damped(N: NDArray[np.float64], g: NDArray[np.float64], damping: float) -> N
 
 
 def _huber_weights(model: TrajectoryModel, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the square roots of the robust loss's weights, one for a sample's three rows.
+    """Return the square roots of the robust loss's weights, equal in the three rows of a sample.
 
-    The residuals are those without the joint motion's errors, which a sample is not to blame for.
+    The residuals must not contain the joint motion's errors, which are not errors of the sample.
     """
     rows = model.sample_rows()
     weights = np.ones(len(rows))

@@ -1,4 +1,4 @@
-"""Are residuals white? What is left of good samples, once explained, is noise without memory."""
+"""Whiteness of residuals: a correct model leaves residuals that are not correlated in time."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Whiteness:
-    """How residuals hang together from sample to sample.
+    """How residuals are correlated from sample to sample.
 
     Attributes:
-        lag_one: correlation of neighbours, −1 to 1; of white residuals zero give or take `band`.
-        band: two σ of `lag_one` if they are white.
-        correlation_time: number of samples that count as one when averaged; 1 if white.
+        lag_one: correlation of neighbours, −1 to 1; for white residuals within ± `band`.
+        band: two σ of `lag_one` for white residuals.
+        correlation_time: number of samples that carry the information of one; 1 if white.
         count: number of samples.
 
     """
@@ -25,12 +25,12 @@ class Whiteness:
 
     @property
     def is_white(self) -> bool:
-        """Whether nothing speaks against it that would matter: a tenth changes σ by a tenth."""
+        """Whether the correlation is small: one of 0.1, which changes σ by a tenth, is ignored."""
         return bool(abs(self.lag_one) <= max(self.band, 0.1))
 
 
 def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
-    """Return how white residuals (N, channels) at N successive instants are.
+    """Return the whiteness of residuals (N, channels) at N successive instants.
 
     Channels are scaled alike. The correlation time is 1 + 2 Σ ρ_k up to where pairs of ρ turn
     negative (Geyer 1992, "Practical Markov Chain Monte Carlo", initial positive sequence).
@@ -46,10 +46,9 @@ def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
 
 
 def autocorrelation(residuals: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-    """Return the correlation of residuals (N, channels) with those 0, 1, ... samples later.
+    """Return the autocorrelation of residuals (N, channels) at lags 0, 1, ... N/2 samples.
 
-    It is the mean over all channels that are not constant, whose number is the second result; at
-    half the samples it ends.
+    It is the mean over all channels that are not constant; the second result is their number.
     """
     residuals = residuals - residuals.mean(axis=0)
     size = np.sqrt(np.mean(residuals**2, axis=0))
