@@ -27,6 +27,7 @@ benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmarks/filter_update.py
 	$(VENV)/bin/python tests/benchmarks/base_motion.py
 	$(VENV)/bin/python tests/benchmarks/recording.py
+	$(VENV)/bin/python tests/benchmarks/start_up.py
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'

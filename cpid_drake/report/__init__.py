@@ -1,1 +1,1 @@
-"""What people read: tables, figures and rendered pictures of studies."""
+"""HTML reports, figures, tables, replays and the live view."""

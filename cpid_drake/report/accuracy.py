@@ -1,4 +1,4 @@
-"""The table and the figures of an accuracy study."""
+"""The tables and figures of an accuracy study."""
 
 from pathlib import Path
 
@@ -13,14 +13,16 @@ from cpid_drake.report.style import COLORS, saved_figure
 from cpid_drake.studies.accuracy import Accuracy, AccuracyStudy
 
 LEGEND = (
-    "Scale: m, 0.5 m, trace of I. ! marks a NEES outside its 95 % band. Bias: the largest of "
-    "ten. Within 1 % of scale: trials, the worst of ten."
+    "Scale: the true mass, 0.5 m, and the trace of I. NEES: mean normalized estimation error "
+    "squared; ! marks values outside the 95 % band. Bias / spread: the largest of the ten "
+    "parameters. Within 1 %: share of trials with an error below 1 % of scale, for the worst "
+    "parameter."
 )
-"""What is said below the tables."""
+"""The explanation of the tables."""
 
 
 def tables(study: AccuracyStudy) -> list[Table]:
-    """Return error over bound, NEES and coverage of every estimator, a table a preset."""
+    """Return error over bound, NEES and coverage of every estimator, one table for each preset."""
     result = []
     for preset, results in by_preset(study).items():
         table = Table(
@@ -42,7 +44,7 @@ def tables(study: AccuracyStudy) -> list[Table]:
             table.add_row(name, f"{bound[i]:.2g}", *(_ratio(r.ratio[i]) for r in results))
         table.add_section()
         table.add_row("NEES", "10", *(_nees(r) for r in results))
-        table.add_row("95 % cover", "95 %", *(_percent(r.coverage_all) for r in results))
+        table.add_row("95 % coverage", "95 %", *(_percent(r.coverage_all) for r in results))
         table.add_row("  least", "", *(_percent(r.coverage.min()) for r in results))
         table.add_row("  most", "", *(_percent(r.coverage.max()) for r in results))
         table.add_row("bias / spread", "0", *(_largest_bias(r) for r in results))
@@ -53,18 +55,18 @@ def tables(study: AccuracyStudy) -> list[Table]:
 
 
 def notes(study: AccuracyStudy) -> list[str]:
-    """Return sentences on what the tables do not show."""
+    """Return further findings as sentences."""
     lines = []
     for r in study.results:
         if r.detected is not None and r.detected[0]:
             share, delay = r.detected
-            text = f"{r.preset}: momentum change seen in {_percent(share)} of trials"
-            lines.append(text + (f", after {delay:.2f} s at most" if np.isfinite(delay) else ""))
+            text = f"{r.preset}: momentum change detected in {_percent(share)} of the trials"
+            lines.append(text + (f", after at most {delay:.2f} s" if np.isfinite(delay) else ""))
     return [*lines, *study.notes]
 
 
 def print_table(study: AccuracyStudy, console: Console) -> None:
-    """Print the tables, and what is said below them."""
+    """Print the tables and their explanation."""
     for table in tables(study):
         console.print(table)
     for line in (LEGEND, *notes(study)):
@@ -72,7 +74,7 @@ def print_table(study: AccuracyStudy, console: Console) -> None:
 
 
 def write_figures(study: AccuracyStudy, folder: Path) -> list[Path]:
-    """Write one figure a preset into a folder: errors beside their bound, and coverage."""
+    """Write a figure for each preset into a folder: errors with their bound, and coverage."""
     files = []
     for preset, results in by_preset(study).items():
         path = folder / f"accuracy_{Path(preset).stem}.png"
@@ -89,7 +91,7 @@ def write_figures(study: AccuracyStudy, folder: Path) -> list[Path]:
 
 
 def by_preset(study: AccuracyStudy) -> dict[str, list[Accuracy]]:
-    """Return the results of every preset."""
+    """Return the results grouped by preset."""
     groups: dict[str, list[Accuracy]] = {}
     for result in study.results:
         groups.setdefault(result.preset, []).append(result)
@@ -153,7 +155,7 @@ def _draw_errors(
         axes.plot([i - 0.42, i + 0.42], 2 * [value], color="black", linewidth=1.2)
     axes.plot([], [], color="black", linewidth=1.2, label="Cramér-Rao bound")
     axes.plot(
-        [], [], "_", color="#555555", markersize=7, markeredgewidth=1.6, label="|bias|, if any"
+        [], [], "_", color="#555555", markersize=7, markeredgewidth=1.6, label="significant |bias|"
     )
     axes.set_yscale("log")
     axes.set_xticks(place, PARAMETER_NAMES)
@@ -187,4 +189,4 @@ def _draw_coverage(axes: Axes, results: list[Accuracy]) -> None:
     lowest = min((100 * r.coverage_interval[0].min() for r in results), default=0.0)
     axes.set_ylim(max(lowest - 5, -3), 103)
     axes.set_ylabel("trials [%]")
-    axes.set_title("95 % intervals that hold the truth (grey: 92–98 %)")
+    axes.set_title("Share of 95 % intervals that contain the true value (grey: 92–98 %)")

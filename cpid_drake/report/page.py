@@ -1,7 +1,7 @@
-"""A report: one HTML file that needs nothing else, made of sections.
+"""A report: one self-contained HTML file, made of sections.
 
-User text is escaped by Jinja. Every number that is rounded for the reader carries the exact one as
-it is in the JSON that the page holds: `data-value`, and `data-key` where it is found there.
+Jinja escapes all text of the user. An element with a rounded number has the exact number in its
+attribute `data-value`, and the number's path in the page's embedded JSON in `data-key`.
 """
 
 import base64
@@ -19,14 +19,14 @@ from cpid_drake.report.figures import Picture
 
 
 class Section:
-    """A part of a report: a title and a template, which sees the section as `section`."""
+    """A part of a report: a title, and a template that gets this object as `section`."""
 
     title: ClassVar[str]
     template: ClassVar[str]
 
     @property
     def anchor(self) -> str:
-        """Its name in links."""
+        """Its id in the page, for links."""
         return self.title.lower().replace(" ", "-")
 
     def render(self) -> Markup:
@@ -39,9 +39,9 @@ class Report:
     """A page.
 
     Attributes:
-        title, subtitle: what it is about.
-        sections: in their order.
-        data: JSON texts that the page holds, by name.
+        title, subtitle: plain text.
+        sections: the sections, in the order of the page.
+        data: JSON texts to embed, by name.
 
     """
 
@@ -51,7 +51,7 @@ class Report:
     data: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:
-        """Return the page."""
+        """Return the page as HTML."""
         data = {name: embedded_json(text) for name, text in self.data.items()}
         return _environment().get_template("page.html.j2").render(report=self, data=data)
 
@@ -71,13 +71,13 @@ class Report:
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of a table: its text, and the exact value with where it is found.
+    """A cell of a table: a text, and the exact value behind it.
 
     Attributes:
-        text: what is shown.
-        value: what the JSON has there; anything that JSON can hold.
-        key: path in the JSON, such as `com.0`; None for what is not from there.
-        data: name of the JSON text.
+        text: the text to show.
+        value: the exact value; anything that JSON can hold.
+        key: path of the value in the embedded JSON, such as `com.0`; None if it is not there.
+        data: name of the embedded JSON text.
 
     """
 
@@ -88,25 +88,25 @@ class Cell:
 
     @property
     def exact(self) -> str:
-        """The value as JSON."""
+        """`value` as JSON."""
         return json.dumps(self.value, allow_nan=False)
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table: heads, and rows of cells or texts."""
+    """A table: column heads, and rows of cells or texts."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Cell | str]]
     caption: str = ""
 
     def is_numeric(self, column: int) -> bool:
-        """Whether there are numbers in a column, which stand at the right."""
+        """Return whether a column holds numbers, which are aligned at the right."""
         return any(isinstance(row[column], Cell) for row in self.rows)
 
 
 def embedded_json(text: str) -> Markup:
-    """Return JSON so that it can stand in a script element: nothing in it ends the element."""
+    """Return JSON escaped for a script element: no text in it can end the element."""
     for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return Markup(text)

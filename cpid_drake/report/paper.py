@@ -25,7 +25,7 @@ _TIME = "time [s]"
 
 
 def tables(study: PaperStudy) -> list[tuple[Table, str]]:
-    """Return the study's tables beside the paper's own values, and what is said below each."""
+    """Return the study's tables, with the paper's values, and a note for each."""
     return [
         (_table_1(study), _table_1_note(study)),
         (_table_2(study), ""),
@@ -35,7 +35,7 @@ def tables(study: PaperStudy) -> list[tuple[Table, str]]:
 
 
 def print_tables(study: PaperStudy, console: Console) -> None:
-    """Print the study's tables beside the paper's own values."""
+    """Print the study's tables, with the paper's values."""
     printed = tables(study)
     for table, note in printed:
         console.print(table)
@@ -54,7 +54,7 @@ def _table(title: str, *columns: str) -> Table:
 
 
 def _comparable(study: PaperStudy, *cells: str) -> tuple[str, ...]:
-    """Leave the last cell, the paper's, out where the target is another than the paper's."""
+    """Drop the last cell, the paper's value, if the target is not the paper's."""
     return cells if study.is_papers_target else cells[:-1]
 
 
@@ -91,19 +91,19 @@ def _table_1(study: PaperStudy) -> Table:
 
 
 def _table_1_note(study: PaperStudy) -> str:
-    note = "Relative: m over m, c over |c|, I over its trace."
+    note = "Errors are relative to m for m, to |c| for c, and to the trace of I for I."
     if study.is_papers_target:
         note += (
-            " The paper's inertia violates the triangle inequality;\n"
-            "its own figure for its largest error is 5.2e-2, Ixx over Ixx."
+            "\nThe paper's inertia violates the triangle inequality. The paper gives its largest\n"
+            "error as 5.2e-2, relative to Ixx."
         )
     return note
 
 
 def _table_2(study: PaperStudy) -> Table:
     table = _table(
-        "Table 2. Mass from data of so many decimals",
-        *_comparable(study, "digits", "mass [kg]", "largest relative error", "paper's mass [kg]"),
+        "Table 2. Mass from data rounded to a number of decimals",
+        *_comparable(study, "decimals", "mass [kg]", "largest relative error", "paper's mass [kg]"),
     )
     for case in study.rounded:
         theirs = PAPER_TABLE_2.get(case.digits)
@@ -119,7 +119,10 @@ def _table_2(study: PaperStudy) -> Table:
 
 def _samples_table(study: PaperStudy) -> Table:
     table = _table(
-        "How many samples? (the paper: two)", "samples", "rank of 10", "largest relative error"
+        "Rank and error by number of samples (the paper uses two)",
+        "samples",
+        "rank of 10",
+        "largest relative error",
     )
     for case in study.by_count:
         error = case.max_relative_error
@@ -140,20 +143,20 @@ def _checks_table(study: PaperStudy) -> Table:
         ("momentum drift in the simulation, linear [N·s]", f"{drift[0]:.1e}", ""),
         ("momentum drift in the simulation, angular [N·m·s]", f"{drift[1]:.1e}", ""),
         (
-            "angular momentum seen in data of 6 decimals [N·m·s]",
+            "angular momentum in data rounded to 6 decimals [N·m·s]",
             f"{study.rounded_angular_momentum:.1e}",
             "1e-2",
         ),
         ("attitude error after re-simulation (Fig. 7)", f"{attitude:.4%}", theirs["attitude"]),
         ("position error after re-simulation (Fig. 7)", f"{position:.4%}", theirs["position"]),
-        ("online against batch, relative", f"{study.online_minus_batch:.1e}", ""),
+        ("online minus batch, relative", f"{study.online_minus_batch:.1e}", ""),
     ):
         table.add_row(*_comparable(study, *cells))
     return table
 
 
 def write_figures(study: PaperStudy, folder: Path) -> list[Path]:
-    """Draw every figure of the study as PNG into a folder that exists; return the files."""
+    """Write the study's figures as PNG files into an existing folder; return their paths."""
     drawings = {
         "figure3_configurations": _draw_configurations,
         "figure5_joint_motion": _draw_joint_motion,
@@ -227,14 +230,14 @@ def _draw_errors(study: PaperStudy, path: Path) -> None:
         _draw_axes(panels[0], time, attitude, ("yaw", "pitch", "roll"))
         label_axes(
             panels[0],
-            f"(A) Attitude error, {study.max_attitude_relative_error:.4%} of the motion at most",
+            f"(A) Attitude error, at most {study.max_attitude_relative_error:.4%} of the motion",
             _TIME,
             "|error| [mdeg]",
         )
         _draw_axes(panels[1], time, 1e6 * np.abs(study.position_error), "xyz")
         label_axes(
             panels[1],
-            f"(B) Position error, {study.max_position_relative_error:.4%} of the motion at most",
+            f"(B) Position error, at most {study.max_position_relative_error:.4%} of the motion",
             _TIME,
             "|error| [µm]",
         )
@@ -261,10 +264,10 @@ def _draw_digits(study: PaperStudy, path: Path) -> None:
         if study.is_papers_target:
             axes.semilogy(list(PAPER_TABLE_2), theirs, "s--", color=COLORS[1], label="paper, mass")
         axes.semilogy(digits, mass, "o-", color=COLORS[0], label="here, mass")
-        axes.semilogy(digits, largest, "^-", color=COLORS[2], label="here, worst of ten")
+        axes.semilogy(digits, largest, "^-", color=COLORS[2], label="here, largest of ten")
         label_axes(
             axes,
-            "Momentum that is conserved has no plateau",
+            "The error falls with every decimal of the data",
             "decimals of the data",
             "relative error",
         )
@@ -295,7 +298,7 @@ def _draw_convergence(study: PaperStudy, path: Path) -> None:
         )
         label_axes(
             axes,
-            "Online estimate from exact samples: what is left is integration error",
+            "Online estimate from exact samples (rest: integration error)",
             _TIME,
             "largest relative error",
         )

@@ -12,13 +12,13 @@ from cpid_drake.scenario.schema import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run's folder, read.
+    """The contents of a run's folder.
 
     Attributes:
-        folder: where it is.
-        scenario: what was simulated.
-        truth: the target.
-        texts: the JSON files, by name without ending.
+        folder: its path.
+        scenario: the simulated scenario.
+        truth: the true target.
+        texts: contents of the JSON files, by file name without ending.
 
     """
 
@@ -29,10 +29,10 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """Read the folder that `cpid simulate` wrote.
+    """Return the contents of a folder that `cpid simulate` wrote.
 
     Raises:
-        InputError: a file is missing or is not of a run.
+        InputError: a file is missing, or its contents are not those of a run.
 
     """
     for name in ("run.json", "truth.json", "scenario.yaml", "telemetry.csv"):

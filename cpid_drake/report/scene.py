@@ -1,4 +1,4 @@
-"""Pictures of a spacecraft and its target, rendered by Drake without a display."""
+"""Pictures of a spacecraft and its target, rendered offscreen by Drake."""
 
 from collections.abc import Sequence
 
@@ -37,15 +37,15 @@ def render_scenario(
     """Render the scenario's spacecraft with its target in several states.
 
     Args:
-        scenario: whose spacecraft and target to draw.
+        scenario: its spacecraft and target are drawn.
         states: plant states x = [q; v], (nx,) each.
         size: width and height of the pictures [px].
-        eye: (3,) where the camera is, in W [m].
-        look_at: (3,) what it looks at, in W [m]; W's z axis is up.
-        field_of_view: vertical [rad].
+        eye: (3,) position of the camera, in W [m].
+        look_at: (3,) point at the centre of the picture, in W [m]; W's z axis is up.
+        field_of_view: vertical field of view [rad].
 
     Returns:
-        One (height, width, 3) RGB picture a state.
+        One (height, width, 3) RGB picture for each state.
 
     Raises:
         InputError: the scenario cannot be built.
@@ -103,7 +103,7 @@ def render_scenario(
 
 
 def _look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> RigidTransform:
-    """X_WCamera of a camera at `eye`: z forward, x right, y down."""
+    """Return the pose X_WCamera of a camera at `eye`: z forward, x right, y down."""
     z = (target - eye) / np.linalg.norm(target - eye)
     x = np.cross(z, [0.0, 0.0, 1.0])
     x = x / np.linalg.norm(x)

@@ -1,4 +1,4 @@
-"""One look for every figure."""
+"""The common style of all figures."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-# Okabe and Ito's palette: told apart by colour-blind readers.
+# The palette of Okabe and Ito, which colour-blind readers can distinguish.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 _STYLE = {
@@ -36,7 +36,7 @@ _STYLE = {
     "ytick.labelsize": 8,
 }
 
-# In a page lines and letters have the page's colours, light or dark: these stand for them.
+# Placeholders: in a page they are replaced by the page's own colours, light or dark.
 _INK, _GRID = "#010203", "#0405f6"
 _PAGE_COLORS = {
     _INK: "var(--ink)",
@@ -58,7 +58,7 @@ _IN_PAGE = {
 }
 
 INK = _INK
-"""What a drawing for a page uses instead of black."""
+"""The colour that drawings for a page use instead of black."""
 
 
 def inline_svg(
@@ -67,10 +67,10 @@ def inline_svg(
     """Return a drawing as an SVG element for a page, in the page's colours.
 
     Args:
-        name: of the drawing, its own in the page: letters, digits and hyphens.
-        label: what it shows, for those who cannot see it.
-        width, height: [in]; the page scales it.
-        draw: draws on a figure.
+        name: unique in the page; letters, digits and hyphens.
+        label: what the drawing shows, for screen readers.
+        width, height: size before the page scales it [in].
+        draw: draws on the figure that it gets.
 
     """
     text = StringIO()
@@ -81,7 +81,7 @@ def inline_svg(
         figure.savefig(text, format="svg", metadata=metadata, dpi=150)
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
-    # The names within are unique in the drawing; several drawings share the page.
+    # Ids are unique in a drawing only, and the page holds several drawings.
     svg = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", svg)
     svg = re.sub(r"#[0-9a-f]{6}\b", lambda found: _PAGE_COLORS.get(found[0], found[0]), svg)
     svg = re.sub(r"'DejaVu Sans'[^;\"]*", "inherit-font", svg)
@@ -93,7 +93,7 @@ def inline_svg(
 
 @contextmanager
 def saved_figure(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """Give a figure of the project's style and this size [in], and save it when it is drawn."""
+    """Provide a figure in the common style, width by height [in]; save it at the end."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
@@ -101,7 +101,7 @@ def saved_figure(path: Path, width: float, height: float) -> Iterator[Figure]:
 
 
 def label_axes(axes: Axes, title: str, x: str, y: str) -> None:
-    """Set an axes' title and its labels, which name the units."""
+    """Set the title and the labels of axes; labels name the units."""
     axes.set_title(title)
     axes.set_xlabel(x)
     axes.set_ylabel(y)

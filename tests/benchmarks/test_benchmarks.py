@@ -43,3 +43,8 @@ def test_recording(run):
     report = run("recording.py", "--duration", "1", "--repeats", "1")
     assert {"recorded_run_over_run", "replay_over_run"} < set(report)
     assert report["replay_megabytes"] < 10
+
+
+def test_start_up(run):
+    report = run("start_up.py", "--repeats", "1")
+    assert {"help_cpu_seconds", "missing_log_cpu_seconds"} < set(report)

@@ -89,13 +89,13 @@ def test_the_report_holds_figures_tables_and_summary(paper_run, summary):
     page = (paper_run.folder / "report.html").read_text()
     assert embedded_summary(page) == summary
     assert page.count("data:image/png;base64,") == len(FIGURES)
-    for title in ("Table 1.", "Table 2.", "How many samples?", "Checks"):
+    for title in ("Table 1.", "Table 2.", "Rank and error by number of samples", "Checks"):
         assert title in page
     assert len(page) < 5_000_000
 
 
 def test_tables_go_to_stdout_and_progress_to_stderr(paper_run):
-    for title in ("Table 1.", "Table 2.", "How many samples?", "Checks"):
+    for title in ("Table 1.", "Table 2.", "Rank and error by number of samples", "Checks"):
         assert title in paper_run.stdout
         assert title not in paper_run.stderr
     assert "8 files in new/paper" in paper_run.stderr

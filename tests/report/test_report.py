@@ -216,7 +216,7 @@ class TestWhatIsSaid:
         evidence.result.parameters[0] += 1.0
         write_result(tmp_path / "r.json", evidence.result)
         page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
-        assert "the log gave other values than the result" in page.text
+        assert "the values differ from those of the result file" in page.text
 
     def test_an_estimate_that_no_rigid_body_has_is_not_called_possible(
         self, tmp_path, zero_momentum_motion, skewed_target

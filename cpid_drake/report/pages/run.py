@@ -1,4 +1,4 @@
-"""The report of a simulated run: what was simulated, and what its telemetry says of the target."""
+"""The report of a simulated run, with an identification from its telemetry."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +13,10 @@ from cpid_drake.report.sections.simulated import Simulated
 
 
 def run_report(folder: Path, progress: Progress) -> tuple[Report, Findings]:
-    """Return the report of a run's folder, and what was found from its telemetry.
+    """Return the report of a run's folder, and the findings from its telemetry.
 
     Raises:
-        InputError: as `read_run` and `evidence.identify_file`.
+        InputError: as `read_run` and `identify_file`.
 
     """
     run = read_run(folder)

@@ -1,4 +1,4 @@
-"""The reports of the studies: their tables and figures as one page."""
+"""The reports of the studies: tables and figures on one page."""
 
 import json
 import shlex
@@ -18,7 +18,7 @@ from cpid_drake.studies.paper import PaperStudy
 
 @dataclass(frozen=True, eq=False)
 class StudySection(Section):
-    """A section of texts, tables and files of figures with their labels."""
+    """A section of texts, tables with notes, and figure files with labels."""
 
     title: str
     texts: Sequence[str] = ()
@@ -29,30 +29,30 @@ class StudySection(Section):
 
 @dataclass(frozen=True, eq=False)
 class StudyProvenance(Section):
-    """Versions, and how to make it again."""
+    """Versions, and the command that repeats the study."""
 
     facts: Sequence[tuple[str, str]]
     command: str
-    title: ClassVar[str] = "Where this comes from"
+    title: ClassVar[str] = "Provenance"
     template: ClassVar[str] = "provenance.html.j2"
 
 
 def paper_report(
     study: PaperStudy, files: Sequence[Path], summary: dict[str, Any], scenario: str
 ) -> Report:
-    """Return the report of the paper's study.
+    """Return the report of the study of Ning et al. 2016.
 
     Args:
-        study: the study.
-        files: its figures, PNG.
-        summary: as it is written to summary.json.
-        scenario: name or file of what was simulated.
+        study: the results.
+        files: PNG files of the figures.
+        summary: contents of summary.json.
+        scenario: name or path of the simulated scenario.
 
     """
     introduction = (
-        "Ning et al. 2016, Coordinated Parameter Identification Technique for the Inertial "
-        "Parameters of Non-Cooperative Target (PLoS ONE 11(4): e0153604), simulated and identified "
-        "again."
+        "Reproduces the simulation and the identification of Ning et al. 2016, Coordinated "
+        "Parameter Identification Technique for the Inertial Parameters of Non-Cooperative Target "
+        "(PLoS ONE 11(4): e0153604)."
     )
     sections = [
         StudySection(
@@ -63,7 +63,9 @@ def paper_report(
             _facts(scenario), shlex.join(["cpid", "paper", "--scenario", scenario, "--out", "OUT"])
         ),
     ]
-    return Report("The paper’s study", scenario, sections, {"summary": _json(summary)})
+    return Report(
+        "Study of Ning et al. 2016", f"Scenario {scenario}", sections, {"summary": _json(summary)}
+    )
 
 
 def accuracy_report(
@@ -84,12 +86,12 @@ def accuracy_report(
             shlex.join([*words, "--out", "OUT"]),
         ),
     ]
-    subtitle = f"{scenario}, {study.trials} trials, seed {study.seed}"
+    subtitle = f"Scenario {scenario}, {study.trials} trials, seed {study.seed}"
     return Report("Accuracy of the estimators", subtitle, sections, {"summary": _json(summary)})
 
 
 def page_table(table: rich.table.Table) -> Table:
-    """Return a terminal's table as a page's."""
+    """Return a table of the terminal as a table of a page."""
     columns = [[str(cell) for cell in column.cells] for column in table.columns]
     rows = [[first, *map(Cell, rest)] for first, *rest in zip(*columns)]
     heads = [str(column.header).replace("\n", " ") for column in table.columns]
@@ -103,7 +105,7 @@ def _figures(files: Sequence[Path]) -> StudySection:
 
 def _facts(scenario: str) -> list[tuple[str, str]]:
     used = ", ".join(f"{name} {number}" for name, number in versions().items())
-    return [("Scenario", scenario), ("Made by", used)]
+    return [("Scenario", scenario), ("Versions", used)]
 
 
 def _json(summary: dict[str, Any]) -> str:

@@ -14,21 +14,21 @@ from cpid_drake.report.page import Section
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion(Section):
-    """How the base moved."""
+    """The measured motion of the base."""
 
     evidence: Evidence
-    title: ClassVar[str] = "Motion of the base"
+    title: ClassVar[str] = "Base motion"
     template: ClassVar[str] = "pictures.html.j2"
     table: ClassVar[None] = None
 
     @property
     def texts(self) -> list[str]:
-        """What is seen."""
+        """An explanation of the pictures."""
         if self.pictures:
-            return ["As the sensors gave it."]
-        return ["No sensor of the base's motion is in the log."]
+            return ["Measured motion of the base, not filtered."]
+        return ["The log holds no measurements of the base's motion."]
 
     @cached_property
     def pictures(self) -> list[Picture]:
-        """As far as there are sensors."""
+        """One picture for each sensor of the base's motion."""
         return motion_pictures(self.evidence.measurements)

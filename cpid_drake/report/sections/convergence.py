@@ -15,7 +15,7 @@ from cpid_drake.report.page import Section
 
 @dataclass(frozen=True, eq=False)
 class ConvergenceSection(Section):
-    """Convergence."""
+    """The estimates from the first part of the log, for ever longer parts."""
 
     findings: Findings
     title: ClassVar[str] = "Convergence"
@@ -24,20 +24,20 @@ class ConvergenceSection(Section):
 
     @property
     def texts(self) -> list[str]:
-        """What is seen."""
+        """An explanation of the pictures."""
         if not self.pictures:
-            return ["No parameter was known at any time."]
+            return ["No part of the log determines any parameter."]
         text = (
-            "The estimate from the samples up to each time, with its 95 % band. The scale is that "
-            "of the later estimates: earlier ones and wider bands leave the picture. Where nothing "
-            "is drawn the parameter was not known yet."
+            "Estimates from the samples up to each time, with their 95 % intervals as a band. The "
+            "axes are scaled for the later estimates; earlier ones may lie outside. At times "
+            "without a point the samples do not determine the parameter yet."
         )
-        dashed = " Dashed: the truth." if self.findings.truth is not None else ""
+        dashed = " Dashed line: true value." if self.findings.truth is not None else ""
         return [text + dashed]
 
     @property
     def pictures(self) -> list[Picture]:
-        """One a parameter."""
+        """One picture for each parameter."""
         if np.isnan(self.findings.convergence.parameters).all():
             return []
         return convergence_pictures(self.findings.convergence, self.findings.truth)

@@ -8,15 +8,15 @@ from cpid_drake.report.page import Section
 
 @dataclass(frozen=True, eq=False)
 class Missing(Section):
-    """Why sections are missing."""
+    """The reason why sections are missing."""
 
     reason: str
-    title: ClassVar[str] = "What is not shown"
+    title: ClassVar[str] = "Not shown"
     template: ClassVar[str] = "pictures.html.j2"
     table: ClassVar[None] = None
     pictures: ClassVar[tuple] = ()
 
     @property
     def texts(self) -> list[str]:
-        """The reason."""
+        """The reason as a sentence."""
         return [self.reason]

@@ -10,28 +10,28 @@ from cpid_drake.report.run_folder import Run
 
 @dataclass(frozen=True, eq=False)
 class Simulated(Section):
-    """What was simulated."""
+    """The simulated scenario, and the online estimate at its end."""
 
     run: Run
-    title: ClassVar[str] = "What was simulated"
+    title: ClassVar[str] = "Simulation"
     template: ClassVar[str] = "run.html.j2"
 
     @property
     def facts(self) -> list[tuple[str, str | Cell]]:
-        """Names and values."""
+        """Names and values, for a list."""
         scenario, document = self.run.scenario, json.loads(self.run.texts["run"])
         sensors = scenario.sensors
-        named = sensors.suite or "the scenario’s own"
+        named = sensors.suite or "defined in the scenario"
         facts: list[tuple[str, str | Cell]] = [
             ("Spacecraft", str(scenario.spacecraft.model)),
             ("Duration", f"{scenario.simulation.duration:g} s"),
-            ("Target", f"{self.run.truth.mass:g} kg"),
+            ("Mass of the target", f"{self.run.truth.mass:g} kg"),
             ("Joint motion", type(scenario.joint_motion).__name__),
-            ("Sensors", named if sensors.present else "none: the exact motion"),
+            ("Sensors", named if sensors.present else "none (exact motion)"),
             ("Online estimator", scenario.identification.estimator.replace("_", " ")),
         ]
         wanted = {
-            "Seed of the sensors": ("sensor_seed",),
+            "Seed of the noise": ("sensor_seed",),
             "Momentum drift [N·s]": ("momentum_drift", "linear_N_s"),
             "Momentum drift [N·m·s]": ("momentum_drift", "angular_N_m_s"),
         }
@@ -46,7 +46,7 @@ class Simulated(Section):
 
     @property
     def online(self) -> Table | None:
-        """What the online identifier found by the end of the run."""
+        """The online estimate at the end of the run; None if there is none."""
         online = json.loads(self.run.texts["run"]).get("online_identification")
         estimate = online.get("estimate") if isinstance(online, dict) else None
         if not isinstance(estimate, dict):
@@ -60,4 +60,4 @@ class Simulated(Section):
             )
             for name, value in estimate.items()
         ]
-        return Table(["", *estimate], [["online estimate at the end", *cells]])
+        return Table(["", *estimate], [["online estimate", *cells]])

@@ -11,7 +11,7 @@ from cpid_drake.report.page import Section
 
 @dataclass(frozen=True, eq=False)
 class Warnings(Section):
-    """What a reader is warned of."""
+    """The warnings of the identification, and of differences to a result file."""
 
     findings: Findings
     title: ClassVar[str] = "Warnings"
@@ -19,7 +19,7 @@ class Warnings(Section):
 
     @property
     def texts(self) -> list[str]:
-        """Sentences."""
+        """One sentence for each warning."""
         result, evidence = self.findings.result, self.findings.evidence
         texts = list(result.warnings)
         if evidence is not None:
@@ -28,8 +28,8 @@ class Warnings(Section):
             close = np.abs(again - result.parameters) <= 1e-3 * sigma + 1e-9 * np.abs(again)
             if not np.all(close | (np.isnan(again) & np.isnan(result.parameters))):
                 texts.append(
-                    "Identified again for this report, the log gave other values than the result "
-                    "holds: the figures below are not of this result. Model, sensors or versions "
-                    "have changed since."
+                    "For this report the log was identified again; the values differ from those of "
+                    "the result file, and the figures below show the new ones. The model, the "
+                    "sensors or the software have changed since the result file was written."
                 )
         return texts
