@@ -7,30 +7,28 @@ module reads the files, bounds their size and says in one line what is wrong, wh
 
 import json
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError, choose_from
+from cpid_drake.yaml_text import Tagged, format_yaml, parse_yaml
 
 if TYPE_CHECKING:  # pydantic takes 0.1 s to import: only what reads a file pays for it
+    from _typeshed import DataclassInstance
     from pydantic import TypeAdapter
     from pydantic_core import CoreSchema, ErrorDetails
 
-Schema = TypeVar("Schema")
+Schema = TypeVar("Schema", bound="DataclassInstance")
 
 LARGEST_FILE = 1_000_000
 """Of a YAML file [bytes]; a scenario has some 3000."""
-
-MOST_VALUES, LONGEST_VALUE, DEEPEST = 20_000, 10_000, 50
-"""Values with all aliases written out, characters of one value, and levels of nesting."""
 
 
 # -- declarations --------------------------------------------------------------------------------
@@ -49,16 +47,14 @@ class Numbers:
         return core_schema.no_info_plain_validator_function(self._read)
 
     def _read(self, value: object) -> NDArray[np.float64]:
-        shape = f" of {'x'.join(map(str, self._shape))}" if self._shape else ""
         try:
             array = np.asarray(value)
         except ValueError:  # rows of unequal length
             array = np.array(None)
         is_list = array.ndim > 0 and array.dtype.kind in "iuf"
         if not is_list or (self._shape and array.shape != self._shape):
-            raise ValueError(
-                f"must be a list{shape} numbers" if shape else "must be a list of numbers"
-            )
+            shape = "x".join(map(str, self._shape))
+            raise ValueError(" ".join(f"must be a list of {shape} numbers".split()))
         if not np.isfinite(array).all():
             raise ValueError("must be finite numbers")
         return array.astype(float)
@@ -80,9 +76,7 @@ class FirstUnlessTagged:
             tagged = core_schema.typed_dict_schema(
                 {tag: core_schema.typed_dict_field(handler(kind))}
             )
-            choices[tag] = core_schema.no_info_after_validator_function(
-                lambda mapping, tag=tag: mapping[tag], tagged
-            )
+            choices[tag] = core_schema.no_info_after_validator_function(itemgetter(tag), tagged)
 
         def choose(value: object) -> str:
             tags = value if isinstance(value, dict) else ()
@@ -112,19 +106,15 @@ def load_yaml(
         tags: the YAML tags that the schema knows; see `FirstUnlessTagged`.
 
     Raises:
-        InputError: not YAML, larger than `LARGEST_FILE`, `MOST_VALUES` and the like, unknown or
+        InputError: not YAML, larger than `LARGEST_FILE` or the limits of `yaml_text`, unknown or
             repeated keys, unknown tags, or values of another type or out of their limits.
 
     """
-    with yaml_errors(where):
-        with file.open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
-        if len(data) > LARGEST_FILE:
-            raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
-        text = data.decode("utf-8-sig")
-        check_size(text, where)
-        tree = _StrictLoader(text, tags).get_single_data()
-    return from_tree(schema, tree, where, whole)
+    with file.open("rb") as stream:
+        data = stream.read(LARGEST_FILE + 1)
+    if len(data) > LARGEST_FILE:
+        raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
+    return from_tree(schema, parse_yaml(data, where, tags), where, whole)
 
 
 def load_json(data: bytes, where: str) -> object:
@@ -173,7 +163,8 @@ def from_tree(schema: type[Schema], tree: object, where: str, whole: str) -> Sch
     # Strict as pydantic is then, it takes a mapping for a dataclass only from JSON.
     text = json.dumps([tree], default=_plain)
     try:
-        return _adapter(schema).validate_json(text)[0]
+        [value] = _adapter(schema).validate_json(text)
+        return value
     except ValidationError as error:
         # A misspelt key makes another one missing: the unknown key is the one to report.
         order = {_UNKNOWN_KEY: 0, "missing": 2}
@@ -181,7 +172,7 @@ def from_tree(schema: type[Schema], tree: object, where: str, whole: str) -> Sch
         raise InputError(f"{where}: {_problem(found, schema, whole)}") from error
 
 
-def check_values(value: object, where: str, whole: str) -> None:
+def check_values(value: "DataclassInstance", where: str, whole: str) -> None:
     """Refuse a dataclass made in Python if a file with its values would be refused.
 
     Raises:
@@ -191,140 +182,34 @@ def check_values(value: object, where: str, whole: str) -> None:
     from_tree(type(value), asdict(value), where, whole)
 
 
-def dump_yaml(value: object, tags: tuple[str, ...] = ()) -> str:
+def dump_yaml(value: "DataclassInstance", tags: tuple[str, ...] = ()) -> str:
     """Return a dataclass as YAML text that `load_yaml` reads with the same tags."""
 
-    class Dumper(yaml.SafeDumper):
-        def ignore_aliases(self, data: object) -> bool:
-            return True
-
-    def mapping(dumper: Dumper, data: object) -> yaml.Node:
+    def plain(data: Any) -> object:
+        if isinstance(data, dict):
+            return {name: plain(item) for name, item in data.items()}
+        if not is_dataclass(data):
+            return data.item() if isinstance(data, np.generic) else data
+        members = {entry.name: plain(getattr(data, entry.name)) for entry in fields(data)}
         tag = tag_of(type(data))
-        members = {entry.name: getattr(data, entry.name) for entry in fields(data)}
-        return dumper.represent_mapping(tag if tag in tags else _MAPPING_TAG, members)
+        return Tagged(tag, members) if tag in tags else members
 
-    Dumper.add_multi_representer(object, mapping)
-    Dumper.add_multi_representer(
-        np.generic, lambda dumper, data: dumper.represent_data(data.item())
-    )
-    Dumper.add_representer(
-        np.ndarray,
-        lambda dumper, data: dumper.represent_sequence(_LIST_TAG, data.tolist(), flow_style=True),
-    )
-    return yaml.dump(value, Dumper=Dumper, sort_keys=False, allow_unicode=True)
-
-
-_MAPPING_TAG, _LIST_TAG = "tag:yaml.org,2002:map", "tag:yaml.org,2002:seq"
+    return format_yaml(plain(value))
 
 
 @cache
-def _adapter(schema: type[Schema]) -> "TypeAdapter[list[Schema]]":
+def _adapter(schema: type) -> "TypeAdapter[list[Any]]":
     """Return pydantic's validator of a list of one: dataclasses in it take the list's settings."""
     from pydantic import ConfigDict, TypeAdapter
 
     strict = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-    return TypeAdapter(list[schema], config=strict)  # type: ignore[valid-type]
+    one: Any = list.__class_getitem__(schema)
+    return TypeAdapter(one, config=strict)
 
 
 def _plain(value: object) -> object:
     """Return what JSON can hold: NumPy's numbers as Python's, and dates as they were written."""
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
-
-
-# -- YAML ----------------------------------------------------------------------------------------
-
-
-@contextmanager
-def yaml_errors(where: str) -> Iterator[None]:
-    """Turn what reading YAML raises into an InputError that names the file and the place."""
-    try:
-        yield
-    except UnicodeDecodeError as error:
-        raise InputError(f"{where}: not YAML: not text in UTF-8") from error
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise InputError(f"{where}: not YAML: {place}{error.problem}") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{where}: not YAML: {error}") from error
-    except (ValueError, LookupError, AttributeError, TypeError) as error:  # of values such as dates
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{where}: a value cannot be read: {error}") from error
-    except RecursionError as error:
-        raise InputError(f"{where}: nested too deeply") from error
-
-
-def check_size(text: str, where: str) -> None:
-    """Refuse what would take a reader long, or much memory: a few aliases can stand for billions.
-
-    Raises:
-        InputError: more than `MOST_VALUES` and the like, or an alias within what it stands for.
-        yaml.YAMLError: not YAML.
-
-    """
-    total, sizes = 0, {}
-    open_collections: list[tuple[str | None, int]] = []
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            if event.anchor not in sizes:
-                raise InputError(f"{where}: the alias *{event.anchor} stands for nothing or itself")
-            total += sizes[event.anchor]
-        elif isinstance(event, yaml.CollectionStartEvent):
-            open_collections.append((event.anchor, total))
-            total += 1
-        elif isinstance(event, yaml.CollectionEndEvent):
-            anchor, before = open_collections.pop()
-            sizes[anchor] = total - before
-        elif isinstance(event, yaml.ScalarEvent):
-            total += 1
-            sizes[event.anchor] = 1
-            if len(event.value) > LONGEST_VALUE:
-                raise InputError(f"{where}: a value of {len(event.value)} characters")
-        if len(open_collections) > DEEPEST:
-            raise InputError(f"{where}: nested too deeply, more than {DEEPEST} levels")
-        if total > MOST_VALUES:
-            raise InputError(f"{where}: more than {MOST_VALUES} values, aliases written out")
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """YAML in which a key that is given twice, or an unknown tag, is an error.
-
-    Plain YAML would take the last of the two keys. A tagged mapping becomes `{tag: mapping}`.
-    """
-
-    def __init__(self, text: str, tags: tuple[str, ...]) -> None:
-        super().__init__(text)
-        self._tags = tags
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[str, object]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            line = key.start_mark.line + 1
-            if not isinstance(key, yaml.ScalarNode):
-                raise yaml.YAMLError(f"a key must be a word, not a collection (line {line})")
-            if key.value in seen:
-                raise yaml.YAMLError(f"the key '{key.value}' is given twice (line {line})")
-            seen.add(key.value)
-        return {str(key): value for key, value in super().construct_mapping(node, deep).items()}
-
-    def construct_tagged(self, tag: str, node: yaml.Node) -> dict[str, object]:
-        line = node.start_mark.line + 1
-        if tag not in self._tags:
-            known = f"choose from {', '.join(self._tags)}" if self._tags else "there are none here"
-            raise yaml.YAMLError(f"unknown tag {tag:.80}; {known} (line {line})")
-        if not isinstance(node, yaml.MappingNode):
-            raise yaml.YAMLError(f"what is tagged {tag} must be a mapping (line {line})")
-        return {tag: self.construct_mapping(node, deep=True)}
-
-
-_StrictLoader.add_multi_constructor("", _StrictLoader.construct_tagged)
-# YAML 1.1 reads 1e3 and 1.0e3 as text; YAML 1.2, and everybody else, as numbers.
-_StrictLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+.0123456789"),
-)
 
 
 # -- error messages ------------------------------------------------------------------------------
@@ -387,17 +272,27 @@ def _section(schema: type, place: list[int | str]) -> tuple[str, type]:
     """Return the key path to a place of pydantic's, and the type that is declared there."""
     key, kind = "", schema
     for part in place:
-        choices = [choice for choice in get_args(kind) if is_dataclass(choice)]
+        choices = _dataclasses(kind)
         if len(choices) > 1:  # a union: pydantic names the choice, then perhaps its tag
             [kind] = [each for each in choices if part in (each.__name__, tag_of(each))]
-            continue
-        if is_dataclass(kind) and part == tag_of(kind):
-            continue
-        kind = choices[0] if choices else kind
-        kind = get_type_hints(kind)[part] if is_dataclass(kind) else get_args(kind)[-1]
-        key += f"[{part}]" if isinstance(part, int) else f".{part}"
-    choices = [choice for choice in get_args(kind) if is_dataclass(choice)]
-    return key.strip("."), choices[0] if len(choices) == 1 else kind
+        elif choices and part != tag_of(choices[0]):
+            kind = get_type_hints(choices[0])[str(part)]
+            key += f".{part}"
+        elif not choices:
+            kind = get_args(kind)[-1]
+            key += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return key.strip("."), (_dataclasses(kind) or [kind])[0]
+
+
+def _dataclasses(kind: type) -> list[type]:
+    """Return the dataclasses that a value of this type can be."""
+    if get_origin(kind) in (list, dict):
+        return []
+    return [
+        each
+        for each in (get_args(kind) or (kind,))
+        if is_dataclass(each) and isinstance(each, type)
+    ]
 
 
 def _has_unit(value: object) -> bool:

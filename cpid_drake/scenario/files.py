@@ -13,6 +13,8 @@ from cpid_drake.sensing.presets import load_sensors, sensor_presets
 TAGS = (tag_of(MultiSineMotion),)
 """The YAML tags of a scenario."""
 
+UNUSED_KEY = "publish_every_time_step:"
+
 
 def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario from a YAML file; keys it leaves out keep their defaults.
@@ -41,7 +43,9 @@ def dump_scenario(scenario: Scenario) -> str:
 
     Files that a scenario names are written as absolute paths, as `load_scenario` returns them.
     """
-    return dump_yaml(scenario, TAGS)
+    text = dump_yaml(scenario, TAGS)
+    # Not every version of Drake knows this key, and a simulation here does not depend on it.
+    return "".join(line for line in text.splitlines(True) if UNUSED_KEY not in line)
 
 
 def _from_folder(folder: Path, path: str) -> str:

@@ -66,14 +66,14 @@ def write_run(
     """
     truth = simulation.telemetry(root_context)
     files = [folder / "telemetry.csv", folder / "truth.csv"]
-    sensed = simulation.sensors is not None
-    write_telemetry(files[0], simulation.measurements(root_context) if sensed else truth)
+    sensors = simulation.sensors
+    write_telemetry(files[0], simulation.measurements(root_context) if sensors else truth)
     write_telemetry(files[1], truth)
     scenario = simulation.scenario
     texts = {"truth.json": _json(target_document(simulation))}
     (folder / "sensors.yaml").unlink(missing_ok=True)
-    if sensed:
-        texts["sensors.yaml"] = dump_yaml(simulation.sensors.suite)
+    if sensors:
+        texts["sensors.yaml"] = dump_yaml(sensors.suite)
     texts["scenario.yaml"] = dump_scenario(scenario)
     names = [*(file.name for file in files), *texts, "run.json"]
     texts["run.json"] = _json(
@@ -81,7 +81,7 @@ def write_run(
             "versions": versions(),
             "simulated_seconds": scenario.simulation.duration,
             "wall_seconds": round(wall_seconds, 3),
-            "sensor_seed": scenario.sensors.seed if sensed else None,
+            "sensor_seed": scenario.sensors.seed if sensors else None,
             "momentum_drift": momentum_drift(simulation, truth),
             "files": names,
             "online_identification": online_document(simulation, root_context),

@@ -120,7 +120,7 @@ def test_an_existing_file_is_not_overwritten(cpid, tmp_path):
         (
             "prior: null",
             "prior: {mass: 3}",
-            "identification.prior: inertial parameters must be finite",
+            "identification.prior.p_CTcm_C is missing",
         ),
     ],
 )
