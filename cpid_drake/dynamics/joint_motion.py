@@ -12,7 +12,10 @@ from cpid_drake.errors import InputError
 class JointMotion(Protocol):
     """A prescribed motion of J joints."""
 
-    duration: float
+    @property
+    def duration(self) -> float:
+        """Duration of the motion [s]."""
+        ...
 
     def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""

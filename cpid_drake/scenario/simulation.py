@@ -106,7 +106,7 @@ class Simulation:
 
     def run_sampled(self, times: ArrayLike) -> tuple[Context, Telemetry]:
         """Simulate as `run`, and return also the telemetry at these increasing times (N,) [s]."""
-        context, states = self._run_to([*times, self.scenario.simulation.duration])
+        context, states = self._run_to([*np.asarray(times), self.scenario.simulation.duration])
         return context, self.spacecraft.to_telemetry(times, states[:-1])
 
     def _run_to(
