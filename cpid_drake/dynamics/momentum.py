@@ -4,6 +4,7 @@ Sums over the known bodies start at the base, i = 0, in every equation. The pape
 and 18 print i = 1. That omits the base and gives a negative mass in the paper's case.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 
 @dataclass(frozen=True)
 class MomentumSamples:
-    """Motion of C and momentum of the known bodies at N samples: the input of a row family.
+    """The motion of C and the known bodies' momentum at N samples: what the row families need.
 
     Attributes:
         motion: pose and velocity of the capture frame C.
@@ -39,37 +40,52 @@ class MomentumSamples:
         return len(self.P)
 
 
+def linear_momenta(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
+    """Return each body's m_i v_i as (K, N, 3) in W [N·s]."""
+    return np.array([body.mass for body in tree.bodies])[:, None, None] * motion.v
+
+
 def linear_momentum(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
     """Return P = Σ m_i v_i, i = 0 … n−1, as (N, 3) in W [N·s] (Ning et al. 2016, Eq. 4)."""
-    masses = np.array([body.mass for body in tree.bodies])
-    return np.einsum("k,kni->ni", masses, motion.v)
+    return linear_momenta(tree, motion).sum(axis=0)
+
+
+def angular_momenta(
+    tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike
+) -> Iterator[NDArray[np.float64]]:
+    """Yield each body's I_i ω_i + m_i (r_i − p_WQ) × v_i about Q, as (N, 3) in W [N·m·s].
+
+    Args:
+        tree: the bodies.
+        motion: of these bodies.
+        p_WQ: (N, 3) or (3,) the point Q [m].
+
+    """
+    for body, R, r, w, v in zip(tree.bodies, motion.R, motion.r, motion.w, motion.v, strict=True):
+        w_B = rotate(np.swapaxes(R, -1, -2), w)
+        yield rotate(R, w_B @ body.I_BBcm) + body.mass * cross(r - p_WQ, v)
 
 
 def angular_momentum(
     tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return L = Σ (I_i ω_i + m_i (r_i − p_WQ) × v_i) about Q, as (N, 3) in W [N·m·s].
+    """Return L = Σ (I_i ω_i + m_i (r_i − p_WQ) × v_i), i = 0 … n−1, as (N, 3) in W [N·m·s].
 
-    Args:
-        p_WQ: (N, 3) or (3,) the point; the origin of W gives the sum in Ning et al. 2016, Eq. 9,
-            the capture point (d_no) the one in Eqs. 10, 14 and 18.
-
+    The origin of W as Q gives the sum in Ning et al. 2016, Eq. 9, and the capture point (d_no) the
+    sums in Eqs. 10, 14 and 18. Arguments as for `angular_momenta`.
     """
-    total = np.zeros(motion.r.shape[1:])
-    for k, body in enumerate(tree.bodies):
-        w_B = rotate(np.swapaxes(motion.R[k], -1, -2), motion.w[k])
-        spin = rotate(motion.R[k], w_B @ body.I_BBcm)
-        total += spin + body.mass * cross(motion.r[k] - p_WQ, motion.v[k])
-    return total
+    return sum(angular_momenta(tree, motion, p_WQ), np.zeros(motion.r.shape[1:]))
 
 
 def target_momentum(
     target: InertialParameters, motion: CaptureMotion
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the target's m_n v_n and its angular momentum about C's origin, (N, 3) each, in W.
+    """Return the target's momentum m_n v_n [N·s] and its angular momentum about C's origin [N·m·s].
 
-    The target turns with the capture frame, ω_n = ω_C: a rigid grasp, which the paper assumes
-    without stating it. Source: Ning et al. 2016, target's terms of Eqs. 5 and 9.
+    Both are (N, 3), in W. The target rotates with the capture frame, ω_n = ω_C: a rigid grasp,
+    which the paper assumes without saying so.
+
+    Source: Ning et al. 2016, the target's terms in Eqs. 5 and 9.
     """
     R_WC, w = motion.R_WC, motion.w_WC
     c_W = rotate(R_WC, target.p_CTcm_C)
@@ -80,25 +96,26 @@ def target_momentum(
 
 
 def momentum_samples(tree: KinematicTree, telemetry: Telemetry) -> MomentumSamples:
-    """Return the momentum samples of N telemetry samples."""
+    """Return the momentum samples of N telemetry samples; welded bodies count as one."""
     tree = tree.lumped
     bodies, capture = propagate(tree, telemetry)
-    masses = np.array([body.mass for body in tree.bodies])
     return MomentumSamples(
         capture,
         linear_momentum(tree, bodies),
         angular_momentum(tree, bodies, capture.p_WC),
-        np.einsum("k,kni->ni", masses, bodies.r) / masses.sum(),
-        masses.sum(),
+        np.einsum("k,kni->ni", [body.mass for body in tree.bodies], bodies.r) / tree.mass,
+        tree.mass,
     )
 
 
 def total_momentum(
     tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return linear and angular momentum of spacecraft and target about W's origin, (N, 3) each.
+    """Return linear [N·s] and angular momentum [N·m·s] of spacecraft and target, (N, 3), in W.
 
-    Both are constant while no external force acts. Source: Ning et al. 2016, Eqs. 5 and 9.
+    The angular momentum is about W's origin. Both are constant while no external force acts.
+
+    Source: Ning et al. 2016, Eqs. 5 and 9.
     """
     samples = momentum_samples(tree, telemetry)
     P_T, L_T = target_momentum(target, samples.motion)

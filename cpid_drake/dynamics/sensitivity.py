@@ -1,8 +1,8 @@
-"""Sensitivity of the base's motion to errors of the joint motion and of the known bodies.
+"""First-order effects of errors in the joint motion and in the known bodies on the base's motion.
 
 Joint positions and rates come from encoders; masses, centres of mass and inertias of the known
-bodies come from drawings. Both have errors. This module gives their effect on the base's angular
-velocity and on the position of the system's centre of mass, to first order and in closed form.
+bodies come from drawings. This module computes, in closed form, the derivatives of the base's
+angular velocity and of the place of the system's centre of mass by each of these quantities.
 
 S_j = [a; o × a] is the screw of joint j. I and Π are the spatial inertia and the momentum about
 B's origin, in B, of all bodies outboard of joint j, and V is the twist of the first of them:
@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.kinematics import BodyMotion, propagate
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import angular_momenta, linear_momenta
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.spatial_inertia import (
@@ -31,12 +32,12 @@ from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 
 @dataclass(frozen=True)
 class MotionSensitivity:
-    """Derivatives by n quantities, at N instants, while angular momentum is conserved.
+    """Derivatives of the base's motion by n quantities, at N instants, at constant momentum.
 
     Attributes:
-        w: (N, 3, n) of the base's angular velocity, in B.
-        com: (N, 3, n) of the system's centre of mass from B's origin, in B.
-        v: (N, 3, n) of the base's velocity in W, in B, for a centre of mass at rest.
+        w: (N, 3, n) derivatives of the base's angular velocity, in B.
+        com: (N, 3, n) derivatives of the system's centre of mass from B's origin, in B.
+        v: (N, 3, n) derivatives of the base's velocity in W, in B, for a centre of mass at rest.
 
     """
 
@@ -47,13 +48,13 @@ class MotionSensitivity:
 
 @dataclass(frozen=True)
 class BodyUncertainty:
-    """Uncertainty of the known bodies: one σ for each kind of parameter, the same for every body.
+    """Uncertainty of the known bodies' inertial parameters; the same σ for every body.
 
     Attributes:
         mass: relative σ of the mass.
         com: σ of each coordinate of the centre of mass [m].
-        inertia: relative σ of the inertia: of the principal second moments, and of the rotation
-            of their axes.
+        inertia: relative σ of the principal second moments, and σ of the directions of the
+            principal axes [rad].
 
     """
 
@@ -63,7 +64,7 @@ class BodyUncertainty:
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
-        """(10,) σ of one body's mass (1), centre of mass (3) and symmetric stretch (6)."""
+        """(10,) σ of one body's relative mass (1), centre of mass (3) [m] and stretch (6)."""
         stretch = self.inertia / 2  # the second moment grows by twice the stretch
         return np.array([self.mass, *3 * [self.com], *6 * [stretch]])
 
@@ -71,19 +72,22 @@ class BodyUncertainty:
 def joint_sensitivity(
     tree: KinematicTree, telemetry: Telemetry, psi: NDArray[np.float64], dynamics: RelativeDynamics
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
-    """Return the derivatives by joint positions and by joint rates.
+    """Return the derivatives by the J joint positions and by the J joint rates.
 
     Args:
-        tree: known bodies *and* the target, as from `KinematicTree.with_target`.
-        telemetry: N instants seen from the base: its pose is the identity, its twist in B.
-        psi: (10,) relative unknowns of the target.
-        dynamics: of the known bodies, at the same instants.
+        tree: the known bodies *and* the target, as from `KinematicTree.with_target`.
+        telemetry: N instants, as from `Telemetry.seen_from_base`.
+        psi: (10,) the target's relative vector ψ = (μ, μc, I_*).
+        dynamics: of the known bodies alone, at the same instants.
+
+    Source: Featherstone 2008, ch. 2.
 
     """
     bodies, _ = propagate(tree, telemetry)
     moved = zip(tree.bodies, bodies.R, bodies.r, strict=True)
     inertia = np.stack([moved_spatial_inertia(b.mass, b.I_BBcm, R, r) for b, R, r in moved])
-    momentum = _body_momenta(tree, bodies)
+    L, P = angular_momenta(tree, bodies, np.zeros(3)), linear_momenta(tree, bodies)
+    momentum = np.concatenate([np.stack(list(L)), P], axis=-1)
     for k in range(len(tree.bodies) - 1, 0, -1):  # outboard before inboard
         parent = tree.bodies[k].parent
         inertia[parent] += inertia[k]
@@ -114,19 +118,20 @@ def body_sensitivity(
     telemetry: Telemetry,
     psi: NDArray[np.float64],
     dynamics: RelativeDynamics,
-    known_bodies: int,
+    count: int,
 ) -> MotionSensitivity:
-    """Return the derivatives by the inertial parameters of the first `known_bodies` bodies.
+    """Return the derivatives by the inertial parameters of the tree's first `count` bodies.
 
-    Ten for each body, as in `BodyUncertainty.sigmas`: relative mass, centre of mass in the body's
-    frame, and the stretch E (Exx, Eyy, Ezz, Exy, Exz, Eyz) that changes its second moment Σ to
-    (1 + E) Σ (1 + E)ᵀ. The target does not change. Arguments as for `joint_sensitivity`.
+    Each body has ten, in the order of `BodyUncertainty.sigmas`: relative mass, centre of mass in
+    the body's frame, and the stretch E (Exx, Eyy, Ezz, Exy, Exz, Eyz) that changes its second
+    moment Σ to (1 + E) Σ (1 + E)ᵀ. The target remains unchanged. Other arguments as for
+    `joint_sensitivity`.
     """
     bodies, _ = propagate(tree, telemetry)
     total = tree.mass
     rho = dynamics.com(psi)
     momenta, shifts = [], []
-    for k, body in enumerate(tree.bodies[:known_bodies]):
+    for k, body in enumerate(tree.bodies[:count]):
         R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
         dP = [body.mass * v]
         dL = [np.cross(r, dP[0])]
@@ -147,12 +152,12 @@ def body_sensitivity(
     )
 
 
-def disturbed(
+def perturbed(
     tree: KinematicTree, uncertainty: BodyUncertainty, rng: np.random.Generator
 ) -> KinematicTree:
-    """Return a spacecraft drawn at random, with errors of the given uncertainty.
+    """Return a tree whose bodies' parameters are drawn at random around those of `tree`.
 
-    Its inertias remain physically consistent.
+    The inertias remain physically consistent.
     """
     bodies = []
     for body in tree.bodies:
@@ -168,12 +173,13 @@ def disturbed(
 def stretched_inertia_rate(
     inertia: NDArray[np.float64], E: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return dI (3, 3) while the second moment Σ = ½tr(I)1 − I grows by EΣ + ΣEᵀ."""
+    """Return dI (3, 3) for the change EΣ + ΣEᵀ of the second moment Σ = ½tr(I)1 − I."""
     sigma = second_moment(inertia)
     return inertia_of_second_moment(E @ sigma + sigma @ E.T)
 
 
 def _stretches() -> NDArray[np.float64]:
+    """Return the six symmetric unit stretches (6, 3, 3)."""
     result = np.zeros((6, 3, 3))
     for e, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]):
         result[e, i, j] = result[e, j, i] = 1.0
@@ -189,7 +195,15 @@ def _motion_sensitivity(
     psi: NDArray[np.float64],
     dynamics: RelativeDynamics,
 ) -> MotionSensitivity:
-    """From derivatives (N, 6, n) of [L; P] about B's origin at fixed twist, and of ρ (N, 3, n)."""
+    """Return the derivatives of the motion from those of momentum and centre of mass.
+
+    Args:
+        momentum: (N, 6, n) derivatives of [L; P] about B's origin, at constant base twist.
+        com: (N, 3, n) derivatives of ρ, the system's centre of mass from B's origin.
+        psi: (10,) the target's relative vector.
+        dynamics: of the known bodies alone.
+
+    """
     rho = skew(dynamics.com(psi))
     total = dynamics.mass**2 / (dynamics.mass - psi[0])  # m_k + m, of μ = m_k m/(m_k + m)
     dL, dP = momentum[:, :3], momentum[:, 3:]
@@ -197,18 +211,8 @@ def _motion_sensitivity(
     return MotionSensitivity(w, com, rho @ w - dP / total)
 
 
-def _body_momenta(tree: KinematicTree, bodies: BodyMotion) -> NDArray[np.float64]:
-    """(K, N, 6) momenta [L; P] about B's origin, in B."""
-    momenta = []
-    for k, body in enumerate(tree.bodies):
-        R, P = bodies.R[k], body.mass * bodies.v[k]
-        spin = rotate(R, rotate(np.swapaxes(R, -1, -2), bodies.w[k]) @ body.I_BBcm)
-        momenta.append(np.concatenate([spin + np.cross(bodies.r[k], P), P], axis=-1))
-    return np.stack(momenta)
-
-
 def _screw(body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 6) twist of a joint of unit rate, from the outboard body's attitude and centroid."""
+    """Return the twist (N, 6) of a joint at unit rate, from its outboard body's R and r."""
     R_WM = R @ body.R_MB.T
     axis = rotate(R_WM, body.axis_F)
     if body.prismatic:
@@ -218,6 +222,7 @@ def _screw(body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]) -> ND
 
 
 def _cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S × V of twists [ω; v] (N, 6)."""
     w, v = S[..., :3], S[..., 3:]
     return np.concatenate(
         [np.cross(w, V[..., :3]), np.cross(v, V[..., :3]) + np.cross(w, V[..., 3:])], axis=-1
@@ -225,6 +230,7 @@ def _cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.
 
 
 def _cross_force(S: NDArray[np.float64], F: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S ×* F of a twist [ω; v] and a momentum [L; P] (N, 6)."""
     w, v = S[..., :3], S[..., 3:]
     return np.concatenate(
         [np.cross(w, F[..., :3]) + np.cross(v, F[..., 3:]), np.cross(w, F[..., 3:])], axis=-1

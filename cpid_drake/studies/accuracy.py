@@ -22,7 +22,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
+from cpid_drake.dynamics.sensitivity import BodyUncertainty, perturbed
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
@@ -388,7 +388,7 @@ def _trial(number: int) -> dict[str, Outcome]:
     sequence = np.random.SeedSequence(case.seed, spawn_key=(number,))
     noise_seed, body_seed = sequence.generate_state(2)
     if case.known_bodies is not None:
-        tree = disturbed(spacecraft.tree, case.known_bodies, np.random.default_rng(body_seed))
+        tree = perturbed(spacecraft.tree, case.known_bodies, np.random.default_rng(body_seed))
         perfect = _perfect(case, tree, spacecraft.joint_names)
     measurements, _ = screen(add_noise(case.suite, perfect, int(noise_seed)))
     outcomes: dict[str, Outcome] = {}

@@ -162,11 +162,11 @@ def test_another_thread_in_the_middle_of_an_evaluation_changes_nothing(craft):
     qdot = rng.normal(size=(1, len(q)))
     undisturbed, others = evaluate(q, qdot), []
     interrupted.interrupt = lambda: others.append(evaluate(q_other, qdot))
-    disturbed = evaluate(q, qdot)
+    interrupted_result = evaluate(q, qdot)
     assert others
     assert np.abs(others[0].s - undisturbed.s).max() > 0.01
     for name, value in vars(undisturbed).items():
-        np.testing.assert_array_equal(getattr(disturbed, name), value, err_msg=name)
+        np.testing.assert_array_equal(getattr(interrupted_result, name), value, err_msg=name)
 
 
 def test_reaction_wheels_are_known_bodies(craft, tmp_path):

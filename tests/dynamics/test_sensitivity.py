@@ -15,8 +15,8 @@ from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.sensitivity import (
     BodyUncertainty,
     body_sensitivity,
-    disturbed,
     joint_sensitivity,
+    perturbed,
     stretched_inertia_rate,
 )
 from cpid_drake.dynamics.tree import KinematicTree
@@ -157,7 +157,7 @@ def test_disturbed_bodies_are_rigid_bodies_of_the_right_spread(craft):
 
     masses, coms, moments = [], [], []
     for _ in range(draws):
-        trees = disturbed(craft.tree, uncertainty, rng)
+        trees = perturbed(craft.tree, uncertainty, rng)
         for drawn in trees.bodies:
             assert InertialParameters(drawn.mass, drawn.p_BBcm, drawn.I_BBcm).is_feasible()
         drawn = trees.bodies[0]
@@ -178,14 +178,14 @@ def test_flat_and_thin_bodies_stay_possible(craft):
         body = replace(craft.tree.bodies[0], I_BBcm=np.diag(moments))
         tree = replace(craft.tree, bodies=(body, *craft.tree.bodies[1:]))
         for _ in range(50):
-            drawn = disturbed(tree, BodyUncertainty(inertia=0.3), rng).bodies[0]
+            drawn = perturbed(tree, BodyUncertainty(inertia=0.3), rng).bodies[0]
             low, middle, high = np.linalg.eigvalsh(drawn.I_BBcm)
             assert low > -1e-14 * high
             assert high < (low + middle) * (1 + 1e-14) + 1e-14
 
 
 def test_no_uncertainty_disturbs_nothing(craft):
-    same = disturbed(craft.tree, BodyUncertainty(), np.random.default_rng(86))
+    same = perturbed(craft.tree, BodyUncertainty(), np.random.default_rng(86))
     for drawn, body in zip(same.bodies, craft.tree.bodies, strict=True):
         assert drawn.mass == body.mass
         np.testing.assert_array_equal(drawn.p_BBcm, body.p_BBcm)

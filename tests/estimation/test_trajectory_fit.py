@@ -22,7 +22,7 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
     standard_to_pseudo_inertia,
 )
-from cpid_drake.dynamics.sensitivity import BodyUncertainty, disturbed
+from cpid_drake.dynamics.sensitivity import BodyUncertainty, perturbed
 from cpid_drake.estimation import trajectory_fit
 from cpid_drake.estimation.likelihood.elimination import marginal
 from cpid_drake.estimation.likelihood.model import TrajectoryModel
@@ -168,7 +168,7 @@ def test_body_jacobian(model, craft):
     for body, k in ((0, 0), (0, 2), (0, 5), (1, 0), (2, 3), (4, 8)):
         readings = []
         for value in (0.1, -0.1):
-            tree = disturbed(craft.tree, uncertainty, Drawn(body, k, value))
+            tree = perturbed(craft.tree, uncertainty, Drawn(body, k, value))
             other = TrajectoryModel(
                 tree,
                 model.joints,
@@ -384,7 +384,7 @@ def test_uncertain_known_bodies_are_covered_by_their_share(craft, motion, skewed
     rng, seeds, true = np.random.default_rng(104), 12, skewed_target.to_vector()
     with_share, without = [], []
     for seed in range(seeds):
-        tree = disturbed(craft.tree, uncertainty, rng)
+        tree = perturbed(craft.tree, uncertainty, rng)
         samples = add_noise(suite, measured(craft, motion, skewed_target, suite, tree=tree), seed)
         fit = fit_measurements(craft.tree, samples, suite, known_bodies=uncertainty)
         result = identification_of_fit(fit)
