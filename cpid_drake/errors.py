@@ -1,4 +1,4 @@
-"""The one exception type that bad input raises, and how its messages name the choices."""
+"""The exception that bad input raises, and texts of its messages."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ class InputError(ValueError):
     """Something the caller supplied (model, scenario, data, option) cannot be used.
 
     The message is one line that says what was wrong, where, and what to do. The command line
-    prints it as it stands and exits with code 2.
+    prints it unchanged and exits with code 2.
     """
 
     def __init__(self, message: str) -> None:
@@ -31,7 +31,7 @@ def prefix_errors(where: str) -> Iterator[None]:
 
 
 def choose_from(name: object, choices: Iterable[str]) -> str:
-    """Return how an error message about a wrong name ends: the closest choice, and all choices."""
+    """Return the end of an error message on a wrong name: the closest choice, and all choices."""
     choices = list(choices)
     near = get_close_matches(str(name), choices, n=1)
     return (

@@ -1,4 +1,4 @@
-"""Where the shipped models and scenarios are, and which file a path or a model URI means."""
+"""The shipped models and scenarios, and the files that paths and model URIs refer to."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,8 +36,7 @@ def package_folders(packages: Mapping[str, str | Path] | None = None) -> dict[st
 def package_folder(name: str, folders: Mapping[str, Path]) -> Path | None:
     """Return the folder of a package, Drake's own included, or None for an unknown package.
 
-    Drake's `drake_models` counts as unknown: Drake would download it, and reading a file must not
-    fetch anything.
+    Drake's `drake_models` counts as unknown, because Drake would download it.
     """
     if name == _DRAKE:
         from pydrake.multibody.parsing import PackageMap

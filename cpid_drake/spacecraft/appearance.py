@@ -1,4 +1,4 @@
-"""How bodies look: a target's model file or ellipsoid of inertia, and bodies without a shape."""
+"""Appearance of bodies: a target drawn by its model file or ellipsoid, bodies without geometry."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,16 +15,16 @@ from cpid_drake.spacecraft.model_checks import check_model
 from cpid_drake.spacecraft.parsing import make_parser
 
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
-"""Of what has no colour of its own."""
+"""Colour of geometry that has none."""
 
-_DRAWN_MESHES = (".obj", ".gltf", ".dae")  # Meshcat leaves the others out
+_DRAWN_MESHES = (".obj", ".gltf", ".dae")  # Meshcat draws no others
 
 
 def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
     """Return the solid, homogeneous ellipsoid that has this spatial inertia.
 
     Returns:
-        Semi-diameters (3,) [m], none less than 2 % of the largest so that a flat body can be seen,
+        Semi-diameters (3,) [m], none less than 2 % of the largest so that flat bodies are visible,
         and the pose X_CE of the ellipsoid's frame E in C.
 
     """
@@ -54,12 +54,12 @@ def add_target_appearance(
     visual_model: Path | None,
     folders: Mapping[str, Path],
 ) -> None:
-    """Give a target's body visual geometry, before the plant is finalized.
+    """Add visual geometry to a target's body, before the plant is finalized.
 
     Args:
         plant: registered with a SceneGraph.
         body: the target's body, whose frame is C.
-        M_TCo_C: the target's spatial inertia, for the default look.
+        M_TCo_C: the target's spatial inertia about C's origin, in C, for the default ellipsoid.
         visual_model: a model file; the geometry is taken with its root body's frame on C.
         folders: of the packages that its URIs may refer to, by name.
 

@@ -1,7 +1,7 @@
-"""What a model's files must be before Drake reads them.
+"""Checks of model files before Drake reads them.
 
-Drake's readers take "1,5" for 1 and "500mm" for 500, read a misspelt attribute as zero, and never
-come back from a file that includes itself, or from a few YAML aliases that stand for billions.
+Drake's readers read "1,5" as 1, "500mm" as 500 and a misspelt attribute as zero. They do not return
+from a file that includes itself, or from YAML aliases that expand to billions of nodes.
 """
 
 import re
@@ -19,13 +19,13 @@ from cpid_drake.resources import package_folder
 from cpid_drake.yaml_text import check_size, yaml_errors
 
 LARGEST_FILE = 64 * 2**20
-"""[bytes]; models with all their geometry written out have a few million."""
+"""Largest file [bytes]; a model with all geometry inline has a few million."""
 
 LARGEST_NUMBER = 1e12
-"""Of masses, lengths and inertias [SI units]."""
+"""Largest mass, length or inertia [SI units]."""
 
 DEEPEST, MOST_FILES, LONGEST_NAME = 100, 1000, 1000
-"""Levels of elements and of includes, files with all includes, characters of a name."""
+"""Most levels of elements, levels of includes, files with all includes, characters of a name."""
 
 _INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # By format, the attributes (URDF: by element) or elements (SDF) that hold numbers.
@@ -48,30 +48,30 @@ _NOT_NEGATIVE = ("mass", "value", "density", "size", "diaginertia", "ixx", "iyy"
 
 
 def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> None:
-    """Refuse a model that Drake would not finish reading, or read otherwise than it is meant.
+    """Refuse a model that Drake would never finish reading, or would misread.
 
     Args:
         path: the model's file.
-        where: how to call it in error messages.
+        where: its name in error messages.
         folders: of the packages that its URIs refer to, by name.
 
     Raises:
         InputError: the file, or one that it includes, is not XML or YAML, is too large or nested
-            too deeply, includes itself, or holds entities, or numbers that are none or cannot be
-            meant. The message names the file and the line.
+            too deeply, includes itself, contains entities, or contains text or implausible numbers
+            where numbers belong. The message names the file and the line.
 
     """
     try:
         _Walk(where, path, folders).visit(path, ())
     except InputError:
         raise
-    except (OSError, ValueError, RuntimeError) as error:  # of paths too long, with NUL, in circles
+    except (OSError, ValueError, RuntimeError) as error:  # a path too long, with NUL, or circular
         raise InputError(f"{where}: a file that it names cannot be read: {error!s:.200}") from error
 
 
 @dataclass
 class _Walk:
-    """From a model's file to the files that it includes."""
+    """Walks from a model's file to the files that it includes."""
 
     where: str
     start: Path
@@ -79,7 +79,7 @@ class _Walk:
     count: int = 0
 
     def visit(self, path: Path, around: tuple[Path, ...]) -> None:
-        """Check a file, `around` being those that include it, and the files it includes."""
+        """Check a file and the files that it includes; `around` are those that include it."""
         path = path.resolve()
         self.count += 1
         place = self.where if path == self.start else f"{self.where}: {path}"
@@ -95,7 +95,7 @@ class _Walk:
         if not path.is_file():
             if path.exists():
                 raise InputError(f"{place}: not a file")
-            return  # Drake says from where it was to be included
+            return  # Drake's message names the including file
         if path.stat().st_size > LARGEST_FILE:
             raise InputError(f"{place}: larger than {LARGEST_FILE >> 20} MiB: not a model")
         data = path.read_bytes()
@@ -104,7 +104,7 @@ class _Walk:
         else:
             reader = _XmlReader(ending, place)
             reader.read(data)
-            # MJCF counts from the folder of the first MJCF file, not from that of the including.
+            # MJCF paths start at the folder of the first MJCF file, not of the including one.
             main = next((file for file in around if file.suffix.lower() == ".xml"), path)
             included = [
                 main.parent / uri if ending == ".xml" else self._behind(uri)
@@ -118,7 +118,7 @@ class _Walk:
                 self.visit(file, (*around, path))
 
     def _behind(self, uri: str) -> Path | None:
-        """Return the path that a URI leads to; None if Drake will refuse it."""
+        """Return the path of a URI's file; None if Drake will refuse the URI."""
         scheme, separator, rest = uri.partition("://")
         if not separator:
             return None
@@ -158,12 +158,12 @@ def _blank(match: re.Match[bytes]) -> bytes:
 
 @dataclass
 class _XmlReader:
-    """The elements of an XML file, one after the other.
+    """Checks the elements of an XML file one after the other.
 
     Attributes:
-        ending: of the file: what the elements mean.
-        where: how to call the file.
-        included: what it includes, as it is written there.
+        ending: of the file's name; it determines what the elements mean.
+        where: the file's name in error messages.
+        included: what the file includes, as written there.
 
     """
 
@@ -174,10 +174,10 @@ class _XmlReader:
     _text: list[str] = field(default_factory=list)
 
     def read(self, data: bytes) -> None:
-        """Go through the file."""
+        """Check the whole file."""
         if not data.strip():
             raise InputError(f"{self.where}: the file is empty")
-        # As for Drake's reader, "--" and any bytes may stand in comments, and the declaration may
+        # As in Drake's reader, comments may contain "--" and any bytes, and the declaration may
         # come after blanks and claim another encoding.
         data = re.sub(
             rb"\A\s*<\?xml.*?\?>|<!--.*?-->", _blank, data.removeprefix(BOM_UTF8), flags=re.S
@@ -200,12 +200,12 @@ class _XmlReader:
             raise InputError(f"{self.where}: {place}: not XML: {text}") from error
 
     def _place(self) -> str:
-        """Say where the reader is: the line, and the innermost element with a name."""
+        """Return the reader's place: the line, and the innermost element with a name."""
         named = [f" of {tag} '{name}'" for tag, name in self._open[1:] if name]
         return f"{self.where}: line {self._parser.CurrentLineNumber}{(named or [''])[-1]}"
 
     def _inside(self, tag: str) -> bool:
-        """Whether the element is right inside one of this tag."""
+        """Return whether the element is a child of one with this tag."""
         return len(self._open) > 1 and self._open[-2][0] == tag
 
     def _entity(self, name: str, *_: object) -> None:
@@ -246,7 +246,7 @@ class _XmlReader:
         self._open.pop()
 
     def _check_numbers(self, key: str, text: str, what: str) -> None:
-        """Refuse text in which not all words are numbers that can be meant by this key."""
+        """Refuse text unless every word is a plausible number for this key."""
         words = text.split()
         problem = ""
         for word in words:
@@ -258,7 +258,7 @@ class _XmlReader:
                 problem = "is not a finite number; write numbers with a decimal point and no unit"
             elif key not in _LIMITS and abs(value) > LARGEST_NUMBER:
                 problem = f"cannot be meant: it is beyond {LARGEST_NUMBER:g}"
-            elif key in _NOT_NEGATIVE and value < -1e-12:  # rounded zeros are in some models
+            elif key in _NOT_NEGATIVE and value < -1e-12:  # some models contain rounded zeros
                 problem = "must not be negative"
             if problem:
                 problem = f"{word:.40} {problem}"

@@ -1,4 +1,4 @@
-"""A model file is parsed into a plant by Drake, and Drake's silent repairs become errors."""
+"""Parsing of a model file by Drake; what Drake would repair silently becomes an error."""
 
 import logging
 import re
@@ -16,8 +16,8 @@ from cpid_drake.spacecraft.model_checks import check_model
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
-# Parts of warnings after which Drake's parser continues with another spacecraft than the file's,
-# and what they mean here.
+# Texts in warnings after which Drake's parser has read another spacecraft than the file's, and
+# their meaning here.
 _SILENT_REPAIRS = {
     "While parsing inertia matrix": "a body's inertia is not physically consistent",
     "While re-expressing as central inertia": "a body's mass or inertia is not physically "
@@ -58,7 +58,7 @@ class ModelFile:
         check_model(self.path, self.model, folders)
 
     def error(self, problem: str) -> InputError:
-        """Return the error that says what is wrong with this model."""
+        """Return an InputError whose message begins with this model."""
         return InputError(f"{self.model}: {problem}")
 
     def parse_into(self, plant: MultibodyPlant) -> list[str]:
@@ -68,7 +68,7 @@ class ModelFile:
             The parser's warnings, one line each.
 
         Raises:
-            InputError: Drake cannot read the file, or would read another spacecraft than it holds.
+            InputError: Drake cannot read the file, or would misread it.
 
         """
         if self.path.suffix == ".sdf" and b"<mimic" in self.path.read_bytes():
@@ -109,7 +109,7 @@ class ModelFile:
             raise self.error(self._without_own_name(error)) from error
 
     def _without_own_name(self, message: object) -> str:
-        """Return a message of Drake's without the file's path, which our messages begin with."""
+        """Return a message of Drake's without the file's path."""
         path = re.escape(str(self.path))
         text = re.sub(rf"/?{path}:(\d+): (error|warning): ", r"line \1: ", _one_line(message))
         text = re.sub(rf"{path}:(\d+):(\d+): ", r"line \1, column \2: ", text)
@@ -130,7 +130,7 @@ def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
 
 @contextmanager
 def _parser_warnings() -> Iterator[list[str]]:
-    """Collect the warnings of Drake's parser, which reports them to its logger only."""
+    """Collect the warnings of Drake's parser, which writes them to its logger only."""
     messages: list[str] = []
 
     class Collector(logging.Handler):
@@ -149,7 +149,7 @@ def _parser_warnings() -> Iterator[list[str]]:
     finally:
         for name, value in saved.items():
             setattr(logger, name, value)
-        logger.setLevel(saved["level"])  # clears the logger's cache, as the attribute does not
+        logger.setLevel(saved["level"])  # unlike the attribute, this clears the logger's cache
         manager.disable = switch
 
 

@@ -1,6 +1,6 @@
 """The known bodies as seen from the base, one sample at a time, by Drake's kinematics.
 
-The fast road online; `base_motion.known_dynamics` is the one for many samples at once.
+This is fast online; `base_motion.known_dynamics` is fast for many samples at once.
 """
 
 import threading
@@ -15,7 +15,7 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 class PlantRelativeDynamics(threading.local):
-    """Gives the known bodies' dynamics at one configuration, for one or for several rates.
+    """Computes the known bodies' dynamics at one configuration, for one or several rates.
 
     Args:
         spacecraft: the known spacecraft. Its plant is only read; every thread has its own context.
@@ -49,7 +49,7 @@ class PlantRelativeDynamics(threading.local):
             self._frame,
             self._spacecraft.capture_frame,
         )[:, self._joints]
-        # As `RelativeDynamics.from_known`, for one configuration: the same shapes without its sums.
+        # The same as `RelativeDynamics.from_known` for one configuration, with fewer operations.
         mass, R_BC = self._spacecraft.mass, X_BC.rotation().matrix()
         p_BK = np.array([M[2, self._base[4]], M[0, self._base[5]], M[1, self._base[3]]]) / mass
         shift = skew(p_BK)

@@ -28,13 +28,13 @@ TARGET_NAME = "captured_target"
 
 
 class Spacecraft:
-    """The known spacecraft, without the target: what an identifier is allowed to know.
+    """The known spacecraft without the target.
 
     Any tree of revolute, prismatic and fixed joints on a free base, from URDF, SDF, MJCF or Drake
-    model directives. Gravity is off. `plant` is for queries with contexts of the caller's own.
+    model directives. Gravity is off. Use `plant` for queries, with contexts of your own.
 
-    Names may be scoped as `instance::name` where they are not unique. A joint is called by its
-    bare name if that is unique, else by its scoped name.
+    Names may be scoped as `instance::name` where they are not unique. `joint_names` has bare
+    names where they are unique, else scoped ones.
 
     Args:
         model: a path or a `package://NAME/...` URI.
@@ -93,7 +93,7 @@ class Spacecraft:
             "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
             "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
-        for warning in warnings:  # only for an accepted model: an error already says what matters
+        for warning in warnings:  # only for an accepted model: an error comes before warnings
             logging.getLogger("drake").warning(warning)
 
     @property
@@ -123,7 +123,7 @@ class Spacecraft:
     ) -> RigidBody:
         """Add the spacecraft with a target welded on C to a plant, and finalize it.
 
-        The plant's state is laid out as that of `self.plant`: the weld adds nothing to it.
+        The plant's state has the same layout as that of `self.plant`: a weld adds no state.
 
         Args:
             plant: empty, not finalized, and continuous: a discrete plant loses 1e-3 N·s and more.
@@ -209,7 +209,7 @@ class Spacecraft:
 
         Args:
             angles: joint positions [rad or m] by joint name.
-            where: what is being read, for the error message.
+            where: begins the error message.
 
         Raises:
             InputError: a joint that the spacecraft does not have, or a position out of limits.
@@ -267,7 +267,7 @@ class Spacecraft:
 
 
 def _exclude_all_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Switch contact off: a target held in a gripper touches it, and the grasp is a weld."""
+    """Switch contact off: a held target touches the gripper, and the grasp is already a weld."""
     geometries = [
         geometry
         for k in range(plant.num_bodies())

@@ -1,4 +1,4 @@
-"""A parsed model must be a tree of supported joints on a free base, with C beyond a joint."""
+"""Checks that a parsed model is a tree of supported joints on a free base that move C."""
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -90,7 +90,7 @@ def _require_moved_capture_frame(
 
 
 def _weld_to_world(plant: MultibodyPlant) -> str:
-    """Return the words that name the joints which weld a body to the world, as a vendor's may."""
+    """Return a text that names the joints that weld a body to the world."""
     welds = [
         f"{joint.name()} (on {joint.child_body().name()})"
         for joint in _joints(plant)

@@ -1,4 +1,4 @@
-"""A plant's bodies and joints are read into a `KinematicTree` of NumPy arrays."""
+"""Conversion of a plant's bodies and joints to a `KinematicTree` of NumPy arrays."""
 
 from collections.abc import Sequence
 
@@ -23,9 +23,9 @@ from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 def extract_tree(
     plant: MultibodyPlant, base: RigidBody, capture_frame: Frame, joints: Sequence[Joint]
 ) -> KinematicTree:
-    """Return the tree of a finalized plant, outwards from the base.
+    """Return the tree of a finalized plant, from the base outwards.
 
-    A joint of the file may have its parent inboard or outboard.
+    The parent link of a joint in the file may be inboard or outboard.
 
     Args:
         plant: holds one tree of revolute, prismatic and weld joints on `base`.

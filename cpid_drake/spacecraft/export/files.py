@@ -1,7 +1,7 @@
 """The target as a model file, alone or attached to the user's own spacecraft.
 
-Every number is written with all its digits, every file is read again by Drake and compared with
-what was meant before it takes its place.
+Every number is written with all its digits. Drake reads every file again, and its content is
+compared with the target, before the file gets its final name.
 """
 
 import re
@@ -34,11 +34,11 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
 @dataclass(frozen=True)
 class Exported:
-    """What has been written.
+    """The files of an export.
 
     Attributes:
         name: of the target's link (or body).
-        files: the file that was asked for, and the one that it needs beside it, if any.
+        files: the requested file, and the one that it needs beside it, if any.
 
     """
 
@@ -55,19 +55,19 @@ def export_target(
     name: str | None = None,
     overwrite: bool = False,
 ) -> Exported:
-    """Write the target as a model file, its link's frame being the capture frame C.
+    """Write the target as a model file; its link's frame is the capture frame C.
 
-    A flat or rod-shaped body along other axes than C's gets principal moments larger by 1e-13 of
-    their sum: the rounding of readers would put it beyond what they accept.
+    The principal moments of a flat or rod-shaped body are increased by 1e-13 of their sum where its
+    axes are not C's: otherwise rounding could make readers refuse it.
 
     Args:
-        parameters: physically possible ones.
+        parameters: of the target, physically consistent.
         path: the file to write, in a folder that exists.
-        format: "urdf", "sdf" or "mjcf", or "drake-yaml" for Drake model directives, which add the
-            target's URDF, written beside them. Directives hold absolute paths.
-        spacecraft: if given, its model is written with the target fixed on C: a URDF, SDF or MJCF
-            as an edited copy, comments and all; any of them by directives.
-        name: of the target's link; default: `target`, with a number if the spacecraft has that.
+        format: "urdf", "sdf" or "mjcf", or "drake-yaml" for Drake model directives that add the
+            target's URDF, written beside them. Directives contain absolute paths.
+        spacecraft: if given, its model is written with the target fixed on C: an edited copy of a
+            URDF, SDF or MJCF file, comments included, or directives.
+        name: of the target's link; default: `target`, with a number if that is taken.
         overwrite: whether `path` may exist.
 
     Raises:
@@ -145,7 +145,7 @@ def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
 
 
 def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
-    """Return parameters that are possible also after a reader has rounded them."""
+    """Return parameters that stay physically consistent when a reader rounds them."""
     inertia, total = target.I_TTcm_C, np.trace(target.I_TTcm_C)
     low, middle, high = target.principal_moments()
     along_axes = not np.any(inertia - np.diag(np.diag(inertia)))
@@ -173,7 +173,7 @@ def _require_free(path: Path, spacecraft: Spacecraft | None, overwrite: bool) ->
 
 
 def _write_checked(path: Path, data: bytes, check: Callable[[Path], None]) -> None:
-    """Write a file beside its place, let it be checked, and move it there."""
+    """Write a file beside its place, check it, and move it there."""
     ending = next(ending for ending in FORMATS.values() if path.name.endswith(ending))
     draft = path.parent / f".{uuid4().hex}{ending}"
     try:
@@ -204,7 +204,7 @@ def _check_alone(file: Path, name: str, target: InertialParameters) -> None:
 
 
 def _require_equal(meant: InertialParameters, read: InertialParameters) -> None:
-    """Compare to 1e-12; inertia of what it is about the body's origin, as Drake holds it."""
+    """Compare two bodies to 1e-12, inertias relative to those about the body's origin."""
     reach = np.linalg.norm(meant.p_CTcm_C)
     size = np.trace(meant.I_TTcm_C) + meant.mass * reach**2
     scale = np.array([meant.mass] + 3 * [reach] + 6 * [size])
@@ -215,7 +215,7 @@ def _require_equal(meant: InertialParameters, read: InertialParameters) -> None:
 def _check_attached(
     joined: Spacecraft, spacecraft: Spacecraft, name: str, target: InertialParameters
 ) -> None:
-    """Require the spacecraft as it was, and the target fixed on C."""
+    """Require that the spacecraft is unchanged and the target is fixed on C."""
     before, after = spacecraft.tree, joined.tree
     names = [body.name for body in after.bodies]
     if names.count(name) != 1:
@@ -242,6 +242,6 @@ def _check_attached(
 
 
 def _same(old: TreeBody, new: TreeBody, target: int) -> bool:
-    """Whether a body is as it was; behind the target, its parent's number is one more."""
+    """Return whether a body is unchanged; after the target, its parent's index is larger by one."""
     changed = replace(new, parent=new.parent - (new.parent > target))
     return all(np.array_equal(value, getattr(changed, key)) for key, value in vars(old).items())

@@ -16,7 +16,7 @@ from cpid_drake.spacecraft.export.xml_edits import Element, XmlEdits, attribute_
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml", "drake-yaml": ".dmd.yaml"}
-"""What can be written, and how the names of such files end."""
+"""The formats, and the endings of their files' names."""
 
 _WHAT = "The captured target as identified by cpid_drake; its frame is the capture frame."
 _USE_DIRECTIVES = "use format drake-yaml, which adds the model as it is"
@@ -29,7 +29,7 @@ def joint_name(name: str) -> str:
 
 def _numbers(values: ArrayLike) -> str:
     values = np.ravel(np.asarray(values, dtype=float))
-    # Some readers refuse numbers below the smallest normal one; and nobody needs a -0.
+    # Some readers refuse subnormal numbers; -0 becomes 0.
     values = np.where(np.abs(values) < sys.float_info.min, 0.0, values)
     return " ".join(repr(value) for value in values.tolist())
 
@@ -92,7 +92,7 @@ def _mjcf_body(target: InertialParameters, name: str, pose: str = "", inner: str
 
 
 def target_alone(target: InertialParameters, name: str, format: str) -> str:
-    """Return a URDF, SDF or MJCF of one body, free to move: the target, its frame being C."""
+    """Return a URDF, SDF or MJCF of the target alone, a free body with the frame C."""
     if format == "urdf":
         return f'<?xml version="1.0"?>\n<robot name="{name}">\n{_urdf_link(target, name)}</robot>\n'
     if format == "sdf":
@@ -183,7 +183,7 @@ def _scope(element: Element) -> str:
 
 
 def _move_files(edits: XmlEdits, format: str, old: Path, new: Path) -> None:
-    """Make the relative paths of meshes and the like right for a file in another folder."""
+    """Rewrite the relative paths of meshes and other files for a model in another folder."""
     if old == new:
         return
     compiler: dict[str, str] = {}
@@ -210,7 +210,7 @@ def _move_files(edits: XmlEdits, format: str, old: Path, new: Path) -> None:
 
 
 def _path_attributes(element: Element, format: str, compiler: dict[str, str]) -> tuple[str, ...]:
-    """Return which attributes of an element are paths from the model's own folder."""
+    """Return the attributes of an element that are paths relative to the model's folder."""
     if format == "urdf":
         return ("filename",) if element.tag in ("mesh", "texture") else ()
     if element.tag == "compiler":

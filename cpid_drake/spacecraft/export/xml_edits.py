@@ -12,13 +12,13 @@ _TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 
 
 def attribute_text(value: str) -> str:
-    """Return a value as it stands between double quotes."""
+    """Return a value as it is written between double quotes."""
     return escape(value, {'"': "&quot;"})
 
 
 @dataclass(eq=False)
 class Element:
-    """An XML element: tag, attributes, the element around it, and the bytes that it takes.
+    """An XML element: tag, attributes, parent element, and its range of bytes.
 
     The start tag is data[start:inside], the content data[inside:end]; both are empty after `start`
     where an element has no end tag, `<like this/>`.
@@ -33,13 +33,13 @@ class Element:
 
 
 class XmlEdits:
-    """An XML file and what shall be changed in it.
+    """An XML file and its pending edits.
 
     Attributes:
         elements: all elements in the file's order.
 
     Raises:
-        InputError: it is not XML that an edit could be trusted with.
+        InputError: it is not XML that can be edited safely.
 
     """
 
@@ -48,7 +48,7 @@ class XmlEdits:
         self._data = data
         self._edits: list[tuple[int, int, bytes]] = []
         open_elements: list[Element] = []
-        parser = ParserCreate("utf-8")  # whatever the file says: so do the readers of models
+        parser = ParserCreate("utf-8")  # whatever the file declares, as readers of models do
 
         def start(tag: str, attributes: dict[str, str]) -> None:
             at = parser.CurrentByteIndex
@@ -75,15 +75,15 @@ class XmlEdits:
             raise InputError(f"not well-formed XML: {error}") from error
 
     def text(self, element: Element) -> str:
-        """Return what is between an element's tags, as it is spelled."""
+        """Return the text between an element's tags, as written."""
         return self._data[element.inside : element.end].decode("utf-8", "replace")
 
     def set_text(self, element: Element, text: str) -> None:
-        """Put this text between an element's tags."""
+        """Replace the text between an element's tags."""
         self._edits.append((element.inside, element.end, escape(text).encode()))
 
     def set_attribute(self, element: Element, name: str, value: str) -> None:
-        """Give an attribute that the element has another value."""
+        """Change the value of an existing attribute."""
         tag = self._data[element.start : element.inside]
         found = re.search(rb"""\s%s\s*=\s*("[^"]*"|'[^']*')""" % name.encode(), tag)
         if found:
@@ -91,7 +91,7 @@ class XmlEdits:
             self._edits.append((first, last, f'"{attribute_text(value)}"'.encode()))
 
     def append(self, element: Element, xml: str) -> None:
-        """Put lines of XML in as the last of what an element contains."""
+        """Insert lines of XML at the end of an element's content."""
         if self._data[: element.inside].endswith(b"/>"):
             inner = ">\n" + indent(xml, "  ") + f"</{element.tag}>"
             self._edits.append((element.inside - 2, element.inside, inner.encode()))
@@ -106,7 +106,7 @@ class XmlEdits:
         self._edits.append((at, at, inner.encode()))
 
     def result(self) -> bytes:
-        """Return the file with its edits."""
+        """Return the edited file."""
         data = self._data
         for first, last, text in sorted(self._edits, reverse=True):
             data = data[:first] + text + data[last:]
