@@ -66,8 +66,8 @@ def check(
         errors.append(str(error))
     for warning in warnings:
         out.print(f"warning: {warning}")
-    for error in errors:
-        out.print(f"error: {error}")
+    for problem in errors:
+        out.print(f"error: {problem}")
     hidden = max(found.problems.count - len(found.problems.first), 0)
     if hidden:
         out.print(f"... and {hidden} more")

@@ -1,4 +1,4 @@
-"""A scenario live in the browser: what can be pressed there, and what happens then."""
+"""The live view of a scenario in the browser: its controls, and their actions."""
 
 import time
 from collections.abc import Callable
@@ -17,31 +17,31 @@ LAYERS = {
     "estimated centre of mass": "/cpid/estimated_centre",
     "estimated inertia": "/cpid/estimated_inertia",
     "true inertia": "/cpid/true_inertia",
-    "centre of mass of all": "/cpid/centre_of_mass",
+    "centre of mass of the whole system": "/cpid/centre_of_mass",
     "momentum": "/cpid/momentum",
     "trail": "/cpid/trail",
     "frames W, B, C": "/cpid/frames",
 }
-"""What can be shown or hidden, and its path."""
+"""Labels of the layers that can be hidden, and their Meshcat paths."""
 
 HIDDEN_AT_FIRST = ("frames W, B, C",)
 
-START, PAUSE, STOP = "Start from the pose of the scenario", "Pause or go on", "Stop"
+START, PAUSE, STOP = "Start from the pose of the scenario", "Pause or continue", "Stop"
 SPEED = "speed"
 
-_LOOK_PERIOD = 0.05  # [s] between two looks at the controls
+_POLL_PERIOD = 0.05  # [s] between two readings of the controls
 
 
 class LiveView:
-    """The controls of a live page, and the loop that obeys them.
+    """The controls of a live page, and the loop that reads them.
 
-    Before a run, sliders pose the arms, for looking only: a run starts where the scenario's motion
-    does. After it the recording plays in the page, under Meshcat's own controls.
+    Before a run, sliders pose the arms; the run starts from the scenario's pose nevertheless. After
+    the run, the page plays the recording under Meshcat's own controls.
 
     Args:
-        simulation: made with `meshcat`.
+        simulation: a simulation that was made with `meshcat`.
         meshcat: the page.
-        rate: of simulated to real time at first.
+        rate: initial ratio of simulated to real time.
 
     """
 
@@ -64,20 +64,22 @@ class LiveView:
                 meshcat.AddSlider(self._sliders[k], *limits, 0.01, self._start[k])
 
     def serve(self, on_frame: Callable[[float, Identification], None]) -> None:
-        """Obey the page's controls until Stop is pressed, in the thread that made the page.
+        """Run simulations as the controls demand until Stop is clicked.
+
+        Call this in the thread that opened the page.
 
         Args:
-            on_frame: told time [s] and estimate at every drawing of a run.
+            on_frame: called with the time [s] and the estimate at every frame of a run.
 
         Raises:
-            InputError: the simulation comes to a stop.
+            InputError: the simulation fails.
 
         """
         while self._pose_until_start() and self._run(on_frame):
             pass
 
     def _clicked(self, button: str) -> bool:
-        """Return whether a button has been pressed since the last look."""
+        """Return whether a button has been clicked since the last call for it."""
         clicks = self._meshcat.GetButtonClicks(button)
         new = clicks > self._clicks.get(button, 0)
         self._clicks[button] = clicks
@@ -90,7 +92,7 @@ class LiveView:
                 self._meshcat.SetProperty(path, "visible", self._visible[name])
 
     def _pose_until_start(self) -> bool:
-        """Let the arms be posed; return False if Stop was pressed instead of Start."""
+        """Draw the pose of the sliders until Start (True) or Stop (False) is clicked."""
         simulator = self._simulation.make_simulator()
         context = simulator.get_mutable_context()
         plant = self._simulation.plant
@@ -110,11 +112,11 @@ class LiveView:
                 plant.SetPositions(plant_context, positions)
                 self._simulation.diagram.ForcedPublish(context)
             drawn = q
-            time.sleep(_LOOK_PERIOD)
+            time.sleep(_POLL_PERIOD)
         return False
 
     def _run(self, on_frame: Callable[[float, Identification], None]) -> bool:
-        """Run once, recording; return False if Stop was pressed."""
+        """Run and record the simulation once; return False if Stop was clicked."""
         meshcat, duration = self._meshcat, self._simulation.scenario.simulation.duration
         for k, name in self._sliders.items():
             meshcat.SetSliderValue(name, self._start[k])
@@ -127,8 +129,8 @@ class LiveView:
             stopped = self._clicked(STOP)
             self._toggle_layers()
             if paused:
-                time.sleep(_LOOK_PERIOD)
-                simulator.ResetStatistics()  # the time of the pause is not to be made up for
+                time.sleep(_POLL_PERIOD)
+                simulator.ResetStatistics()  # do not catch up on the pause
                 continue
             self._advance(simulator, duration)
             now = simulator.get_context()

@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import jinja2
 from markupsafe import Markup
@@ -21,8 +21,8 @@ from cpid_drake.report.figures import Picture
 class Section:
     """A part of a report: a title, and a template that gets this object as `section`."""
 
-    title: ClassVar[str]
-    template: ClassVar[str]
+    title: str
+    template: str
 
     @property
     def anchor(self) -> str:

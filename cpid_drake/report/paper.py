@@ -85,8 +85,8 @@ def _table_1(study: PaperStudy) -> Table:
         table.add_row(*_comparable(study, *cells))
     table.add_section()
     errors = [max_relative_error(values, study.truth) for values in (exact, rounded, paper)]
-    cells = ("largest relative error", "", *(f"{error:.1e}" for error in errors))
-    table.add_row(*_comparable(study, *cells))
+    last = ("largest relative error", "", *(f"{error:.1e}" for error in errors))
+    table.add_row(*_comparable(study, *last))
     return table
 
 

@@ -1,4 +1,4 @@
-"""A replay of what happened, from telemetry: one HTML file that plays offline."""
+"""A replay of telemetry with the estimates over time: one HTML file that plays offline."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -33,10 +33,10 @@ from cpid_drake.systems.scene_visualizer import (
 _OVERLAY = Path(__file__).with_name("replay_overlay.html")
 
 MOST_ESTIMATES = 60
-"""Of a simulation's replay."""
+"""Largest number of estimates in the replay of a simulation."""
 
 MOST_FRAMES = 640
-"""Of a replay; of longer logs frames are farther apart than `FRAME_PERIOD`."""
+"""Largest number of frames of a replay; in longer logs they are over `FRAME_PERIOD` apart."""
 
 
 def replay_html(
@@ -48,18 +48,18 @@ def replay_html(
     visual_model: str | Path | None = None,
     title: str = "",
 ) -> str:
-    """Return a self-contained page that replays a motion while the estimate evolves.
+    """Return a self-contained page that replays a motion with the estimates over time.
 
     Args:
-        spacecraft: what moved. Bodies whose shapes cannot be drawn are drawn as boxes.
+        spacecraft: the known spacecraft. Bodies whose shapes cannot be drawn become boxes.
         telemetry: its motion.
-        estimates: identifications and the times from which they are shown, in order [s].
-        truth: the true target, which only a simulation knows.
-        visual_model: how the true target looks; default: the ellipsoid of its inertia.
-        title: what is seen, in one line.
+        estimates: times from which estimates are shown [s], rising, and the estimates.
+        truth: the true target, if it is known from a simulation.
+        visual_model: model file with the true target's shape; default: an ellipsoid of its inertia.
+        title: heading of the page.
 
     Raises:
-        InputError: telemetry of other joints, or no samples.
+        InputError: the telemetry has other joints than the spacecraft, or no samples.
 
     """
     if not len(telemetry):
@@ -104,21 +104,27 @@ def replay_html(
     return _page(meshcat.StaticHtml(), title, steps, zero, truth is not None)
 
 
-# Path of a layer, and the colours in it with what they are. `{whose}`, `{held}`: see `_page`.
+# Meshcat path of each layer, its colours and their labels. `_page` fills in `{whose}`, `{held}`.
 _LAYERS = (
     ("drake", (("#bbbbbb", "spacecraft{held}"),)),
     ("cpid/estimated_centre", (("#ff730d", "estimated centre of mass of the target, 3 σ"),)),
-    ("cpid/estimated_inertia", (("#ff730d", "estimated inertia, as a solid ellipsoid"),)),
+    (
+        "cpid/estimated_inertia",
+        (("#ff730d", "estimated inertia, as the ellipsoid of equal inertia"),),
+    ),
     ("cpid/true_inertia", (("#1ad9bf", "true inertia"),)),
-    ("cpid/centre_of_mass", (("#ffffff", "centre of mass of all{whose}; ring: at first"),)),
+    (
+        "cpid/centre_of_mass",
+        (("#ffffff", "centre of mass of the whole system{whose}; ring: initial position"),),
+    ),
     (
         "cpid/momentum",
         (
-            ("#57b3e8", "momentum of the spacecraft"),
-            ("#f0e342", "of the target{whose}; above: angular"),
+            ("#57b3e8", "linear momentum of the spacecraft; above it: angular"),
+            ("#f0e342", "the same of the target{whose}"),
         ),
     ),
-    ("cpid/trail", (("#cc78a6", "where the capture point was"),)),
+    ("cpid/trail", (("#cc78a6", "path of the capture point"),)),
     ("cpid/frames", (("#bbbbbb", "axes of W (thin), B and C: x red, y green, z blue"),)),
 )
 
@@ -130,17 +136,17 @@ def _page(
     start: float,
     with_truth: bool,
 ) -> str:
-    """Put title, numbers, toggles and controls into Meshcat's page.
+    """Return Meshcat's page with a title, the estimates, layer toggles and playback controls.
 
     Args:
-        static_html: Meshcat's.
-        title: any text.
-        steps: texts and the times from which they are shown, from the start of the replay [s].
-        start: time of the start of the replay [s].
-        with_truth: whether the truth is in the scene.
+        static_html: the page that Meshcat wrote.
+        title: any text; it is escaped.
+        steps: times from which texts are shown, since the start of the replay [s], and the texts.
+        start: time at which the replay starts [s].
+        with_truth: whether the scene shows the true target.
 
     """
-    whose, held = ("", " and target") if with_truth else (" as estimated", "")
+    whose, held = ("", " and target") if with_truth else (", as estimated", "")
     rows = []
     for path, colors in _LAYERS:
         if path != "cpid/true_inertia" or with_truth:
@@ -162,7 +168,7 @@ def _page(
 
 
 def estimate_text(identification: Identification, truth: InertialParameters | None = None) -> str:
-    """Return an estimate in a few short lines, with 95 % intervals where they are known."""
+    """Return an estimate as short lines of text, with half-widths of 95 % intervals."""
     count = identification.sample_count
     lines = [f"from {count} sample{'s' * (count != 1)}"]
     values = identification.parameters
@@ -179,19 +185,19 @@ def estimate_text(identification: Identification, truth: InertialParameters | No
             lines.append(f"  true {_numbers(truth.to_vector()[part])}")
     moved = np.abs(identification.feasible().to_vector() - values).max()
     if moved > 0.01 * np.abs(values).max():
-        lines.append("no body can have this: drawn is the nearest that can")
+        lines.append("physically inconsistent: the nearest consistent estimate is drawn")
     return "\n".join(lines)
 
 
 def _numbers(values: NDArray[np.float64]) -> str:
-    """Return numbers with as many decimals as give the largest four digits."""
+    """Return numbers with the decimals that give the largest of them four digits."""
     largest = float(f"{np.abs(values).max():.4g}")
     decimals = 4 if largest == 0 else max(0, 3 - int(np.floor(np.log10(largest))))
     return " ".join(f"{value + 0.0:.{min(decimals, 9)}f}" for value in np.round(values, decimals))
 
 
 def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the samples to draw: some `FRAME_PERIOD` apart, and the last one."""
+    """Return indices of the samples to draw: about `FRAME_PERIOD` apart, and the last one."""
     duration = time[-1] - time[0]
     period = max(FRAME_PERIOD, duration / MOST_FRAMES)
     wanted = np.arange(time[0], time[-1], period)
@@ -204,23 +210,23 @@ def replay_simulation(
     *,
     title: str = "",
 ) -> tuple[str, Identification]:
-    """Simulate, and return the page that replays it and the last estimate.
+    """Simulate; return the page that replays the simulation, and the last estimate.
 
     Args:
-        simulation: what to run.
-        progress: told the time [s] after every step.
-        title: what is seen, in one line.
+        simulation: the simulation to run.
+        progress: called with the time [s] after every step.
+        title: heading of the page.
 
     """
     estimates: list[tuple[float, Identification]] = []
     period = max(0.25, simulation.scenario.simulation.duration / MOST_ESTIMATES)
 
-    def watch(root_context: Context) -> None:
+    def record(root_context: Context) -> None:
         time = root_context.get_time()
         if time + 1e-9 >= period * (len(estimates) + 1):
             estimates.append((time, simulation.identification(root_context)))
 
-    context = simulation.run(progress, watch)
+    context = simulation.run(progress, record)
     last = simulation.identification(context)
     page = replay_html(
         simulation.spacecraft,
@@ -239,9 +245,9 @@ def _start_diagram(
     truth: InertialParameters | None,
     visual_model: str | Path | None,
 ) -> tuple[DiagramBuilder, MultibodyPlant | None, list[BodyIndex]]:
-    """Return a builder with a plant that is only drawn, and the bodies that have no shape in it.
+    """Return a builder with a plant for drawing, and the bodies that have no shape in it.
 
-    A model whose shapes cannot be read is good to identify with: then there is no plant.
+    If the model's shapes cannot be read, there is no plant, and all bodies are without a shape.
     """
     builder = DiagramBuilder()
     if not can_be_drawn(spacecraft):

@@ -203,7 +203,7 @@ def test_wrong_usage_makes_no_folder(cpid, tmp_path):
         ("a: [1", "not YAML"),
         ("massive: 1", "massive"),
         ("spacecraft: 3", "spacecraft"),
-        ("spacecraft: {model: 'a\n\n  b', base: b, capture_frame: c}", "target.mass"),
+        ("spacecraft: {model: 'a\n\n  b', base: b, capture_frame: c}", "target is missing"),
     ],
 )
 def test_a_bad_scenario_is_one_line_and_exit_code_2(cpid, tmp_path, text, cause):

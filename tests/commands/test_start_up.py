@@ -77,12 +77,14 @@ def test_wrong_names_and_paths_are_found_without_numpy(arguments, problem, tmp_p
         (["identify", SAMPLE, *CRAFT, "--sensors", "testbad"], "no sensors: testbad"),
         (["accuracy", "paper", "--out", "x", "--preset", "testbad"], "no sensors: testbad"),
         (["view", "nowhere.csv", *CRAFT, "--html", "x.html"], "nowhere.csv: no such file"),
+        (["paper", "--out", "x", "--scenario", "key.yaml"], "unknown key 'massive'"),
         (["telemetry", "check", "nowhere.csv"], "nowhere.csv: no such file"),
         (["telemetry", "check", "text.csv"], "text.csv: line 1: there is no column 'time'"),
     ],
 )
 def test_wrong_files_are_found_before_drake_is_imported(arguments, problem, tmp_path):
     (tmp_path / "text.csv").write_text("This is a text.\n")
+    (tmp_path / "key.yaml").write_text("massive: 1\n")
     code, output, modules = run(tmp_path, *arguments)
     assert code == 2
     assert output.startswith("cpid: error: ")

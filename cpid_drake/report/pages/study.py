@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import rich.table
 
@@ -24,7 +24,7 @@ class StudySection(Section):
     texts: Sequence[str] = ()
     tables: Sequence[tuple[Table, str]] = ()
     files: Sequence[tuple[Path, str]] = ()
-    template: ClassVar[str] = "study.html.j2"
+    template = "study.html.j2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,8 @@ class StudyProvenance(Section):
 
     facts: Sequence[tuple[str, str]]
     command: str
-    title: ClassVar[str] = "Provenance"
-    template: ClassVar[str] = "provenance.html.j2"
+    title = "Provenance"
+    template = "provenance.html.j2"
 
 
 def paper_report(

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 from cpid_drake.identification.requests import Evidence
 from cpid_drake.report.figures import (
@@ -17,9 +16,9 @@ class BaseMotion(Section):
     """The measured motion of the base."""
 
     evidence: Evidence
-    title: ClassVar[str] = "Base motion"
-    template: ClassVar[str] = "pictures.html.j2"
-    table: ClassVar[None] = None
+    title = "Base motion"
+    template = "pictures.html.j2"
+    table = None
 
     @property
     def texts(self) -> list[str]:

@@ -1,7 +1,6 @@
 """The section that shows how the estimate converged."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -18,9 +17,9 @@ class ConvergenceSection(Section):
     """The estimates from the first part of the log, for ever longer parts."""
 
     findings: Findings
-    title: ClassVar[str] = "Convergence"
-    template: ClassVar[str] = "pictures.html.j2"
-    table: ClassVar[None] = None
+    title = "Convergence"
+    template = "pictures.html.j2"
+    table = None
 
     @property
     def texts(self) -> list[str]:

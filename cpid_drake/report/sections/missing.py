@@ -1,7 +1,6 @@
 """The section that says why other sections are missing."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from cpid_drake.report.page import Section
 
@@ -11,10 +10,10 @@ class Missing(Section):
     """The reason why sections are missing."""
 
     reason: str
-    title: ClassVar[str] = "Not shown"
-    template: ClassVar[str] = "pictures.html.j2"
-    table: ClassVar[None] = None
-    pictures: ClassVar[tuple] = ()
+    title = "Not shown"
+    template = "pictures.html.j2"
+    table = None
+    pictures = ()
 
     @property
     def texts(self) -> list[str]:

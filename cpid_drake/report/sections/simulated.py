@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from cpid_drake.report.page import Cell, Section, Table
 from cpid_drake.report.run_folder import Run
@@ -13,8 +13,8 @@ class Simulated(Section):
     """The simulated scenario, and the online estimate at its end."""
 
     run: Run
-    title: ClassVar[str] = "Simulation"
-    template: ClassVar[str] = "run.html.j2"
+    title = "Simulation"
+    template = "run.html.j2"
 
     @property
     def facts(self) -> list[tuple[str, str | Cell]]:

@@ -1,7 +1,6 @@
 """The section with the warnings."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -14,8 +13,8 @@ class Warnings(Section):
     """The warnings of the identification, and of differences to a result file."""
 
     findings: Findings
-    title: ClassVar[str] = "Warnings"
-    template: ClassVar[str] = "warnings.html.j2"
+    title = "Warnings"
+    template = "warnings.html.j2"
 
     @property
     def texts(self) -> list[str]:
