@@ -33,6 +33,7 @@ from cpid_drake.dynamics.rotations import exp, log, quaternion_to_matrix, skew
 from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.estimation.likelihood.priors import psi_scale
 from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.sensors import STANDARD_SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 
 PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (
@@ -107,15 +108,7 @@ OFFSETS = (0.003, 0.003)
 SAME_CAUSE = 1.0
 """If both attitudes differ again within this time of a reset, momentum has jumped [s]."""
 
-_SENSORS = (
-    "attitude",
-    "gyro",
-    "position",
-    "velocity",
-    "encoders",
-    "joint_rates",
-    "agreement",
-)
+_SENSORS = (*STANDARD_SENSORS, "agreement")
 _INDEX = {name: k for k, name in enumerate(_SENSORS)}
 _GYRO, _ENCODERS, _AGREEMENT = _INDEX["gyro"], _INDEX["encoders"], _INDEX["agreement"]
 _IN_ORDER = np.arange(SIZE)

@@ -33,7 +33,7 @@ from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.screening import screen
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensing.sensors import SENSORS, STANDARD_SENSORS
 from cpid_drake.sensing.smoothing import smooth
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -120,6 +120,15 @@ def identify_log(
         placed = len(measurements.position) or len(measurements.velocity)
         rows = "standard" if placed else "relative"
     _require(measurements, estimator, rows, unknown_momentum)
+    unused = [
+        SENSORS[name].label
+        for name, samples in measurements.samples.items()
+        if name not in STANDARD_SENSORS and len(samples)
+    ]
+    if unused and estimator != "trajectory_fit":
+        warnings.append(
+            f"{estimator} does not use the samples of {', '.join(unused)}; trajectory_fit does"
+        )
 
     log = _Log(spacecraft, measurements, suite, unknown_momentum, warnings)
     try:
@@ -189,11 +198,14 @@ def of_spacecraft(measurements: Measurements, spacecraft: Spacecraft) -> Measure
         if unknown:
             parts.append(f"the spacecraft has no joint '{unknown[0]}'")
         raise InputError(f"{', and '.join(parts)}; its joints are {', '.join(wanted)}")
+    order = [have.index(name) for name in wanted]
+    of_joints = {
+        name: Samples(samples.time, samples.value[:, order])
+        for name, samples in measurements.samples.items()
+        if SENSORS[name].quantity.width is None
+    }
+    measurements = Measurements(wanted, {**measurements.samples, **of_joints})
     positions, rates = measurements.encoders, measurements.joint_rates
-    if have != wanted:
-        order = [have.index(name) for name in wanted]
-        positions = Samples(positions.time, positions.value[:, order])
-        rates = Samples(rates.time, rates.value[:, order])
     value = positions.value
     missing_angles = np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0))
     if missing_angles.size:
@@ -207,8 +219,7 @@ def of_spacecraft(measurements: Measurements, spacecraft: Spacecraft) -> Measure
         turned = cumulative_trapezoid(rates.value[:, k], rates.time, initial=0.0)
         value[:, k] = np.interp(positions.time, rates.time, turned)
     encoders = Samples(positions.time, value)
-    joints = {"encoders": encoders, "joint_rates": rates}
-    return Measurements(wanted, {**measurements.samples, **joints})
+    return measurements.updated({"encoders": encoders})
 
 
 def check_log(spacecraft: Spacecraft, measurements: Measurements) -> list[str]:

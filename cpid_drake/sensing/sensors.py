@@ -193,6 +193,7 @@ class Quantity:
         unit: of the samples; for attitude that of its errors.
         width: number of entries of a sample; None for one per joint.
         ideal: returns (N, width), what a sensor without errors measures, from the true motion.
+        errors: dataclass of the sensors' errors, or the base class of such dataclasses.
 
     """
 
@@ -200,28 +201,31 @@ class Quantity:
     unit: str
     width: int | None
     ideal: Callable[[Telemetry], NDArray[np.float64]]
+    errors: type[SensorErrors]
 
 
 def _angular_velocity_in_B(telemetry: Telemetry) -> NDArray[np.float64]:
     return rotate(np.swapaxes(telemetry.R_WB, -1, -2), telemetry.w_WB)
 
 
-ATTITUDE = Quantity("attitude", "rad", 4, lambda telemetry: telemetry.quaternion_WB)
+ATTITUDE = Quantity("attitude", "rad", 4, lambda motion: motion.quaternion_WB, AttitudeSensor)
 """R_WB as a unit quaternion (w, x, y, z)."""
 
-ANGULAR_VELOCITY = Quantity("angular velocity", "rad/s", 3, _angular_velocity_in_B)
+ANGULAR_VELOCITY = Quantity("angular velocity", "rad/s", 3, _angular_velocity_in_B, Gyro)
 """w_WB_B: of B in W, expressed in B."""
 
-POSITION = Quantity("position", "m", 3, lambda telemetry: telemetry.p_WB)
+POSITION = Quantity("position", "m", 3, lambda motion: motion.p_WB, VectorSensor)
 """p_WBo_W: B's origin in W."""
 
-VELOCITY = Quantity("velocity", "m/s", 3, lambda telemetry: telemetry.v_WB)
+VELOCITY = Quantity("velocity", "m/s", 3, lambda motion: motion.v_WB, VectorSensor)
 """v_WBo_W: velocity of B's origin in W."""
 
-JOINT_POSITIONS = Quantity("joint positions", "rad or m", None, lambda telemetry: telemetry.q)
+JOINT_POSITIONS = Quantity(
+    "joint positions", "rad or m", None, lambda motion: motion.q, JointSensor
+)
 """q of all joints."""
 
-JOINT_RATES = Quantity("joint rates", "rad/s or m/s", None, lambda telemetry: telemetry.qdot)
+JOINT_RATES = Quantity("joint rates", "rad/s or m/s", None, lambda motion: motion.qdot, JointSensor)
 """q̇ of all joints."""
 
 
@@ -281,8 +285,8 @@ def register_sensor(sensor: Sensor) -> None:
 
     Raises:
         InputError: the name is not an identifier; the name, a column or a number of random numbers
-            is already that of another sensor; the number of columns is not that of the quantity; a
-            gyro or an encoder without a slow stream.
+            is already that of another sensor; the number of columns or the class of the errors does
+            not fit the quantity; a gyro or an encoder without a slow stream.
 
     """
     where, others = f"sensor '{sensor.name}'", list(SENSORS.values())
@@ -297,6 +301,9 @@ def register_sensor(sensor: Sensor) -> None:
         raise InputError(f"{where}: the column '{min(taken)}' is that of another sensor")
     if len(sensor.columns) != (sensor.quantity.width or 1):
         raise InputError(f"{where}: {len(sensor.columns)} columns for {sensor.quantity.name}")
+    if not issubclass(sensor.errors, sensor.quantity.errors):
+        wanted = sensor.quantity.errors.__name__
+        raise InputError(f"{where}: its errors must be a {wanted}, not {sensor.errors.__name__}")
     if issubclass(sensor.errors, Gyro | JointSensor) and sensor.slow_stream is None:
         raise InputError(f"{where}: its errors need a slow_stream besides the stream")
     SENSORS[sensor.name] = sensor
@@ -324,6 +331,10 @@ for _sensor in (
     Sensor("joint_rates", "joint rates", JOINT_RATES, JointSensor, ("qd:",), 5, 8),
 ):
     register_sensor(_sensor)
+
+
+STANDARD_SENSORS = tuple(SENSORS)
+"""Names of the sensors that all estimators use; the trajectory fit uses registered ones too."""
 
 
 def sensors_of(quantity: Quantity) -> list[Sensor]:

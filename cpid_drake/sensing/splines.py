@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
 from cpid_drake.sensing.suite import SensorSuite
 
 _INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
@@ -102,23 +103,28 @@ def measured_by(suite: SensorSuite, measurements: Measurements) -> Measurements:
 
 
 def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline:
-    """Smooth encoder samples, and joint rates where there are any, by a quintic spline.
+    """Smooth the samples of all joint sensors by a quintic spline.
 
-    In a gap of the samples it has as many pieces as elsewhere (`Basis.bridged`), and a jerk that is
-    zero give or take what it is elsewhere: so the covariance says how little is known there.
+    In a gap of the encoder samples, the spline has as many pieces as elsewhere (`Basis.bridged`),
+    and the prior that its jerk is zero with the σ of the jerk elsewhere. The covariance then covers
+    what is unknown in the gap.
 
     Raises:
         InputError: fewer than eight encoder samples.
 
     """
     measurements = measured_by(suite, measurements)
-    positions, rates = measurements.encoders, measurements.joint_rates
+    positions = measurements.encoders
     if len(positions) < 8:
         raise InputError(f"joint motion needs at least 8 encoder samples, not {len(positions)}")
-    rates = rates.where((rates.time >= positions.time[0]) & (rates.time <= positions.time[-1]))
-    sigma = suite.sigmas("encoders")[0]
-    sigma_rate = suite.sigmas("joint_rates")[0] if len(rates) else 1.0
-    rows = [(positions, 0, sigma), (rates, 1, sigma_rate)]
+    start, end = positions.time[0], positions.time[-1]
+    measurements = measurements.between(start, end)
+    rows: list[_Rows] = [
+        (measurements[sensor.name], derivative, float(suite.sigmas(sensor.name)[0]))
+        for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES))
+        for sensor in sensors_of(quantity)
+        if len(measurements[sensor.name])
+    ]
 
     def spline(basis: Basis, bridges: list[_Rows]) -> JointSpline:
         coefficients, covariance, chi_squared = _fit(basis, [*rows, *bridges])

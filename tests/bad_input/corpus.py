@@ -338,7 +338,10 @@ TELEMETRY = {
     "web_page": (file("t.csv", "<!DOCTYPE html>\n<p>404\n"), "line 1: there is no column 'time'"),
     # The header.
     "no_header": (file("t.csv", lambda: csv(lambda rows: rows[1:])), "line 1 holds numbers"),
-    "header_only": (file("t.csv", lambda: csv(lambda rows: rows[:1])), "t.csv: there are no"),
+    "header_only": (
+        file("t.csv", lambda: csv(lambda rows: rows[:1])),
+        "t.csv: the file has no samples",
+    ),
     "header_after_rows": (file("t.csv", lambda: csv(lambda r: [*r[1:], r[0]])), "line 1 holds"),
     "column_twice": (file("t.csv", named("y", "x")), "line 1", "'x' is there 2 times"),
     "no_time": (file("t.csv", named("time", "t")), "line 1: there is no column 'time'"),
@@ -408,7 +411,7 @@ TELEMETRY = {
     "million_rows": (file("t.csv", million_rows), "line 1000002, column 'q:shoulder': '1e'"),
     "all_absent": (
         file("t.csv", lambda: "time,qw,qx,qy,qz,q:shoulder,q:elbow,q:wrist\n1,,,,,,,\n"),
-        "t.csv: there are no samples in it",
+        "t.csv: the file has no samples",
     ),
     # Mixed units and conventions.
     "joint_in_degrees": (

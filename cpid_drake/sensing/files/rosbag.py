@@ -15,6 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
+from cpid_drake.sensing.files.formats import Format, Topics
+from cpid_drake.sensing.files.table import LARGEST, Problems
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import SENSORS
 
@@ -107,6 +109,22 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
         for sensor in _SOURCES
     }
     return Measurements(joint_names, samples)
+
+
+def _read(file: Path, where: str, problems: Problems, topics: Topics) -> Measurements:
+    """Return a bag's samples; those that cannot be used are problems."""
+    measurements = read_rosbag(file, topics=topics)
+    usable = {}
+    for name, samples in measurements.items():
+        good = np.all(np.abs(samples.value) <= LARGEST, axis=1)
+        for k in np.flatnonzero(~good):
+            place = f"{name}, message {k + 1} at {samples.time[k]:.6f} s"
+            problems.add(place, "a number that is not finite or is implausibly large")
+        usable[name] = samples.where(good)
+    return measurements.updated(usable)
+
+
+ROSBAG = Format("ROS 2 bag", (".mcap", ".db3"), _read, is_bag=True)
 
 
 def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> dict[str, str]:

@@ -23,10 +23,20 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.sensors import ATTITUDE, SENSORS, Sensor, sensors_of
+from cpid_drake.sensing.sensors import (
+    ATTITUDE,
+    JOINT_POSITIONS,
+    JOINT_RATES,
+    SENSORS,
+    Sensor,
+    sensors_of,
+)
 
 LARGEST = 1e9
 """Largest plausible number in a file [SI units, rad]."""
+
+LARGEST_TABLE = 250_000_000
+"""Most numbers in a file: 2 GB."""
 
 LARGEST_TIME = 1e11
 """Largest plausible time in a file [s]."""
@@ -66,6 +76,7 @@ class TelemetryTable:
         values: (N, C), NaN where a cell is absent.
         lines: (N,) where the rows stand in the file.
         row_word: what a place is called, "line" or "row".
+        ignored: names of further columns in the file, which have no meaning.
 
     """
 
@@ -73,8 +84,9 @@ class TelemetryTable:
     values: NDArray[np.float64]
     lines: NDArray[np.intp]
     row_word: str = "row"
+    ignored: tuple[str, ...] = ()
 
-    def place(self, row: int, column: str = "") -> str:
+    def place(self, row: int | np.intp, column: str = "") -> str:
         """Say where a row, or one of its cells, is."""
         cell = f", column '{column}'" if column else ""
         return f"{self.row_word} {self.lines[row]}{cell}"
@@ -126,13 +138,15 @@ def check_columns(names: Sequence[str], where: str) -> None:
     if not any(name.startswith("q:") for name in names):
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
-    rates = _joints(names, "qd:")
-    without = [joint for joint in _joints(names, "q:") if rates and joint not in rates]
-    if without:
-        raise InputError(
-            f"{where}: there is a column 'q:{without[0]}', but no 'qd:{without[0]}'; give rates of "
-            "all joints or of none"
-        )
+    joints = _joints(names, "q:")
+    for sensor in sensors_of(JOINT_POSITIONS) + sensors_of(JOINT_RATES):
+        have = _joints(names, sensor.columns[0])
+        without = [joint for joint in joints if have and joint not in have]
+        if without:
+            raise InputError(
+                f"{where}: there is a column 'q:{without[0]}', but no "
+                f"'{sensor.columns[0]}{without[0]}'; give {sensor.label} of all joints or of none"
+            )
 
 
 def _likely(wanted: str, unknown: Sequence[str]) -> str:
@@ -296,6 +310,6 @@ def _check_size(
         with np.errstate(invalid="ignore"):
             large = np.abs(values) > limit
         for row in np.flatnonzero(large):
-            text = f"{values[row]:g} cannot be meant: it is beyond {limit:g}"
+            text = f"{values[row]:g} is implausible: beyond {limit:g}"
             problems.add(table.place(row, name), text)
             usable[row] = False

@@ -118,7 +118,7 @@ class TestCsv:
             ("nan", "line 3, column 'q:a': 'nan' is not a finite number; leave the cell"),
             ("-inf", "line 3, column 'q:a': '-inf' is not a finite"),
             ("1e999", "line 3, column 'q:a': '1e999' is not a finite"),
-            ("1e10", "line 3, column 'q:a': 1e+10 cannot be meant"),
+            ("1e10", "line 3, column 'q:a': 1e+10 is implausible"),
             ("1_0", "line 3, column 'q:a': '1_0'"),
             ("12 deg", "'12 deg' is not a finite number; give a number with a decimal point"),
             ("0,5", "line 3: 13 cells, but 12 columns; are decimals written with commas?"),

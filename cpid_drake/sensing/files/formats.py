@@ -1,0 +1,52 @@
+"""What a format of telemetry files is: endings, reader and writer."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.sensing.files.table import Problems, TelemetryTable
+from cpid_drake.sensing.measurements import Measurements
+
+Topics = Mapping[str, str] | None
+"""Names of a bag's topics by kind, if any are given."""
+
+
+class Reader(Protocol):
+    """Reads a file; `where` names it in error messages, and `problems` collects bad samples."""
+
+    def __call__(
+        self, file: Path, where: str, problems: Problems, topics: Topics
+    ) -> TelemetryTable | Measurements:
+        """Return a table, or measurements if each sensor has its own times.
+
+        Raises:
+            InputError: nothing can be read.
+
+        """
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of telemetry files.
+
+    Attributes:
+        name: for people.
+        endings: of file names, in lower case, each with its dot.
+        read: the reader.
+        write: writes columns, names and values (N, C) with NaN where a cell is absent; None if the
+            format is only read.
+        check_head: refuses a file that cannot be telemetry after a look at its beginning.
+        is_bag: whether folders are of this format too, and topics can be chosen.
+
+    """
+
+    name: str
+    endings: tuple[str, ...]
+    read: Reader
+    write: Callable[[Path, list[str], NDArray[np.float64]], None] | None = None
+    check_head: Callable[[Path, str], None] | None = None
+    is_bag: bool = False

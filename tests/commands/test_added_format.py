@@ -1,0 +1,67 @@
+"""A file format added from outside, by a record in the registry, serves all commands on logs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpid_drake import read_telemetry, write_telemetry
+from cpid_drake.errors import InputError
+from cpid_drake.resources import models_directory
+from cpid_drake.sensing.files.formats import Format
+from cpid_drake.sensing.files.table import TelemetryTable, check_columns
+from cpid_drake.sensing.files.telemetry_files import FORMATS
+
+SAMPLE = models_directory() / "telemetry/free_flyer.csv"
+FREE_FLYER = (
+    *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
+    *("--base", "body", "--capture-frame", "capture_point"),
+)
+
+
+def read_json(file, where, problems, topics):
+    content = json.loads(file.read_text())
+    check_columns(list(content), where)
+    values = np.array([content[name] for name in content], dtype=float).T
+    return TelemetryTable(tuple(content), values, np.arange(len(values)))
+
+
+def write_json(path, columns, values):
+    content = {name: column.tolist() for name, column in zip(columns, values.T, strict=True)}
+    path.write_text(json.dumps(content))
+
+
+@pytest.fixture
+def added(monkeypatch, tmp_path):
+    monkeypatch.setattr(f"{FORMATS_MODULE}.FORMATS", [*FORMATS, JSON])
+    monkeypatch.chdir(tmp_path)
+    write_telemetry("log.json", read_telemetry(SAMPLE))
+
+
+FORMATS_MODULE = "cpid_drake.sensing.files.telemetry_files"
+JSON = Format("JSON", (".json",), read_json, write_json)
+
+
+def test_a_log_in_an_added_format_is_identified_from_and_reported(added, run_cpid):
+    results = []
+    for log in (SAMPLE, "log.json"):
+        report = Path(f"{len(results)}.html")
+        options = ("--sensors", "testbed", "--json", "found.txt", "--report", report)
+        assert run_cpid("identify", log, *FREE_FLYER, *options)[0] == 0
+        results.append(json.loads(Path("found.txt").read_text()))
+        assert f"{results[-1]['mass']:.2f}" in report.read_text()
+    for key in ("mass", "com", "inertia", "covariance"):
+        assert results[0][key] == results[1][key]
+    code, stdout, _ = run_cpid("telemetry", "check", "log.json")
+    assert code == 0
+    assert "no problems found" in stdout
+
+
+def test_messages_name_an_added_format(added, run_cpid):
+    Path("log.xml").write_text("")
+    code, _, stderr = run_cpid("identify", "log.xml", *FREE_FLYER)
+    assert code == 2
+    assert ".csv, .npz, .parquet, .mcap, .db3, .json files and bag folders" in stderr
+    with pytest.raises(InputError, match=r"telemetry is written as .csv, .npz, .parquet, .json"):
+        write_telemetry("log.mcap", read_telemetry("log.json"))
