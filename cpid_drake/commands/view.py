@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 LARGE_PAGE = 10_000_000
 """Size [bytes] of a page above which a warning is printed: it is hard to send."""
 
+_LOGS = (".csv", ".npz", ".parquet", ".db3", ".mcap")
+
 
 def view(
     source: Annotated[
@@ -70,9 +72,7 @@ def view(
     craft = {"--spacecraft": spacecraft, "--base": base, "--capture-frame": capture_frame}
     missing = [option for option, value in craft.items() if value is None]
     page: str | None
-    from cpid_drake.sensing.files.telemetry_files import telemetry_endings
-
-    if source.lower().endswith(telemetry_endings()) or len(missing) < len(craft):
+    if source.lower().endswith(_LOGS) or len(missing) < len(craft):
         if spacecraft is None or base is None or capture_frame is None:
             raise InputError(f"{source}: a log needs a spacecraft: give {missing[0]}")
         if html is None or live:

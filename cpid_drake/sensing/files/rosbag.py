@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.files.formats import Format, Topics
+from cpid_drake.sensing.files.formats import Topics
 from cpid_drake.sensing.files.table import LARGEST, Problems
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import SENSORS
@@ -111,8 +111,13 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     return Measurements(joint_names, samples)
 
 
-def _read(file: Path, where: str, problems: Problems, topics: Topics) -> Measurements:
-    """Return a bag's samples; those that cannot be used are problems."""
+def read_usable(file: Path, problems: Problems, topics: Topics) -> Measurements:
+    """Return a bag's samples without unusable ones, which are added to the problems.
+
+    Raises:
+        InputError: as `read_rosbag`.
+
+    """
     measurements = read_rosbag(file, topics=topics)
     usable = {}
     for name, samples in measurements.items():
@@ -122,9 +127,6 @@ def _read(file: Path, where: str, problems: Problems, topics: Topics) -> Measure
             problems.add(place, "a number that is not finite or is implausibly large")
         usable[name] = samples.where(good)
     return measurements.updated(usable)
-
-
-ROSBAG = Format("ROS 2 bag", (".mcap", ".db3"), _read, is_bag=True)
 
 
 def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> dict[str, str]:

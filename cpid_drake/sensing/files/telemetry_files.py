@@ -9,10 +9,18 @@ from cpid_drake.errors import InputError
 from cpid_drake.resources import resolve_model
 from cpid_drake.sensing.files.columnar import NPZ, PARQUET
 from cpid_drake.sensing.files.csv_format import CSV
-from cpid_drake.sensing.files.formats import Format
-from cpid_drake.sensing.files.rosbag import ROSBAG
+from cpid_drake.sensing.files.formats import Format, Topics
 from cpid_drake.sensing.files.table import Problems, measurements_of_table, table_of
 from cpid_drake.sensing.measurements import Measurements
+
+
+def _read_bag(file: Path, where: str, problems: Problems, topics: Topics) -> Measurements:
+    from cpid_drake.sensing.files.rosbag import read_usable  # imports SciPy's rotations
+
+    return read_usable(file, problems, topics)
+
+
+ROSBAG = Format("ROS 2 bag", (".mcap", ".db3"), _read_bag, is_bag=True)
 
 FORMATS: list[Format] = [CSV, NPZ, PARQUET, ROSBAG]
 """All formats of telemetry files; append one to add it."""
