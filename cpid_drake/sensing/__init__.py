@@ -1,1 +1,1 @@
-"""Sensors: what they are, what they gave, and how samples become motion."""
+"""Sensors: their errors, their samples, smoothing of samples to motion, telemetry files."""

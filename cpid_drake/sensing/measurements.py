@@ -28,7 +28,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False, init=False)
 class Measurements:
-    """The samples of all sensors; `measurements[name]` or `measurements.name` are one sensor's.
+    """The samples of all sensors. Those of one sensor are `self[name]`, or an attribute.
 
     Samples are in SI units and radians, as the sensor's `Quantity` says. A sensor of the table that
     is absent has no samples: times (0,) and values (0, width).
@@ -36,7 +36,7 @@ class Measurements:
     Args:
         joint_names: the joints, in the order of columns of joint sensors.
         samples: by the sensors' names in `SENSORS`.
-        named: samples of further sensors, or instead of those in `samples`.
+        named: samples by sensor, as keywords; they replace those in `samples`.
 
     """
 
@@ -66,7 +66,7 @@ class Measurements:
         return self[name]
 
     def items(self) -> Iterator[tuple[str, Samples]]:
-        """Yield name and samples of every sensor of the table, also of absent ones."""
+        """Yield name and samples of every sensor of the table, absent ones included."""
         return ((name, self[name]) for name in SENSORS)
 
     def updated(self, samples: Mapping[str, Samples]) -> "Measurements":

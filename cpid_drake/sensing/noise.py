@@ -1,8 +1,8 @@
 """Simulated sensor errors.
 
-Every sensor has its own stream of random numbers, which depends on the seed, on the sensor's number
-in the table and on the sample's number only: the same samples result whether they are drawn one by
-one in a Diagram or all at once as arrays, and whatever other sensors there are.
+Every sensor has its own stream of random numbers. It depends only on the seed, on the sensor's
+number in the table and on the sample's number. The same samples therefore result one by one in a
+Diagram and all at once as arrays, whatever other sensors there are.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ class SensorNoise:
         self._biases: dict[str, NDArray[np.float64]] = {}
 
     def apply(self, name: str, ideal: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:
-        """Return samples first, first + 1, … of a sensor, from what they are without errors.
+        """Return samples first, first + 1, … of a sensor: ideal values with errors added.
 
         Args:
             name: of the sensor.
@@ -57,7 +57,7 @@ class SensorNoise:
         if isinstance(errors, Gyro):
             value = value + self.gyro_bias(last, name)[first:]
         if errors.step and record.slow_stream is not None:
-            # Without a random zero, the same motion would be rounded alike whatever the seed.
+            # With a random zero, rounding errors of the same motion differ from seed to seed.
             zero = self._generator(record.slow_stream).uniform(-0.5, 0.5, width)
             value = errors.step * (np.round(value / errors.step - zero) + zero)
         return value if decimals is None else np.round(value, decimals)

@@ -1,7 +1,7 @@
-"""How noisy a log's sensors are, from the log itself, for when nobody says so.
+"""Estimation of the sensors' noise from a log, for use when the sensors are not given.
 
-Differences of high order leave nothing of a smooth motion and all of the noise: of white noise of
-variance σ², the p-th differences have the variance σ² (2p)!/(p!)².
+Differences of high order remove smooth motion and keep noise: the p-th differences of white noise
+of variance σ² have the variance σ² (2p)!/(p!)².
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ _LEAST = 1e-13
 
 
 def estimate_suite(measurements: Measurements) -> SensorSuite:
-    """Return sensors with the noise that the samples show: white, the same in all axes.
+    """Return sensors with the estimated noise of the samples: white, the same in all axes.
 
     Raises:
         InputError: there are no encoders, or fewer than 12 samples of a sensor.
@@ -43,10 +43,10 @@ def estimate_suite(measurements: Measurements) -> SensorSuite:
 
 
 def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
-    """Return σ of one entry of a sample (of attitudes: of the turn about one axis [rad]).
+    """Return σ of one entry of a sample (for attitudes: of the rotation about one axis [rad]).
 
-    Of the differences of several orders the least is taken: the lower ones hold motion still. A
-    motion too quick for the samples looks like noise.
+    It is the least of the estimates from several orders of differences, because low orders still
+    contain motion. A motion that is too fast for the sample rate looks like noise.
     """
     value = samples.value
     if quaternions:
@@ -58,7 +58,7 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
     for order in _ORDERS:
         if len(value) <= order + 2:
             break
-        # Differences over a gap in the samples are no differences.
+        # Differences across a gap are not used.
         whole = np.convolve(even, np.ones(order), "valid") > order - 0.5
         if not whole.any():
             break
@@ -67,12 +67,12 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
         least = min(least, level)
     if not np.isfinite(least):
         raise InputError("samples at such uneven times do not tell their noise; give the sensors")
-    # A turn by δ changes the four entries by δ/2 in all, in three directions.
+    # A rotation by δ changes the four entries by δ/2 in total, in three directions.
     return max(float(least * (2 * np.sqrt(4 / 3) if quaternions else 1.0)), _LEAST)
 
 
 def _root_mean_square(values: NDArray[np.float64]) -> float:
-    """Root of the mean square, without the hundredth that is largest: outliers are no noise."""
+    """Return the root mean square without the largest hundredth, which may be outliers."""
     size = np.sort(np.sum(values**2, axis=1))
     kept = size[: max(int(np.ceil(0.99 * len(size))), 1)]
     return float(np.sqrt(np.mean(kept) / values.shape[1]))

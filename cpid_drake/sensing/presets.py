@@ -16,7 +16,7 @@ def sensor_presets() -> tuple[str, ...]:
 def load_sensors(name_or_path: str | Path) -> SensorSuite:
     """Return a shipped sensor suite, or one from a YAML file.
 
-    A sensor that the file does not name, or gives as null, is not there. Keys that it leaves out
+    A sensor that the file does not name, or gives as null, is absent. Keys that it leaves out
     of a sensor keep their defaults.
 
     Args:

@@ -1,4 +1,4 @@
-"""Which samples can be used: the rest is left out and counted."""
+"""Screening of samples: samples that cannot be used are removed and counted."""
 
 from bisect import bisect_left
 
@@ -10,22 +10,22 @@ from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import ATTITUDE, SENSORS
 
 LONGEST_GAP = 3600.0
-"""Stamps further apart than this cannot be of one identification [s]: a clock is wrong."""
+"""Longest gap between times of one log [s]; a longer one is an error of a clock."""
 
 
 def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
-    """Return the samples that can be used, and how many of each sensor could not.
+    """Return the samples that can be used, and the number of rejected samples of each sensor.
 
-    Left out are
+    Rejected are
 
     - samples with an entry that is not finite;
     - attitudes whose quaternion is more than 1e-3 off unit norm;
-    - stamps that are further than `LONGEST_GAP` from most others: of a clock that jumps, or is not
-      set yet; one in the far future costs no more than its own sample;
-    - as few samples as possible for the stamps of the rest to increase; of repeated stamps the
-      first stays.
+    - samples whose time is further than `LONGEST_GAP` from most others, because a clock jumps or is
+      not set yet;
+    - as few samples as possible to make the times of the rest increase; of repeated times the first
+      is kept.
 
-    Quaternions are normalized; their sign has no meaning and stays as it is.
+    Quaternions are normalized; their sign, which has no meaning, is kept.
 
     Raises:
         InputError: samples that are not numbers, or whose shapes do not fit.
@@ -60,7 +60,7 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
 
 
 def _together(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the indices, in their order, of the most stamps without a gap of `LONGEST_GAP`."""
+    """Return the indices, in order, of the largest set of times without a gap of `LONGEST_GAP`."""
     order = np.argsort(time)
     gaps = np.flatnonzero(time[order][1:] > time[order][:-1] + LONGEST_GAP)
     ends = np.concatenate([[0], gaps + 1, [time.size]])
@@ -69,10 +69,10 @@ def _together(time: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _increasing(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the indices of the most stamps that strictly increase; of equal choices the first."""
+    """Return the indices of the longest (and first such) series of strictly increasing times."""
     if (time[1:] > time[:-1]).all():
         return np.arange(time.size)
-    # Backwards, by length: the largest first stamp of such a series, its index; and what follows.
+    # Backwards, by length of such a series: its largest first time, that one's index, and the next.
     first, start = [], []
     following = np.full(time.size, -1)
     for k in range(time.size - 1, -1, -1):

@@ -1,7 +1,7 @@
-"""Sensor samples of different rates become motion at common instants, with its covariance.
+"""Smoothing: from samples of different rates to motion at common instants, with its covariance.
 
-Regression splines: least squares in a B-spline basis whose knots follow the samples; how many
-there are is chosen by Akaike's criterion. Rates, where no sensor gives them, are the spline's.
+Regression splines: least squares in a B-spline basis whose knots follow the samples; Akaike's
+criterion selects their number. Rates that no sensor measures are the derivatives of the spline.
 """
 
 from collections.abc import Sequence
@@ -29,12 +29,12 @@ from cpid_drake.sensing.splines import (
 )
 from cpid_drake.sensing.suite import SensorSuite
 
-_NEAR = 0.02  # of a rough attitude path from the samples [rad]: Gauss-Newton is at home there
+_NEAR = 0.02  # largest distance of a rough attitude path from the samples [rad], for Gauss-Newton
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorBlock:
-    """How errors of some spline's coefficients enter the motion at N instants.
+    """Effect of the errors of one spline's coefficients on the motion at N instants.
 
     Attributes:
         columns: which of the motion's quantities (see `SmoothedMotion`) they enter.
@@ -50,15 +50,15 @@ class ErrorBlock:
 
 @dataclass(frozen=True, eq=False)
 class SmoothedMotion:
-    """Motion at N common instants, and how its errors come about.
+    """Motion at N common instants, and the sources of its errors.
 
-    The quantities whose errors are meant are, in order: attitude (3, right perturbation, in B),
+    The quantities that have errors are, in order: attitude (3, right perturbation, in B),
     angular velocity (3, in B), position (3) and velocity (3) in W, joint positions (J), rates (J).
 
     Attributes:
         telemetry: the motion.
         errors: independent parts of its error.
-        gyro_bias: (3,) as estimated along, in B [rad/s].
+        gyro_bias: (3,) estimated with the attitude, in B [rad/s].
 
     """
 
@@ -83,14 +83,14 @@ def smooth(
     *,
     with_position: bool = True,
 ) -> SmoothedMotion:
-    """Bring samples of different rates to common instants.
+    """Smooth samples of different rates to common instants.
 
     Args:
-        measurements: from the sensors; attitude, position and encoders must be there. Samples of
-            sensors that the suite lacks are left out.
-        suite: how good they are.
+        measurements: from the sensors; attitude, position and encoders are required. Samples
+            of sensors that the suite lacks are ignored.
+        suite: the sensors' errors.
         times: (N,) instants [s]; default: ten a second, where all sensors have samples.
-        with_position: whether the base's position and velocity matter; else they are left at zero.
+        with_position: whether to smooth the base's position and velocity; otherwise they are zero.
 
     Raises:
         InputError: too few samples of a sensor that is needed.
@@ -144,7 +144,7 @@ class _Reference:
 
     @classmethod
     def near(cls, times: NDArray[np.float64], attitude: Rotation) -> "_Reference":
-        """Return the smoothest one that comes within `_NEAR` of all attitudes (N), if any does."""
+        """Return the smoothest path within `_NEAR` of all N attitudes, else the finest path."""
         quaternions = attitude.as_quat(scalar_first=True)
         flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
         quaternions = quaternions * np.cumprod(np.where(np.append(False, flips), -1, 1))[:, None]
@@ -168,7 +168,7 @@ class _Reference:
 
 @dataclass(frozen=True, eq=False)
 class _AttitudeFit:
-    """R(t) = reference(t) exp(r(t)) with a spline r; its error is of the coefficients (K, 3)."""
+    """R(t) = reference(t) exp(r(t)) with a spline r, whose coefficients (K, 3) have errors."""
 
     reference: _Reference
     basis: Basis
@@ -180,14 +180,14 @@ class _AttitudeFit:
     def evaluate(
         self, times: NDArray[np.float64]
     ) -> tuple[Rotation, NDArray[np.float64], NDArray[np.float64]]:
-        """Return attitude, angular velocity in B (N, 3), and their derivative (N, 6, 3 K)."""
+        """Return attitude, angular velocity in B (N, 3), and the derivative of both (N, 6, 3 K)."""
         B, B_dot = self.basis(times), self.basis(times, 1)
         r, rdot = B @ self.coefficients, B_dot @ self.coefficients
         turn = right_jacobian(r)
         before, w_before = self.reference(times)
         added = Rotation.from_rotvec(r)
         w = added.inv().apply(w_before) + rotate(turn, rdot)
-        # The rate of the right Jacobian, by differences: it is smooth over a millisecond.
+        # The rate of the right Jacobian, by finite differences over a millisecond.
         ahead, behind = (right_jacobian(r + e * rdot) for e in (5e-4, -5e-4))
         by_rate = skew(w) @ turn + (ahead - behind) / 1e-3
         columns = np.zeros((len(r), 6, B.shape[1], 3))
@@ -201,9 +201,9 @@ class _AttitudeFit:
 def _smooth_attitude(
     measurements: Measurements, suite: SensorSuite, times: NDArray[np.float64]
 ) -> tuple[Rotation, NDArray[np.float64], ErrorBlock, NDArray[np.float64]]:
-    """Attitude, angular velocity in B and their error, from attitude samples and a gyro's.
+    """Attitude, angular velocity in B and their error, from attitude and gyro samples.
 
-    On SO(3), by Gauss-Newton in the turn from a rough path: it may turn as far as it likes.
+    The fit is on SO(3), by Gauss-Newton in the rotation from a rough path, for any attitude.
     """
     attitude, gyro = measurements.attitude, measurements.gyro
     gyro = gyro.where((gyro.time >= attitude.time[0]) & (gyro.time <= attitude.time[-1]))
@@ -220,7 +220,7 @@ def _smooth_attitude(
     def refined(
         start: _AttitudeFit, basis: Basis, bridges: Sequence[_Rows] = (), last: bool = False
     ) -> _AttitudeFit:
-        """Take one Gauss-Newton step from a fit, in another basis; covariance only of the last."""
+        """Take a Gauss-Newton step from a fit, in another basis; with a covariance only if `last`."""
         K = basis.size
         dense = np.linspace(knot_times[0], knot_times[-1], 4 * K)
         r, _ = _solve_normal(basis(dense), start.basis(dense) @ start.coefficients, False)
@@ -252,7 +252,7 @@ def _smooth_attitude(
         )
 
     def fit(intervals: int) -> _AttitudeFit:
-        # From the fit before, one step is as good as converged; from the rough path it takes some.
+        # From an earlier fit one step suffices; from the rough path several are needed.
         nonlocal latest
         for _ in range(3 if latest is rough else 1):
             latest = refined(latest, Basis.through(knot_times, intervals, 5))
