@@ -220,7 +220,7 @@ def _smooth_attitude(
     def refined(
         start: _AttitudeFit, basis: Basis, bridges: Sequence[_Rows] = (), last: bool = False
     ) -> _AttitudeFit:
-        """Take a Gauss-Newton step from a fit, in another basis; with a covariance only if `last`."""
+        """Take a Gauss-Newton step from a fit, in another basis; with covariance only if `last`."""
         K = basis.size
         dense = np.linspace(knot_times[0], knot_times[-1], 4 * K)
         r, _ = _solve_normal(basis(dense), start.basis(dense) @ start.coefficients, False)

@@ -1,1 +1,1 @@
-"""Studies: whole experiments that answer one question each, without drawing or printing."""
+"""Studies: complete experiments that answer one question each; they neither draw nor print."""

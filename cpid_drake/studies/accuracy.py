@@ -1,8 +1,8 @@
-"""How good the estimators are: Monte Carlo trials of one scenario with noisy sensors.
+"""Accuracy of the estimators: Monte Carlo trials of one scenario with noisy sensors.
 
-The truth is propagated from conservation (`base_motion`, which agrees with the full simulation to
-1e-8); every trial draws the sensors' noise anew, and the spacecraft too where it is uncertain. The
-estimators get the sensors' samples and the nominal spacecraft, nothing else.
+The true motion follows from conservation of momentum (`base_motion`, which agrees with the full
+simulation to 1e-8). Every trial draws new sensor noise and, where the spacecraft is uncertain, a
+new spacecraft. The estimators get the samples and the nominal spacecraft only.
 """
 
 import os
@@ -52,10 +52,10 @@ Z95 = 1.959964
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """All that a trial needs; it can be sent to another process.
+    """Inputs of a trial; they can be sent to another process.
 
     Attributes:
-        spacecraft: the nominal one, that estimators know.
+        spacecraft: the nominal one, which the estimators use.
         truth: the target.
         motion: of the joints.
         duration: [s].
@@ -63,7 +63,7 @@ class Case:
         unknown_momentum: whether it is to be estimated, or else taken as zero or as told.
         momentum_told: whether the estimators are told it.
         firing: time [s] and (6,) momentum of a thruster's firing, or None.
-        known_bodies: how well the nominal spacecraft is known; None for exactly.
+        known_bodies: uncertainty of the nominal spacecraft; None if it is exact.
         suite: the sensors.
         estimators: their names.
         seed: of the study.
@@ -91,9 +91,9 @@ class Outcome:
     Attributes:
         parameters: (10,) estimate.
         covariance: (10, 10) as the estimator reports it.
-        feasible: whether what leaves as a spatial inertia is a rigid body's.
+        feasible: whether the estimated spatial inertia is physically consistent.
         problem: why it failed; empty if it did not.
-        momentum_changes: times at which the filter has seen the momentum change, the last one.
+        momentum_changes: times at which the filter detected a change of momentum, only the last.
 
     """
 
@@ -109,7 +109,7 @@ class Accuracy:
     """Statistics of one estimator over the trials of one preset; arrays are (10,) each.
 
     Attributes:
-        preset, estimator: which.
+        preset, estimator: their names.
         trials: number of trials; `failed` of them gave no estimate.
         problem: why the first of those failed.
         bias, bias_halfwidth: mean error and half its 95 % interval.
@@ -118,12 +118,13 @@ class Accuracy:
         ratio_interval: (2, 10) 95 % interval of rmse / crlb.
         nees_mean: mean normalized error squared, 10 for a consistent estimator.
         nees_band: where that mean lies with 95 % probability if it is consistent.
-        coverage: share of trials whose 95 % interval holds the truth.
+        coverage: share of trials whose 95 % interval contains the truth.
         coverage_interval: (2, 10) 95 % interval of that share.
         coverage_all: the same share over all ten parameters.
         within_one_percent: share of trials with an error below 1 % (of m, 0.5 m, trace of I).
-        infeasible: trials whose spatial inertia no rigid body has.
-        detected: of the filter: share of trials in which it saw the momentum change, largest delay.
+        infeasible: number of trials whose spatial inertia is not physically consistent.
+        detected: of the filter: share of trials in which it detected the change of momentum,
+            largest delay [s].
 
     """
 
@@ -164,7 +165,7 @@ class AccuracyStudy:
 
 
 def parameter_scale(truth: InertialParameters) -> NDArray[np.float64]:
-    """Return what errors are compared with, (10,): m, 0.5 m for c, the trace of I."""
+    """Return the scale (10,) of the errors: m, 0.5 m for c, the trace of I."""
     trace = np.trace(truth.I_TTcm_C)
     return np.concatenate([[truth.mass], 3 * [0.5], 6 * [trace]])
 
@@ -186,7 +187,7 @@ def run_accuracy(
         trials: number of trials for each preset.
         presets: names or files of sensor suites.
         estimators: names of `ESTIMATORS`; default: all.
-        seed: fixes all draws.
+        seed: determines all random numbers.
         jobs: number of processes.
         progress: called with the preset, the trials done and their number.
 
@@ -260,7 +261,7 @@ def _case(
 
 
 def _perfect(case: Case, tree: KinematicTree, joint_names: tuple[str, ...]) -> Measurements:
-    """Return what the sensors would give without noise, on a spacecraft of this tree."""
+    """Return the ideal samples of the sensors, without noise, on a spacecraft of this tree."""
 
     def motion(times: NDArray[np.float64]) -> Telemetry:
         return _base_trajectory(case, tree, times).to_telemetry(joint_names, times, case.motion)
@@ -347,7 +348,7 @@ def _run_trials(
 
 @contextmanager
 def _one_thread_each():
-    """Let new processes use one thread for linear algebra: they share the cores already."""
+    """Limit linear algebra to one thread in new processes, which share the cores already."""
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
@@ -365,7 +366,7 @@ _process: tuple[Case, Spacecraft, Measurements] | None = None
 
 
 def _prepare(case: Case, perfect: Measurements) -> None:
-    """Make what all trials of this process share."""
+    """Initialize what all trials of this process share."""
     global _process
     config = case.spacecraft
     spacecraft = Spacecraft(
@@ -378,12 +379,12 @@ def _prepare(case: Case, perfect: Measurements) -> None:
 
 
 def _prepare_process(case: Case, perfect: Measurements) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interruption is the first process's business
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles an interruption
     _prepare(case, perfect)
 
 
 def _trial(number: int) -> dict[str, Outcome]:
-    """Return what every estimator makes of one draw of noise (and of the spacecraft)."""
+    """Return the estimate of every estimator from one draw of noise (and of the spacecraft)."""
     case, spacecraft, perfect = _process
     sequence = np.random.SeedSequence(case.seed, spawn_key=(number,))
     noise_seed, body_seed = sequence.generate_state(2)
@@ -521,7 +522,7 @@ def _normalized_square(error: NDArray[np.float64], covariance: NDArray[np.float6
 
 
 def _detection(case: Case, outcomes: list[Outcome]) -> tuple[float, float] | None:
-    """Share of trials in which the filter saw the momentum change; its largest delay [s]."""
+    """Return the share of trials in which the filter detected the change, and the largest delay [s]."""
     changes = [outcome.momentum_changes for outcome in outcomes]
     if any(change is None for change in changes):
         return None
@@ -533,7 +534,7 @@ def _detection(case: Case, outcomes: list[Outcome]) -> tuple[float, float] | Non
 
 
 def _notes(scenario: Scenario, results: list[Accuracy]) -> tuple[str, ...]:
-    """Say what a reader of the table has to know."""
+    """Return remarks that a reader of the table needs."""
     notes = []
     if scenario.accuracy.firing is not None:
         notes.append(
@@ -550,7 +551,7 @@ def _notes(scenario: Scenario, results: list[Accuracy]) -> tuple[str, ...]:
 
 
 def summarize(study: AccuracyStudy, wall_seconds: float) -> dict:
-    """Return the study as plain numbers for `summary.json`; what does not exist is None."""
+    """Return the study as plain numbers for `summary.json`; missing values are None."""
     results = []
     for r in study.results:
         results.append(

@@ -15,13 +15,13 @@ from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation, make_simulation
 
 PAPER_TARGET = InertialParameters(100.0, [0.4330127, 0.0, 0.0], np.diag([20.0, 30.0, 10.0]))
-"""The true target of Ning et al. 2016, Table 1: only with it do the paper's results compare."""
+"""The true target of Ning et al. 2016, Table 1; the paper's results are comparable for it only."""
 
 PAPER_TABLE_1 = InertialParameters.from_vector(
     [99.897213, 0.434876, 0.001487, -0.000866]
     + [18.962848, 30.018296, 9.706598, -0.279775, -0.09017, -0.075827]
 )
-"""The parameters that Ning et al. 2016, Table 1, reports as identified."""
+"""The identified parameters that Ning et al. 2016 report in Table 1."""
 
 PAPER_TABLE_2 = {
     1: 234.521597,
@@ -34,13 +34,13 @@ PAPER_TABLE_2 = {
     8: 99.898010,
     9: 99.897998,
 }
-"""Digits after the decimal point, and the mass [kg] that Ning et al. 2016, Table 2, reports."""
+"""Decimals of the data, and the identified mass [kg], as Ning et al. 2016 report in Table 2."""
 
 PAPER_FIGURE_7 = {"attitude": 0.0025, "position": 0.0004}
-"""Largest relative errors after re-simulation that Ning et al. 2016 reports (Fig. 7)."""
+"""Largest relative errors after re-simulation that Ning et al. 2016 report (Fig. 7)."""
 
 PAPER_DIGITS = 6
-"""Digits of the data behind Table 1: its mass is the entry for six digits in Table 2."""
+"""Decimals of the data of Table 1: its mass is that for six decimals in Table 2."""
 
 
 @dataclass(frozen=True)
@@ -63,21 +63,21 @@ class SampleCase:
 
 @dataclass(frozen=True, eq=False)
 class PaperStudy:
-    """Everything that the tables and figures show.
+    """The results that the tables and figures show.
 
     Attributes:
-        simulation: the diagram that was run.
-        truth: the target that was simulated.
+        simulation: the simulated diagram.
+        truth: the simulated target.
         telemetry: the logged motion.
         samples: the telemetry at the identifier's sampling instants.
         exact: batch identification from `samples`.
         rounded: the same from samples rounded to 1 … 12 decimals (Table 2).
         by_count: the same from the first 1 … 10 exact samples.
-        online_parameters: (N, 10) the online identifier's estimate at `telemetry.time`.
+        online_parameters: (N, 10) the online identifier's estimate at the times of `telemetry`.
         online_minus_batch: largest difference of the online from the batch estimate at the end,
-            relative as `max_relative_error`.
-        linear_drift: (N, 3) total linear momentum about its start [N·s].
-        angular_drift: (N, 3) total angular momentum about W's origin, about its start [N·m·s].
+            relative as in `max_relative_error`.
+        linear_drift: (N, 3) change of the total linear momentum since the start [N·s].
+        angular_drift: (N, 3) the same of the angular momentum about W's origin [N·m·s].
         rounded_linear_momentum: largest total linear momentum that the six-decimal samples show.
         rounded_angular_momentum: largest total angular momentum that they show (paper: 1e-2).
         resimulated_target: feasible parameters identified from six decimals, simulated again.
@@ -106,26 +106,26 @@ class PaperStudy:
 
     @property
     def is_papers_target(self) -> bool:
-        """Whether the target is the paper's, so that the paper's results mean something here."""
+        """Whether the target is the paper's, so that the paper's results can be compared."""
         return np.allclose(self.truth.to_vector(), PAPER_TARGET.to_vector(), rtol=1e-6, atol=1e-6)
 
     def rounded_to(self, digits: int) -> RoundedCase:
-        """Return the case of so many decimals."""
+        """Return the case with this number of decimals."""
         return next(case for case in self.rounded if case.digits == digits)
 
     @property
     def max_attitude_relative_error(self) -> float:
-        """Fig. 7's figure for attitude; see `peak_relative_error`."""
+        """Largest relative error of the attitude in Fig. 7; see `peak_relative_error`."""
         return peak_relative_error(self.attitude_error, self.telemetry.euler_321)
 
     @property
     def max_position_relative_error(self) -> float:
-        """Fig. 7's figure for position; see `peak_relative_error`."""
+        """Largest relative error of the position in Fig. 7; see `peak_relative_error`."""
         return peak_relative_error(self.position_error, self.telemetry.p_WB)
 
 
 def parameter_scale(truth: InertialParameters) -> NDArray[np.float64]:
-    """Return (10,) what an error is measured against: m, |c| for c, the trace of I for I."""
+    """Return the scale (10,) of the errors: m, |c| for c, the trace of I for I."""
     com, trace = np.linalg.norm(truth.p_CTcm_C), np.trace(truth.I_TTcm_C)
     return np.array([truth.mass] + 3 * [com] + 6 * [trace])
 
@@ -145,9 +145,9 @@ def max_relative_error(parameters: NDArray[np.float64], truth: InertialParameter
 def peak_relative_error(error: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
     """Return the largest error (N, 3) over the largest excursion of the same axis, worst axis.
 
-    Ning et al. 2016 give "the maximum relative error" of angle and position. An error over the
-    value at the same instant would be without bound wherever a curve crosses zero, so the peak of
-    an axis's error is set against the peak of its own motion.
+    Ning et al. 2016 give "the maximum relative error" of angle and position. An error
+    relative to the value at the same instant is unbounded where a curve crosses zero; here the peak
+    error of an axis is relative to the peak of its motion.
     """
     excursion = np.abs(reference - reference[0]).max(axis=0)
     return float((np.abs(error).max(axis=0) / excursion).max())
@@ -227,7 +227,7 @@ def run_paper_study(
 
 
 def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
-    """Return the instants at which the scenario's identifier takes its samples [s]."""
+    """Return the sampling times of the scenario's identifier [s]."""
     config, duration = scenario.identification, scenario.simulation.duration
     if not (np.isfinite(config.offset) and config.offset >= 0 and 0 < config.period < np.inf):
         raise InputError(
@@ -243,7 +243,7 @@ def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
 
 
 def summarize(study: PaperStudy, wall_seconds: float) -> dict:
-    """Return the study's numbers for `summary.json`; what does not exist is None."""
+    """Return the study's numbers for `summary.json`; missing values are None."""
 
     def table_1(found: Identification) -> dict:
         parameters = found.parameters

@@ -1,1 +1,1 @@
-"""Drake LeafSystems: thin shells on the NumPy code, with all state in the Context."""
+"""Drake LeafSystems: thin wrappers of the NumPy code, with all state in the Context."""

@@ -31,21 +31,21 @@ DIAGNOSTICS = ("samples", "rank", "condition", "residual")
 
 
 class Identifier(LeafSystem):
-    """What all identifiers give: the output ports of `MomentumIdentifier`, from one `_solve`.
+    """Base class of the identifiers: the output ports of `MomentumIdentifier`, from one `_solve`.
 
-    The identification is computed when it is asked for, once for every state.
+    The identification is computed on demand, once for every state.
     """
 
     @abstractmethod
     def _solve(self, context: Context) -> Identification:
-        """Return the identification that the state says, from nothing but the state."""
+        """Return the identification as a function of the state alone."""
 
     def identification(self, context: Context) -> Identification:
-        """Return the identification that this system's context holds."""
+        """Return the identification of this system's context."""
         return self._solution.Eval(context)
 
     def _declare_outputs(self, state_ticket: DependencyTicket) -> None:
-        """Declare the ports; the ticket is that of the state which `_solve` reads."""
+        """Declare the ports; the ticket is that of the state on which `_solve` depends."""
 
         def solve(context: Context, value: AbstractValue) -> None:
             value.set_value(self._solve(context))
@@ -98,9 +98,9 @@ class Identifier(LeafSystem):
 class MomentumIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from momentum conservation.
 
-    At every period it takes one sample of the spacecraft's state, forms the six rows of Ning et al.
-    2016, Eq. 18 (or other rows) and folds them into a square-root information filter, which
-    is its discrete state. It holds the *known* spacecraft only.
+    In every period it samples the spacecraft's state, computes the six rows of Ning et al. 2016,
+    Eq. 18 (or of another family), and adds them to a square-root information filter, which is its
+    discrete state. It contains the *known* spacecraft only.
 
     .. pydrake_system::
 
@@ -113,20 +113,20 @@ class MomentumIdentifier(Identifier):
         - spatial_inertia
         - diagnostics
 
-    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds nothing).
+    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - `parameters` (10): m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg, m, kg·m²] as estimated; see
-      `inertia.PARAMETER_NAMES`. An entry is NaN until it is observable.
-    - `covariance` (100): of the parameters, row by row, from the residuals of rows that all weigh
-      the same; NaN until all are observable. Rough: Eq. 18 mixes rows in m/s with rows in N·m·s, so
-      that its σ of the mass can be 25 times too large; with standard rows every σ is good to
-      about 1.5 times on rounded data.
-    - `spatial_inertia` (abstract `SpatialInertia`): the nearest physically possible estimate, about
-      C's origin, in C; NaN until all are observable.
+      `parameterizations.PARAMETER_NAMES`. An entry is NaN until it is observable.
+    - `covariance` (100): of the parameters, row by row, from the residuals of equally
+      weighted rows; NaN until all are observable. With Eq. 18, whose rows are in m/s and in N·m·s,
+      the σ of the mass can be 25 times too large. With standard rows and rounded data every σ is
+      accurate to a factor of about 1.5.
+    - `spatial_inertia` (abstract `SpatialInertia`): the physically consistent parameters
+      nearest to the estimate, about C's origin, in C; NaN until all are observable.
     - `diagnostics` (4): number of samples, rank (10 when all is observable), condition number of
-      the scaled rows (infinite below rank 10), residual RMS over all rows, whatever their units
+      the scaled rows (infinite below rank 10), RMS of the residuals of all rows in their own units
       (Eq. 18: m/s and N·m·s; standard: N·s and N·m·s). See `DIAGNOSTICS`.
 
-    `identification(context)` gives the same, with `explain()` saying in words what is missing.
+    `identification(context)` returns all of it; its `explain()` says in words what is missing.
 
     Args:
         spacecraft: the known spacecraft.
@@ -134,8 +134,9 @@ class MomentumIdentifier(Identifier):
         unknown_momentum: whether the total momentum is constant and unknown instead of zero; not
             with "eq18".
         period: time between samples [s]; the paper's is 1 s.
-        offset: time of the first sample [s]; the paper's is 1 s, since at rest nothing is seen.
-        rank_tolerance: see `estimators.least_squares.DEFAULT_RANK_TOLERANCE`.
+        offset: time of the first sample [s]; the paper's is 1 s, because samples at rest contain no
+            information.
+        rank_tolerance: see `least_squares.DEFAULT_RANK_TOLERANCE`.
 
     Raises:
         InputError: no such rows, a period that is not positive, a negative offset, or a tolerance
@@ -191,7 +192,8 @@ class MomentumIdentifier(Identifier):
         Args:
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
-            state_port: x = [q; v], usually `plant.get_state_output_port()` or a sensor model's.
+            state_port: x = [q; v], usually `MultibodyPlant.get_state_output_port()` or a sensor
+                model's.
             options: as for the constructor.
 
         Raises:
@@ -208,7 +210,7 @@ class MomentumIdentifier(Identifier):
         return identifier
 
     def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the square root (11, 11) with one sample x = [q; v] folded into `root`.
+        """Return the square root (11, 11) after adding one sample x = [q; v] to `root`.
 
         With an unknown momentum its unknowns come first: (17, 17), or (14, 14) with relative rows.
         """
@@ -227,7 +229,7 @@ class MomentumIdentifier(Identifier):
         root = self._root(context)
         discrete_state.set_value(self._root_index, update_root(root, rows).ravel())
         samples, row_count = context.get_discrete_state(self._count_index).value()
-        # A sample at rest says nothing: counting its zero rows would make the rest look better.
+        # The zero rows of a sample at rest must not be counted: they would reduce the variance.
         row_count += np.count_nonzero(rows.any(axis=1))
         discrete_state.set_value(self._count_index, [samples + 1, row_count])
         return EventStatus.Succeeded()
@@ -266,5 +268,5 @@ class MomentumIdentifier(Identifier):
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a finite number."""
+    """Return whether a value is a finite number."""
     return isinstance(value, (int, float, np.number)) and bool(np.isfinite(value))

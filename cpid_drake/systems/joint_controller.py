@@ -19,10 +19,10 @@ class JointController(LeafSystem):
     a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q). The torques act between the links: momentum is
     conserved, whatever the model.
 
-    With a plant that holds the target the joints follow the desired motion exactly. A controller
-    that knows only the spacecraft takes `spacecraft.plant`, or better one with a nominal target: a
-    wrist that turns little of the spacecraft's own mass is far too soft for a load that its model
-    leaves out, while with a load of the right size, even by half or double, feedback does the rest.
+    With a plant that includes the target the joints follow the desired motion exactly. A controller
+    that must not know the target uses `Spacecraft.plant`, or better a plant with a nominal target:
+    without one, the torques at the wrist are far too small for the load. A nominal target of half
+    or twice the true mass suffices, because feedback corrects the rest.
 
     .. pydrake_system::
 
@@ -39,8 +39,8 @@ class JointController(LeafSystem):
 
     Args:
         spacecraft: the spacecraft to be controlled.
-        plant: the model that the controller believes in, with or without target; its state must be
-            laid out as the spacecraft's.
+        plant: the controller's model, with or without target; its state must have the layout of
+            the spacecraft's.
         natural_frequency: ω of the joint errors [rad/s].
         damping_ratio: ζ of the joint errors.
 

@@ -1,4 +1,4 @@
-"""A plant's context to compute in."""
+"""Contexts of a plant for intermediate results."""
 
 import threading
 
@@ -6,7 +6,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 
 class PlantScratch(threading.local):
-    """A context of a plant that a system overwrites at every call: nothing is remembered in it.
+    """A context of a plant that a system overwrites at every call; it holds no state.
 
     Every thread has its own, so that one Diagram can run in many Contexts at a time.
     """

@@ -1,7 +1,7 @@
-"""What is drawn of a capture in Meshcat, beside the bodies: a few layers, each at its own path.
+"""Layers that Meshcat shows besides the bodies, such as momenta and the inertia ellipsoid.
 
-A layer draws one `Moment` at a time. Given the time as well, it draws into a recording. Everything
-of a layer is below `/cpid/<layer>`: whether that is visible is nobody's business but the viewer's.
+A layer draws one `Moment` at a time; with a time given, it draws into a recording. Each layer is
+below its own path `/cpid/<layer>`, and the viewer decides whether it is visible.
 """
 
 from abc import ABC, abstractmethod
@@ -28,22 +28,22 @@ TARGET_COLOR = Rgba(0.94, 0.89, 0.26, 1.0)
 _AXIS_COLORS = (Rgba(1.0, 0.25, 0.2, 1.0), Rgba(0.3, 0.9, 0.3, 1.0), Rgba(0.35, 0.5, 1.0, 1.0))
 
 ABOVE = 0.45
-"""How far above the centre of mass angular momentum is drawn, in sizes of the spacecraft."""
+"""Height of the angular momentum's arrows above the centre of mass, in sizes of the spacecraft."""
 
 _LONGEST = {"linear": 0.4, "angular": 0.25}  # arrow, in sizes of the spacecraft
 
 
 @dataclass(frozen=True)
 class Extent:
-    """How large, how long and how fast what is drawn is.
+    """Size, duration and momenta of the motion that is drawn.
 
     Attributes:
-        centre: (3,) middle of everything during the whole motion, in W [m].
-        eye: (3,) from where a camera that looks there sees all of it, in W [m].
+        centre: (3,) centre of all bodies during the whole motion, in W [m].
+        eye: (3,) position of a camera that looks there and sees all bodies, in W [m].
         size: of the spacecraft itself, about half its length [m].
         momentum: the largest linear momentum of the spacecraft [N·s].
-        angular_momentum: the largest about the system's centre of mass, or if the target is not
-            known the spacecraft's own [N·m·s].
+        angular_momentum: the largest one about the system's centre of mass, or the spacecraft's
+            own if the target is not known [N·m·s].
         duration: of the motion [s].
 
     """
@@ -58,16 +58,16 @@ class Extent:
 
 @dataclass(frozen=True)
 class Moment:
-    """What is known of one instant.
+    """State and estimate at one instant.
 
     Attributes:
         X_WB: pose of the base.
         X_WC: pose of the capture frame.
         known: momentum of the known bodies, one sample.
-        target: the target of which centre of mass and momentum are drawn; None: not known.
-        estimate: spatial inertia as estimated, about C's origin in C; None: not known.
+        target: the target whose centre of mass and momentum are drawn; None if unknown.
+        estimate: estimated spatial inertia about C's origin, in C; None if unknown.
         covariance: (3, 3) of the estimated centre of mass [m²].
-        body_poses: of the bodies without a shape of their own, by name.
+        body_poses: of the bodies without geometry, by name.
 
     """
 
@@ -81,7 +81,7 @@ class Moment:
 
 
 class Layer(ABC):
-    """One layer: its objects are set once, and moved, scaled and hidden at every moment."""
+    """One layer: its objects are created once, and moved, scaled or hidden at every moment."""
 
     name: str
 
@@ -99,21 +99,21 @@ class Layer(ABC):
     def _place(
         self, path: str, X_WD: RigidTransform, scale: ArrayLike | None, time: float | None
     ) -> None:
-        """Move a thing; its scale is the next node's, which a transform would overwrite."""
+        """Move an object. The scale is set on the node below, which a transform leaves as it is."""
         self._meshcat.SetTransform(f"{self._root}/{path}", X_WD, time)
         if scale is not None:
             values = [float(value) for value in np.asarray(scale)]
             self._meshcat.SetProperty(f"{self._root}/{path}/shape", "scale", values, time)
 
     def _in_front(self, path: str) -> None:
-        """Draw an object over everything that hides it."""
+        """Draw an object in front of all others."""
         node = f"{self._root}/{path}/<object>"
         self._meshcat.SetProperty(node, "material.depthTest", False)
         self._meshcat.SetProperty(node, "renderOrder", 10.0)
 
 
 class Bodies(Layer):
-    """Bodies that have no shape to show: boxes of the same mass and inertia."""
+    """Boxes of the same mass and inertia for bodies without geometry."""
 
     name = "bodies"
 
@@ -131,7 +131,7 @@ class Bodies(Layer):
 
 
 class Frames(Layer):
-    """The axes of W (long and thin), B and C; hidden until they are asked for."""
+    """The axes of W (long and thin), B and C; hidden at first."""
 
     name = "frames"
 
@@ -155,7 +155,7 @@ class Frames(Layer):
 
 
 class CentreOfMass(Layer):
-    """The system's centre of mass, in a ring where it was first seen: without momentum it stays."""
+    """The system's centre of mass, and a ring at its first position."""
 
     name = "centre_of_mass"
 
@@ -172,7 +172,7 @@ class CentreOfMass(Layer):
         self._first: tuple[RigidTransform, NDArray[np.float64]] | None = None
 
     def draw(self, moment: Moment, time: float) -> None:
-        """Draw it where the target says that it is, and where the same target had it at first."""
+        """Draw its present and its first position, both for the same target."""
         p_WK = moment.known.p_WKcm[0]
         if self._first is None:
             self._first = moment.X_WC, p_WK
@@ -186,7 +186,7 @@ class CentreOfMass(Layer):
 
 
 class EstimatedCentre(Layer):
-    """The target's estimated centre of mass in the ellipsoid of its three standard deviations."""
+    """The target's estimated centre of mass, and the ellipsoid of its three standard deviations."""
 
     name = "estimated_centre"
 
@@ -200,7 +200,7 @@ class EstimatedCentre(Layer):
             self._in_front(path)
 
     def draw(self, moment: Moment, time: float) -> None:
-        """Draw both; an ellipsoid larger than the spacecraft says nothing, and is not drawn."""
+        """Draw both; an ellipsoid larger than the spacecraft is not drawn."""
         known = moment.estimate is not None
         values = np.full(3, np.nan)
         if known and np.isfinite(moment.covariance).all():
@@ -220,7 +220,7 @@ class EstimatedCentre(Layer):
 
 
 class EstimatedInertia(Layer):
-    """The solid ellipsoid of the target's inertia as estimated, in wire."""
+    """The solid ellipsoid of the target's estimated inertia, as a wire frame."""
 
     name = "estimated_inertia"
 
@@ -239,7 +239,7 @@ class EstimatedInertia(Layer):
 
 
 class TrueInertia(Layer):
-    """The solid ellipsoid of the target's inertia as it is."""
+    """The solid ellipsoid of the target's true inertia."""
 
     name = "true_inertia"
 
@@ -256,8 +256,8 @@ class TrueInertia(Layer):
 class Momentum(Layer):
     """Momentum of the spacecraft and of the target: equal and opposite while their sum is zero.
 
-    Linear momentum starts at the system's centre of mass; angular momentum about it, the pair of
-    thinner arrows, is drawn above.
+    The arrows of linear momentum start at the system's centre of mass. Those of angular momentum
+    about it are thinner, and drawn above.
     """
 
     name = "momentum"
@@ -270,7 +270,7 @@ class Momentum(Layer):
                 self._set_arrow(f"{kind}_{owner}", width * extent.size, Rgba(*rgb))
 
     def _set_arrow(self, name: str, width: float, color: Rgba) -> None:
-        """Set an arrow of length 1 along z."""
+        """Create an arrow of length 1 along z."""
         path = f"{self._root}/{name}/shape"
         self._meshcat.SetObject(f"{path}/shaft", Cylinder(0.4 * width, 0.8), color)
         self._meshcat.SetTransform(f"{path}/shaft", RigidTransform([0.0, 0.0, 0.4]))
@@ -281,7 +281,7 @@ class Momentum(Layer):
             self._in_front(f"{name}/shape/{part}")
 
     def draw(self, moment: Moment, time: float) -> None:
-        """Draw the four arrows, once the target's share is known."""
+        """Draw the four arrows, once the target is known."""
         if moment.target is None:
             for kind in ("linear", "angular"):
                 for owner in ("spacecraft", "target"):
@@ -312,7 +312,7 @@ class Momentum(Layer):
 
 
 class Trail(Layer):
-    """Where the capture point has been: dots at equal times, wide apart where it was fast."""
+    """Path of the capture point: dots at equal intervals of time."""
 
     name = "trail"
 
@@ -322,7 +322,7 @@ class Trail(Layer):
         self._start, self._count = 0.0, 0
 
     def draw(self, moment: Moment, time: float) -> None:
-        """Add a dot when its time has come; start again when time does."""
+        """Add a dot when it is due; start again when the time goes back."""
         if self._count == 0 or time < self._start:
             self._meshcat.Delete(self._root)
             self._start, self._count = time, 0

@@ -1,4 +1,4 @@
-"""A capture in Meshcat: what the bodies' shapes do not show, live and into a recording."""
+"""A capture in Meshcat, live or recorded: momenta, centre of mass and estimated inertia."""
 
 import logging
 from collections.abc import Collection
@@ -55,13 +55,13 @@ class SceneVisualizer(LeafSystem):
         - covariance
         - spatial_inertia
 
-    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds nothing).
+    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - `covariance` (100) and `spatial_inertia`: an identifier's outputs, NaN while unknown.
 
     Args:
         meshcat: where to draw.
         spacecraft: the known spacecraft.
-        extent: how large, how long and how fast the motion is; see `extent_of`.
+        extent: size, duration and momenta of the motion; see `extent_of`.
         truth: the true target; simulation only.
         shapeless: bodies of the spacecraft to draw as boxes; see `shapeless_bodies`.
         period: time between drawings [s].
@@ -146,8 +146,8 @@ class SceneVisualizer(LeafSystem):
 
 
 def can_be_drawn(spacecraft: Spacecraft) -> bool:
-    """Return whether the shapes of a spacecraft's model can be read: it is good without, too."""
-    plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()  # must live as long
+    """Return whether the geometry of a spacecraft's model can be read; it is not required."""
+    plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()  # kept for the plant
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     try:
         spacecraft.add_alone_to(plant)
@@ -161,12 +161,12 @@ def shapeless_bodies(
     drawn: MultibodyPlant | None = None,
     scene_graph: SceneGraph | None = None,
 ) -> list[BodyIndex]:
-    """Return the spacecraft's bodies that have mass and, as drawn, no shape.
+    """Return the spacecraft's bodies that have mass but no geometry in a drawn plant.
 
     Args:
         spacecraft: whose bodies.
         drawn: a plant that the spacecraft was added to.
-        scene_graph: that `drawn` is registered with; default: none, and no body has a shape.
+        scene_graph: that `drawn` is registered with; default: none, so that no body has geometry.
 
     """
     plant = spacecraft.plant
@@ -181,14 +181,14 @@ def shapeless_bodies(
 def extent_of(
     spacecraft: Spacecraft, telemetry: Telemetry, target: InertialParameters | None = None
 ) -> Extent:
-    """Return the extent of a motion, from some fifty of its samples.
+    """Return the extent of a motion, from about fifty of its samples.
 
-    Every body counts as a ball of its largest semi-diameter, as its inertia has it.
+    Every body is taken as a ball with the largest semi-diameter of its inertia ellipsoid.
 
     Args:
-        spacecraft: what moves.
+        spacecraft: the known spacecraft.
         telemetry: its motion.
-        target: what it holds, if that is known.
+        target: the target, if it is known.
 
     """
     some = np.unique(np.linspace(0, len(telemetry) - 1, 50).round().astype(int))
@@ -225,7 +225,7 @@ def extent_of(
 def _eye(
     centre: NDArray[np.float64], balls: NDArray[np.float64], radii: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return from where balls (K, N, 3) of these radii (K,) are all in Meshcat's field of view."""
+    """Return a camera position (3,) from which Meshcat shows all balls (K, N, 3) of radii (K,)."""
     away = _VIEW / np.linalg.norm(_VIEW)
     towards = (balls - centre) @ away
     aside = np.linalg.norm(balls - centre - towards[..., None] * away, axis=-1)
@@ -243,7 +243,7 @@ def _radius(body) -> float:
 
 
 def open_meshcat(host: str = "localhost") -> Meshcat:
-    """Return a Meshcat, without a word about it in the log.
+    """Return a Meshcat that writes nothing to the log.
 
     Args:
         host: who may connect: "localhost" for this machine alone, "*" for all.
@@ -264,7 +264,7 @@ def open_meshcat(host: str = "localhost") -> Meshcat:
 
 
 def prepare_meshcat(meshcat: Meshcat, extent: Extent) -> None:
-    """Give Meshcat a dark background, light, and a camera that sees the whole of the motion."""
+    """Give Meshcat a dark background, light, and a camera that sees the whole motion."""
     meshcat.SetProperty("/Background/<object>", "top_color", [0.02, 0.02, 0.06])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.05, 0.05, 0.12])
     meshcat.SetProperty("/Grid", "visible", False)

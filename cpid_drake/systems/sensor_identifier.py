@@ -41,8 +41,8 @@ FILTER_DIAGNOSTICS = (
 class SensorIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from sensors at their own rates.
 
-    It is `estimators.online.OnlineEstimator` in a Diagram: a trajectory fit until the target is
-    known well enough, the momentum filter from then on. It holds the *known* spacecraft only.
+    It runs `online.OnlineEstimator`: a trajectory fit until the target is known well enough, then
+    the momentum filter. It contains the *known* spacecraft only.
 
     .. pydrake_system::
 
@@ -60,20 +60,20 @@ class SensorIdentifier(Identifier):
         - diagnostics
         - filter_diagnostics
 
-    - one input for each sensor that is there, (1 + width) as `SpacecraftSensors` gives it: the time
-      stamp [s] of the latest sample, then its value; NaN before the first. (Joint rates are not
-      used: encoders' noise does not add up.)
+    - one input (1 + width) for each sensor of the suite, as from `SpacecraftSensors`: the time [s]
+      of the latest sample, then its value; NaN before the first. Joint rates are not used, because
+      the noise of encoders does not accumulate.
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as `MomentumIdentifier`'s, but
       the covariance follows from the sensors' noise, and there is no residual (NaN).
-    - `filter_diagnostics` (14): samples used and rejected of every sensor, how often the momentum
-      was found to have changed, and when it was last [s] (NaN for never); see
-      `FILTER_DIAGNOSTICS`. Zero for sensors that are not there.
+    - `filter_diagnostics` (14): samples used and rejected of every sensor, number of detected
+      changes of momentum, and time of the latest [s] (NaN for none); see `FILTER_DIAGNOSTICS`.
+      Zero for absent sensors.
 
-    At every period it takes all samples with new stamps, in order of time. Systems that update at
-    one and the same instant see each other's state from before: what a sensor takes at t, the
-    identifier takes one period after t. No sample is missed, since no sensor is faster; only those
-    of a simulation's very end still wait when it is over. To have them taken as well:
-    `simulator.AdvancePendingEvents()`, and then `identifier.ExecuteForcedEvents(context)`.
+    In every period it processes all new samples in order of time. Drake's systems that update at
+    the same instant read each other's earlier state, so a sample of time t is processed one period
+    after t. No sample is missed, because no sensor is faster. The samples at the end of a
+    simulation are not processed yet; `Simulator.AdvancePendingEvents()` and then
+    `SensorIdentifier.ExecuteForcedEvents(context)` process them.
 
     The state is one abstract value. Clones of a Context have copies of it.
 
@@ -81,14 +81,14 @@ class SensorIdentifier(Identifier):
         spacecraft: the known spacecraft.
         suite: its sensors.
         unknown_momentum: whether the total momentum is unknown instead of zero.
-        period: between two looks at the inputs [s]; default: that of the fastest sensor.
-        guess: of the target beforehand; default: none, and nothing is known before the samples.
-        guess_sigma: how good the guess is, relative; see `momentum_filter.guessed_prior`.
+        period: time between updates [s]; default: that of the fastest sensor.
+        guess: prior estimate of the target; default: none, for a vague prior.
+        guess_sigma: relative σ of the guess; see `momentum_filter.guessed_prior`.
 
     Raises:
-        InputError: sensors that cannot be (see `sensors.check_sensors`), or a period that is not
-            positive or longer than the fastest sensor's, so that samples would be missed; or a
-            guess that cannot be started from (see `sensor_identification.online_estimator`).
+        InputError: invalid sensors (see `suite.check_sensors`), a period that is not positive or is
+            longer than the fastest sensor's, or an invalid guess (see
+            `sensor_identification.online_estimator`).
 
     """
 
@@ -174,17 +174,17 @@ class SensorIdentifier(Identifier):
         return identifier
 
     def online_state(self, context: Context) -> OnlineState:
-        """Return a copy of the estimator's state that this system's context holds."""
+        """Return a copy of the estimator's state in this system's context."""
         return self._memory(context).copy().online
 
     def _memory(self, context: Context) -> "_Memory":
         return context.get_abstract_state(self._memory_index).get_value()
 
     def _take_settled(self, context: Context, state: State) -> EventStatus:
-        """Take all samples but those of this very instant, which wait for the next time.
+        """Process all samples before this instant; those of this instant wait for the next update.
 
-        Rounding of the sensors' own times may show one of them before the others; those of one
-        instant are to be taken in `FILTER_ORDER`.
+        Samples of one instant must be processed in `FILTER_ORDER`, but rounding of the sensors'
+        times may deliver one of them earlier.
         """
         return self._take(context, state, _nanoseconds(context.get_time()))
 
@@ -225,12 +225,12 @@ class SensorIdentifier(Identifier):
 
 @dataclass(eq=False)
 class _Memory:
-    """What the abstract state holds. What is in a Context is replaced, never changed.
+    """The abstract state. A value in a Context is replaced, never changed.
 
     Attributes:
         online: the estimator's state.
-        seen: last stamp of every sensor [s].
-        waiting: samples to take later: (time [ns], place in the order, name, stamp, value).
+        seen: time of the latest sample of every sensor [s].
+        waiting: samples to process later: (time [ns], place in the order, name, stamp, value).
 
     """
 
@@ -239,7 +239,7 @@ class _Memory:
     waiting: list[tuple]
 
     def copy(self) -> "_Memory":
-        """Return a copy. The single samples are shared: nobody changes them."""
+        """Return a copy that shares the samples, which never change."""
         arrays = {name: value.copy() for name, value in vars(self.online.filter).items()}
         online = replace(
             self.online, filter=FilterState(**arrays), samples=list(self.online.samples)
@@ -247,10 +247,10 @@ class _Memory:
         return _Memory(online, dict(self.seen), list(self.waiting))
 
     def __deepcopy__(self, memo: dict) -> "_Memory":
-        """Return a copy: Drake's for a clone and around every update; the general one is slow."""
+        """Return a copy, for Drake: faster than the generic deep copy."""
         return self.copy()
 
 
 def _nanoseconds(time: float) -> float:
-    """Return a time in whole nanoseconds: equal for what is meant to be one instant."""
+    """Return a time in whole nanoseconds, which is equal for times that differ by rounding."""
     return np.round(time * 1e9)

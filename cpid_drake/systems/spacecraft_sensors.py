@@ -25,9 +25,9 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 class SpacecraftSensors(LeafSystem):
     """Measures a spacecraft's motion, every sensor at its own rate and with its own errors.
 
-    Every sensor takes its sample k at time k / rate and holds it until the next. What it is off by
-    depends on the seed and on k only: replays and other Contexts give the same samples, which are
-    those of `sensors.add_noise` as well. The latest samples are the discrete state.
+    Every sensor takes its sample k at time k / rate and holds it until the next. Its error
+    depends on the seed and on k only: replays, other Contexts and `noise.add_noise` give the same
+    samples. The latest samples are the discrete state.
 
     .. pydrake_system::
 
@@ -42,10 +42,10 @@ class SpacecraftSensors(LeafSystem):
         - encoders
         - joint_rates
 
-    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds nothing).
-    - one output for each sensor that is there, (1 + width): the time stamp [s] of the latest
-      sample, then its value as in `sensors.Measurements`; NaN before the first sample. Samples that
-      are due at the very end of a simulation need `Simulator.AdvancePendingEvents`.
+    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
+    - one output (1 + width) for each sensor of the suite: the time [s] of the latest sample, then
+      its value as in `Measurements`; NaN before the first. Samples due at the end of a simulation
+      need `Simulator.AdvancePendingEvents`.
 
     Args:
         spacecraft: the known spacecraft.
@@ -53,7 +53,7 @@ class SpacecraftSensors(LeafSystem):
         seed: of their errors, a whole number >= 0.
 
     Raises:
-        InputError: sensors that cannot be (see `sensors.check_sensors`), or no seed; and, when a
+        InputError: invalid sensors (see `suite.check_sensors`) or an invalid seed; and, when a
             sample is taken, a state that is not finite or without an attitude.
 
     """
@@ -84,7 +84,7 @@ class SpacecraftSensors(LeafSystem):
         Args:
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
-            state_port: x = [q; v], usually `plant.get_state_output_port()`.
+            state_port: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
             suite: as for the constructor.
             seed: as for the constructor.
 
@@ -103,12 +103,12 @@ class SpacecraftSensors(LeafSystem):
 
     @property
     def spacecraft(self) -> Spacecraft:
-        """The spacecraft that they measure."""
+        """The spacecraft that is measured."""
         return self._spacecraft
 
     @property
     def suite(self) -> SensorSuite:
-        """What they are."""
+        """The sensors."""
         return self._noise.suite
 
     def _declare_sensor(self, name: str, rate: float, width: int) -> None:
@@ -127,7 +127,7 @@ class SpacecraftSensors(LeafSystem):
         )
 
     def _sample(self, name: str, rate: float, context: Context) -> np.ndarray:
-        """Return [stamp, value]: the sample that is due now, whose number follows from the time."""
+        """Return [time, value] of the sample that is due now; its number follows from the time."""
         k = round(context.get_time() * rate)
         state = self._state_port.Eval(context)
         try:
@@ -143,7 +143,7 @@ def check_port_size(port: OutputPort, expected: int, what: str) -> None:
     """Refuse to connect a port that is not of the expected size.
 
     Raises:
-        InputError: it is not; the message says that `what` has so many entries.
+        InputError: the port has another size; the message names `what`.
 
     """
     if port.size() != expected:
@@ -170,14 +170,14 @@ def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str
 def measurements_from_logs(
     sensors: SpacecraftSensors, logs: Mapping[str, VectorLogSink], root_context: Context
 ) -> Measurements:
-    """Return every sample that a run took, each once.
+    """Return every sample of a run, each once.
 
     Args:
         sensors: the sensors of the run.
-        logs: of their outputs, by name, made at least once a sample: by `log_samples`, or at every
-            step. Sensors without a log have no samples.
-        root_context: the diagram's, after the run. The samples that its sensors hold count as well:
-            logs see a sample only after it was taken.
+        logs: of their outputs, by name, with at least one entry a sample, as from `log_samples`.
+            Sensors without a log have no samples.
+        root_context: the diagram's, after the run. It holds the latest samples, which are not in
+            the logs yet.
 
     """
     context = sensors.GetMyContextFromRoot(root_context)
