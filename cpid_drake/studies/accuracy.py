@@ -522,7 +522,7 @@ def _normalized_square(error: NDArray[np.float64], covariance: NDArray[np.float6
 
 
 def _detection(case: Case, outcomes: list[Outcome]) -> tuple[float, float] | None:
-    """Return the share of trials in which the filter detected the change, and the largest delay [s]."""
+    """Return the share of trials in which the change was detected, and the largest delay [s]."""
     changes = [outcome.momentum_changes for outcome in outcomes]
     if any(change is None for change in changes):
         return None
