@@ -5,10 +5,10 @@ The public names, from the ground up:
 - `InertialParameters`: mass, centre of mass and inertia in every representation;
 - `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;
 - `Telemetry`: samples of base and joint motion;
-- `identify`: batch identification, giving an `Identification`;
+- `identify`: from `Telemetry` or `Measurements` to an `Identification`, by any estimator;
+- `TotalMomentum`: zero, unknown or known;
 - `SensorSuite`, `load_sensors`, `Measurements`: sensors and what they gave, each at its own rate;
-- `identify_from_sensors`: batch identification from these;
-- `read_telemetry`, `write_telemetry`: logs as files; `identify_log`: identification from a log;
+- `read_telemetry`, `write_telemetry`: logs as files;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `JointMotionSource`, `SceneVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`: joint motions;

@@ -2,10 +2,10 @@ from .dynamics.inertia import InertialParameters
 from .dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
 from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from .dynamics.telemetry import Telemetry
+from .dynamics.total_momentum import TotalMomentum
 from .errors import InputError
-from .identification.identification import Identification, identify
-from .identification.sensor_identification import identify_from_sensors
-from .identification.telemetry_identification import LogIdentification, identify_log
+from .identification.identify import identify
+from .identification.result import Identification
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
 from .scenario.shipped import shipped_scenario
@@ -33,7 +33,6 @@ __all__ = [
     "JointController",
     "JointMotion",
     "JointMotionSource",
-    "LogIdentification",
     "Measurements",
     "MomentumIdentifier",
     "MultiSine",
@@ -45,10 +44,9 @@ __all__ = [
     "Spacecraft",
     "SpacecraftSensors",
     "Telemetry",
+    "TotalMomentum",
     "export_target",
     "identify",
-    "identify_from_sensors",
-    "identify_log",
     "initial_state",
     "load_scenario",
     "load_sensors",

@@ -8,7 +8,7 @@ import argparse
 
 from pydrake.multibody.tree import BodyIndex
 
-from cpid_drake import InputError, Spacecraft, identify_log, load_sensors, read_telemetry
+from cpid_drake import InputError, Spacecraft, identify, load_sensors, read_telemetry
 from cpid_drake.resources import models_directory
 
 
@@ -25,7 +25,7 @@ def main() -> None:
         # The known spacecraft, the log and the sensors: all that is needed.
         spacecraft = Spacecraft(args.spacecraft, base=args.base, capture_frame=args.capture_frame)
         log, sensors = read_telemetry(args.telemetry), load_sensors(args.sensors)
-        found = identify_log(spacecraft, log, suite=sensors).identification
+        found = identify(spacecraft, log, sensors=sensors)
         print(found.explain())
         target = found.feasible()  # InertialParameters that a rigid body can have
     except InputError as error:

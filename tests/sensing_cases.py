@@ -9,6 +9,7 @@ from cpid_drake import InertialParameters, Spacecraft, Telemetry
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.sensing.measurements import Measurements, ideal_measurements
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensing.suite import SensorSuite
@@ -132,13 +133,12 @@ def true_psi(spacecraft: Spacecraft, target: InertialParameters) -> NDArray[np.f
 
 def momentum_about_com(
     spacecraft: Spacecraft, motion, target: InertialParameters, momentum_W: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (L, v_Wcm) of a momentum [L; P] about W's origin, where the base starts."""
+) -> TotalMomentum:
+    """Return a momentum [L; P] about W's origin, where the base starts, as one about the Scm."""
     start = motion.evaluate(np.zeros(1))
     dynamics = relative_dynamics(spacecraft.tree, start[:, 0], start[:, 1])
-    p_Wcm = dynamics.com(true_psi(spacecraft, target))[0]
-    L, P = momentum_W[:3], momentum_W[3:]
-    return L - np.cross(p_Wcm, P), P / (spacecraft.mass + target.mass)
+    p_WScm = dynamics.com(true_psi(spacecraft, target))[0]
+    return TotalMomentum.known_about_origin(momentum_W, p_WScm, spacecraft.mass + target.mass)
 
 
 def coarse_suite(**changes) -> SensorSuite:

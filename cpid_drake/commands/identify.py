@@ -48,7 +48,7 @@ def identify(
         ),
     ] = None,
     sensors: SensorsOption = None,
-    unknown_momentum: MomentumOption = False,
+    momentum: MomentumOption = None,
     start: Annotated[
         float | None, typer.Option("--from", metavar="T0", help="First time to use [s].")
     ] = None,
@@ -91,7 +91,7 @@ def identify(
         estimator=estimator,
         rows=rows,
         sensors=sensors,
-        unknown_momentum=unknown_momentum,
+        momentum=momentum or "zero",
         start=start,
         end=end,
         topics=topics,
@@ -119,4 +119,4 @@ def identify(
         Console(markup=False, highlight=False, soft_wrap=True).print(
             "\n".join(describe(evidence.found, result))
         )
-    return 0 if evidence.found.identification.is_observable else NOT_ALL_KNOWN
+    return 0 if evidence.found.is_observable else NOT_ALL_KNOWN

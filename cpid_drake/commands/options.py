@@ -48,9 +48,11 @@ SensorsOption = Annotated[
     ),
 ]
 MomentumOption = Annotated[
-    bool,
+    str | None,
     typer.Option(
-        "--unknown-momentum", help="The total momentum is constant and unknown, not zero."
+        "--momentum",
+        metavar="zero|unknown",
+        help="Total momentum of spacecraft and target: zero (default), or an unknown constant.",
     ),
 ]
 PackageOption = Annotated[

@@ -52,11 +52,11 @@ def check(
     warnings: list[str] = []
     try:
         if spacecraft and base and capture_frame:
-            from cpid_drake.identification.telemetry_identification import check_log, of_spacecraft
+            from cpid_drake.identification.requirements import check_log, in_joint_order
             from cpid_drake.spacecraft.spacecraft import Spacecraft
 
             craft = Spacecraft(spacecraft, base=base, capture_frame=capture_frame)
-            warnings = check_log(craft, of_spacecraft(found.measurements, craft))
+            warnings = check_log(craft, in_joint_order(found.measurements, craft))
         else:
             from cpid_drake.sensing.files.consistency import check_consistency
 

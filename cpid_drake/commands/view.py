@@ -55,7 +55,7 @@ def view(
     base: BaseOption[str | None] = None,
     capture_frame: CaptureFrameOption[str | None] = None,
     sensors: SensorsOption = None,
-    unknown_momentum: MomentumOption = False,
+    momentum: MomentumOption = None,
     package: PackageOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -83,10 +83,10 @@ def view(
         from cpid_drake.identification.result_files import SpacecraftReference
 
         reference = SpacecraftReference(model, base, capture_frame, packages)
-        request = Request(source, reference, sensors=sensors, unknown_momentum=unknown_momentum)
+        request = Request(source, reference, sensors=sensors, momentum=momentum or "zero")
         page, text = _replay_log(request, console)
     else:
-        for_logs = {"--sensors": sensors, "--unknown-momentum": unknown_momentum}
+        for_logs = {"--sensors": sensors, "--momentum": momentum}
         for option, value in (for_logs | {"--package": package}).items():
             if value:
                 raise InputError(f"{option} is for logs; a scenario file has its own setting")
@@ -116,7 +116,7 @@ def _replay_log(request: "Request", console: Console) -> tuple[str, str]:
         page = replay_html(evidence.spacecraft, motion_of(evidence), estimates, title=title)
     for warning in evidence.result.warnings:
         log_console().print(f"warning: {warning}")
-    return page, estimate_text(evidence.found.identification)
+    return page, estimate_text(evidence.found)
 
 
 def _show_scenario(

@@ -55,6 +55,21 @@ def vector_to_tensor(vector: ArrayLike) -> NDArray[np.float64]:
     return tensor
 
 
+def parameter_scale(
+    parameters: NDArray[np.float64], length: float | None = None
+) -> NDArray[np.float64]:
+    """Return (10,) what an error of π is compared with: m, a length for c, the trace of I for I.
+
+    Args:
+        parameters: (10,) π of a body with a positive mass and trace of I.
+        length: of the centre of mass [m]; default: the radius of gyration √(tr I / 2m).
+
+    """
+    mass, trace = parameters[0], parameters[4:7].sum()
+    radius = np.sqrt(trace / 2 / mass) if length is None else length
+    return np.array([mass, *3 * [radius], *6 * [trace]])
+
+
 def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
     """Return π (10,) of an Eq. 18 vector θ (10,). NaN stays NaN, entry by entry."""
     theta = np.asarray(theta, dtype=float)

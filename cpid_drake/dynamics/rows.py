@@ -201,6 +201,8 @@ class RowFamily:
         momentum_size: number of unknowns that a constant total momentum adds; 0 where the rows are
             not linear in it.
         momentum_columns: their columns (rows_per_sample · N, momentum_size), or None.
+        uses_base_position: whether the rows depend on the base's position and velocity.
+        linear_unit: unit of the linear rows, those before the last three of a sample.
 
     """
 
@@ -210,6 +212,8 @@ class RowFamily:
     augmented_rows: Callable[[MomentumSamples], NDArray[np.float64]]
     momentum_size: int = 0
     momentum_columns: Callable[[MomentumSamples], NDArray[np.float64]] | None = None
+    uses_base_position: bool = True
+    linear_unit: str = "N·s"
 
     def rows(self, samples: MomentumSamples) -> Rows:
         """Return A (N, rows_per_sample, 10) and b (N, rows_per_sample), expressed in C."""
@@ -231,7 +235,7 @@ class RowFamily:
         return np.hstack([self.momentum_columns(samples), rows])
 
 
-EQ18_ROWS = RowFamily("eq18", 6, lambda known_mass: EQ18, _constant_block(_eq18))
+EQ18_ROWS = RowFamily("eq18", 6, lambda known_mass: EQ18, _constant_block(_eq18), linear_unit="m/s")
 """Ning et al. 2016, Eq. 18, top rows in C instead of W (the same equations, rotated)."""
 
 STANDARD_ROWS = RowFamily(
@@ -240,12 +244,35 @@ STANDARD_ROWS = RowFamily(
 """The same physics in (m, m c, I about C): measured momentum on the right-hand side only."""
 
 RELATIVE_ROWS = RowFamily(
-    "relative", 3, relative_parameterization, _relative, 3, _relative_momentum_columns
+    "relative",
+    3,
+    relative_parameterization,
+    _relative,
+    3,
+    _relative_momentum_columns,
+    uses_base_position=False,
 )
 """Attitude and joints only: independent of the base's position and of linear momentum."""
 
 ROW_FAMILIES = {family.name: family for family in (EQ18_ROWS, STANDARD_ROWS, RELATIVE_ROWS)}
-"""The row families by name."""
+"""The row families by name. Another one that is added here can be used wherever rows are named."""
+
+
+def row_family(name: str, unknown_momentum: bool = False) -> RowFamily:
+    """Return the row family of this name.
+
+    Raises:
+        InputError: there is none, or its rows are not linear in an unknown momentum that is to be
+            estimated.
+
+    """
+    if name not in ROW_FAMILIES:
+        raise InputError(f"no row family '{name}'; choose from {', '.join(ROW_FAMILIES)}")
+    family = ROW_FAMILIES[name]
+    if unknown_momentum and family.momentum_columns is None:
+        others = ", ".join(n for n, other in ROW_FAMILIES.items() if other.momentum_columns)
+        raise InputError(f"rows '{name}' need zero momentum; with an unknown one use {others}")
+    return family
 
 
 def eq18_rows(samples: MomentumSamples) -> Rows:

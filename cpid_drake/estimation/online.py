@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.model import TrajectoryModel
@@ -147,8 +148,7 @@ class OnlineEstimator:
                 smooth_joints(measurements, self.filter.suite),
                 measurements,
                 self.filter.suite,
-                unknown_momentum=not known,
-                momentum=(prior.L, prior.v_Wcm),
+                momentum=TotalMomentum(prior.L, prior.v_Wcm, is_unknown=not known),
                 psi_prior=(prior.psi, prior.psi_sigma),
             )
             return fit_trajectory(model, prior.psi, robust=True)

@@ -1,4 +1,4 @@
-"""How an estimate came about: identifications from the first part of a log, ever longer."""
+"""Convergence: estimates from growing parts of a log."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,14 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.identification.description import intervals
-from cpid_drake.identification.identification import Identification
+from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.identification.identify import identify
 from cpid_drake.identification.requests import Evidence
-from cpid_drake.identification.telemetry_identification import identify_log
-
-WINDOWS = {"least_squares": 24, "trajectory_fit": 14, "momentum_filter": 8}
-"""How many parts of a log are identified, by estimator."""
+from cpid_drake.identification.result import Identification
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +22,7 @@ class Convergence:
         time: (K,) [s].
         parameters: (K, 10); NaN where not known yet.
         intervals: (K, 10, 2) of 95 %.
-        estimates: (time, identification), for those times at which there was one.
+        estimates: (time, identification), for the times at which there was one.
 
     """
 
@@ -37,7 +35,7 @@ class Convergence:
 def converge(
     evidence: Evidence, progress: Callable[[str], None] = lambda step: None
 ) -> Convergence:
-    """Identify from the first part of the samples, ever longer, as from all of them.
+    """Identify from growing parts of the samples, in the same way as from all of them.
 
     Args:
         evidence: the samples and how they were identified.
@@ -47,7 +45,7 @@ def converge(
     request, result = evidence.request, evidence.result
     parts = [samples.time for _, samples in evidence.measurements.items()]
     end = max(float(time[-1]) for time in parts if time.size)
-    count = WINDOWS[result.estimator]
+    count = ESTIMATORS[result.estimator].reports
     times = end * np.arange(1, count + 1) / count
     parameters, bands = np.full((count, 10), np.nan), np.full((count, 10, 2), np.nan)
     estimates = []
@@ -56,17 +54,17 @@ def converge(
         try:
             found = evidence.found
             if k < count - 1:
-                found = identify_log(
+                found = identify(
                     evidence.spacecraft,
                     evidence.measurements.between(0.0, float(time)),
                     estimator=result.estimator,
                     rows=result.rows,
-                    suite=evidence.suite,
-                    unknown_momentum=request.unknown_momentum,
+                    sensors=evidence.sensors,
+                    momentum=TotalMomentum.named(request.momentum),
                 )
         except InputError:  # too few samples, or nothing moves yet
             continue
-        parameters[k] = found.identification.parameters
-        bands[k] = intervals(found)
-        estimates.append((float(time), found.identification))
+        parameters[k] = found.parameters
+        bands[k] = found.intervals
+        estimates.append((float(time), found))
     return Convergence(times, parameters, bands, tuple(estimates))

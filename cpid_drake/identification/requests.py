@@ -3,15 +3,22 @@
 import hashlib
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.description import result_of
-from cpid_drake.identification.result_files import IdentificationResult, SpacecraftReference
-from cpid_drake.identification.telemetry_identification import LogIdentification, identify_log
+from cpid_drake.identification.identify import identify
+from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result_files import (
+    IdentificationResult,
+    Source,
+    SpacecraftReference,
+)
 from cpid_drake.resources import resolve_model
 from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
 from cpid_drake.sensing.measurements import Measurements, Samples
@@ -27,9 +34,9 @@ class Request:
     Attributes:
         telemetry: a file or a bag's folder.
         spacecraft: the known spacecraft.
-        estimator, rows: see `telemetry_identification.identify_log`.
+        estimator, rows: see `cpid_drake.identification.identify.identify`.
         sensors: name of a preset or a YAML file; None if nothing is known about them.
-        unknown_momentum: whether the total momentum is unknown instead of zero.
+        momentum: name of the total momentum; see `TotalMomentum.named`.
         start, end: first and last time to use [s]; None for all.
         topics: of a bag, by kind.
         leave_out_bad: whether to leave out rows that have a problem.
@@ -41,7 +48,7 @@ class Request:
     estimator: str | None = None
     rows: str | None = None
     sensors: str | None = None
-    unknown_momentum: bool = False
+    momentum: str = "zero"
     start: float | None = None
     end: float | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
@@ -65,7 +72,7 @@ class Request:
             words += ["--package", f"{name}={folder}"]
         for kind, name in self.topics.items():
             words += ["--topic", f"{kind}={name}"]
-        words += ["--unknown-momentum"] if self.unknown_momentum else []
+        words += [] if self.momentum == "zero" else ["--momentum", self.momentum]
         words += ["--leave-out-bad"] if self.leave_out_bad else []
         return shlex.join(words)
 
@@ -78,7 +85,7 @@ class Evidence:
         request: what was asked.
         spacecraft: the known spacecraft.
         measurements: the samples in the window; their time starts at the first.
-        suite: the sensors that were given, if any.
+        sensors: the sensors that were given, if any.
         found: the identification.
         result: the same as it is written to a file.
         ignored: columns of the file without a meaning.
@@ -88,8 +95,8 @@ class Evidence:
     request: Request
     spacecraft: Spacecraft
     measurements: Measurements
-    suite: SensorSuite | None
-    found: LogIdentification
+    sensors: SensorSuite | None
+    found: Identification
     result: IdentificationResult
     ignored: tuple[str, ...]
 
@@ -113,40 +120,45 @@ def identify_file(
     spacecraft = Spacecraft(
         craft.model, base=craft.base, capture_frame=craft.capture_frame, packages=craft.packages
     )
-    suite = load_sensors(request.sensors) if request.sensors is not None else None
+    momentum = TotalMomentum.named(request.momentum)
+    sensors = load_sensors(request.sensors) if request.sensors is not None else None
     progress("reading the telemetry")
     file = inspect_telemetry(where, topics=request.topics)
     if not request.leave_out_bad:
         refuse_problems(file, where)
-    measurements, times = _window(file.measurements, request)
+    measurements, start, end = _window(file.measurements, request)
     progress("identifying")
     try:
-        found = identify_log(
+        found = identify(
             spacecraft,
             measurements,
             estimator=request.estimator,
             rows=request.rows,
-            suite=suite,
-            unknown_momentum=request.unknown_momentum,
+            sensors=sensors,
+            momentum=momentum,
         )
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
+    rejected = dict(found.rejected)
     for name, count in file.partial.items():
-        found.rejected[name] = found.rejected.get(name, 0) + count
+        rejected[name] = rejected.get(name, 0) + count
     if file.problems.count:
-        found.rejected["rows"] = file.problems.count
-    source = {
-        "telemetry": where,
-        "sha256": file_hash(where),
-        "sensors": request.sensors,
-        "unknown_momentum": request.unknown_momentum,
-        "topics": dict(request.topics),
-        "leave_out_bad": request.leave_out_bad,
-        "command": request.command(),
-        **times,
-    }
+        rejected["rows"] = file.problems.count
+    found = replace(found, rejected=rejected)
+    source = Source(
+        telemetry=where,
+        sha256=file_hash(where),
+        sensors=request.sensors,
+        momentum=request.momentum,
+        topics=dict(request.topics),
+        leave_out_bad=request.leave_out_bad,
+        command=request.command(),
+        start=start,
+        end=end,
+        cpid_drake=version("cpid-drake"),
+    )
     result = result_of(found, craft, source)
-    return Evidence(request, spacecraft, measurements, suite, found, result, file.ignored)
+    return Evidence(request, spacecraft, measurements, sensors, found, result, file.ignored)
 
 
 def request_of_result(result: IdentificationResult, where: str) -> Request:
@@ -162,41 +174,30 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
         InputError: it does not say what from, or that is not there any more, or has changed since.
 
     """
-    source = result.details.get("source")
-    if not isinstance(source, dict):
+    source = result.source
+    if source is None:
         raise InputError("the result does not say what it was made from")
-
-    def take(key: str, *kinds: type, default: object = None) -> object:
-        value = source.get(key, default)
-        if not isinstance(value, kinds) or isinstance(value, bool) != (bool in kinds):
-            raise InputError(f"the result's source.{key} is {value!r:.60}, which cannot be")
-        return value
-
-    telemetry, sha256 = str(take("telemetry", str)), take("sha256", str, type(None))
-    topics = take("topics", dict, default={})
-    if not all(isinstance(name, str) for name in topics.values()):
-        raise InputError("the result's source.topics are not names")
-    for place in (telemetry, str(Path(where).parent / telemetry)):
+    for place in (source.telemetry, str(Path(where).parent / source.telemetry)):
         try:
             if "://" in place or Path(place).exists():
                 break
         except (OSError, ValueError):  # a name that no file can have
             continue
     else:
-        raise InputError(f"{telemetry} is not there any more")
-    if file_hash(place) != sha256:
-        raise InputError(f"{telemetry} has changed since: its SHA-256 is another")
+        raise InputError(f"{source.telemetry} is not there any more")
+    if file_hash(place) != source.sha256:
+        raise InputError(f"{source.telemetry} has changed since: its SHA-256 is another")
     return Request(
         place,
         result.spacecraft,
         estimator=result.estimator,
         rows=result.rows,
-        sensors=take("sensors", str, type(None)),
-        unknown_momentum=take("unknown_momentum", bool, default=False),
-        start=take("from", float, int),
-        end=take("to", float, int),
-        topics=topics,
-        leave_out_bad=take("leave_out_bad", bool, default=False),
+        sensors=source.sensors,
+        momentum=source.momentum,
+        start=source.start,
+        end=source.end,
+        topics=source.topics,
+        leave_out_bad=source.leave_out_bad,
     )
 
 
@@ -209,16 +210,16 @@ def file_hash(path: str | Path) -> str | None:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _window(measurements: Measurements, request: Request) -> tuple[Measurements, dict[str, float]]:
-    """Return the samples in the window, times from the first on, and what times they are.
+def _window(measurements: Measurements, request: Request) -> tuple[Measurements, float, float]:
+    """Return the samples in the window, and the times of the first and the last one [s].
 
-    The estimators' clock starts at the first sample: seconds since 1970 would cost digits.
+    The time of the samples returned starts at zero: seconds since 1970 would cost digits.
     """
     limited = request.start is not None or request.end is not None
     if limited:
         first = -np.inf if request.start is None else request.start
         last = np.inf if request.end is None else request.end
-        # One instant is a window for whom reads a result of one; none is not.
+        # A window of one instant is allowed: a result can be of a single sample.
         if not first <= last:
             raise InputError(f"--from {first:g} --to {last:g}: nothing lies between them")
         measurements = measurements.between(first, last)
@@ -231,4 +232,4 @@ def _window(measurements: Measurements, request: Request) -> tuple[Measurements,
         )
     zero = times.min()
     moved = {name: Samples(samples.time - zero, samples.value) for name, samples in parts.items()}
-    return measurements.updated(moved), {"from": float(zero), "to": float(times.max())}
+    return measurements.updated(moved), float(zero), float(times.max())

@@ -1,6 +1,6 @@
 """Figures of an identification, for a page and as files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from cpid_drake.dynamics.spatial_inertia import second_moment
 from cpid_drake.estimation.whiteness import autocorrelation
 from cpid_drake.identification.convergence import Convergence
 from cpid_drake.identification.requests import Evidence
-from cpid_drake.identification.telemetry_identification import LogIdentification
+from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.report.style import COLORS, INK, inline_svg, label_axes, saved_figure
 from cpid_drake.sensing.measurements import Measurements, Samples
 
@@ -73,7 +73,7 @@ def convergence_pictures(
     ]
 
 
-def residual_pictures(found: LogIdentification) -> list[Picture]:
+def residual_pictures(found: Identification) -> list[Picture]:
     """Return what is left of the samples against time, kind by kind, and its autocorrelation."""
     pictures = [
         Picture(
@@ -81,30 +81,21 @@ def residual_pictures(found: LogIdentification) -> list[Picture]:
             f"residuals of {name} against time",
             _SMALL,
             lambda figure, name=name, samples=samples: _draw_residuals(
-                figure.subplots(), samples, name, residual_unit(found, name)
+                figure.subplots(), samples, name, samples.unit
             ),
         )
-        for name, samples in found.leftovers.items()
+        for name, samples in found.residuals.items()
     ]
-    if any(len(samples) >= 8 for samples in found.leftovers.values()):
+    if any(len(samples) >= 8 for samples in found.residuals.values()):
         pictures.append(
             Picture(
                 "autocorrelation",
                 "autocorrelation of the residuals",
                 _SMALL,
-                lambda figure: _draw_autocorrelation(figure.subplots(), found.leftovers),
+                lambda figure: _draw_autocorrelation(figure.subplots(), found.residuals),
             )
         )
     return pictures
-
-
-def residual_unit(found: LogIdentification, name: str) -> str:
-    """Return the unit of a kind of residuals."""
-    if found.estimator == "trajectory_fit":
-        return "σ"
-    if name == "angular":
-        return "N·m·s"
-    return "m/s" if found.rows == "eq18" else "N·s"
 
 
 def singular_value_picture(values: NDArray[np.float64]) -> Picture:
@@ -175,7 +166,7 @@ def write_figures(
     pictures = [
         _together("convergence", convergence_pictures(convergence, truth), 2),
         _together("residuals", residual_pictures(found), 2),
-        singular_value_picture(found.identification.solution.singular_values),
+        singular_value_picture(found.solution.singular_values),
         _together("base-motion", motion_pictures(evidence.measurements), 2),
     ]
     if result.feasible is not None:
@@ -242,7 +233,7 @@ def _limits(
     return low - margin, high + margin
 
 
-def _draw_residuals(axes: Axes, samples: Samples, name: str, unit: str) -> None:
+def _draw_residuals(axes: Axes, samples: ResidualSeries, name: str, unit: str) -> None:
     title = "Rows" if name in ("linear", "angular") else "Samples"
     _draw_vector(axes, f"{title}: {name}", samples, f"residual [{unit}]", line="none")
     if unit == "σ":
@@ -280,9 +271,9 @@ def _legend_above(axes: Axes) -> None:
     )
 
 
-def _draw_autocorrelation(axes: Axes, leftovers: dict[str, Samples]) -> None:
+def _draw_autocorrelation(axes: Axes, residuals: Mapping[str, ResidualSeries]) -> None:
     widest = 0.0
-    for (name, samples), color in zip(leftovers.items(), COLORS):
+    for (name, samples), color in zip(residuals.items(), COLORS):
         rho, channels = autocorrelation(samples.value)
         if len(rho) < 4 or not channels:
             continue

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
@@ -13,13 +12,6 @@ from cpid_drake.identification.result_files import IdentificationResult, read_re
 
 Progress = Callable[[str], None]
 """Called with a few words before every step."""
-
-ESTIMATOR_LABELS = {
-    "least_squares": "least squares on momentum rows",
-    "trajectory_fit": "trajectory fit (maximum likelihood)",
-    "momentum_filter": "momentum filter",
-}
-"""How a page names the estimators."""
 
 
 def no_progress(step: str) -> None:
@@ -70,19 +62,3 @@ def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Find
     except InputError as error:
         return Findings(result, text, None, str(error), None)
     return Findings(result, text, evidence, "", converge(evidence, progress))
-
-
-def source_of(result: IdentificationResult) -> dict[str, Any]:
-    """Return what the result file says it was made from."""
-    return detail_of(result, "source", dict) or {}
-
-
-def detail_of(result: IdentificationResult, key: str, kind: type) -> Any:
-    """Return a detail if it is of this kind: details are anybody's."""
-    value = result.details.get(key)
-    return value if isinstance(value, kind) else None
-
-
-def is_number(value: object) -> bool:
-    """Return whether a value of a file is a number."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool)

@@ -8,7 +8,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from cpid_drake.errors import InputError
-from cpid_drake.identification.identification import Identification
+from cpid_drake.identification.result import Identification
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 

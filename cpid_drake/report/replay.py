@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.identification.identification import Identification
+from cpid_drake.identification.result import Identification
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_visualizer import (

@@ -98,7 +98,7 @@ def _check_sensors_and_estimator(scenario: Scenario) -> None:
                 "momentum_filter, or leave prior out"
             )
         _check_body(prior, "identification.prior")
-        from cpid_drake.identification.sensor_identification import check_guess
+        from cpid_drake.identification.filter_estimator import check_guess
 
         with prefix_errors("identification.prior"):
             check_guess(prior.guess(), prior.sigma)

@@ -143,7 +143,7 @@ def identify_command(simulation: Simulation, folder: Path) -> str:
     if simulation.sensors is not None:
         words += ["--sensors", str(folder / "sensors.yaml")]
     if simulation.scenario.identification.unknown_momentum:
-        words.append("--unknown-momentum")
+        words += ["--momentum", "unknown"]
     return shlex.join(words)
 
 

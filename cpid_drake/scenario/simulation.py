@@ -15,8 +15,9 @@ from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.identification.identification import Identification
+from cpid_drake.identification.result import Identification
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import ONLINE_ESTIMATORS
 from cpid_drake.scenario.schema import Scenario
@@ -317,6 +318,7 @@ def _add_identifier(
     sensors: SpacecraftSensors | None,
 ) -> Identifier:
     config = scenario.identification
+    momentum = TotalMomentum(is_unknown=config.unknown_momentum)
     if config.estimator not in ONLINE_ESTIMATORS:
         raise InputError(
             f"no online estimator '{config.estimator}'; choose from {', '.join(ONLINE_ESTIMATORS)}"
@@ -327,7 +329,7 @@ def _add_identifier(
             spacecraft,
             state,
             rows=config.rows,
-            unknown_momentum=config.unknown_momentum,
+            momentum=momentum,
             period=config.period,
             offset=config.offset,
         )
@@ -341,7 +343,7 @@ def _add_identifier(
         spacecraft,
         sensors.suite,
         sensors,
-        unknown_momentum=config.unknown_momentum,
+        momentum=momentum,
         **prior,
     )
 

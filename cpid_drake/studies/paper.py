@@ -8,13 +8,18 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.identification.identification import Identification, identify
+from cpid_drake.identification.identify import identify
+from cpid_drake.identification.result import Identification
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation, make_simulation
 
-PAPER_TARGET = InertialParameters(100.0, [0.4330127, 0.0, 0.0], np.diag([20.0, 30.0, 10.0]))
+PAPER_TARGET = InertialParameters(
+    100.0, np.array([0.4330127, 0.0, 0.0]), np.diag([20.0, 30.0, 10.0])
+)
 """The true target of Ning et al. 2016, Table 1; the paper's results are comparable for it only."""
 
 PAPER_TABLE_1 = InertialParameters.from_vector(
@@ -124,17 +129,16 @@ class PaperStudy:
         return peak_relative_error(self.position_error, self.telemetry.p_WB)
 
 
-def parameter_scale(truth: InertialParameters) -> NDArray[np.float64]:
+def _scale(truth: InertialParameters) -> NDArray[np.float64]:
     """Return the scale (10,) of the errors: m, |c| for c, the trace of I for I."""
-    com, trace = np.linalg.norm(truth.p_CTcm_C), np.trace(truth.I_TTcm_C)
-    return np.array([truth.mass] + 3 * [com] + 6 * [trace])
+    return parameter_scale(truth.to_vector(), float(np.linalg.norm(truth.p_CTcm_C)))
 
 
 def parameter_errors(
     parameters: NDArray[np.float64], truth: InertialParameters
 ) -> NDArray[np.float64]:
-    """Return (10,) errors of π against the truth, over `parameter_scale`."""
-    return (parameters - truth.to_vector()) / parameter_scale(truth)
+    """Return (10,) errors of π against the truth, relative to m, |c| and the trace of I."""
+    return (parameters - truth.to_vector()) / _scale(truth)
 
 
 def max_relative_error(parameters: NDArray[np.float64], truth: InertialParameters) -> float:
@@ -172,10 +176,13 @@ def run_paper_study(
     context, samples = simulation.run_sampled(sampling_times(scenario))
     telemetry = simulation.telemetry(context)
     config = scenario.identification
-    options = {"rows": config.rows, "unknown_momentum": config.unknown_momentum}
+
+    def identified(data: Telemetry) -> Identification:
+        momentum = TotalMomentum(is_unknown=config.unknown_momentum)
+        return identify(spacecraft, data, rows=config.rows, momentum=momentum)
 
     progress("identifying")
-    exact = identify(spacecraft, samples, **options)
+    exact = identified(samples)
     if not exact.is_observable:
         raise InputError(f"the scenario does not identify its target: {exact.explain()}")
     identifier_context = simulation.identifier.GetMyContextFromRoot(context)
@@ -186,11 +193,11 @@ def run_paper_study(
 
     rounded = []
     for digits in range(1, 13):
-        found = identify(spacecraft, samples.rounded(digits), **options)
+        found = identified(samples.rounded(digits))
         rounded.append(RoundedCase(digits, found, max_relative_error(found.parameters, truth)))
     by_count = []
     for n in range(1, len(samples) + 1):
-        found = identify(spacecraft, samples.select(slice(0, n)), **options)
+        found = identified(samples.select(slice(0, n)))
         error = max_relative_error(found.parameters, truth)
         by_count.append(SampleCase(n, found.solution.rank, error))
 
@@ -198,10 +205,10 @@ def run_paper_study(
     P_6, L_6 = total_momentum(spacecraft.tree, truth, samples.rounded(PAPER_DIGITS))
 
     progress("simulating again with the identified parameters")
-    identified = rounded[PAPER_DIGITS - 1].identification
-    if not identified.is_observable:
-        raise InputError(f"rounded to six decimals, {identified.explain()}")
-    feasible = identified.feasible()
+    of_six = rounded[PAPER_DIGITS - 1].identification
+    if not of_six.is_observable:
+        raise InputError(f"rounded to six decimals, {of_six.explain()}")
+    feasible = of_six.feasible()
     again = make_simulation(scenario, target=feasible)
     resimulated = again.telemetry(again.run())
 
@@ -214,7 +221,7 @@ def run_paper_study(
         rounded=rounded,
         by_count=by_count,
         online_parameters=parameter_log.data()[:, first].T.copy(),
-        online_minus_batch=float(np.abs(difference / parameter_scale(truth)).max()),
+        online_minus_batch=float(np.abs(difference / _scale(truth)).max()),
         linear_drift=P - P[0],
         angular_drift=L - L[0],
         rounded_linear_momentum=float(np.linalg.norm(P_6, axis=1).max()),
@@ -239,7 +246,7 @@ def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
         raise InputError(
             f"identification starts at {config.offset:g} s, after the simulation's end"
         )
-    return config.offset + config.period * np.arange(count)
+    return config.offset + config.period * np.arange(count, dtype=float)
 
 
 def summarize(study: PaperStudy, wall_seconds: float) -> dict:

@@ -18,10 +18,14 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from cpid_drake.dynamics.rows import row_family
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE
+from cpid_drake.estimation.momentum_rows import momentum_columns
 from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
-from cpid_drake.identification.identification import Identification, row_family
+from cpid_drake.identification.result import Identification
+from cpid_drake.identification.row_estimator import LEAST_SQUARES
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.spacecraft_sensors import check_port_size
@@ -130,9 +134,8 @@ class MomentumIdentifier(Identifier):
 
     Args:
         spacecraft: the known spacecraft.
-        rows: "eq18", "standard" or "relative"; see `identification.identify`.
-        unknown_momentum: whether the total momentum is constant and unknown instead of zero; not
-            with "eq18".
+        rows: "eq18", "standard" or "relative"; see `cpid_drake.dynamics.rows.ROW_FAMILIES`.
+        momentum: the total momentum, zero (default) or unknown; not unknown with "eq18".
         period: time between samples [s]; the paper's is 1 s.
         offset: time of the first sample [s]; the paper's is 1 s, because samples at rest contain no
             information.
@@ -150,7 +153,7 @@ class MomentumIdentifier(Identifier):
         spacecraft: Spacecraft,
         *,
         rows: str = "eq18",
-        unknown_momentum: bool = False,
+        momentum: TotalMomentum | None = None,
         period: float = 1.0,
         offset: float = 1.0,
         rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
@@ -164,11 +167,13 @@ class MomentumIdentifier(Identifier):
         if not (is_number(rank_tolerance) and 0 < rank_tolerance < 1):
             raise InputError(f"rank_tolerance must be between 0 and 1, not {rank_tolerance}")
         self._spacecraft = spacecraft
-        self._family = row_family(rows, unknown_momentum)
-        self._unknown_momentum = unknown_momentum
+        self._momentum = momentum or TotalMomentum.zero()
+        if self._momentum.name == "known":
+            raise InputError("identification needs a total momentum that is zero or unknown")
+        self._family = row_family(rows, self._momentum.is_unknown)
         self._parameterization = self._family.parameterization(spacecraft.mass)
-        self._nuisance = self._family.momentum_size if unknown_momentum else 0
-        self._size = self._nuisance + 11
+        self._extra = momentum_columns(self._family, self._momentum)
+        self._size = self._extra + 11
         self._rank_tolerance = rank_tolerance
         self._quaternion = spacecraft.quaternion_columns
         self._scratch = PlantScratch(spacecraft.plant)
@@ -221,7 +226,7 @@ class MomentumIdentifier(Identifier):
         context = self._scratch.context
         self._spacecraft.plant.SetPositionsAndVelocities(context, state)
         sample = self._spacecraft.momentum_sample(context)
-        return self._family.full_rows(sample, self._unknown_momentum)
+        return self._family.full_rows(sample, self._momentum.is_unknown)
 
     def _take_sample(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         state = self._state_port.Eval(context)
@@ -261,10 +266,16 @@ class MomentumIdentifier(Identifier):
         solution = solve_root(
             root,
             int(row_count),
-            eliminated=self._nuisance,
+            eliminated=self._extra,
             rank_tolerance=self._rank_tolerance,
         )
-        return Identification(self._parameterization, solution, int(samples))
+        return Identification(
+            self._parameterization,
+            solution,
+            int(samples),
+            LEAST_SQUARES.name,
+            rows=self._family.name,
+        )
 
 
 def is_number(value: object) -> bool:

@@ -13,14 +13,15 @@ from pydrake.systems.framework import (
 )
 
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.momentum_filter import FILTER_ORDER, FilterState
 from cpid_drake.estimation.online import OnlineState
-from cpid_drake.identification.identification import Identification
-from cpid_drake.identification.sensor_identification import (
+from cpid_drake.identification.filter_estimator import (
     identification_of_filter,
     online_estimator,
 )
+from cpid_drake.identification.result import Identification
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -80,7 +81,7 @@ class SensorIdentifier(Identifier):
     Args:
         spacecraft: the known spacecraft.
         suite: its sensors.
-        unknown_momentum: whether the total momentum is unknown instead of zero.
+        momentum: the total momentum, zero (default) or unknown.
         period: time between updates [s]; default: that of the fastest sensor.
         guess: prior estimate of the target; default: none, for a vague prior.
         guess_sigma: relative σ of the guess; see `momentum_filter.guessed_prior`.
@@ -88,7 +89,7 @@ class SensorIdentifier(Identifier):
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), a period that is not positive or is
             longer than the fastest sensor's, or an invalid guess (see
-            `sensor_identification.online_estimator`).
+            `cpid_drake.identification.filter_estimator.online_estimator`).
 
     """
 
@@ -97,7 +98,7 @@ class SensorIdentifier(Identifier):
         spacecraft: Spacecraft,
         suite: SensorSuite,
         *,
-        unknown_momentum: bool = False,
+        momentum: TotalMomentum | None = None,
         period: float | None = None,
         guess: InertialParameters | None = None,
         guess_sigma: float = 0.5,
@@ -117,7 +118,7 @@ class SensorIdentifier(Identifier):
         self._estimator = online_estimator(
             spacecraft,
             suite,
-            unknown_momentum=unknown_momentum,
+            momentum=momentum,
             guess=guess,
             guess_sigma=guess_sigma,
         )

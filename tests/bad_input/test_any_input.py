@@ -15,9 +15,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Measurements, Spacecraft, Telemetry, load_scenario
-from cpid_drake.identification import telemetry_identification
+from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.identification.telemetry_identification import identify_log
 from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.files.telemetry_files import (
     inspect_telemetry,
@@ -231,9 +231,10 @@ def test_what_no_estimator_can_calculate_with_is_refused(craft, log, monkeypatch
     def fail(*_):
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr(telemetry_identification, "_by_rows", fail)
+    failing = replace(ESTIMATORS["least_squares"], estimate=fail)
+    monkeypatch.setitem(ESTIMATORS, "least_squares", failing)
     with pytest.raises(InputError, match="least_squares cannot calculate with these samples"):
-        identify_log(craft, log)
+        identify(craft, log)
 
 
 # -- what must not matter -------------------------------------------------------------------------
@@ -331,7 +332,7 @@ def test_names_clocks_and_worlds_do_not_change_the_target(
         joint_names=tuple(log.joint_names[k] for k in order),
         **{name: Samples(s.time + shift, moved(name, s.value)) for name, s in samples.items()},
     )
-    plain, again = (identify_log(craft, each, rows=rows).identification for each in (log, other))
+    plain, again = (identify(craft, each, rows=rows) for each in (log, other))
     expected = TARGET.to_vector()
     np.testing.assert_allclose(plain.parameters, expected, rtol=0, atol=1e-8)
     np.testing.assert_allclose(again.parameters, expected, rtol=0, atol=1e-7)

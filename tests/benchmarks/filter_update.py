@@ -27,7 +27,7 @@ from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.estimation.momentum_filter import FilterState, MomentumFilter
 from cpid_drake.estimation.online import OnlineEstimator, in_order
 from cpid_drake.estimation.square_root import empty_root
-from cpid_drake.identification.sensor_identification import online_estimator
+from cpid_drake.identification.filter_estimator import online_estimator
 from cpid_drake.sensing.measurements import Measurements, ideal_measurements
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import SENSORS

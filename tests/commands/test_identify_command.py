@@ -88,7 +88,7 @@ class TestSample:
             shown = lines[name].split()[1]
             assert float(shown) == pytest.approx(value, abs=10.0 ** -len(shown.split(".")[1]))
         assert lines["rank"].split()[1:] == ["10", "of", "10"]
-        assert "rigid body can have these values" in lines["feasibility"]
+        assert "physically consistent" in lines["consistency"]
 
 
 class TestIdentify:
@@ -97,7 +97,7 @@ class TestIdentify:
         assert (code, stdout, stderr) == (0, "", "")
         found = read_result("r.json")
         np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-9)
-        assert found.details["source"]["telemetry"] == str(exact)
+        assert found.source.telemetry == str(exact)
 
     def test_too_little_motion_is_exit_code_3_and_what_is_known_is_written(self, cpid, exact):
         code, stdout, _ = cpid("identify", exact, *SERVICER, "--to", "1.5", "--json", "r.json")
@@ -114,7 +114,7 @@ class TestIdentify:
         cpid("identify", exact, *SERVICER, "--from", "10", "--to", "29", "--json", "r.json")
         found = read_result("r.json")
         assert found.samples_used == 20
-        assert (found.details["source"]["from"], found.details["source"]["to"]) == (10.0, 29.0)
+        assert (found.source.start, found.source.end) == (10.0, 29.0)
 
     def test_seconds_since_1970_make_no_difference(self, cpid, exact):
         lines = exact.read_text().splitlines()

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from cpid_drake import identify_from_sensors, load_scenario, load_sensors
+from cpid_drake import identify, load_scenario, load_sensors
 from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.resources import models_directory
@@ -69,7 +69,7 @@ def test_what_the_sensors_gave_identifies_the_target_that_is_said_to_be_true(sen
     np.testing.assert_array_equal(pi, [60, 0.5, 0.05, -0.1, 6, 9, 8, -0.4, 0.2, 0.5])
     suite = load_sensors(sensed / "sensors.yaml")
     assert repr(suite) == repr(load_sensors("flight"))
-    result = identify_from_sensors(spacecraft, read_telemetry(sensed / "telemetry.csv"), suite)
+    result = identify(spacecraft, read_telemetry(sensed / "telemetry.csv"), sensors=suite)
     error = result.parameters - pi
     assert error @ np.linalg.solve(result.covariance, error) < 30  # χ² of 10: 1 in 1000
     assert np.sqrt(result.covariance[0, 0]) < 0.6
@@ -114,7 +114,7 @@ def test_the_printed_command_identifies_from_the_run(folder, short, capsys):
     assert run(scenario, "--out", folder / "a run") == 0
     words = shlex.split(capsys.readouterr().out)
     assert words[:3] == ["cpid", "identify", str(folder / "a run" / "telemetry.csv")]
-    assert words[-1] == "--unknown-momentum"
+    assert words[-1] == "--momentum unknown"
     assert cpid(*words[1:], "--quiet", "--json", folder / "result.json") == 0
     mass, found = (
         read_json(folder / "result.json")["mass"],

@@ -68,7 +68,7 @@ def test_a_log_as_a_page(tmp_path, capsys):
         (["paper", "--rate", "0"], "--rate 0"),
         (["paper", "--rate", "nan"], "--rate nan"),
         (["paper", "--html", "a.html", "--sensors", "flight"], "--sensors is for logs"),
-        (["paper", "--html", "a.html", "--unknown-momentum"], "--unknown-momentum is for logs"),
+        (["paper", "--html", "a.html", "--momentum", "zero"], "--momentum is for logs"),
         ([LOG, "--html", "a.html"], "give --spacecraft"),
         ([LOG, *CRAFT[:4], "--html", "a.html"], "give --capture-frame"),
         ([LOG, *CRAFT], "give --html"),

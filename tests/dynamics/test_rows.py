@@ -26,6 +26,7 @@ from cpid_drake.dynamics.rows import (
     relative_rows,
     standard_rows,
 )
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 
 KNOWN_MASS = 1031.0  # of the servicer, and what free_samples() pretends
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
@@ -375,7 +376,7 @@ def tumbling(servicer, skewed_target):
 
 def test_standard_rows_hold_with_the_momentums_columns(tumbling, skewed_target):
     _, samples, momentum = tumbling
-    rows = STANDARD_ROWS.full_rows(samples, unknown_momentum=True)
+    rows = STANDARD_ROWS.full_rows(samples, True)
     truth = np.concatenate([momentum, skewed_target.to_standard_vector(), [-1.0]])
     np.testing.assert_allclose(rows @ truth, 0.0, atol=1e-10)
 
@@ -392,7 +393,7 @@ def test_relative_rows_hold_with_the_angular_momentum_about_the_centre_of_mass(
     about_com = momentum[:3] - np.cross(com, momentum[3:])
     np.testing.assert_allclose(about_com, np.tile(about_com[0], (12, 1)), atol=1e-9)
 
-    rows = RELATIVE_ROWS.full_rows(samples, unknown_momentum=True)
+    rows = RELATIVE_ROWS.full_rows(samples, True)
     psi = RELATIVE_ROWS.parameterization(samples.mass).from_parameters(skewed_target.to_vector())
     np.testing.assert_allclose(rows @ np.concatenate([about_com[0], psi, [-1.0]]), 0, atol=1e-9)
 
@@ -402,7 +403,7 @@ def test_a_tumbling_target_is_identified_along_with_its_momentum(
     servicer, tumbling, skewed_target, rows
 ):
     telemetry, _, _ = tumbling
-    found = identify(servicer, telemetry, rows=rows, unknown_momentum=True)
+    found = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.unknown())
     assert found.is_observable
     np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-7)
     ignored = identify(servicer, telemetry, rows=rows)
@@ -414,13 +415,13 @@ def test_three_samples_suffice_with_six_more_unknowns(servicer, tumbling, skewed
     telemetry, _, _ = tumbling
     for n, known in ((2, False), (3, True)):
         some = telemetry.select(np.linspace(0, 11, n).astype(int))
-        found = identify(servicer, some, rows="standard", unknown_momentum=True)
+        found = identify(servicer, some, rows="standard", momentum=TotalMomentum.unknown())
         assert found.is_observable is known
 
 
 def test_eq18_rows_cannot_have_an_unknown_momentum(servicer, tumbling):
     with pytest.raises(InputError, match="use standard, relative"):
-        identify(servicer, tumbling[0], rows="eq18", unknown_momentum=True)
+        identify(servicer, tumbling[0], rows="eq18", momentum=TotalMomentum.unknown())
 
 
 def test_relative_rows_do_not_see_the_bases_position_and_velocity(servicer, random_motion):

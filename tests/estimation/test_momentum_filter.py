@@ -9,8 +9,9 @@ from scipy.stats import chi2
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.momentum_filter import vague_prior
-from cpid_drake.identification.sensor_identification import (
+from cpid_drake.identification.filter_estimator import (
     identification_of_filter,
     online_estimator,
 )
@@ -44,7 +45,9 @@ def cases():
 
 
 def run(spacecraft, suite, measurements, unknown_momentum=False):
-    online = online_estimator(spacecraft, suite, unknown_momentum=unknown_momentum)
+    online = online_estimator(
+        spacecraft, suite, momentum=TotalMomentum(is_unknown=unknown_momentum)
+    )
     state = online.run(measurements)
     return identification_of_filter(online, state), state.filter
 

@@ -23,12 +23,13 @@ from cpid_drake.dynamics.parameterizations import (
     standard_to_pseudo_inertia,
 )
 from cpid_drake.dynamics.sensitivity import BodyUncertainty, perturbed
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation import trajectory_fit
 from cpid_drake.estimation.likelihood.elimination import marginal
 from cpid_drake.estimation.likelihood.model import TrajectoryModel
 from cpid_drake.estimation.momentum_filter import vague_prior
 from cpid_drake.estimation.trajectory_fit import fit_trajectory
-from cpid_drake.identification.sensor_identification import (
+from cpid_drake.identification.fit_estimator import (
     cramer_rao_bound,
     fit_measurements,
     identification_of_fit,
@@ -80,14 +81,15 @@ def model(request, craft, motion, skewed_target):
     momentum = request.param
     suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 5.0), **RICH)
     samples = measured(craft, motion, skewed_target, suite, momentum)
-    about_com = momentum is not None and momentum_about_com(craft, motion, skewed_target, momentum)
+    total = TotalMomentum.zero()
+    if momentum is not None:
+        total = TotalMomentum.unknown(momentum_about_com(craft, motion, skewed_target, momentum))
     model = TrajectoryModel(
         craft.tree,
         smooth_joints(samples, suite),
         samples,
         suite,
-        unknown_momentum=momentum is not None,
-        momentum=about_com or None,
+        momentum=total,
         psi_prior=(np.zeros(10), np.full(10, 50.0)),
         step=0.0125,
     )
@@ -112,7 +114,7 @@ def test_jacobian(model):
         for k in range(columns.start, columns.stop)[:: 4 if name == "bias" else 1]:
             column = by_differences(model, state, np.eye(model.size)[k], steps[name])
             # Momentum's coupling is integrated by the trapezoidal rule.
-            tolerance = (3e-5 if model.unknown_momentum else 1e-6) * np.abs(column).max()
+            tolerance = (3e-5 if model.momentum.is_unknown else 1e-6) * np.abs(column).max()
             np.testing.assert_allclose(
                 exact[:, k], column, rtol=0, atol=tolerance, err_msg=f"{name} {k}"
             )
@@ -135,7 +137,7 @@ def test_joint_jacobian(model, craft):
                 replace(joints, coefficients=coefficients),
                 model.measurements,
                 model.suite,
-                unknown_momentum=model.unknown_momentum,
+                momentum=TotalMomentum(is_unknown=model.momentum.is_unknown),
                 psi_prior=model.psi_prior,
                 step=0.0125,
             )
@@ -174,7 +176,7 @@ def test_body_jacobian(model, craft):
                 model.joints,
                 model.measurements,
                 model.suite,
-                unknown_momentum=model.unknown_momentum,
+                momentum=TotalMomentum(is_unknown=model.momentum.is_unknown),
                 psi_prior=model.psi_prior,
                 step=0.0125,
             )
@@ -224,7 +226,12 @@ def test_without_noise_it_finds_the_truth(craft, motion, skewed_target, momentum
     samples = measured(craft, motion, skewed_target, suite, momentum)
     joints = smooth_joints(samples, suite)
     model = TrajectoryModel(
-        craft.tree, joints, samples, suite, unknown_momentum=momentum is not None, step=0.01
+        craft.tree,
+        joints,
+        samples,
+        suite,
+        momentum=TotalMomentum(is_unknown=momentum is not None),
+        step=0.01,
     )
     fit = fit_trajectory(model, vague_prior(model.dynamics.mass, model.dynamics.I_K[0]).psi)
     assert fit.converged
@@ -233,9 +240,9 @@ def test_without_noise_it_finds_the_truth(craft, motion, skewed_target, momentum
     assert largest_error(identification_of_fit(fit).parameters, true, scale) < 1e-7
     assert fit.chi_squared < 1e-2
     if momentum is not None:
-        L, v = momentum_about_com(craft, motion, skewed_target, momentum)
-        np.testing.assert_allclose(fit.state.L, L, rtol=0, atol=1e-5)
-        np.testing.assert_allclose(fit.state.v_Wcm, v, rtol=0, atol=1e-7)
+        true = momentum_about_com(craft, motion, skewed_target, momentum)
+        np.testing.assert_allclose(fit.state.L, true.L_WScm_W, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(fit.state.v_Wcm, true.v_WScm_W, rtol=0, atol=1e-7)
 
 
 def far_starts(mass):
@@ -265,7 +272,7 @@ def test_the_start_does_not_matter(craft, motion, skewed_target, which, momentum
         smooth_joints(samples, suite),
         samples,
         suite,
-        unknown_momentum=momentum is not None,
+        momentum=TotalMomentum(is_unknown=momentum is not None),
     )
     fits = [fit_trajectory(model, start) for start in far_starts(craft.mass)]
     assert all(fit.converged for fit in fits)
@@ -320,11 +327,11 @@ def test_a_known_momentum_is_not_estimated(craft, motion, skewed_target, psi):
     samples = add_noise(suite, measured(craft, motion, skewed_target, suite, MOMENTUM), 3)
     known = momentum_about_com(craft, motion, skewed_target, MOMENTUM)
     told = fit_measurements(craft.tree, samples, suite, momentum=known)
-    open_ = fit_measurements(craft.tree, samples, suite, unknown_momentum=True)
+    open_ = fit_measurements(craft.tree, samples, suite, momentum=TotalMomentum.unknown())
     untold = fit_measurements(craft.tree, samples, suite)
     assert told.model.size == open_.model.size - 6
-    np.testing.assert_array_equal(told.state.L, known[0])
-    np.testing.assert_array_equal(told.state.v_Wcm, known[1])
+    np.testing.assert_array_equal(told.state.L, known.L_WScm_W)
+    np.testing.assert_array_equal(told.state.v_Wcm, known.v_WScm_W)
     for fit in (told, open_):
         assert nees(fit.state.psi - psi, fit.psi_information()) < chi2.ppf(0.999, 10)
     sigmas = [np.sqrt(np.diag(np.linalg.inv(fit.psi_information()))) for fit in (told, open_)]
@@ -335,11 +342,12 @@ def test_a_known_momentum_is_not_estimated(craft, motion, skewed_target, psi):
 def test_an_unknown_momentum_is_recovered_within_its_sigma(craft, motion, skewed_target):
     suite = coarse_suite()
     samples = measured(craft, motion, skewed_target, suite, MOMENTUM)
-    true = np.concatenate(momentum_about_com(craft, motion, skewed_target, MOMENTUM))
+    momentum = momentum_about_com(craft, motion, skewed_target, MOMENTUM)
+    true = np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W])
     values = []
     for seed in range(6):
         fit = fit_measurements(
-            craft.tree, add_noise(suite, samples, seed), suite, unknown_momentum=True
+            craft.tree, add_noise(suite, samples, seed), suite, momentum=TotalMomentum.unknown()
         )
         columns = np.r_[fit.model.columns["L"], fit.model.columns["v_Wcm"]]
         rest = np.setdiff1d(np.arange(fit.model.size), columns)
@@ -484,7 +492,7 @@ def test_any_sensors_beside_attitude_will_do(
     nothing = np.empty(0, dtype=int)
     silent = replace(samples, **{name: getattr(samples, name).where(nothing) for name in absent})
     fits = [
-        fit_measurements(craft.tree, m, suite, unknown_momentum=unknown_momentum)
+        fit_measurements(craft.tree, m, suite, momentum=TotalMomentum(is_unknown=unknown_momentum))
         for m, suite in ((samples, poor), (silent, rich))
     ]
     np.testing.assert_allclose(fits[0].state.psi, fits[1].state.psi, rtol=1e-12, atol=1e-12)

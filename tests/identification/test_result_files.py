@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from cpid_drake import InertialParameters, InputError
 from cpid_drake.identification.result_files import (
     IdentificationResult,
+    Source,
     SpacecraftReference,
+    WhitenessRecord,
     read_result,
     write_result,
 )
@@ -36,7 +38,26 @@ def result(skewed_target) -> IdentificationResult:
         spacecraft=SpacecraftReference(
             "package://mine/mine.urdf", "bus", "arm::gripper", {"mine": "/models"}
         ),
-        details={"momentum": [1.0, None], "nested": {"a": "b"}},
+        intervals=skewed_target.to_vector()[:, None] + np.array([-1.0, 2.0]),
+        infeasibilities=("the mass is not positive",),
+        principal_moments=np.array([1.0, 2.0, 2.5]),
+        principal_axes=np.linalg.qr(root[:3, :3])[0],
+        not_observable="Ixx",
+        singular_values=np.sort(rng.uniform(size=10))[::-1],
+        whiteness=WhitenessRecord(0.25, False, 3.5),
+        rejected_by_sensor={"gyro": 1},
+        source=Source(
+            telemetry="log.csv",
+            sha256="ab12",
+            sensors=None,
+            momentum="unknown",
+            topics={"imu": "/imu"},
+            leave_out_bad=True,
+            command="cpid identify log.csv",
+            start=1.5,
+            end=20.25,
+            cpid_drake="0.1.0",
+        ),
     )
 
 
@@ -115,18 +136,57 @@ def test_a_file_from_an_editor_that_marks_utf8_is_read(document, result, tmp_pat
     assert_same(result, read_result(tmp_path / "bom.json"))
 
 
+DETAILS = (
+    *("interval_95", "infeasibilities", "principal_moments", "principal_axes", "not_observable"),
+    *("singular_values", "residual_whiteness", "samples_rejected_by_sensor", "source", "names"),
+    "units",
+)
+
+
+def test_details_may_be_left_out(document, result, tmp_path):
+    """A file of another program: the result has no more than the file."""
+    for key in DETAILS:
+        del document[key]
+    (tmp_path / "r.json").write_text(json.dumps(document))
+    bare = read_result(tmp_path / "r.json")
+    assert bare.source is None
+    assert bare.intervals is None
+    assert bare.rejected_by_sensor == {}
+    np.testing.assert_array_equal(bare.parameters, result.parameters)
+
+
 @pytest.mark.parametrize(
-    ("details", "words"),
+    ("changes", "words"),
     [
-        ({"mass": 1}, "a detail cannot be called 'mass'"),
-        ({"noise": np.nan}, "JSON cannot hold"),
-        ({"noise": np.ones(3)}, "JSON cannot hold"),
+        ({"noise": 1}, "unknown key 'noise'"),
+        ({"interval_95": [[]]}, "interval_95 must be a list of 10x2 numbers"),
+        ({"principal_axes": {}}, "principal_axes must be a list of 3x3 numbers"),
+        ({"not_observable": 2}, "not_observable must be a string, not 2"),
+        ({"names": ["m"]}, "names must be m, cx, cy, cz, Ixx"),
+        ({"residual_whiteness": {"white": 1}}, "the key 'residual_whiteness.lag_one_correlation'"),
+        ({"samples_rejected_by_sensor": {"gyro": -1}}, "samples_rejected_by_sensor.gyro must be"),
+        ({"source": 3}, "source must be an object, not 3"),
     ],
 )
-def test_details_that_no_file_can_hold_are_refused(result, details, words, tmp_path):
-    with pytest.raises(InputError, match=words):
-        write_result(tmp_path / "r.json", replace(result, details=details))
-    assert list(tmp_path.iterdir()) == []
+def test_details_of_another_kind_are_named(refusal, document, changes, words):
+    assert refusal(document | changes).startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("telemetry", 3, "source.telemetry must be a string, not 3"),
+        ("sha256", [], "source.sha256 must be a string, not []"),
+        ("from", "now", "source.from must hold numbers, not 'now'"),
+        ("topics", {"a": 1}, "source.topics must be a string, not 1"),
+        ("momentum", "much", "source.momentum must be one of zero, unknown"),
+        ("leave_out_bad", 1, "source.leave_out_bad must be true or false, not 1"),
+        ("surprise", 1, "unknown key 'source.surprise'"),
+    ],
+)
+def test_a_source_of_another_kind_is_named(refusal, document, key, value, words):
+    document["source"][key] = value
+    assert refusal(document).startswith(words)
 
 
 @pytest.mark.parametrize(

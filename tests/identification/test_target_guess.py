@@ -7,7 +7,7 @@ from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.identification.sensor_identification import (
+from cpid_drake.identification.filter_estimator import (
     identification_of_filter,
     online_estimator,
 )

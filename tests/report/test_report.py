@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from cpid_drake import InertialParameters, write_telemetry
 from cpid_drake.estimation.whiteness import autocorrelation, whiteness
 from cpid_drake.identification import convergence
+from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.requests import Request, identify_file, request_of_result
 from cpid_drake.identification.result_files import SpacecraftReference, read_result, write_result
 from cpid_drake.report.figures import Picture, ellipse
@@ -65,7 +67,8 @@ def at(document, key):
 def quick():
     """Few windows, and no replay: that is tested in a browser."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(convergence, "WINDOWS", dict.fromkeys(convergence.WINDOWS, 4))
+        for name, record in ESTIMATORS.items():
+            patch.setitem(ESTIMATORS, name, replace(record, reports=4))
         patch.setattr(replay, "replay_html", lambda *args, **options: SCRIPT)
         yield
 
@@ -185,31 +188,20 @@ class TestWhatIsSaid:
         again = request_of_result(read_result("../result.json"), "../result.json")
         assert again.telemetry == "../exact.csv"
 
-    @pytest.mark.parametrize(
-        ("key", "value"),
-        [("telemetry", 3), ("sha256", []), ("from", "now"), ("topics", {"a": 1}), ("sensors", 1)],
-    )
-    def test_a_source_of_another_kind_is_not_followed(self, evidence, tmp_path, key, value):
-        evidence.result.details["source"][key] = value
-        write_result(tmp_path / "r.json", evidence.result)
+    def test_a_result_without_details_has_a_report(self, evidence, tmp_path):
+        """Of another program: what is not in the file is not on the page."""
+        bare = replace(
+            evidence.result,
+            intervals=None,
+            principal_moments=None,
+            principal_axes=None,
+            singular_values=None,
+            source=None,
+        )
+        write_result(tmp_path / "r.json", bare)
         findings = findings_of_file(tmp_path / "r.json")
-        assert f"source.{key}" in findings.missing
-        Page(identification_report(findings).html())
-
-    @pytest.mark.parametrize(
-        "details",
-        [
-            {"source": 3},
-            {"interval_95": [[]]},
-            {"interval_95": "wide", "principal_moments": [1], "singular_values": [None]},
-            {"interval_95": [1] * 10, "principal_axes": {}, "not_observable": 2},
-        ],
-    )
-    def test_details_of_other_programs_do_no_harm(self, evidence, tmp_path, details):
-        evidence.result.details.clear()
-        evidence.result.details.update(details)
-        write_result(tmp_path / "r.json", evidence.result)
-        page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
+        assert "does not say what it was made from" in findings.missing
+        page = Page(identification_report(findings).html())
         assert page.data("result")["mass"] == pytest.approx(60.0)
 
     def test_another_estimate_than_the_file_s_is_warned_of(self, evidence, tmp_path):
@@ -218,13 +210,13 @@ class TestWhatIsSaid:
         page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
         assert "the values differ from those of the result file" in page.text
 
-    def test_an_estimate_that_no_rigid_body_has_is_not_called_possible(
+    def test_an_estimate_that_no_rigid_body_has_is_not_called_consistent(
         self, tmp_path, zero_momentum_motion, skewed_target
     ):
         rounded = zero_momentum_motion(skewed_target, 60, 4).rounded(2)
         write_telemetry(tmp_path / "rounded.csv", rounded.select(slice(0, 4)))
         found = identify_file(Request(str(tmp_path / "rounded.csv"), SERVICER))
-        assert not found.found.identification.raw().is_feasible()
+        assert not found.found.raw().is_feasible()
         assert "No rigid body has the estimate as it is (" in Answer(findings_of(found)).verdict
         write_result(tmp_path / "r.json", found.result)
         again = findings_of_file(tmp_path / "r.json")
@@ -240,12 +232,13 @@ class TestWhatIsSaid:
 
 class TestFigures:
     def test_convergence_ends_at_the_estimate_and_has_gaps_before_it(self, evidence, monkeypatch):
-        monkeypatch.setattr(convergence, "WINDOWS", {"least_squares": 40})
+        for name, record in ESTIMATORS.items():
+            monkeypatch.setitem(ESTIMATORS, name, replace(record, reports=40))
         found = convergence.converge(evidence)
         np.testing.assert_array_equal(found.parameters[-1], evidence.result.parameters)
         assert found.time[-1] == 59.0
         assert np.isnan(found.parameters[0, 4:]).all()  # two samples leave something open
-        assert found.estimates[-1][1] is evidence.found.identification
+        assert found.estimates[-1][1] is evidence.found
 
     def test_the_ellipsoid_of_a_solid_ellipsoid_is_itself(self):
         a = np.array([0.3, 0.5, 0.9])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, identify
 from cpid_drake.commands.main import main
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.resources import resolve_model
 
 mujoco = pytest.importorskip("mujoco", reason="needs the package mujoco")
@@ -204,7 +205,7 @@ def test_a_tumbling_capture_in_mujoco_is_identified(dual_arm, dual_arm_file, ske
     log = simulate(dual_arm_file, "left_grip", skewed_target, start_twist=start)
     telemetry = log.telemetry(dual_arm.joint_names)
     for rows in ("standard", "relative"):
-        result = identify(dual_arm, telemetry, rows=rows, unknown_momentum=True)
+        result = identify(dual_arm, telemetry, rows=rows, momentum=TotalMomentum.unknown())
         assert_identified(result.parameters, skewed_target)
         taken_as_zero = identify(dual_arm, telemetry, rows=rows)
         with pytest.raises(AssertionError):  # the momentum is there, and counts

@@ -9,10 +9,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
+from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.report.accuracy import write_figures
 from cpid_drake.scenario.schema import FiringConfig
-from cpid_drake.studies import accuracy
-from cpid_drake.studies.accuracy import Outcome, run_accuracy, summarize
+from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.studies.accuracy import run_accuracy, summarize
+from cpid_drake.studies.statistics import statistics_of
+from cpid_drake.studies.trials import Outcome, base_trajectory, make_case
 
 REQUIRED = (
     "preset",
@@ -105,8 +108,8 @@ def test_bad_options_are_named(scenario, options, problem):
 @pytest.fixture(scope="module")
 def case(scenario):
     spacecraft = scenario.make_spacecraft()
-    suite = accuracy.load_sensors("flight")
-    return accuracy._case(scenario, spacecraft, scenario.target_truth(), suite, ("eq18",), 3)
+    suite = load_sensors("flight")
+    return make_case(scenario, spacecraft, scenario.target_truth(), suite, ("eq18",), 3)
 
 
 def drawn(case, covariance, count, reported=1.0, shift=0.0):
@@ -124,7 +127,7 @@ def covariance():
 
 def test_honest_errors_have_ratio_one_and_95_percent_coverage(case, covariance):
     bound = np.sqrt(np.diag(covariance))
-    r = accuracy._statistics(case, "p", "e", bound, drawn(case, covariance, 4000))
+    r = statistics_of(case, "p", "e", bound, drawn(case, covariance, 4000))
     np.testing.assert_allclose(r.ratio, 1.0, atol=0.05)
     np.testing.assert_allclose(r.coverage, 0.95, atol=0.015)
     assert r.nees_band[0] < r.nees_mean < r.nees_band[1]
@@ -135,14 +138,14 @@ def test_honest_errors_have_ratio_one_and_95_percent_coverage(case, covariance):
 
 def test_overconfidence_shows(case, covariance):
     bound = np.sqrt(np.diag(covariance))
-    r = accuracy._statistics(case, "p", "e", bound, drawn(case, covariance, 500, reported=0.25))
+    r = statistics_of(case, "p", "e", bound, drawn(case, covariance, 500, reported=0.25))
     assert r.nees_mean == pytest.approx(40, rel=0.1)
     assert r.coverage.max() < 0.75  # ±1.96 σ/2 holds 67 %
 
 
 def test_bias_shows(case, covariance):
     bound = np.sqrt(np.diag(covariance))
-    r = accuracy._statistics(case, "p", "e", bound, drawn(case, covariance, 500, shift=2 * bound))
+    r = statistics_of(case, "p", "e", bound, drawn(case, covariance, 500, shift=2 * bound))
     np.testing.assert_allclose(r.bias, 2 * bound, rtol=0.1)
     assert (np.abs(r.bias) > r.bias_halfwidth).all()
 
@@ -151,10 +154,10 @@ def test_failures_are_counted_and_left_out(case, covariance):
     bound = np.sqrt(np.diag(covariance))
     outcomes = drawn(case, covariance, 10)
     outcomes[3] = Outcome(problem="too few samples")
-    r = accuracy._statistics(case, "p", "e", bound, outcomes)
+    r = statistics_of(case, "p", "e", bound, outcomes)
     assert (r.trials, r.failed, r.problem) == (10, 1, "too few samples")
     assert np.isfinite(r.rmse).all()
-    none = accuracy._statistics(case, "p", "e", bound, [outcomes[3]])
+    none = statistics_of(case, "p", "e", bound, [outcomes[3]])
     assert none.failed == 1
     assert np.isnan(none.rmse).all()
 
@@ -167,8 +170,8 @@ def test_a_firing_changes_the_momentum_and_not_the_place(scenario, case):
     fired = replace(case, firing=(5.0, added))
     tree = scenario.make_spacecraft().tree
     times = np.linspace(0.0, 10.0, 101)
-    base = accuracy._base_trajectory(fired, tree, times)
-    quiet = accuracy._base_trajectory(case, tree, times)
+    base = base_trajectory(fired, tree, times)
+    quiet = base_trajectory(case, tree, times)
     before = times < 5.0
     np.testing.assert_allclose(base.p_WB[before], quiet.p_WB[before], atol=1e-12)
     jump = np.diff(base.p_WB, axis=0)
@@ -201,4 +204,6 @@ def test_the_truth_is_not_the_nominal_spacecraft_where_that_is_uncertain(scenari
 
 def test_scale_is_mass_half_a_metre_and_trace():
     target = InertialParameters(60.0, [0.5, 0, 0], np.diag([8.0, 11.0, 6.0]))
-    np.testing.assert_allclose(accuracy.parameter_scale(target), [60, *3 * [0.5], *6 * [25.0]])
+    np.testing.assert_allclose(
+        parameter_scale(target.to_vector(), 0.5), [60, *3 * [0.5], *6 * [25.0]]
+    )

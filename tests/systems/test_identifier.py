@@ -8,6 +8,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from cpid_drake import InputError, MomentumIdentifier, identify
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.systems.identifier import DIAGNOSTICS
 
 
@@ -271,12 +272,12 @@ def test_an_unknown_momentum_is_estimated_along(servicer, skewed_target, rows, s
         q=q,
         qdot=qdot,
     )
-    identifier = MomentumIdentifier(servicer, rows=rows, unknown_momentum=True)
+    identifier = MomentumIdentifier(servicer, rows=rows, momentum=TotalMomentum.unknown())
     context = identifier.CreateDefaultContext()
     assert context.get_discrete_state(0).size() == size**2
     for state in servicer.to_states(telemetry):
         take(identifier, context, state)
     found = outputs(identifier, context)["parameters"]
     np.testing.assert_allclose(found, skewed_target.to_vector(), rtol=0, atol=1e-7)
-    batch = identify(servicer, telemetry, rows=rows, unknown_momentum=True)
+    batch = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.unknown())
     np.testing.assert_allclose(found, batch.parameters, rtol=1e-9, atol=1e-10)

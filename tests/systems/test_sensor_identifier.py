@@ -12,7 +12,7 @@ from cpid_drake import (
     SensorIdentifier,
     SensorSuite,
     SpacecraftSensors,
-    identify_from_sensors,
+    identify,
     load_scenario,
     load_sensors,
     make_simulation,
@@ -20,7 +20,7 @@ from cpid_drake import (
 )
 from cpid_drake.estimation.momentum_filter import FILTER_ORDER
 from cpid_drake.estimation.online import in_order
-from cpid_drake.identification.sensor_identification import (
+from cpid_drake.identification.filter_estimator import (
     identification_of_filter,
     online_estimator,
 )
@@ -265,8 +265,11 @@ def test_it_equals_the_estimator_on_the_logged_samples(simulation, finished):
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
     np.testing.assert_allclose(packed(identifier, context), state.filter.pack(), rtol=1e-9)
     assert found.sample_count == sum(len(getattr(measurements, name)) for name in SENSORS)
-    batch = identify_from_sensors(
-        simulation.spacecraft, measurements, simulation.sensors.suite, estimator="momentum_filter"
+    batch = identify(
+        simulation.spacecraft,
+        measurements,
+        sensors=simulation.sensors.suite,
+        estimator="momentum_filter",
     )
     np.testing.assert_allclose(found.parameters, batch.parameters, rtol=1e-9)
 

@@ -4,13 +4,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.sensitivity import BodyUncertainty, MotionSensitivity
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.errors import body_errors, joint_errors
@@ -36,9 +37,7 @@ class TrajectoryModel:
         measurements: from its sensors; samples outside the joint motion are left out, and those of
             sensors that the suite lacks.
         suite: the sensors' errors.
-        unknown_momentum: whether the momentum is an unknown constant instead of known.
-        momentum: (L, v_Wcm), (3,) each, in W: the angular momentum about the system's centre of
-            mass and that centre's velocity; of an unknown momentum, where to start. None for zero.
+        momentum: the total momentum of spacecraft and target; default: zero.
         psi_prior: mean and σ, (10,) each, of the relative unknowns; None for no prior.
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
 
@@ -58,17 +57,14 @@ class TrajectoryModel:
         measurements: Measurements,
         suite: SensorSuite,
         *,
-        unknown_momentum: bool = False,
-        momentum: tuple[ArrayLike, ArrayLike] | None = None,
+        momentum: TotalMomentum | None = None,
         psi_prior: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
         step: float = 0.025,
     ) -> None:
         self.motion, self.joints, self.suite = BaseMotion(tree, joints, step), joints, suite
         self.nodes = self.motion.nodes
         self.measurements = measured_by(suite, measurements).between(self.nodes[0], self.nodes[-1])
-        self.unknown_momentum, self.psi_prior = unknown_momentum, psi_prior
-        L, v_Wcm = (np.zeros(3), np.zeros(3)) if momentum is None else momentum
-        self.momentum = np.array(L, dtype=float), np.array(v_Wcm, dtype=float)
+        self.momentum, self.psi_prior = momentum or TotalMomentum.zero(), psi_prior
         self.sensors = sensor_models(self.measurements.samples, suite, self.motion)
         if self._first(ATTITUDE) is None:
             raise InputError("no attitude samples while the joints are known: none to start from")
@@ -95,7 +91,7 @@ class TrajectoryModel:
         sizes, quantities = {"psi": 10, "attitude": 3}, {SENSORS[n].quantity for n in self.sensors}
         if POSITION in quantities:
             sizes["p_Wcm"] = 3
-        if self.unknown_momentum:
+        if self.momentum.is_unknown:
             sizes["L"] = 3
             if quantities & {POSITION, VELOCITY}:
                 sizes["v_Wcm"] = 3
@@ -113,7 +109,7 @@ class TrajectoryModel:
         first, position = self._first(ATTITUDE), self._first(POSITION)
         assert first is not None
         attitude = Rotation.from_quat(first.value[0], scalar_first=True)
-        L, v_Wcm = self.momentum
+        v_Wcm, L = self.momentum.v_WScm_W, self.momentum.L_WScm_W
         bias = np.zeros((len(self._bias_prior) // 3, 3))
         state = TrajectoryState(psi, attitude, np.zeros(3), v_Wcm, L, bias)
         if position is not None:

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from cpid_drake.errors import InputError
-from cpid_drake.report.findings import ESTIMATOR_LABELS, Findings, Progress, no_progress
+from cpid_drake.identification.estimators import estimator_label
+from cpid_drake.report.findings import Findings, Progress, no_progress
 from cpid_drake.report.page import Report, Section
 from cpid_drake.report.sections.answer import Answer
 from cpid_drake.report.sections.asked import Asked
@@ -56,6 +57,6 @@ def identification_report(
     title = title or f"What {result.spacecraft.capture_frame} holds"
     model = result.spacecraft.model.rsplit("/", 1)[-1]
     known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"
-    how = ESTIMATOR_LABELS.get(result.estimator, result.estimator)
+    how = estimator_label(result.estimator)
     subtitle = f"{known} identified with {model} by {how}"
     return Report(title, subtitle, sections, {"result": findings.text})

@@ -27,7 +27,7 @@ def run_report(folder: Path, progress: Progress) -> tuple[Report, Findings]:
             str(craft.model), craft.base, craft.capture_frame, dict(craft.packages)
         ),
         sensors=str(sensors) if sensors.is_file() else None,
-        unknown_momentum=run.scenario.identification.unknown_momentum,
+        momentum="unknown" if run.scenario.identification.unknown_momentum else "zero",
     )
     findings = replace(
         findings_of(identify_file(request, progress), progress),

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.identification.description import decimals
-from cpid_drake.identification.result_files import IdentificationResult
 from cpid_drake.report.figures import (
     Picture,
     ellipsoid_pictures,
 )
-from cpid_drake.report.findings import Findings, detail_of
+from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Cell, Section, Table
 from cpid_drake.report.sections.cells import PARAMETER_KEYS, value_cell
 
@@ -33,13 +33,12 @@ class Answer(Section):
         if result.feasible is None:
             known = int(np.isfinite(result.parameters).sum())
             return f"The log determines {known} of the ten parameters; the others stay open."
-        problems = detail_of(result, "infeasibilities", list) or []
-        if problems:
+        if result.infeasibilities:
             return (
-                f"No rigid body has the estimate as it is ({'; '.join(map(str, problems))}): use "
-                "the nearest possible values."
+                f"No rigid body has the estimate as it is ({'; '.join(result.infeasibilities)}): "
+                "use the nearest physically consistent values."
             )
-        return "All ten parameters are known, and a rigid body can have them."
+        return "All ten parameters are known, and they are physically consistent."
 
     @property
     def meaning(self) -> str:
@@ -48,7 +47,7 @@ class Answer(Section):
         text = (
             f"m: mass. c: centre of mass, from the origin of {frame}, in its axes. I: inertia "
             "about the centre of mass, in the same axes; Ixy = −∫xy dm. ± is half of the 95 % "
-            "interval. Possible: the nearest values that a rigid body can have."
+            "interval. Consistent: the nearest values that a rigid body can have."
         )
         if self.findings.truth is not None:
             text += " Error: estimate minus truth, and the same in standard deviations."
@@ -58,13 +57,13 @@ class Answer(Section):
     def parameters(self) -> Table:
         """The ten parameters."""
         result, truth = self.findings.result, self.findings.truth
-        heads = ["", "estimate", "± 95 %", "possible", "unit"]
+        heads = ["", "estimate", "± 95 %", "consistent", "unit"]
         heads += [] if truth is None else ["truth", "error", "error / σ"]
         sigma = np.sqrt(np.diag(result.covariance))
-        pairs = _intervals(result)
-        half_widths = 1.96 * sigma if pairs is None else (pairs[:, 1] - pairs[:, 0]) / 2
+        pairs = result.intervals
+        half_widths = quantile_95() * sigma if pairs is None else (pairs[:, 1] - pairs[:, 0]) / 2
         true = np.full(10, np.nan) if truth is None else truth.to_vector()
-        possible = np.full(10, np.nan) if result.feasible is None else result.feasible.to_vector()
+        consistent = np.full(10, np.nan) if result.feasible is None else result.feasible.to_vector()
         rows = []
         for i, (name, key) in enumerate(zip(PARAMETER_NAMES, PARAMETER_KEYS)):
             value, half = result.parameters[i], half_widths[i]
@@ -76,10 +75,10 @@ class Answer(Section):
                 value_cell(value, key, digits, "not known"),
                 Cell(spread)
                 if pairs is None
-                else Cell(spread, result.details["interval_95"][i], f"interval_95.{i}"),
+                else Cell(spread, _plain(pairs[i]), f"interval_95.{i}"),
                 ""
                 if result.feasible is None
-                else value_cell(possible[i], f"feasible.{key}", digits),
+                else value_cell(consistent[i], f"feasible.{key}", digits),
                 PARAMETER_UNITS[i],
             ]
             if truth is not None:
@@ -96,23 +95,19 @@ class Answer(Section):
     def principal(self) -> Table | None:
         """Principal moments and axes."""
         result = self.findings.result
-        moments = detail_of(result, "principal_moments", list)
-        axes = detail_of(result, "principal_axes", list)
-        if not (moments and axes):
+        moments, axes = result.principal_moments, result.principal_axes
+        if moments is None or axes is None:
             return None
-        try:
-            rows = [
-                [
-                    Cell(f"{moments[k]:.6g}", moments[k], f"principal_moments.{k}"),
-                    *(
-                        Cell(f"{axes[i][k]:+.4f}", axes[i][k], f"principal_axes.{i}.{k}")
-                        for i in range(3)
-                    ),
-                ]
-                for k in range(3)
+        rows = [
+            [
+                Cell(f"{moments[k]:.6g}", float(moments[k]), f"principal_moments.{k}"),
+                *(
+                    Cell(f"{axes[i, k]:+.4f}", float(axes[i, k]), f"principal_axes.{i}.{k}")
+                    for i in range(3)
+                ),
             ]
-        except (IndexError, KeyError, TypeError, ValueError):  # not as this program writes it
-            return None
+            for k in range(3)
+        ]
         return Table(["moment [kg·m²]", "axis x", "axis y", "axis z"], rows)
 
     @property
@@ -124,10 +119,6 @@ class Answer(Section):
         return ellipsoid_pictures(feasible, self.findings.truth)
 
 
-def _intervals(result: IdentificationResult) -> NDArray[np.float64] | None:
-    """Return the 95 % intervals (10, 2) as the file has them; None if it has none like that."""
-    try:
-        pairs = np.array(detail_of(result, "interval_95", list), dtype=float)
-    except (TypeError, ValueError):  # a file of another program
-        return None
-    return pairs if pairs.shape == (10, 2) else None
+def _plain(pair: NDArray[np.float64]) -> list[float | None]:
+    """Return an interval as the result file has it."""
+    return [float(end) if np.isfinite(end) else None for end in pair]

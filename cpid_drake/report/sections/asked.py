@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from cpid_drake.report.findings import ESTIMATOR_LABELS, Findings, is_number, source_of
+from cpid_drake.identification.estimators import estimator_label
+from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Cell, Section
 from cpid_drake.report.sections.cells import value_cell
 
@@ -28,24 +29,22 @@ class Asked(Section):
     def facts(self) -> list[tuple[str, str | Cell]]:
         """Names and values."""
         result = self.findings.result
-        source = source_of(result)
+        source = result.source
         craft = result.spacecraft
-        how = ESTIMATOR_LABELS.get(result.estimator, result.estimator)
-        facts: list[tuple[str, str | Cell]] = [
-            ("Telemetry", str(source.get("telemetry", "not said"))),
-        ]
-        if is_number(source.get("from")) and is_number(source.get("to")):
-            facts.append(("Window", f"{source['from']:.6g} to {source['to']:.6g} s"))
+        how = estimator_label(result.estimator)
+        facts: list[tuple[str, str | Cell]] = []
+        if source is not None:
+            facts += [
+                ("Telemetry", source.telemetry),
+                ("Window", f"{source.start:.6g} to {source.end:.6g} s"),
+                ("Sensors", source.sensors or "not given"),
+                ("Total momentum", source.momentum),
+            ]
         facts += [
             ("Spacecraft", craft.model),
             ("Base body", craft.base),
             ("Capture frame", craft.capture_frame),
             ("Estimator", how + (f" ({result.rows})" if result.rows else "")),
-            ("Sensors", str(source.get("sensors") or "not given")),
-            (
-                "Total momentum",
-                "constant, unknown" if source.get("unknown_momentum") else "zero",
-            ),
             ("Samples used", value_cell(result.samples_used, "samples_used")),
             ("Samples left out", value_cell(result.samples_rejected, "samples_rejected")),
         ]

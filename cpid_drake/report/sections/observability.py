@@ -6,14 +6,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-from cpid_drake.identification.description import ADVICE
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, parameter_scale
+from cpid_drake.identification.result import ADVICE
 from cpid_drake.identification.result_files import IdentificationResult
 from cpid_drake.report.figures import (
     Picture,
     singular_value_picture,
 )
-from cpid_drake.report.findings import detail_of, is_number
 from cpid_drake.report.page import Cell, Section, Table
 
 
@@ -30,8 +29,10 @@ class Observability(Section):
         """What is weakly observed."""
         result = self.result
         if result.rank < 10:
-            gap = detail_of(result, "not_observable", str) or "no motion was seen"
-            return [f"Not all ten are known: {gap}.", f"To see the rest: {ADVICE}."]
+            return [
+                f"Not all ten are known: {result.not_observable}.",
+                f"To see the rest: {ADVICE}.",
+            ]
         texts = []
         if np.isfinite(result.condition):
             texts.append(
@@ -50,7 +51,7 @@ class Observability(Section):
             texts.append(
                 f"Known least, for its size, is {which}: σ is "
                 f"{100 * sigma:.2g} % of its scale. Scales: m of the mass, the radius of gyration "
-                "of c, and their product m r² of the inertia."
+                "of c, and the trace of the inertia."
             )
         return texts
 
@@ -58,7 +59,7 @@ class Observability(Section):
     def table(self) -> Table | None:
         """Relative σ of the ten."""
         result = self.result
-        scale = parameter_scale(result.parameters)
+        scale = _scale(result.parameters)
         if scale is None:
             return None
         share = 100 * np.sqrt(np.diag(result.covariance)) / scale
@@ -70,18 +71,16 @@ class Observability(Section):
     @property
     def pictures(self) -> list[Picture]:
         """The singular values, if the result holds them."""
-        values = detail_of(self.result, "singular_values", list) or []
-        if len(values) != 10 or not all(is_number(value) for value in values):
-            return []
-        return [singular_value_picture(np.array(values, dtype=float))]
+        values = self.result.singular_values
+        return [] if values is None or np.isnan(values).any() else [singular_value_picture(values)]
 
 
-def parameter_scale(parameters: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return what each of the ten is compared with: m, the radius of gyration r, and m r²."""
+def _scale(parameters: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return what each of the ten is compared with; None if no body is anywhere near."""
     mass, trace = parameters[0], parameters[4:7].sum()
     if not (0 < mass < np.inf and 0 < trace < np.inf):
         return None
-    return np.array([mass] + 3 * [np.sqrt(trace / 2 / mass)] + 6 * [trace / 2])
+    return parameter_scale(parameters)
 
 
 def weakest_combination(
@@ -91,7 +90,7 @@ def weakest_combination(
 
     None where not all ten are known, or no rigid body is anywhere near.
     """
-    scale = parameter_scale(parameters)
+    scale = _scale(parameters)
     if scale is None:
         return None
     with np.errstate(all="ignore"):  # numbers of any size may be in a file

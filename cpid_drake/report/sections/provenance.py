@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from cpid_drake.report.findings import Findings, source_of
+from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Section
 from cpid_drake.scenario.run_files import versions
 
@@ -19,16 +19,19 @@ class Provenance(Section):
     @property
     def facts(self) -> list[tuple[str, str]]:
         """Names and values."""
-        source = source_of(self.findings.result)
+        source = self.findings.result.source
         used = ", ".join(f"{name} {number}" for name, number in versions().items())
-        return [
-            ("Telemetry", str(source.get("telemetry", "not said"))),
-            ("SHA-256", str(source.get("sha256") or "not said")),
-            ("Identified by", f"cpid-drake {source.get('cpid_drake', 'of unknown version')}"),
-            ("Report made by", used),
-        ]
+        facts = [("Report made by", used)]
+        if source is not None:
+            facts += [
+                ("Telemetry", source.telemetry),
+                ("SHA-256", source.sha256 or "a folder has none"),
+                ("Identified by", f"cpid-drake {source.cpid_drake}"),
+            ]
+        return facts
 
     @property
     def command(self) -> str:
         """The command line."""
-        return str(source_of(self.findings.result).get("command", ""))
+        source = self.findings.result.source
+        return "" if source is None else source.command

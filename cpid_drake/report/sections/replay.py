@@ -7,10 +7,11 @@ from typing import ClassVar
 
 from markupsafe import Markup
 
+from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.identification.identification import row_family
 from cpid_drake.identification.requests import Evidence
-from cpid_drake.identification.telemetry_identification import complete_samples, of_spacecraft
+from cpid_drake.identification.requirements import in_joint_order
+from cpid_drake.identification.row_estimator import complete_samples
 from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Section, embedded_json
 from cpid_drake.report.replay import replay_html
@@ -54,7 +55,7 @@ def motion_of(evidence: Evidence) -> Telemetry:
         InputError: there is too little in the log.
 
     """
-    measurements, _ = screen(of_spacecraft(evidence.measurements, evidence.spacecraft))
+    measurements, _ = screen(in_joint_order(evidence.measurements, evidence.spacecraft))
     if len(measurements.attitude):
         for rows in ("standard", "relative"):
             if rows == "relative" and len(measurements.position):
@@ -62,6 +63,6 @@ def motion_of(evidence: Evidence) -> Telemetry:
             complete = complete_samples(measurements, row_family(rows))
             if complete is not None:
                 return complete
-    suite = evidence.found.suite or estimate_suite(measurements)
+    suite = evidence.found.sensors or estimate_suite(measurements)
     with_position = bool(len(measurements.position))
     return smooth(measurements, suite, with_position=with_position).telemetry

@@ -7,10 +7,10 @@ import numpy as np
 
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.requests import Evidence
+from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import (
     Picture,
     residual_pictures,
-    residual_unit,
 )
 from cpid_drake.report.page import Cell, Section, Table
 
@@ -27,25 +27,24 @@ class Residuals(Section):
     def texts(self) -> list[str]:
         """What is seen."""
         found = self.evidence.found
-        if not found.leftovers:
-            return ["There are none to look at with this estimator, or not all ten are known."]
-        if found.estimator == "trajectory_fit":
+        if not found.residuals:
+            return ["This estimator gives none, or not all ten parameters are known."]
+        if _of_sensors(found):
             text = (
-                "What the fit leaves of each sensor's samples, in units of the noise that was "
-                "assumed; the band is ±2σ."
+                "Measured minus predicted samples of each sensor, in units of the assumed noise; "
+                "the band is ±2σ."
             )
         else:
-            text = "What the estimate leaves of the momentum balance, in the capture frame."
-        whole = found.residuals
+            text = "Residuals of the momentum balance, in the capture frame."
+        whole = found.whiteness
         if whole is None:
-            text += " The samples were smoothed, so neighbours hang together."
+            text += " The samples were smoothed, so neighbours are correlated."
         elif whole.is_white:
-            text += " Neighbours do not hang together: what is left is noise."
+            text += " Neighbours are not correlated: the residuals are noise."
         else:
             text += (
-                f" Neighbours hang together (correlation {whole.lag_one:+.2f}): something beside "
-                "noise is left, such as a model that is not quite right, or of a simulation its "
-                "integration error."
+                f" Neighbours are correlated ({whole.lag_one:+.2f}): the residuals hold more than "
+                "noise, such as an error of the model, or the integration error of a simulation."
             )
         return [text]
 
@@ -53,10 +52,10 @@ class Residuals(Section):
     def table(self) -> Table | None:
         """Size and whiteness, kind by kind."""
         found = self.evidence.found
-        if not found.leftovers:
+        if not found.residuals:
             return None
         rows = []
-        for name, samples in found.leftovers.items():
+        for name, samples in found.residuals.items():
             white = whiteness(samples.value)
             size = np.sqrt(np.mean(samples.value**2, axis=0))
             rows.append(
@@ -64,13 +63,13 @@ class Residuals(Section):
                     name,
                     Cell(str(len(samples))),
                     *(Cell(f"{value:.3g}") for value in size),
-                    residual_unit(found, name),
+                    samples.unit,
                     Cell(f"{white.lag_one:+.3f} ± {white.band:.3f}"),
                     "yes" if white.is_white else "no",
                 ]
             )
         heads = ["", "samples", "rms x", "rms y", "rms z", "unit", "lag-one correlation", "white"]
-        if found.residuals is None:  # smoothed samples are not expected to be white
+        if found.whiteness is None:  # smoothed samples are not expected to be white
             heads, rows = heads[:-1], [row[:-1] for row in rows]
         return Table(heads, rows)
 
@@ -78,3 +77,7 @@ class Residuals(Section):
     def pictures(self) -> list[Picture]:
         """Against time, and autocorrelation."""
         return residual_pictures(self.evidence.found)
+
+
+def _of_sensors(found: Identification) -> bool:
+    return all(series.unit == "σ" for series in found.residuals.values())

@@ -23,11 +23,11 @@ class Sensors(Section):
     def texts(self) -> list[str]:
         """Where the noise is from."""
         found = self.evidence.found
-        if found.suite is None:
+        if found.sensors is None:
             return ["All complete samples weighed alike: no noise was assumed of any sensor."]
-        whose = "given" if self.evidence.suite is not None else "estimated from the log"
+        whose = "given" if self.evidence.sensors is not None else "estimated from the log"
         texts = [f"The sensors' noise was {whose}."]
-        if found.estimator == "trajectory_fit":
+        if any(name in found.residuals for name in SENSORS):
             texts.append("χ² per reading is 1 where samples scatter as much as assumed.")
         return texts
 
@@ -42,10 +42,10 @@ class Sensors(Section):
                 continue
             step = np.median(np.diff(samples.time)) if len(samples) > 1 else np.nan
             sigma = ""
-            if found.suite is not None and name in found.suite.present():
-                values = np.unique(found.suite.sigmas(name))
+            if found.sensors is not None and name in found.sensors.present():
+                values = np.unique(found.sensors.sigmas(name))
                 sigma = ", ".join(f"{value:.2g}" for value in values)
-            left = found.leftovers.get(name)
+            left = found.residuals.get(name)
             rows.append(
                 [
                     SENSORS[name].label,
@@ -57,8 +57,8 @@ class Sensors(Section):
                     Cell("" if left is None else f"{np.mean(left.value**2):.3f}"),
                 ]
             )
-        if found.estimator != "trajectory_fit":
+        if not any(name in found.residuals for name in SENSORS):
             heads, rows = heads[:6], [row[:6] for row in rows]
-        if found.suite is None:
+        if found.sensors is None:
             heads, rows = heads[:4], [row[:4] for row in rows]
         return Table(heads, rows)

@@ -18,21 +18,20 @@ from sensing_cases import (
 
 from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft, identify
 from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.dynamics.parameterizations import parameters_to_standard
+from cpid_drake.dynamics.parameterizations import EQ18, parameters_to_standard
+from cpid_drake.dynamics.rows import EQ18_ROWS
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.likelihood.elimination import marginal
-from cpid_drake.identification.identification import row_family
-from cpid_drake.identification.sensor_identification import (
-    ESTIMATORS,
-    cramer_rao_bound,
-    identify_from_sensors,
-    identify_smoothed,
-)
+from cpid_drake.estimation.momentum_rows import solve_smoothed_rows
+from cpid_drake.identification.estimators import methods
+from cpid_drake.identification.fit_estimator import cramer_rao_bound
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensing.smoothing import smooth
 
 DURATION = 8.0
+ESTIMATORS = methods()
 UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")
 FAST = {"gyro": Gyro(50.0, 0.005, 1.0, 0.1), "encoders": JointSensor(50.0, 1e-5)}
 
@@ -72,7 +71,7 @@ def runs(craft, suite, samples, estimator, true, **options):
     """Return errors (N, 10) and normalized errors squared (N,) of some samples."""
     errors, values = [], []
     for noisy in samples:
-        result = identify_from_sensors(craft, noisy, suite, estimator=estimator, **options)
+        result = identify(craft, noisy, sensors=suite, estimator=estimator, **options)
         error = result.parameters - true
         errors.append(error)
         values.append(error @ np.linalg.solve(result.covariance, error))
@@ -85,7 +84,7 @@ def test_every_estimator_is_near_and_gives_a_rigid_body(
 ):
     """Within 0.2 % of m, 0.5 m and tr I on flight-like sensors; Eq. 18 within 2 %."""
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
-    result = identify_from_sensors(craft, add_noise(suite, at_rest, 1), suite, estimator=estimator)
+    result = identify(craft, add_noise(suite, at_rest, 1), sensors=suite, estimator=estimator)
     assert result.solution.rank == 10
     assert np.isfinite(result.covariance).all()
     assert np.linalg.eigvalsh(result.covariance / np.outer(scale, scale))[0] > 0
@@ -113,10 +112,10 @@ def test_weights_are_right_however_wrong_the_first_estimate_is(craft, at_rest, s
     true = skewed_target.to_vector()
     motion = smooth(add_noise(suite, at_rest, 1), suite)
     unweighted = identify(craft, motion.telemetry, rows="eq18")
-    weighted = identify_smoothed(craft.tree, motion, row_family("eq18"), False)
-    sigma = np.sqrt(np.diag(weighted.covariance))
-    assert np.abs((unweighted.parameters - true) / sigma).max() > 50
-    assert np.abs((weighted.parameters - true) / sigma).max() < 5
+    weighted = solve_smoothed_rows(craft.tree, motion, EQ18_ROWS, TotalMomentum.zero())
+    sigma, theta = np.sqrt(np.diag(weighted.covariance)), EQ18.from_parameters(true)
+    assert np.abs((unweighted.solution.estimate - theta) / sigma).max() > 50
+    assert np.abs((weighted.estimate - theta) / sigma).max() < 5
 
 
 def mirrored(perfect, noisy):
@@ -159,7 +158,7 @@ def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, es
     samples = [add_noise(suite, tumbling, seed) for seed in range(3)]
     known = momentum_about_com(craft, motion, skewed_target, MOMENTUM)
     if estimator == "momentum_filter":
-        with pytest.raises(InputError, match="takes the momentum as zero or as unknown"):
+        with pytest.raises(InputError, match="needs a total momentum that is zero or unknown"):
             runs(craft, suite, samples, estimator, true, momentum=known)
         return
     errors, nees = runs(craft, suite, samples, estimator, true, momentum=known)
@@ -175,27 +174,29 @@ def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, es
 def test_an_unknown_momentum_costs_no_consistency(craft, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
     samples = [add_noise(suite, tumbling, seed) for seed in range(3)]
-    _, nees = runs(craft, suite, samples, estimator, true, unknown_momentum=True)
+    _, nees = runs(craft, suite, samples, estimator, true, momentum=TotalMomentum.unknown())
     assert chi2.ppf(0.0005, 30) < nees.sum() < chi2.ppf(0.9995, 30)
 
 
 @pytest.mark.parametrize("unknown_momentum", [False, True])
 def test_eq18_takes_no_unknown_momentum(craft, at_rest, unknown_momentum):
     suite = coarse_suite(**FAST)
-    options = {"estimator": "eq18", "unknown_momentum": unknown_momentum}
+    options = {"estimator": "eq18", "momentum": TotalMomentum(is_unknown=unknown_momentum)}
     if unknown_momentum:
         with pytest.raises(InputError, match="rows 'eq18' need zero momentum"):
-            identify_from_sensors(craft, at_rest, suite, **options)
+            identify(craft, at_rest, sensors=suite, **options)
     else:
-        assert identify_from_sensors(craft, at_rest, suite, **options).is_observable
+        assert identify(craft, at_rest, sensors=suite, **options).is_observable
 
 
 def test_what_is_not_of_this_spacecraft_is_refused(craft, at_rest):
     suite, samples = coarse_suite(**FAST), at_rest
-    with pytest.raises(InputError, match="no estimator 'best'; choose from eq18, standard"):
-        identify_from_sensors(craft, samples, suite, estimator="best")
-    with pytest.raises(InputError, match="are not of this spacecraft"):
-        identify_from_sensors(craft, replace(samples, joint_names=("a", "b", "c", "d")), suite)
+    with pytest.raises(
+        InputError, match="no estimator 'best'; choose from least_squares, momentum_filter"
+    ):
+        identify(craft, samples, sensors=suite, estimator="best")
+    with pytest.raises(InputError, match="the spacecraft has no joint 'a'"):
+        identify(craft, replace(samples, joint_names=("a", "b", "c", "d")), sensors=suite)
 
 
 @pytest.mark.parametrize("estimator", UNBIASED)
@@ -213,7 +214,7 @@ def test_bad_samples_are_screened_out(craft, at_rest, skewed_target, scale, esti
         gyro=Samples(samples.gyro.time, gyro),
         position=Samples(time, samples.position.value),
     )
-    result = identify_from_sensors(craft, bad, suite, estimator=estimator)
+    result = identify(craft, bad, sensors=suite, estimator=estimator)
     assert np.abs((result.parameters - skewed_target.to_vector()) / scale).max() < 2e-3
 
 
@@ -262,7 +263,7 @@ def test_planar_motion_leaves_the_in_plane_inertia_open(planar, seed):
     suite = coarse_suite(**FAST)
     motion = Sines.drawn(2, seed=111, duration=DURATION, size=0.6)
     perfect = measured(craft, motion, target, suite)
-    result = identify_from_sensors(craft, add_noise(suite, perfect, seed), suite)
+    result = identify(craft, add_noise(suite, perfect, seed), sensors=suite)
     assert result.solution.rank == 7
     open_ = np.isnan(result.parameters)
     np.testing.assert_array_equal(np.flatnonzero(open_), [4, 5, 7])  # Ixx, Iyy, Ixy
@@ -285,7 +286,7 @@ def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
     q = np.array([0.2, 0.1, -0.3, 0.4])
     suite = coarse_suite(**FAST)
     perfect = measured(craft, HalfCosine(q, q, 4.0), skewed_target, suite)
-    result = identify_from_sensors(craft, add_noise(suite, perfect, 1), suite, estimator=estimator)
+    result = identify(craft, add_noise(suite, perfect, 1), sensors=suite, estimator=estimator)
     assert result.solution.rank < 4
     assert not result.is_observable
     assert np.isnan(result.parameters).any()
@@ -302,7 +303,7 @@ def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
     beyond = 0
     for seed in range(3):
         samples = add_noise(suite, perfect, seed)
-        result = identify_from_sensors(craft, samples, suite, estimator=estimator)
+        result = identify(craft, samples, sensors=suite, estimator=estimator)
         beyond += not result.raw().is_feasible()
         assert result.feasible().is_feasible()
         assert result.spatial_inertia().IsPhysicallyValid()
@@ -361,16 +362,15 @@ def test_the_bound_agrees_with_an_independent_one(craft, motion, skewed_target, 
     suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0), encoders=JointSensor(50.0, 0.0))
     samples = measured(craft, motion, skewed_target, suite, momentum_W)
     psi = true_psi(craft, skewed_target)
-    momentum = momentum_W is not None and momentum_about_com(
-        craft, motion, skewed_target, momentum_W
-    )
+    total = TotalMomentum.zero()
+    if momentum_W is not None:
+        total = TotalMomentum.unknown(momentum_about_com(craft, motion, skewed_target, momentum_W))
     bound = cramer_rao_bound(
         craft.tree,
         psi,
         samples,
         suite,
-        momentum=momentum or None,
-        unknown_momentum=momentum_W is not None,
+        momentum=total,
     )
     times = [samples.attitude.time, samples.gyro.time, samples.position.time]
     expected = numerical_bound(craft, motion, skewed_target, suite, times, momentum_W)
@@ -404,4 +404,4 @@ def test_more_and_better_sensors_and_longer_data_tighten_the_bound(craft, motion
     assert_tighter(bound(replace(rich, attitude=AttitudeSensor(5.0, 1.0, 8.0))), reference)
     assert_tighter(bound(replace(rich, encoders=JointSensor(20.0, 1e-7))), reference)
     assert_tighter(reference, bound(rich, samples.between(0.0, 5.0)))
-    assert_tighter(reference, bound(rich, unknown_momentum=True))
+    assert_tighter(reference, bound(rich, momentum=TotalMomentum.unknown()))

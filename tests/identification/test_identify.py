@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_telemetry
 
-from cpid_drake import InputError, identify_log
+from cpid_drake import InputError, identify
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.description import intervals
-from cpid_drake.identification.telemetry_identification import MOST_SAMPLES, of_spacecraft
+from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.identification.requirements import in_joint_order
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.noise_estimation import estimate_suite, noise_level
@@ -62,15 +63,15 @@ def changed(log: Measurements, **functions) -> Measurements:
 
 def error_over_scale(found, target) -> float:
     scale = np.array([target.mass, *3 * [0.5], *6 * [np.trace(target.I_TTcm_C)]])
-    return np.abs((found.identification.parameters - target.to_vector()) / scale).max()
+    return np.abs((found.parameters - target.to_vector()) / scale).max()
 
 
 class TestExactLogs:
     @pytest.mark.parametrize("rows", ["standard", "relative", "eq18"])
     def test_every_row_family_finds_the_target(self, craft, exact, skewed_target, rows):
-        found = identify_log(craft, exact, rows=rows)
+        found = identify(craft, exact, rows=rows)
         assert found.rows == rows
-        assert found.suite is None
+        assert found.sensors is None
         assert found.warnings == ()
         assert error_over_scale(found, skewed_target) < 1e-9
 
@@ -82,31 +83,31 @@ class TestExactLogs:
             "joint_rates": lambda q: q[:, order],
         }
         shuffled = replace(changed(exact, **by_order), joint_names=names)
-        expected = identify_log(craft, exact).identification.parameters
-        found = identify_log(craft, shuffled).identification.parameters
+        expected = identify(craft, exact).parameters
+        found = identify(craft, shuffled).parameters
         np.testing.assert_array_equal(found, expected)
 
     def test_gyro_and_joints_alone_suffice_for_relative_rows(self, craft, exact, skewed_target):
         bare = without(exact, "attitude", "position", "velocity")
-        found = identify_log(craft, bare)
+        found = identify(craft, bare)
         assert found.rows == "relative"
         assert error_over_scale(found, skewed_target) < 1e-9
 
     def test_samples_that_lack_something_are_not_used(self, craft, exact, skewed_target):
         log = replace(exact, velocity=exact.velocity.where(slice(None, None, 2)))
-        found = identify_log(craft, log)
-        assert found.identification.sample_count == len(log.velocity)
+        found = identify(craft, log)
+        assert found.sample_count == len(log.velocity)
         assert error_over_scale(found, skewed_target) < 1e-9
 
     def test_slow_positions_cost_relative_rows_no_samples(self, craft, exact):
         log = replace(exact, position=exact.position.where(slice(None, None, 10)))
-        found = identify_log(craft, log, rows="relative")
-        assert found.identification.sample_count == len(exact.gyro)
+        found = identify(craft, log, rows="relative")
+        assert found.sample_count == len(exact.gyro)
 
     @pytest.mark.parametrize("rows", ["standard", "relative"])
     def test_rates_that_are_not_logged_come_from_positions(self, craft, exact, skewed_target, rows):
         log = without(exact, "gyro", "velocity", "joint_rates")
-        found = identify_log(craft, log, rows=rows)
+        found = identify(craft, log, rows=rows)
         assert "estimated from the log" in found.warnings[0]
         assert error_over_scale(found, skewed_target) < 1e-5
 
@@ -116,7 +117,7 @@ class TestExactLogs:
         suite = coarse_suite(velocity=VectorSensor(11.0, 1e-4), joint_rates=JointSensor(17.0, 1e-5))
         suite.position.rate, suite.attitude.rate, suite.gyro.rate = 9.0, 8.0, 23.0
         log = measured(craft, motion, skewed_target, suite)
-        assert error_over_scale(identify_log(craft, log), skewed_target) < 1e-3
+        assert error_over_scale(identify(craft, log), skewed_target) < 1e-3
 
     def test_momentum_that_is_not_zero_is_seen_and_can_be_estimated(
         self, craft, motion, skewed_target
@@ -125,18 +126,18 @@ class TestExactLogs:
         log = log_of(
             true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times, MOMENTUM)
         )
-        assumed_zero = identify_log(craft, log)
-        assert "--unknown-momentum" in assumed_zero.warnings[0]
+        assumed_zero = identify(craft, log)
+        assert "--momentum unknown" in assumed_zero.warnings[0]
         assert error_over_scale(assumed_zero, skewed_target) > 1e-2
-        estimated = identify_log(craft, log, unknown_momentum=True)
+        estimated = identify(craft, log, momentum=TotalMomentum.unknown())
         assert estimated.warnings == ()
         assert error_over_scale(estimated, skewed_target) < 1e-9
 
     def test_one_sample_leaves_four_open(self, craft, true_motion, skewed_target):
         still = true_motion.select(slice(0, 1))
-        found = identify_log(craft, log_of(still))
-        assert not found.identification.is_observable
-        assert found.identification.solution.rank == 6
+        found = identify(craft, log_of(still))
+        assert not found.is_observable
+        assert found.solution.rank == 6
 
 
 class TestNoisyLogs:
@@ -145,11 +146,10 @@ class TestNoisyLogs:
         suite = coarse_suite()
         suite.gyro.rate = suite.encoders.rate = 50.0
         log = add_noise(suite, measured(craft, motion, skewed_target, suite), seed=3)
-        found = identify_log(craft, log, estimator=estimator)
+        found = identify(craft, log, estimator=estimator)
         assert "estimated from the log" in found.warnings[0]
-        identification = found.identification
-        error = identification.parameters - skewed_target.to_vector()
-        distance = error @ np.linalg.solve(identification.covariance, error)
+        error = found.parameters - skewed_target.to_vector()
+        distance = error @ np.linalg.solve(found.covariance, error)
         assert distance < 30  # χ² of ten, 0.1 %
 
     @pytest.mark.parametrize("memory", [0.0, 0.9])
@@ -167,8 +167,8 @@ class TestNoisyLogs:
             noisy = true_motion.with_base_twist(
                 true_motion.w_WB + noise[:, :3], true_motion.v_WB + noise[:, 3:]
             )
-            found = identify_log(craft, log_of(noisy), rows="standard")
-            low, high = intervals(found).T
+            found = identify(craft, log_of(noisy), rows="standard")
+            low, high = found.intervals.T
             inside += int(np.sum((low < truth) & (truth < high)))
         assert 0.85 < inside / (10 * trials) <= 1.0
 
@@ -241,7 +241,7 @@ def turned(craft, motion, skewed_target):
 
 class TestContradictions:
     def test_turning_the_world_changes_nothing(self, craft, turned, skewed_target):
-        found = identify_log(craft, turned)
+        found = identify(craft, turned)
         assert found.warnings == ()
         assert error_over_scale(found, skewed_target) < 1e-9
 
@@ -249,7 +249,7 @@ class TestContradictions:
     def test_mixed_units_and_conventions_are_named(self, craft, turned, case):
         functions, phrase = WRONG[case]
         with pytest.raises(InputError) as caught:
-            identify_log(craft, changed(turned, **functions))
+            identify(craft, changed(turned, **functions))
         assert phrase in str(caught.value)
 
     @pytest.mark.parametrize("read_as_world", [False, True])
@@ -257,13 +257,13 @@ class TestContradictions:
         R_WB = Rotation.from_quat(turned.attitude.value, scalar_first=True)
         wrong = R_WB.inv() if read_as_world else R_WB
         with pytest.raises(InputError, match="in the body" if read_as_world else "in the world"):
-            identify_log(craft, changed(turned, gyro=wrong.apply))
+            identify(craft, changed(turned, gyro=wrong.apply))
 
     def test_joints_all_in_degrees_are_beyond_their_limits(self, craft, exact):
         # The small craft's joints reach 9 rad; its positions here are degrees of 0.5 to 1.5 rad.
         both = changed(exact, encoders=np.degrees, joint_rates=np.degrees)
         with pytest.raises(InputError, match="beyond its limits -9 to 9 rad: is it in degrees"):
-            identify_log(craft, both)
+            identify(craft, both)
 
 
 class TestRotors:
@@ -285,7 +285,7 @@ class TestRotors:
 
     def test_a_wheel_whose_angle_is_not_logged_is_no_obstacle(self, skewed_target):
         assert self.craft.tree.is_rotor(self.craft.joint_names.index("spin_x"))
-        found = identify_log(self.craft, self.without_position("spin_x"))
+        found = identify(self.craft, self.without_position("spin_x"))
         assert error_over_scale(found, skewed_target) < 1e-9
 
     @pytest.mark.parametrize(
@@ -307,8 +307,10 @@ class TestRotors:
 
     @pytest.mark.parametrize("joint", ["elbow", "roll", "slide"])
     def test_other_joints_must_be_logged(self, joint):
-        with pytest.raises(InputError, match=f"no column 'q:{joint}'; only of a rotor"):
-            identify_log(self.craft, self.without_position(joint))
+        with pytest.raises(
+            InputError, match=f"no column 'q:{joint}'; positions are optional for rotors only"
+        ):
+            identify(self.craft, self.without_position(joint))
 
 
 class TestWhatIsMissing:
@@ -318,7 +320,7 @@ class TestWhatIsMissing:
             (
                 ["position", "velocity"],
                 {"rows": "standard"},
-                r"needs velocity \(vx,vy,vz\) or position \(x,y,z\), .* what would do: "
+                r"needs velocity \(vx,vy,vz\) or position \(x,y,z\), .* can use the log: "
                 r"least_squares with relative rows, momentum_filter, trajectory_fit",
             ),
             (
@@ -329,8 +331,8 @@ class TestWhatIsMissing:
             (["encoders"], {"estimator": "trajectory_fit"}, r"needs joint positions"),
             (
                 ["position"],
-                {"rows": "standard", "unknown_momentum": True},
-                r"needs position .* what would do: least_squares with relative rows",
+                {"rows": "standard", "momentum": TotalMomentum.unknown()},
+                r"needs position .* can use the log: least_squares with relative rows",
             ),
         ],
     )
@@ -338,31 +340,31 @@ class TestWhatIsMissing:
         self, craft, exact, gone, options, phrase
     ):
         with pytest.raises(InputError, match=phrase):
-            identify_log(craft, without(exact, *gone), **options)
+            identify(craft, without(exact, *gone), **options)
 
     def test_other_joints_are_named(self, craft, exact):
         names = ("shoulder", "slide", "elbow", "rol")
         with pytest.raises(InputError, match=r"no column 'q:roll', and .* no joint 'rol';"):
-            of_spacecraft(replace(exact, joint_names=names), craft)
+            in_joint_order(replace(exact, joint_names=names), craft)
 
     @pytest.mark.parametrize(
         ("options", "phrase"),
         [
             ({"estimator": "magic"}, "no estimator 'magic'; choose from least_squares"),
             ({"rows": "magic"}, "no row family 'magic'"),
-            ({"rows": "eq18", "unknown_momentum": True}, "need zero momentum"),
+            ({"rows": "eq18", "momentum": TotalMomentum.unknown()}, "need zero momentum"),
             ({"estimator": "trajectory_fit", "rows": "eq18"}, "rows are for least_squares"),
         ],
     )
     def test_options_that_cannot_be(self, craft, exact, options, phrase):
         with pytest.raises(InputError, match=phrase):
-            identify_log(craft, exact, **options)
+            identify(craft, exact, **options)
 
     def test_logs_too_long_to_smooth_are_refused_before_the_work(self, craft, exact):
-        most = MOST_SAMPLES["trajectory_fit"]
+        most = ESTIMATORS["trajectory_fit"].most_samples
         times = np.arange(most + 1) * 0.01
         again = np.resize(np.arange(len(exact.gyro)), most + 1)
         log = replace(without(exact, *SENSORS), attitude=exact.attitude)
         log = replace(log, encoders=Samples(times, exact.encoders.value[again]))
         with pytest.raises(InputError, match=f"{most + 1} samples of encoders are too many"):
-            identify_log(craft, log, estimator="trajectory_fit")
+            identify(craft, log, estimator="trajectory_fit")

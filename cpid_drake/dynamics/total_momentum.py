@@ -1,0 +1,98 @@
+"""The total momentum of spacecraft and target: zero, an unknown constant, or known."""
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.errors import InputError
+
+MOMENTUM_NAMES = ("zero", "unknown")
+"""The momenta that the command line and result files can name."""
+
+
+@dataclass(frozen=True, eq=False)
+class TotalMomentum:
+    """The constant momentum of spacecraft and target, about the system's centre of mass Scm.
+
+    Make one by `zero()`, `unknown()`, `known(...)` or `known_about_origin(...)`. About Scm, the
+    conservation of angular momentum is independent of the base's position and velocity.
+
+    Attributes:
+        L_WScm_W: (3,) angular momentum about Scm, in W [N·m·s]; the initial value if it is unknown.
+        v_WScm_W: (3,) velocity of Scm, in W [m/s]; the initial value if it is unknown.
+        is_unknown: whether an estimator has to estimate the momentum.
+
+    Raises:
+        InputError: a vector that is not of three finite numbers.
+
+    """
+
+    L_WScm_W: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    v_WScm_W: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    is_unknown: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("L_WScm_W", "v_WScm_W"):
+            vector = np.array(getattr(self, name), dtype=float)
+            if vector.shape != (3,) or not np.isfinite(vector).all():
+                raise InputError(f"total momentum: {name} must be 3 finite numbers, not {vector}")
+            vector.flags.writeable = False
+            object.__setattr__(self, name, vector)
+
+    @classmethod
+    def zero(cls) -> Self:
+        """Return a momentum of zero."""
+        return cls()
+
+    @classmethod
+    def unknown(cls, initial: "TotalMomentum | None" = None) -> Self:
+        """Return an unknown momentum, which estimators start at `initial` (default: zero)."""
+        start = initial or cls()
+        return cls(start.L_WScm_W, start.v_WScm_W, is_unknown=True)
+
+    @classmethod
+    def known(cls, L_WScm_W: ArrayLike, v_WScm_W: ArrayLike) -> Self:
+        """Return a known momentum about the system's centre of mass, (3,) each, in W."""
+        return cls(np.asarray(L_WScm_W), np.asarray(v_WScm_W))
+
+    @classmethod
+    def known_about_origin(cls, momentum_W: ArrayLike, p_WScm: ArrayLike, mass: float) -> Self:
+        """Return a known momentum from its value about W's origin: L_Scm = L_Wo − p × P, v = P/m.
+
+        Args:
+            momentum_W: (6,) total momentum [L; P] about W's origin, in W [N·m·s, N·s].
+            p_WScm: (3,) position of the system's centre of mass at the same instant, in W [m].
+            mass: total mass of spacecraft and target [kg].
+
+        """
+        L_W, P_W = np.split(np.asarray(momentum_W, dtype=float), 2)
+        return cls.known(L_W - np.cross(np.asarray(p_WScm), P_W), P_W / mass)
+
+    @classmethod
+    def named(cls, name: str) -> Self:
+        """Return the momentum of this name, one of `MOMENTUM_NAMES`.
+
+        Raises:
+            InputError: there is no such momentum.
+
+        """
+        if name not in MOMENTUM_NAMES:
+            raise InputError(f"no momentum '{name}'; choose from {', '.join(MOMENTUM_NAMES)}")
+        return cls.unknown() if name == "unknown" else cls.zero()
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the momentum is known to be zero."""
+        return not (self.is_unknown or self.L_WScm_W.any() or self.v_WScm_W.any())
+
+    @property
+    def name(self) -> str:
+        """One word: zero, unknown or known."""
+        return "unknown" if self.is_unknown else "zero" if self.is_zero else "known"
+
+    def about_origin(self, p_WScm: ArrayLike, mass: float) -> NDArray[np.float64]:
+        """Return (6,) [L; P] about W's origin, in W; the inverse of `known_about_origin`."""
+        P_W = mass * self.v_WScm_W
+        return np.concatenate([self.L_WScm_W + np.cross(np.asarray(p_WScm), P_W), P_W])

@@ -1,0 +1,16 @@
+"""The one place that says how wide a 95 % interval is."""
+
+from scipy.special import ndtri, stdtrit
+
+
+def quantile_95(degrees_of_freedom: int | None = None) -> float:
+    """Return half the width of a two-sided 95 % interval, in standard deviations.
+
+    Args:
+        degrees_of_freedom: those of the residuals that the standard deviation was estimated from
+            (Student's t distribution); None or 0 where it is known (normal distribution).
+
+    """
+    if degrees_of_freedom is not None and degrees_of_freedom > 0:
+        return float(stdtrit(degrees_of_freedom, 0.975))
+    return float(ndtri(0.975))

@@ -1,0 +1,77 @@
+"""The registry of estimators. The command line, reports and studies read it.
+
+To add an estimator, write a function from a `problem.Problem` to a `result.Identification`, and put
+its record here.
+"""
+
+from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily, row_family
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.errors import InputError
+from cpid_drake.identification.filter_estimator import MOMENTUM_FILTER
+from cpid_drake.identification.fit_estimator import TRAJECTORY_FIT
+from cpid_drake.identification.problem import Estimator
+from cpid_drake.identification.row_estimator import LEAST_SQUARES
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.suite import SensorSuite
+
+ESTIMATORS: dict[str, Estimator] = {
+    record.name: record for record in (LEAST_SQUARES, MOMENTUM_FILTER, TRAJECTORY_FIT)
+}
+"""The estimators by name."""
+
+
+def online_estimators() -> tuple[str, ...]:
+    """Return the names of the estimators that a Drake system runs in a Diagram."""
+    return tuple(name for name, record in ESTIMATORS.items() if record.runs_online)
+
+
+def estimator_label(name: str) -> str:
+    """Return what reports call an estimator; its name if a file names an unknown one."""
+    return ESTIMATORS[name].label if name in ESTIMATORS else name
+
+
+def methods() -> tuple[str, ...]:
+    """Return all that `choose_method` accepts: row families, then estimators without rows."""
+    others = tuple(name for name, record in ESTIMATORS.items() if record.default_rows is None)
+    return (*ROW_FAMILIES, *others)
+
+
+def choose_method(
+    estimator: str | None,
+    rows: str | None,
+    measurements: Measurements,
+    sensors: SensorSuite | None,
+    momentum: TotalMomentum,
+) -> tuple[Estimator, RowFamily | None]:
+    """Return the record of an estimator and its row family.
+
+    Args:
+        estimator: name of an estimator, or of a row family (least squares on these rows); None for
+            the estimator that is best for these data.
+        rows: name of a row family; None for the estimator's default.
+        measurements: the data.
+        sensors: how good the sensors are, if somebody said.
+        momentum: the total momentum.
+
+    Raises:
+        InputError: no such estimator or rows, or an estimator that has no rows or cannot handle
+            this momentum.
+
+    """
+    if estimator is None:
+        best = [name for name, record in ESTIMATORS.items() if record.prefers_sensors]
+        estimator = best[0] if sensors is not None and rows is None else LEAST_SQUARES.name
+    if estimator in ROW_FAMILIES and rows in (None, estimator):
+        estimator, rows = LEAST_SQUARES.name, estimator
+    if estimator not in ESTIMATORS:
+        choices = ", ".join((*ESTIMATORS, *ROW_FAMILIES))
+        raise InputError(f"no estimator '{estimator}'; choose from {choices}")
+    record = ESTIMATORS[estimator]
+    if momentum.name not in record.momenta:
+        allowed = " or ".join(record.momenta)
+        raise InputError(f"{record.name} needs a total momentum that is {allowed}")
+    if record.default_rows is None:
+        if rows is not None:
+            raise InputError(f"rows are for least_squares; {estimator} has none: leave rows out")
+        return record, None
+    return record, row_family(rows or record.default_rows(measurements), momentum.is_unknown)

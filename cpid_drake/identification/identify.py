@@ -1,0 +1,92 @@
+"""`identify`: from data and a known spacecraft to a result, whatever the data and the estimator."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cpid_drake.dynamics.sensitivity import BodyUncertainty
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.errors import InputError
+from cpid_drake.identification.estimators import choose_method
+from cpid_drake.identification.problem import Problem, refuse_long
+from cpid_drake.identification.requirements import (
+    check_log,
+    in_joint_order,
+    measurements_of_states,
+    require_sensors,
+)
+from cpid_drake.identification.result import Identification
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+
+def identify(
+    spacecraft: Spacecraft,
+    data: Telemetry | Measurements,
+    *,
+    estimator: str | None = None,
+    rows: str | None = None,
+    sensors: SensorSuite | None = None,
+    momentum: TotalMomentum | None = None,
+    known_bodies: BodyUncertainty | None = None,
+    robust: bool = False,
+) -> Identification:
+    """Identify the target held by a spacecraft.
+
+    Args:
+        spacecraft: the known spacecraft.
+        data: exact states at common times, or samples of sensors, each at its own times, as from
+            `read_telemetry`. The joints of measurements may be in any order. Exact states may be of
+            unconnected instants; measurements must be of one motion.
+        estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
+            row family, which means least squares on these rows. Default: the trajectory fit if
+            sensors are given and no rows, else least squares.
+        rows: row family of least squares (`cpid_drake.dynamics.rows.ROW_FAMILIES`); default:
+            "standard", or "relative" for data without position and velocity.
+        sensors: how good the sensors are. Default: all complete samples weigh alike, and an
+            estimator that needs the noise estimates it from the data.
+        momentum: the total momentum of spacecraft and target; default: zero.
+        known_bodies: uncertainty of the spacecraft's own bodies, whose effect the trajectory fit
+            and the momentum filter add to their covariance; default: none.
+        robust: Huber loss instead of squares in the trajectory fit.
+
+    Raises:
+        InputError: no such estimator or rows; rows or an estimator that cannot handle this
+            momentum; joints that are not the spacecraft's; a sensor is missing that the estimator
+            needs (the message says which estimators could use the data); positions and rates that
+            contradict each other by a factor or a convention; too few or too many samples.
+
+    """
+    momentum = momentum or TotalMomentum.zero()
+    states, warnings, rejected = None, [], {}
+    if isinstance(data, Telemetry):
+        if data.joint_names != spacecraft.joint_names:
+            raise InputError(
+                f"telemetry of joints {', '.join(data.joint_names)} is not of this spacecraft, "
+                f"whose joints are {', '.join(spacecraft.joint_names)}"
+            )
+        states, measurements = data, measurements_of_states(data)
+    else:
+        measurements, counts = screen(in_joint_order(data, spacecraft))
+        rejected = {name: count for name, count in counts.items() if count}
+        warnings = check_log(spacecraft, measurements)
+    record, family = choose_method(estimator, rows, measurements, sensors, momentum)
+    require_sensors(measurements, record, family, momentum)
+    if record.most_samples is not None:
+        refuse_long(measurements, record.most_samples, f"the {record.label}")
+    problem = Problem(
+        spacecraft, measurements, states, sensors, momentum, family, known_bodies, robust
+    )
+    try:
+        found = record.estimate(problem)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{record.name} cannot calculate with these samples: they contradict each other, or "
+            "are too large or too small; plot them, and compare units"
+        ) from error
+    for name, count in found.rejected.items():
+        rejected[name] = rejected.get(name, 0) + count
+    return replace(found, rejected=rejected, warnings=(*warnings, *found.warnings))

@@ -1,0 +1,165 @@
+"""The result of an identification: one type for every estimator, offline and online."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.tree import SpatialInertia
+
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import Parameterization
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.observability import describe_unobservable
+from cpid_drake.estimation.whiteness import Whiteness
+from cpid_drake.sensing.suite import SensorSuite
+
+ADVICE = (
+    "turn the target about three axes (joints with different axes moving at different "
+    "times), with larger angles and rates, or log longer"
+)
+"""What to do when the motion leaves parameters open."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualSeries:
+    """Residuals of one sensor or of one kind of rows.
+
+    Attributes:
+        time: (N,) [s].
+        value: (N, channels) measured minus predicted.
+        unit: of `value`; "σ" where residuals are divided by the sensor's noise.
+
+    """
+
+    time: NDArray[np.float64]
+    value: NDArray[np.float64]
+    unit: str
+
+    def __len__(self) -> int:
+        return self.time.size
+
+
+@dataclass(frozen=True)
+class MomentumChanges:
+    """How often an online estimator found that the momentum had changed, and when last [s]."""
+
+    count: int
+    last_time: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The estimate of a target, and what the samples say about its quality.
+
+    Attributes:
+        parameterization: what the estimator's ten unknowns are.
+        solution: their estimate, covariance and rank.
+        sample_count: number of samples used.
+        estimator: name of the estimator in `estimators.ESTIMATORS`.
+        rows: name of the row family; None for estimators without rows.
+        sensors: the sensors that were assumed; None where all samples weighed alike.
+        converged: whether an iterative estimator reached its solution.
+        whiteness: of the residuals (of several sensors: of the least white one); None where there
+            are no residuals to test.
+        residuals: by sensor, or "linear" and "angular" for rows.
+        rejected: number of samples that could not be used, by sensor; no entry for none.
+        momentum_changes: changes of the momentum that an online estimator found; None for
+            estimators that do not look for any.
+        warnings: sentences for the reader.
+
+    """
+
+    parameterization: Parameterization
+    solution: LeastSquaresSolution
+    sample_count: int
+    estimator: str
+    rows: str | None = None
+    sensors: SensorSuite | None = None
+    converged: bool = True
+    whiteness: Whiteness | None = None
+    residuals: Mapping[str, ResidualSeries] = field(default_factory=dict)
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    momentum_changes: MomentumChanges | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def is_observable(self) -> bool:
+        """Whether the samples determine all ten parameters."""
+        return self.solution.is_observable
+
+    @property
+    def parameters(self) -> NDArray[np.float64]:
+        """(10,) m [kg], c [m], Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg·m²]; NaN where not observable."""
+        return self.parameterization.to_parameters(self.solution.estimate)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(10, 10) covariance of `parameters`, to first order; NaN where not observable.
+
+        With unweighted rows of Eq. 18, which are in m/s and N·m·s, the covariance is rough: the
+        standard deviation of the mass can be 25 times too large. Standard rows are good to 1.5.
+        """
+        # A parameter that is known depends on known unknowns only.
+        known = np.isfinite(self.solution.estimate)
+        jacobian = self.parameterization.jacobian(self.solution.estimate)[:, known]
+        is_open = ~np.isfinite(self.parameters)
+        jacobian[is_open] = 0.0
+        covariance = jacobian @ self.solution.covariance[np.ix_(known, known)] @ jacobian.T
+        covariance[is_open, :] = covariance[:, is_open] = np.nan
+        return covariance
+
+    @property
+    def intervals(self) -> NDArray[np.float64]:
+        """(10, 2) two-sided 95 % intervals of `parameters`; NaN where not observable.
+
+        Student's t distribution where the residuals told the noise, else the normal distribution.
+        """
+        freedom = self.solution.row_count - self.solution.rank if self.sensors is None else None
+        half = quantile_95(freedom) * np.sqrt(np.diag(self.covariance))
+        return self.parameters[:, None] + half[:, None] * np.array([-1.0, 1.0])
+
+    def raw(self) -> InertialParameters:
+        """Return the estimate as it is, which may be physically inconsistent.
+
+        Raises:
+            InputError: the samples do not determine all ten parameters.
+
+        """
+        if not self.is_observable:
+            raise InputError(self.explain())
+        return InertialParameters.from_vector(self.parameters)
+
+    def feasible(self) -> InertialParameters:
+        """Return the physically consistent parameters nearest to the estimate, in its own metric.
+
+        Raises:
+            InputError: the samples do not determine all ten parameters.
+
+        """
+        raw = self.raw()
+        inverse = np.linalg.inv(self.parameterization.jacobian(self.solution.estimate))
+        return raw.nearest_feasible(inverse.T @ self.solution.information @ inverse)
+
+    def spatial_inertia(self) -> SpatialInertia:
+        """Return the feasible estimate about C's origin, in C; all NaN until observable."""
+        if not self.is_observable:
+            return SpatialInertia.NaN()
+        return self.feasible().to_spatial_inertia()
+
+    def explain(self) -> str:
+        """Say in words what the samples determine."""
+        known = f"{self.sample_count} samples determine {self.solution.rank} of 10"
+        if self.is_observable:
+            return f"{known} parameters (condition {self.solution.condition_number:.3g})"
+        gap = self.describe_gap()
+        return f"{known}: {gap}; turn the target about further axes, or wait for more samples"
+
+    def describe_gap(self) -> str:
+        """Say in words what the samples leave open; empty if nothing."""
+        if self.is_observable:
+            return ""
+        entries = self.parameterization.entries
+        return describe_unobservable(self.solution.unobservable, entries) or "no motion was seen"

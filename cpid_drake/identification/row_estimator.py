@@ -1,0 +1,208 @@
+"""Least squares on momentum rows as an estimator: of complete samples, or of smoothed ones."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.dynamics.rows import RowFamily
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.momentum_rows import (
+    accumulate_rows,
+    momentum_columns,
+    row_residuals,
+    solve_smoothed_rows,
+)
+from cpid_drake.estimation.square_root import solve_root
+from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.problem import Estimator, Problem, refuse_long
+from cpid_drake.identification.result import Identification, ResidualSeries
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.smoothing import smooth
+
+MOST_SMOOTHED = 20_000
+"""Largest number of samples of one sensor that are smoothed; a minute of motion is enough."""
+
+_MOST_RESIDUALS = 20_000
+_FEW_ROWS = 20  # residuals of fewer rows say nothing about their correlation
+_SMALLEST_MOMENTUM = 1e-5  # share of the rows' size; below it the cause is integration error
+_SIGNIFICANCE = 50.0  # ratio of variances from which on a momentum is certain
+
+MOMENTUM_FOUND = (
+    "the samples contradict a total momentum of zero, and the estimate is biased by it: identify "
+    "with --momentum unknown"
+)
+"""The warning where the rows fit very much better with a momentum that is not zero."""
+
+
+def estimate_by_rows(problem: Problem) -> Identification:
+    """Solve the problem's row family by least squares.
+
+    Complete samples are used as they are, with equal weights. If sensors are given, or samples of
+    different sensors have different times, the samples are smoothed and weighted.
+
+    Raises:
+        InputError: too few or too many samples, or no attitude and position to smooth.
+
+    """
+    assert problem.family is not None
+    telemetry = None if problem.sensors is not None else problem.states
+    if telemetry is None and problem.sensors is None:
+        telemetry = complete_samples(problem.measurements, problem.family)
+    return _of_smoothed(problem) if telemetry is None else _of_complete(problem, telemetry)
+
+
+def needs_of_rows(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
+    """Return the sensors that rows need; of each entry at least one."""
+    assert family is not None
+    if not family.uses_base_position:
+        # Angular momentum that is zero is zero in any frame, so B's own attitude is enough.
+        attitude = ("attitude",) if not momentum.is_zero else ("attitude", "gyro")
+        return (("encoders",), attitude)
+    place = ("position",) if not momentum.is_zero else ("velocity", "position")
+    return (("encoders",), ("attitude",), place)
+
+
+def best_rows(measurements: Measurements) -> str:
+    """Return "standard", or "relative" for measurements without position and velocity."""
+    placed = len(measurements.position) or len(measurements.velocity)
+    return "standard" if placed else "relative"
+
+
+def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:
+    """Return the samples at which every quantity of the rows was sampled; None if too few.
+
+    Too few are less than half as many as the rarest sensor has. Position, velocity and attitude
+    that were not logged are zero; `needs_of_rows` says where that makes no difference.
+    """
+    needed = ["gyro", "encoders", "joint_rates"]
+    if len(measurements.attitude):
+        needed.append("attitude")
+    if family.uses_base_position:
+        needed += ["velocity", "position"] if len(measurements.position) else ["velocity"]
+    samples = {name: getattr(measurements, name) for name in needed}
+    rarest = min(samples.values(), key=len)
+    common = rarest.time
+    for other in samples.values():
+        if not np.array_equal(other.time, common):
+            common = np.intersect1d(common, other.time)
+    if not len(common) or len(common) < len(rarest) / 2:
+        return None
+
+    def values(name: str) -> NDArray[np.float64]:
+        if name not in samples:
+            nothing = [1.0, 0.0, 0.0, 0.0] if name == "attitude" else [0.0, 0.0, 0.0]
+            return np.tile(nothing, (len(common), 1))
+        time, value = samples[name].time, samples[name].value
+        return value if len(time) == len(common) else value[np.searchsorted(time, common)]
+
+    quaternion = values("attitude")
+    R_WB = Rotation.from_quat(quaternion, scalar_first=True)
+    return Telemetry(
+        measurements.joint_names,
+        common,
+        quaternion_WB=quaternion,
+        p_WB=values("position"),
+        w_WB=R_WB.apply(values("gyro")),
+        v_WB=values("velocity"),
+        q=values("encoders"),
+        qdot=values("joint_rates"),
+    )
+
+
+def _of_complete(problem: Problem, telemetry: Telemetry) -> Identification:
+    tree, family, momentum = problem.spacecraft.tree, problem.family, problem.momentum
+    assert family is not None
+    # With the columns of a momentum in it, one square root answers for zero and for unknown.
+    tested = momentum.is_zero and family.momentum_size > 0
+    assumed = TotalMomentum.unknown() if tested else momentum
+    extra = momentum_columns(family, assumed)
+    root, count = accumulate_rows(tree, telemetry, family, assumed)
+    solution, warnings = solve_root(root, count, eliminated=extra), []
+    if tested:
+        free, solution = solution, solve_root(root[:, extra:], count)
+        if _is_moving(root, solution, free, family):
+            warnings.append(MOMENTUM_FOUND)
+    white, residuals = None, {}
+    if solution.is_observable and solution.row_count > _FEW_ROWS:
+        some = telemetry.select(slice(0, _MOST_RESIDUALS))
+        rest = row_residuals(tree, some, family, momentum, solution.estimate)
+        white, residuals = whiteness(rest), _by_kind(some.time, rest, family)
+        # Errors that are correlated from sample to sample average out more slowly.
+        wider = white.correlation_time * solution.covariance
+        solution = replace(solution, covariance=wider)
+    return Identification(
+        family.parameterization(problem.spacecraft.mass),
+        solution,
+        len(telemetry),
+        LEAST_SQUARES.name,
+        rows=family.name,
+        whiteness=white,
+        residuals=residuals,
+        warnings=tuple(warnings),
+    )
+
+
+def _of_smoothed(problem: Problem) -> Identification:
+    refuse_long(problem.measurements, MOST_SMOOTHED, "smoothing")
+    problem, sensors, warnings = problem.with_sensors()
+    tree, family, momentum = problem.spacecraft.tree, problem.family, problem.momentum
+    assert family is not None
+    motion = smooth(problem.measurements, sensors, with_position=family.uses_base_position)
+    solution = solve_smoothed_rows(tree, motion, family, momentum)
+    residuals = {}
+    if solution.is_observable:
+        some = motion.telemetry.select(slice(0, _MOST_RESIDUALS))
+        rest = row_residuals(tree, some, family, momentum, solution.estimate)
+        residuals = _by_kind(some.time, rest, family)
+    return Identification(
+        family.parameterization(problem.spacecraft.mass),
+        solution,
+        len(motion.telemetry),
+        LEAST_SQUARES.name,
+        rows=family.name,
+        sensors=sensors,
+        residuals=residuals,
+        warnings=warnings,
+    )
+
+
+def _by_kind(
+    time: NDArray[np.float64], rest: NDArray[np.float64], family: RowFamily
+) -> dict[str, ResidualSeries]:
+    """Return residuals (N, 3 or 6) by kind: the angular ones are the last three of a sample."""
+    kinds = {"linear": (rest[:, :-3], family.linear_unit), "angular": (rest[:, -3:], "N·m·s")}
+    return {
+        name: ResidualSeries(time, part, unit) for name, (part, unit) in kinds.items() if part.size
+    }
+
+
+def _is_moving(
+    root: NDArray[np.float64],
+    zero: LeastSquaresSolution,
+    free: LeastSquaresSolution,
+    family: RowFamily,
+) -> bool:
+    """Return whether the rows fit very much better with a momentum that is not zero."""
+    size, count = float(root[:, -1] @ root[:, -1]), zero.row_count
+    if not (size > 0 and count > 40):
+        return False
+    cost_of_zero, cost = (count * solution.residual_rms**2 for solution in (zero, free))
+    gained = (cost_of_zero - cost) / family.momentum_size
+    noise = max(cost / (count - 10 - family.momentum_size), 1e-30 * size)
+    return bool(gained > _SIGNIFICANCE * noise and cost_of_zero > _SMALLEST_MOMENTUM**2 * size)
+
+
+LEAST_SQUARES = Estimator(
+    name="least_squares",
+    label="least squares on momentum rows",
+    good_for="exact logs of any length, and a quick look; several times less accurate with noise",
+    estimate=estimate_by_rows,
+    needs=needs_of_rows,
+    default_rows=best_rows,
+    runs_online=True,
+    reports=24,
+)
