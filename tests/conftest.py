@@ -27,7 +27,7 @@ LONG = (
     "test_momentum_filter",
     "test_trajectory_fit",
     "test_accuracy",
-    "test_sensor_identification",
+    "test_estimators",
 )
 """What takes longest is started first: no process is left alone with it at the end."""
 

@@ -24,8 +24,8 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.scenario.shipped import find_scenario
 
 if TYPE_CHECKING:
-    from cpid_drake.identification.identification import Identification
     from cpid_drake.identification.requests import Request
+    from cpid_drake.identification.result import Identification
 
 LARGE_PAGE = 10_000_000
 """Size [bytes] of a page above which a warning is printed: it is hard to send."""
