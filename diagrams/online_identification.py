@@ -63,17 +63,21 @@ def main() -> None:
     # The controller does not know the tank: it takes the load for a sphere of 100 kg.
     sphere = InertialParameters(100.0, np.zeros(3), 10.0 * np.eye(3))
     model = spacecraft.make_simulation_plant(sphere)
-    controller = builder.AddSystem(JointController(spacecraft, model))
-    builder.Connect(source.get_output_port(), controller.GetInputPort("desired_motion"))
-    builder.Connect(state, controller.GetInputPort("state"))
-    builder.Connect(controller.get_output_port(), plant.get_applied_generalized_force_input_port())
+    JointController.AddToBuilder(
+        builder,
+        spacecraft,
+        state=state,
+        desired_motion=source.get_output_port(),
+        generalized_force=plant.get_applied_generalized_force_input_port(),
+        plant=model,
+    )
 
     sensors = builder.AddSystem(RoundingSensors(state.size(), args.decimals))
     builder.Connect(state, sensors.get_input_port())
     identifier = MomentumIdentifier.AddToBuilder(
         builder,
         spacecraft,
-        sensors.get_output_port(),
+        spacecraft_state=sensors.get_output_port(),
         rows=args.rows,
         period=args.period,
         offset=args.period,

@@ -45,15 +45,23 @@ def main() -> None:
 
     source = builder.AddSystem(JointMotionSource(motion))
     model = spacecraft.make_simulation_plant(target)
-    controller = builder.AddSystem(JointController(spacecraft, model))
-    builder.Connect(source.get_output_port(), controller.GetInputPort("desired_motion"))
-    builder.Connect(state, controller.GetInputPort("state"))
-    builder.Connect(controller.get_output_port(), plant.get_applied_generalized_force_input_port())
+    JointController.AddToBuilder(
+        builder,
+        spacecraft,
+        state=state,
+        desired_motion=source.get_output_port(),
+        generalized_force=plant.get_applied_generalized_force_input_port(),
+        plant=model,
+    )
 
     try:
         suite = load_sensors(args.sensors)
-        sensors = SpacecraftSensors.AddToBuilder(builder, spacecraft, state, suite, args.seed)
-        identifier = SensorIdentifier.AddToBuilder(builder, spacecraft, suite, sensors)
+        sensors = SpacecraftSensors.AddToBuilder(
+            builder, spacecraft, spacecraft_state=state, suite=suite, seed=args.seed
+        )
+        identifier = SensorIdentifier.AddToBuilder(
+            builder, spacecraft, samples=sensors.sample_ports(), suite=suite
+        )
     except InputError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
     diagram = builder.Build()

@@ -74,7 +74,9 @@ def replay_html(
     prepare_meshcat(meshcat, extent)
     builder, plant, shapeless = _start_diagram(meshcat, spacecraft, truth, visual_model)
     scene = builder.AddSystem(
-        SceneVisualizer(meshcat, spacecraft, extent, truth=truth, shapeless=shapeless)
+        SceneVisualizer(
+            spacecraft, meshcat=meshcat, extent=extent, truth=truth, shapeless=shapeless
+        )
     )
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()

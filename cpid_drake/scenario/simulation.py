@@ -249,21 +249,26 @@ def make_simulation(
     )
     state = plant.get_state_output_port()
 
-    controller = builder.AddSystem(_make_controller(scenario, spacecraft, truth))
     source = builder.AddSystem(JointMotionSource(motion))
-    builder.Connect(
-        source.GetOutputPort("desired_motion"), controller.GetInputPort("desired_motion")
-    )
-    builder.Connect(state, controller.GetInputPort("state"))
-    builder.Connect(
-        controller.GetOutputPort("generalized_force"),
-        plant.get_applied_generalized_force_input_port(),
+    JointController.AddToBuilder(
+        builder,
+        spacecraft,
+        state=state,
+        desired_motion=source.get_output_port(),
+        generalized_force=plant.get_applied_generalized_force_input_port(),
+        plant=spacecraft.make_simulation_plant(_controllers_target(scenario, truth)),
+        natural_frequency=scenario.controller.natural_frequency,
+        damping_ratio=scenario.controller.damping_ratio,
     )
 
     sensors, sensor_logs, suite = None, {}, scenario.make_suite()
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, spacecraft, state, suite, scenario.sensors.seed
+            builder,
+            spacecraft,
+            spacecraft_state=state,
+            suite=suite,
+            seed=scenario.sensors.seed,
         )
         sensor_logs = log_samples(builder, sensors)
     identifier = _add_identifier(builder, scenario, spacecraft, state, sensors)
@@ -285,11 +290,12 @@ def make_simulation(
             MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, look)
         SceneVisualizer.AddToBuilder(
             builder,
-            meshcat,
             spacecraft,
-            state,
-            identifier,
-            extent,
+            spacecraft_state=state,
+            covariance=identifier.GetOutputPort("covariance"),
+            spatial_inertia=identifier.GetOutputPort("spatial_inertia"),
+            meshcat=meshcat,
+            extent=extent,
             truth=truth,
             shapeless=shapeless_bodies(spacecraft, plant, scene_graph),
         )
@@ -327,7 +333,7 @@ def _add_identifier(
         return MomentumIdentifier.AddToBuilder(
             builder,
             spacecraft,
-            state,
+            spacecraft_state=state,
             rows=config.rows,
             momentum=momentum,
             period=config.period,
@@ -341,24 +347,17 @@ def _add_identifier(
     return SensorIdentifier.AddToBuilder(
         builder,
         spacecraft,
-        sensors.suite,
-        sensors,
+        samples=sensors.sample_ports(),
+        suite=sensors.suite,
         momentum=momentum,
         **prior,
     )
 
 
-def _make_controller(
-    scenario: Scenario, spacecraft: Spacecraft, truth: InertialParameters
-) -> JointController:
+def _controllers_target(scenario: Scenario, truth: InertialParameters) -> InertialParameters:
+    """Return the controller's model of the target: the truth, or a sphere about C's origin."""
     config = scenario.controller
-    held = truth
-    if not config.knows_target:
-        inertia = 0.4 * config.nominal_mass * config.nominal_radius**2 * np.eye(3)
-        held = InertialParameters(config.nominal_mass, np.zeros(3), inertia)
-    return JointController(
-        spacecraft,
-        spacecraft.make_simulation_plant(held),
-        natural_frequency=config.natural_frequency,
-        damping_ratio=config.damping_ratio,
-    )
+    if config.knows_target:
+        return truth
+    inertia = 0.4 * config.nominal_mass * config.nominal_radius**2 * np.eye(3)
+    return InertialParameters(config.nominal_mass, np.zeros(3), inertia)

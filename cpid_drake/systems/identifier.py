@@ -1,6 +1,7 @@
 """Identification as a Drake system: from the spacecraft's state, by least squares."""
 
 from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from cpid_drake.identification.result import Identification
 from cpid_drake.identification.row_estimator import LEAST_SQUARES
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
-from cpid_drake.systems.spacecraft_sensors import check_port_size
+from cpid_drake.systems.ports import add_connected
 
 DIAGNOSTICS = ("samples", "rank", "condition", "residual")
 """Entries of the `diagnostics` output, in order."""
@@ -190,29 +191,27 @@ class MomentumIdentifier(Identifier):
 
     @staticmethod
     def AddToBuilder(
-        builder: DiagramBuilder, spacecraft: Spacecraft, state_port: OutputPort, **options
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        *,
+        spacecraft_state: OutputPort,
+        **options: Any,
     ) -> "MomentumIdentifier":
-        """Add an identifier and connect its input to a state output port.
+        """Add an identifier and connect its input.
 
         Args:
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
-            state_port: x = [q; v], usually `MultibodyPlant.get_state_output_port()` or a sensor
-                model's.
-            options: as for the constructor.
+            spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
+            options: those of the constructor.
 
         Raises:
-            InputError: the port is not of the size of this spacecraft's state.
+            InputError: the port is not of the size of this spacecraft's state, or as the
+                constructor.
 
         """
-        check_port_size(
-            state_port,
-            spacecraft.plant.num_multibody_states(),
-            f"the state of {spacecraft.model}",
-        )
-        identifier = builder.AddSystem(MomentumIdentifier(spacecraft, **options))
-        builder.Connect(state_port, identifier.GetInputPort("spacecraft_state"))
-        return identifier
+        system = MomentumIdentifier(spacecraft, **options)
+        return add_connected(builder, system, {"spacecraft_state": spacecraft_state})
 
     def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the square root (11, 11) after adding one sample x = [q; v] to `root`.

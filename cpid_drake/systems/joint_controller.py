@@ -3,21 +3,30 @@
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+)
 
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.ports import add_connected
 
 
 class JointController(LeafSystem):
-    """Drives the joints of a free-floating spacecraft along a motion; the base is left free.
+    """Drives the joints of a free-floating spacecraft along a motion; the base floats freely.
 
-    Computed torque with the base eliminated. From the equations of motion M v̇ + C = τ + τ_applied
-    without force on the base, its acceleration is a_B = M_BB⁻¹ (τ_applied,B − C_B − M_BJ a_J), and
-    the joints need τ_J = M_JB a_B + M_JJ a_J + C_J − τ_applied,J for the acceleration
-    a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q). The torques act between the links: momentum is
-    conserved, whatever the model.
+    This is computed torque with the base eliminated. The equations of motion are
+    M v̇ + C = τ + τ_applied. Without a force on the base its acceleration is
+    a_B = M_BB⁻¹ (τ_applied,B − C_B − M_BJ a_J), and the acceleration of the joints
+    a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q) needs
+    τ_J = M_JB a_B + M_JJ a_J + C_J − τ_applied,J. These efforts act between the links, so they
+    conserve momentum whatever the model is.
 
     With a plant that includes the target the joints follow the desired motion exactly. A controller
     that must not know the target uses `Spacecraft.plant`, or better a plant with a nominal target:
@@ -85,6 +94,38 @@ class JointController(LeafSystem):
             calc=self._calc_generalized_force,
             prerequisites_of_calc={self.all_input_ports_ticket()},
         )
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        *,
+        state: OutputPort,
+        desired_motion: OutputPort,
+        generalized_force: InputPort,
+        plant: MultibodyPlant,
+        **gains: float,
+    ) -> "JointController":
+        """Add a controller and connect its inputs and its output.
+
+        Args:
+            builder: the diagram's builder.
+            spacecraft: the spacecraft to be controlled.
+            state: x = [q; v], usually the simulated plant's `get_state_output_port()`.
+            desired_motion: usually the output of a `JointMotionSource`.
+            generalized_force: the input to drive, usually the simulated plant's
+                `get_applied_generalized_force_input_port()`.
+            plant: the controller's model, as for the constructor.
+            gains: those of the constructor.
+
+        Raises:
+            InputError: a port is not of the size of this spacecraft's, or as the constructor.
+
+        """
+        ports = {"state": state, "desired_motion": desired_motion}
+        system = add_connected(builder, JointController(spacecraft, plant, **gains), ports)
+        builder.Connect(system.GetOutputPort("generalized_force"), generalized_force)
+        return system
 
     def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
         state = self.GetInputPort("state").Eval(context)

@@ -94,7 +94,7 @@ class Layer(ABC):
         """Draw one moment, at this time of a recording [s]."""
 
     def _show(self, path: str, visible: bool, time: float) -> None:
-        self._meshcat.SetProperty(f"{self._root}/{path}", "visible", bool(visible), time)
+        self._meshcat.SetProperty(f"{self._root}/{path}", "visible", visible, time)
 
     def _place(
         self, path: str, X_WD: RigidTransform, scale: ArrayLike | None, time: float | None
@@ -201,18 +201,17 @@ class EstimatedCentre(Layer):
 
     def draw(self, moment: Moment, time: float) -> None:
         """Draw both; an ellipsoid larger than the spacecraft is not drawn."""
-        known = moment.estimate is not None
-        values = np.full(3, np.nan)
-        if known and np.isfinite(moment.covariance).all():
+        is_known, semi_axes = moment.estimate is not None, np.full(3, np.inf)
+        if is_known and np.isfinite(moment.covariance).all():
             values, axes = np.linalg.eigh(moment.covariance)
-        semi_axes = 3 * np.sqrt(np.maximum(values, 0.0))
-        sure = known and np.isfinite(semi_axes).all() and semi_axes.max() < self._extent.size
-        self._show("centre", known, time)
-        self._show("three_sigma", sure, time)
-        if known:
+            semi_axes = 3 * np.sqrt(np.maximum(values, 0.0))
+        is_small = bool(semi_axes.max() < self._extent.size)
+        self._show("centre", is_known, time)
+        self._show("three_sigma", is_small, time)
+        if moment.estimate is not None:
             p_WT = moment.X_WC @ moment.estimate.get_com()
             self._place("centre", RigidTransform(p_WT), None, time)
-        if sure:
+        if is_small:
             axes[:, 2] *= np.linalg.det(axes)
             R_WE = moment.X_WC.rotation() @ RotationMatrix.ProjectToRotationMatrix(axes)
             shape = np.maximum(semi_axes, self._smallest)
@@ -231,9 +230,8 @@ class EstimatedInertia(Layer):
 
     def draw(self, moment: Moment, time: float) -> None:
         """Draw the estimate once there is one."""
-        known = moment.estimate is not None
-        self._show("ellipsoid", known, time)
-        if known:
+        self._show("ellipsoid", moment.estimate is not None, time)
+        if moment.estimate is not None:
             semi_diameters, X_CE = inertia_ellipsoid(moment.estimate)
             self._place("ellipsoid", moment.X_WC @ X_CE, semi_diameters, time)
 
@@ -301,10 +299,9 @@ class Momentum(Layer):
     def _point(
         self, name: str, start: NDArray[np.float64], vector: ArrayLike, largest: float, time: float
     ) -> None:
-        fraction = np.linalg.norm(vector) / largest if largest > 0 else 0.0
-        seen = fraction > 0.01
-        self._show(name, seen, time)
-        if seen:
+        fraction = float(np.linalg.norm(vector)) / largest if largest > 0 else 0.0
+        self._show(name, fraction > 0.01, time)
+        if fraction > 0.01:
             R = RotationMatrix.MakeFromOneVector(vector, 2)
             length = _LONGEST[name.split("_")[0]] * self._extent.size * fraction
             width = min(1.0, 3 * fraction)

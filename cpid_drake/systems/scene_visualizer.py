@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,12 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import TreeBody
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.appearance import has_shape, inertia_ellipsoid
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.identifier import Identifier
 from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.ports import add_connected
 from cpid_drake.systems.scene_layers import (
     ABOVE,
     Bodies,
@@ -59,8 +61,8 @@ class SceneVisualizer(LeafSystem):
     - `covariance` (100) and `spatial_inertia`: an identifier's outputs, NaN while unknown.
 
     Args:
-        meshcat: where to draw.
         spacecraft: the known spacecraft.
+        meshcat: where to draw.
         extent: size, duration and momenta of the motion; see `extent_of`.
         truth: the true target; simulation only.
         shapeless: bodies of the spacecraft to draw as boxes; see `shapeless_bodies`.
@@ -70,10 +72,10 @@ class SceneVisualizer(LeafSystem):
 
     def __init__(
         self,
-        meshcat: Meshcat,
         spacecraft: Spacecraft,
-        extent: Extent,
         *,
+        meshcat: Meshcat,
+        extent: Extent,
         truth: InertialParameters | None = None,
         shapeless: Collection[BodyIndex] = (),
         period: float = FRAME_PERIOD,
@@ -106,19 +108,33 @@ class SceneVisualizer(LeafSystem):
     @staticmethod
     def AddToBuilder(
         builder: DiagramBuilder,
-        meshcat: Meshcat,
         spacecraft: Spacecraft,
-        state_port: OutputPort,
-        identifier: Identifier,
-        extent: Extent,
-        **options,
+        *,
+        spacecraft_state: OutputPort,
+        covariance: OutputPort,
+        spatial_inertia: OutputPort,
+        **options: Any,
     ) -> "SceneVisualizer":
-        """Add a visualizer and connect it to the plant's state and to an identifier."""
-        system = builder.AddSystem(SceneVisualizer(meshcat, spacecraft, extent, **options))
-        builder.Connect(state_port, system.GetInputPort("spacecraft_state"))
-        for name in ("covariance", "spatial_inertia"):
-            builder.Connect(identifier.GetOutputPort(name), system.GetInputPort(name))
-        return system
+        """Add a visualizer and connect its inputs.
+
+        Args:
+            builder: the diagram's builder.
+            spacecraft: the known spacecraft.
+            spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
+            covariance: an identifier's output of this name.
+            spatial_inertia: an identifier's output of this name.
+            options: those of the constructor.
+
+        Raises:
+            InputError: a port is not of the size of this spacecraft's.
+
+        """
+        ports = {
+            "spacecraft_state": spacecraft_state,
+            "covariance": covariance,
+            "spatial_inertia": spatial_inertia,
+        }
+        return add_connected(builder, SceneVisualizer(spacecraft, **options), ports)
 
     def _draw(self, context: Context) -> EventStatus:
         plant, scratch = self._spacecraft.plant, self._scratch.context
@@ -161,18 +177,18 @@ def shapeless_bodies(
     drawn: MultibodyPlant | None = None,
     scene_graph: SceneGraph | None = None,
 ) -> list[BodyIndex]:
-    """Return the spacecraft's bodies that have mass but no geometry in a drawn plant.
+    """Return the spacecraft's bodies that have mass and no shape in the scene.
 
     Args:
-        spacecraft: whose bodies.
-        drawn: a plant that the spacecraft was added to.
-        scene_graph: that `drawn` is registered with; default: none, so that no body has geometry.
+        spacecraft: the spacecraft.
+        drawn: the plant that it was added to.
+        scene_graph: the scene that `drawn` is registered with; without one no body has a shape.
 
     """
     plant = spacecraft.plant
     indices = [BodyIndex(k) for k in range(1, plant.num_bodies())]
     indices = [index for index in indices if plant.get_body(index).default_mass() > 0]
-    if scene_graph is None:
+    if drawn is None or scene_graph is None:
         return indices
     inspector = scene_graph.model_inspector()
     return [k for k in indices if not has_shape(drawn, drawn.get_body(k), inspector)]
@@ -194,12 +210,13 @@ def extent_of(
     some = np.unique(np.linspace(0, len(telemetry) - 1, 50).round().astype(int))
     tree, samples = spacecraft.tree, telemetry.select(some)
     motion, capture = propagate(tree, samples)
-    centres, radii = [*motion.r, capture.p_WC], [_radius(body) for body in tree.bodies] + [0.0]
+    balls = [*zip(motion.r, map(_radius, tree.bodies)), (capture.p_WC, 0.0)]
     if target is not None:
         semi_diameters, X_CE = inertia_ellipsoid(target.to_spatial_inertia())
-        centres.append(capture.p_WC + capture.R_WC @ X_CE.translation())
-        radii.append(float(semi_diameters.max()))
-    centres, radii = np.array(centres), np.array(radii)[:, None, None]
+        p_WE = capture.p_WC + capture.R_WC @ X_CE.translation()
+        balls.append((p_WE, float(semi_diameters.max())))
+    centres = np.array([p for p, _ in balls])
+    radii = np.array([radius for _, radius in balls])[:, None, None]
     low, high = (centres - radii).min(axis=0), (centres + radii).max(axis=0)
     size = float(np.linalg.norm(high - low, axis=1).max() / 2)
     centre = (low.min(axis=0) + high.max(axis=0)) / 2
@@ -234,7 +251,7 @@ def _eye(
     return centre + distance.max() * away
 
 
-def _radius(body) -> float:
+def _radius(body: TreeBody) -> float:
     """Return the largest semi-diameter of a body's ellipsoid of inertia [m]; 0 without mass."""
     if not body.mass > 0:
         return 0.0

@@ -1,6 +1,8 @@
 """Identification as a Drake system: from sensors, each at its own rate, by the momentum filter."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
@@ -9,6 +11,7 @@ from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     EventStatus,
+    OutputPort,
     State,
 )
 
@@ -26,7 +29,7 @@ from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
-from cpid_drake.systems.spacecraft_sensors import SpacecraftSensors, check_port_size
+from cpid_drake.systems.ports import add_connected
 
 _COUNTED = (*FILTER_ORDER, "agreement")
 
@@ -146,33 +149,31 @@ class SensorIdentifier(Identifier):
     def AddToBuilder(
         builder: DiagramBuilder,
         spacecraft: Spacecraft,
+        *,
+        samples: Mapping[str, OutputPort],
         suite: SensorSuite,
-        sensors_system: SpacecraftSensors,
-        **options,
+        **options: Any,
     ) -> "SensorIdentifier":
-        """Add an identifier and connect its inputs to the outputs of the same names.
+        """Add an identifier and connect its inputs.
 
         Args:
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
-            suite: its sensors.
-            sensors_system: usually `SpacecraftSensors`, or any system with such outputs.
-            options: as for the constructor.
+            samples: output ports by sensor, usually `SpacecraftSensors.sample_ports()`; ports of
+                sensors that the identifier does not use are left out.
+            suite: the sensors.
+            options: those of the constructor.
 
         Raises:
-            InputError: an output is missing or not of the right size, or as for the constructor.
+            InputError: a port is missing or not of the right size, or as the constructor.
 
         """
-        identifier = SensorIdentifier(spacecraft, suite, **options)
-        for name, port in identifier._sample_ports.items():
-            if not sensors_system.HasOutputPort(name):
-                raise InputError(f"{sensors_system.get_name()} has no output port '{name}'")
-            output = sensors_system.GetOutputPort(name)
-            check_port_size(output, port.size(), f"a stamped sample of {spacecraft.model}")
-        builder.AddSystem(identifier)
-        for name, port in identifier._sample_ports.items():
-            builder.Connect(sensors_system.GetOutputPort(name), port)
-        return identifier
+        system = SensorIdentifier(spacecraft, suite, **options)
+        missing = [name for name in system._sample_ports if name not in samples]
+        if missing:
+            raise InputError(f"there is no port with samples of '{missing[0]}'")
+        used = {name: samples[name] for name in system._sample_ports}
+        return add_connected(builder, system, used)
 
     def online_state(self, context: Context) -> OnlineState:
         """Return a copy of the estimator's state in this system's context."""

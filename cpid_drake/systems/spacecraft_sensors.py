@@ -20,6 +20,7 @@ from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.systems.ports import add_connected
 
 
 class SpacecraftSensors(LeafSystem):
@@ -75,31 +76,31 @@ class SpacecraftSensors(LeafSystem):
     def AddToBuilder(
         builder: DiagramBuilder,
         spacecraft: Spacecraft,
-        state_port: OutputPort,
+        *,
+        spacecraft_state: OutputPort,
         suite: SensorSuite,
         seed: int = 0,
     ) -> "SpacecraftSensors":
-        """Add sensors and connect their input to a state output port.
+        """Add sensors and connect their input.
 
         Args:
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
-            state_port: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
+            spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
             suite: as for the constructor.
             seed: as for the constructor.
 
         Raises:
-            InputError: the port is not of the size of this spacecraft's state.
+            InputError: the port is not of the size of this spacecraft's state, or as the
+                constructor.
 
         """
-        check_port_size(
-            state_port,
-            spacecraft.plant.num_multibody_states(),
-            f"the state of {spacecraft.model}",
-        )
-        sensors = builder.AddSystem(SpacecraftSensors(spacecraft, suite, seed))
-        builder.Connect(state_port, sensors.GetInputPort("spacecraft_state"))
-        return sensors
+        system = SpacecraftSensors(spacecraft, suite, seed)
+        return add_connected(builder, system, {"spacecraft_state": spacecraft_state})
+
+    def sample_ports(self) -> dict[str, OutputPort]:
+        """Return the output ports by sensor, for `SensorIdentifier.AddToBuilder`."""
+        return {name: self.GetOutputPort(name) for name in self.suite.present()}
 
     @property
     def spacecraft(self) -> Spacecraft:
@@ -137,20 +138,6 @@ class SpacecraftSensors(LeafSystem):
             raise InputError(f"{where}: {error}") from error
         [value] = self._noise.apply(name, SENSORS[name].quantity.ideal(telemetry), first=k)
         return np.concatenate([[k / rate], value])
-
-
-def check_port_size(port: OutputPort, expected: int, what: str) -> None:
-    """Refuse to connect a port that is not of the expected size.
-
-    Raises:
-        InputError: the port has another size; the message names `what`.
-
-    """
-    if port.size() != expected:
-        raise InputError(
-            f"port '{port.get_name()}' has {port.size()} entries, but {what} has {expected}: "
-            "connect one of the same joints"
-        )
 
 
 def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str, VectorLogSink]:

@@ -56,10 +56,14 @@ def test_a_tumbling_capture_agrees_with_the_full_simulation(servicer, skewed_tar
     plant = builder.AddSystem(servicer.make_simulation_plant(skewed_target))
     source = builder.AddSystem(JointMotionSource(motion))
     model = servicer.make_simulation_plant(skewed_target)
-    controller = builder.AddSystem(JointController(servicer, model))
-    builder.Connect(source.get_output_port(), controller.GetInputPort("desired_motion"))
-    builder.Connect(plant.get_state_output_port(), controller.GetInputPort("state"))
-    builder.Connect(controller.get_output_port(), plant.get_applied_generalized_force_input_port())
+    JointController.AddToBuilder(
+        builder,
+        servicer,
+        state=plant.get_state_output_port(),
+        desired_motion=source.get_output_port(),
+        generalized_force=plant.get_applied_generalized_force_input_port(),
+        plant=model,
+    )
     simulator = Simulator(builder.Build())
     simulator.get_mutable_integrator().set_target_accuracy(1e-9)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())

@@ -130,7 +130,7 @@ def test_samples_are_taken_at_the_given_times(servicer, motion, period, offset, 
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(servicer.to_states(motion)[0]))
     identifier = MomentumIdentifier.AddToBuilder(
-        builder, servicer, source.get_output_port(), period=period, offset=offset
+        builder, servicer, spacecraft_state=source.get_output_port(), period=period, offset=offset
     )
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(4.0)
@@ -143,7 +143,9 @@ def test_wiring_a_port_of_another_size_is_refused(servicer):
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(np.zeros(5)))
     with pytest.raises(InputError, match="5 entries"):
-        MomentumIdentifier.AddToBuilder(builder, servicer, source.get_output_port())
+        MomentumIdentifier.AddToBuilder(
+            builder, servicer, spacecraft_state=source.get_output_port()
+        )
 
 
 @pytest.mark.parametrize(
@@ -166,7 +168,9 @@ def test_a_state_that_is_not_finite_is_refused_and_changes_nothing(servicer, mot
     state[20] = bad
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(state))
-    identifier = MomentumIdentifier.AddToBuilder(builder, servicer, source.get_output_port())
+    identifier = MomentumIdentifier.AddToBuilder(
+        builder, servicer, spacecraft_state=source.get_output_port()
+    )
     simulator = Simulator(builder.Build())
     with pytest.raises(InputError, match=r"at t = 1 s is not finite \(entry 20\)"):
         simulator.AdvanceTo(1.5)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from cpid_drake import (
@@ -133,10 +134,40 @@ def test_a_plant_of_other_joints_is_refused(servicer):
         JointController(servicer, empty)
 
 
-def test_both_systems_wire_into_a_diagram(servicer):
+def wired(servicer, target, joints=12):
+    """Return a builder with a plant and a controller that follows a motion of so many joints."""
     builder = DiagramBuilder()
-    source = builder.AddSystem(JointMotionSource(HalfCosine(np.zeros(12), np.ones(12), 10.0)))
-    controller = builder.AddSystem(JointController(servicer, servicer.plant))
-    builder.Connect(source.get_output_port(), controller.GetInputPort("desired_motion"))
-    builder.ExportInput(controller.GetInputPort("state"), "state")
-    assert builder.Build().num_input_ports() == 1
+    plant = builder.AddSystem(servicer.make_simulation_plant(target))
+    motion = HalfCosine(np.zeros(joints), np.full(joints, 0.1), 10.0)
+    source = builder.AddSystem(JointMotionSource(motion))
+    JointController.AddToBuilder(
+        builder,
+        servicer,
+        state=plant.get_state_output_port(),
+        desired_motion=source.get_output_port(),
+        generalized_force=plant.get_applied_generalized_force_input_port(),
+        plant=servicer.make_simulation_plant(target),
+        natural_frequency=4.0,
+    )
+    return builder, plant
+
+
+def test_a_controller_is_wired_to_the_plant_that_it_drives(servicer, paper_target):
+    """Started off its motion by 0.01 rad, every joint comes to it as (1 + ωt) exp(−ωt)."""
+    builder, plant = wired(servicer, paper_target)
+    simulator = Simulator(builder.Build())
+    simulator.get_mutable_integrator().set_target_accuracy(1e-9)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    q, _ = servicer.joint_state_columns
+    state = plant.GetPositionsAndVelocities(context).copy()
+    state[q] += 0.01
+    plant.SetPositionsAndVelocities(context, state)
+    simulator.AdvanceTo(0.5)
+    desired = HalfCosine(np.zeros(12), np.full(12, 0.1), 10.0).evaluate(0.5)[0]
+    error = plant.GetPositionsAndVelocities(context)[q] - desired
+    np.testing.assert_allclose(error, 0.01 * 3 * np.exp(-2), rtol=1e-5)
+
+
+def test_wiring_a_motion_of_other_joints_is_refused(servicer, paper_target):
+    with pytest.raises(InputError, match="21 entries, but the input 'desired_motion' of joint"):
+        wired(servicer, paper_target, joints=7)

@@ -90,7 +90,9 @@ def scene(servicer):
 
     def make(telemetry, truth=None, shapeless=()):
         spy, extent = Spy(), extent_of(servicer, telemetry, truth)
-        system = SceneVisualizer(spy, servicer, extent, truth=truth, shapeless=shapeless)
+        system = SceneVisualizer(
+            servicer, meshcat=spy, extent=extent, truth=truth, shapeless=shapeless
+        )
         context = system.CreateDefaultContext()
         states = servicer.to_states(telemetry)
 

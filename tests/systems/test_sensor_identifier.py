@@ -186,10 +186,10 @@ def recorded(servicer, uneven, monkeypatch):
         state[servicer.quaternion_columns[0]] = 1.0
         source = builder.AddSystem(ConstantVectorSource(state))
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, servicer, source.get_output_port(), uneven
+            builder, servicer, spacecraft_state=source.get_output_port(), suite=uneven
         )
         identifier = SensorIdentifier.AddToBuilder(
-            builder, servicer, uneven, sensors, period=period
+            builder, servicer, samples=sensors.sample_ports(), suite=uneven, period=period
         )
         logs = log_samples(builder, sensors)
         simulator, taken = Simulator(builder.Build()), []
@@ -241,7 +241,9 @@ def test_sensors_that_stamp_the_very_instant_are_not_lost(servicer, monkeypatch)
 
     builder, suite = DiagramBuilder(), SensorSuite(encoders=JointSensor(rate=10.0))
     clock = builder.AddSystem(Clock())
-    identifier = SensorIdentifier.AddToBuilder(builder, servicer, suite, clock)
+    identifier = SensorIdentifier.AddToBuilder(
+        builder, servicer, samples={"encoders": clock.get_output_port()}, suite=suite
+    )
     stamps = []
     monkeypatch.setattr(
         identifier._estimator, "take", lambda state, name, stamp, value: stamps.append(stamp)
@@ -400,8 +402,10 @@ def test_sensors_that_cannot_be_are_refused(servicer):
 def test_wiring_other_sensors_is_refused(servicer):
     builder, flight = DiagramBuilder(), load_sensors("flight")
     sensors = builder.AddSystem(SpacecraftSensors(servicer, SensorSuite(encoders=JointSensor())))
-    with pytest.raises(InputError, match="spacecraft_sensors has no output port 'gyro'"):
-        SensorIdentifier.AddToBuilder(builder, servicer, flight, sensors)
+    with pytest.raises(InputError, match="no port with samples of 'gyro'"):
+        SensorIdentifier.AddToBuilder(
+            builder, servicer, samples=sensors.sample_ports(), suite=flight
+        )
 
 
 def test_wiring_a_port_of_another_size_is_refused(servicer):
@@ -413,4 +417,9 @@ def test_wiring_a_port_of_another_size_is_refused(servicer):
     builder = DiagramBuilder()
     few = builder.AddSystem(Few())
     with pytest.raises(InputError, match="'encoders' has 7 entries"):
-        SensorIdentifier.AddToBuilder(builder, servicer, SensorSuite(encoders=JointSensor()), few)
+        SensorIdentifier.AddToBuilder(
+            builder,
+            servicer,
+            samples={"encoders": few.get_output_port()},
+            suite=SensorSuite(encoders=JointSensor()),
+        )

@@ -77,7 +77,7 @@ def diagram(servicer, suite, motion):
         builder = DiagramBuilder()
         source = builder.AddSystem(Moving(servicer, motion))
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, servicer, source.get_output_port(), suite, seed
+            builder, servicer, spacecraft_state=source.get_output_port(), suite=suite, seed=seed
         )
         if per_step:
             ports = {name: sensors.GetOutputPort(name) for name in suite.present()}
@@ -151,7 +151,9 @@ def test_samples_of_a_simulated_plant_are_those_of_its_logged_motion(servicer, s
     plant_diagram = DiagramBuilder()
     plant = plant_diagram.AddSystem(servicer.make_simulation_plant(paper_target))
     state_port = plant.get_state_output_port()
-    sensors = SpacecraftSensors.AddToBuilder(plant_diagram, servicer, state_port, suite, 8)
+    sensors = SpacecraftSensors.AddToBuilder(
+        plant_diagram, servicer, spacecraft_state=state_port, suite=suite, seed=8
+    )
     logs = log_samples(plant_diagram, sensors)
     simulator = Simulator(plant_diagram.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
@@ -261,7 +263,9 @@ def test_wiring_a_port_of_another_size_is_refused(servicer, suite):
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(np.zeros(5)))
     with pytest.raises(InputError, match="5 entries"):
-        SpacecraftSensors.AddToBuilder(builder, servicer, source.get_output_port(), suite)
+        SpacecraftSensors.AddToBuilder(
+            builder, servicer, spacecraft_state=source.get_output_port(), suite=suite
+        )
 
 
 def test_sensors_that_cannot_be_are_refused(servicer, suite):
@@ -290,7 +294,9 @@ def test_a_state_that_means_nothing_is_refused(servicer, suite, motion, change, 
     state[change[0]] = change[1]
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(state))
-    SpacecraftSensors.AddToBuilder(builder, servicer, source.get_output_port(), suite)
+    SpacecraftSensors.AddToBuilder(
+        builder, servicer, spacecraft_state=source.get_output_port(), suite=suite
+    )
     simulator = Simulator(builder.Build())
     with pytest.raises(InputError, match=rf"spacecraft_sensors: \w+ at t = 0 s: .*{message}"):
         simulator.AdvanceTo(0.1)
