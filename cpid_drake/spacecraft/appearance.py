@@ -1,4 +1,4 @@
-"""Appearance of bodies: a target drawn by its model file or ellipsoid, bodies without geometry."""
+"""Visual geometry of a target, from a model file or its inertia, and of bodies without a shape."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,16 +15,16 @@ from cpid_drake.spacecraft.model_checks import check_model
 from cpid_drake.spacecraft.parsing import make_parser
 
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
-"""Colour of geometry that has none."""
+"""Colour of shapes that have none of their own."""
 
-_DRAWN_MESHES = (".obj", ".gltf", ".dae")  # Meshcat draws no others
+_DRAWN_MESHES = (".obj", ".gltf", ".dae")  # Meshcat does not draw other meshes
 
 
 def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
     """Return the solid, homogeneous ellipsoid that has this spatial inertia.
 
     Returns:
-        Semi-diameters (3,) [m], none less than 2 % of the largest so that flat bodies are visible,
+        Semi-diameters (3,) [m], each at least 2 % of the largest so that a flat body is visible,
         and the pose X_CE of the ellipsoid's frame E in C.
 
     """
@@ -59,8 +59,9 @@ def add_target_appearance(
     Args:
         plant: registered with a SceneGraph.
         body: the target's body, whose frame is C.
-        M_TCo_C: the target's spatial inertia about C's origin, in C, for the default ellipsoid.
-        visual_model: a model file; the geometry is taken with its root body's frame on C.
+        M_TCo_C: the target's spatial inertia about C's origin, in C.
+        visual_model: a model file; its root body's frame is placed on C. Without one, the geometry
+            is the solid ellipsoid of the same inertia.
         folders: of the packages that its URIs may refer to, by name.
 
     Raises:

@@ -1,7 +1,7 @@
-"""Checks of model files before Drake reads them.
+"""Checks on a model's files before Drake reads them.
 
-Drake's readers read "1,5" as 1, "500mm" as 500 and a misspelt attribute as zero. They do not return
-from a file that includes itself, or from YAML aliases that expand to billions of nodes.
+Drake's readers read "1,5" as 1, "500mm" as 500 and a misspelt attribute as zero. They do not
+return from a file that includes itself, or from a few YAML aliases that expand to billions.
 """
 
 import re
@@ -19,16 +19,16 @@ from cpid_drake.resources import package_folder
 from cpid_drake.yaml_text import check_size, yaml_errors
 
 LARGEST_FILE = 64 * 2**20
-"""Largest file [bytes]; a model with all geometry inline has a few million."""
+"""Largest file that is read [bytes]; models that contain their geometry have a few million."""
 
 LARGEST_NUMBER = 1e12
-"""Largest mass, length or inertia [SI units]."""
+"""Largest mass, length or inertia that is accepted [SI units]."""
 
 DEEPEST, MOST_FILES, LONGEST_NAME = 100, 1000, 1000
-"""Most levels of elements, levels of includes, files with all includes, characters of a name."""
+"""Most levels of nested elements or includes, most included files, most characters of a name."""
 
 _INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-# By format, the attributes (URDF: by element) or elements (SDF) that hold numbers.
+# The attributes (URDF: by element; MJCF) or elements (SDF) that contain numbers.
 _URDF_NUMBERS = {
     "mass": ("value",),
     "inertia": _INERTIA,
@@ -48,7 +48,7 @@ _NOT_NEGATIVE = ("mass", "value", "density", "size", "diaginertia", "ixx", "iyy"
 
 
 def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> None:
-    """Refuse a model that Drake would never finish reading, or would misread.
+    """Check a model that Drake might never finish reading, or might read with other numbers.
 
     Args:
         path: the model's file.
@@ -57,21 +57,21 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> None:
 
     Raises:
         InputError: the file, or one that it includes, is not XML or YAML, is too large or nested
-            too deeply, includes itself, contains entities, or contains text or implausible numbers
-            where numbers belong. The message names the file and the line.
+            too deeply, includes itself, or contains entities, text in place of a number, or
+            numbers out of range. The message names the file and the line.
 
     """
     try:
         _Walk(where, path, folders).visit(path, ())
     except InputError:
         raise
-    except (OSError, ValueError, RuntimeError) as error:  # a path too long, with NUL, or circular
+    except (OSError, ValueError, RuntimeError) as error:  # too long, with NUL, or a circle of links
         raise InputError(f"{where}: a file that it names cannot be read: {error!s:.200}") from error
 
 
 @dataclass
 class _Walk:
-    """Walks from a model's file to the files that it includes."""
+    """A walk from a model's file through the files that it includes."""
 
     where: str
     start: Path
@@ -79,7 +79,7 @@ class _Walk:
     count: int = 0
 
     def visit(self, path: Path, around: tuple[Path, ...]) -> None:
-        """Check a file and the files that it includes; `around` are those that include it."""
+        """Check a file and the files that it includes; the files `around` include it."""
         path = path.resolve()
         self.count += 1
         place = self.where if path == self.start else f"{self.where}: {path}"
@@ -95,7 +95,7 @@ class _Walk:
         if not path.is_file():
             if path.exists():
                 raise InputError(f"{place}: not a file")
-            return  # Drake's message names the including file
+            return  # Drake's own error names the file that includes it
         if path.stat().st_size > LARGEST_FILE:
             raise InputError(f"{place}: larger than {LARGEST_FILE >> 20} MiB: not a model")
         data = path.read_bytes()
@@ -104,7 +104,7 @@ class _Walk:
         else:
             reader = _XmlReader(ending, place)
             reader.read(data)
-            # MJCF paths start at the folder of the first MJCF file, not of the including one.
+            # MJCF paths start at the folder of the first MJCF file.
             main = next((file for file in around if file.suffix.lower() == ".xml"), path)
             included = [
                 main.parent / uri if ending == ".xml" else self._behind(uri)
@@ -158,12 +158,12 @@ def _blank(match: re.Match[bytes]) -> bytes:
 
 @dataclass
 class _XmlReader:
-    """Checks the elements of an XML file one after the other.
+    """A reader that checks the elements of one XML file in their order.
 
     Attributes:
-        ending: of the file's name; it determines what the elements mean.
+        ending: of the file's name; it decides what the elements mean.
         where: the file's name in error messages.
-        included: what the file includes, as written there.
+        included: the files that it includes, as written there.
 
     """
 
@@ -174,11 +174,16 @@ class _XmlReader:
     _text: list[str] = field(default_factory=list)
 
     def read(self, data: bytes) -> None:
-        """Check the whole file."""
+        """Check the whole file.
+
+        Raises:
+            InputError: see `check_model`.
+
+        """
         if not data.strip():
             raise InputError(f"{self.where}: the file is empty")
-        # As in Drake's reader, comments may contain "--" and any bytes, and the declaration may
-        # come after blanks and claim another encoding.
+        # Drake's reader accepts "--" and any bytes in comments, and a declaration that follows
+        # blanks or names another encoding; they are blanked out here.
         data = re.sub(
             rb"\A\s*<\?xml.*?\?>|<!--.*?-->", _blank, data.removeprefix(BOM_UTF8), flags=re.S
         )
@@ -200,12 +205,12 @@ class _XmlReader:
             raise InputError(f"{self.where}: {place}: not XML: {text}") from error
 
     def _place(self) -> str:
-        """Return the reader's place: the line, and the innermost element with a name."""
+        """Return the current line and the innermost element with a name."""
         named = [f" of {tag} '{name}'" for tag, name in self._open[1:] if name]
         return f"{self.where}: line {self._parser.CurrentLineNumber}{(named or [''])[-1]}"
 
     def _inside(self, tag: str) -> bool:
-        """Return whether the element is a child of one with this tag."""
+        """Return whether the current element's parent has this tag."""
         return len(self._open) > 1 and self._open[-2][0] == tag
 
     def _entity(self, name: str, *_: object) -> None:
@@ -246,7 +251,7 @@ class _XmlReader:
         self._open.pop()
 
     def _check_numbers(self, key: str, text: str, what: str) -> None:
-        """Refuse text unless every word is a plausible number for this key."""
+        """Check that all words of a text are numbers in the range of this key."""
         words = text.split()
         problem = ""
         for word in words:
@@ -257,13 +262,13 @@ class _XmlReader:
             if np.isnan(value) or (key not in _LIMITS and not np.isfinite(value)):
                 problem = "is not a finite number; write numbers with a decimal point and no unit"
             elif key not in _LIMITS and abs(value) > LARGEST_NUMBER:
-                problem = f"cannot be meant: it is beyond {LARGEST_NUMBER:g}"
-            elif key in _NOT_NEGATIVE and value < -1e-12:  # some models contain rounded zeros
+                problem = f"is out of range: its size is over {LARGEST_NUMBER:g}"
+            elif key in _NOT_NEGATIVE and value < -1e-12:  # rounded zeros are in some models
                 problem = "must not be negative"
             if problem:
                 problem = f"{word:.40} {problem}"
                 break
         if not problem and len(words) != _COUNTS.get(key, len(words)):
-            problem = f"{_COUNTS[key]} numbers are wanted, not {len(words)}"
+            problem = f"{_COUNTS[key]} numbers are needed, not {len(words)}"
         if problem:
             raise InputError(f"{self._place()}: {what.format(text[:60])}: {problem}")

@@ -1,6 +1,7 @@
-"""The known bodies as seen from the base, one sample at a time, by Drake's kinematics.
+"""Dynamics of the known bodies relative to the base at one configuration, computed by Drake.
 
-This is fast online; `base_motion.known_dynamics` is fast for many samples at once.
+This is faster for a single sample than `relative_motion.relative_dynamics`, which is faster for
+many samples.
 """
 
 import threading
@@ -15,10 +16,12 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 class PlantRelativeDynamics(threading.local):
-    """Computes the known bodies' dynamics at one configuration, for one or several rates.
+    """Computes `RelativeDynamics` at one configuration, for one or more vectors of joint rates.
+
+    One instance serves any number of threads: each thread has a context of its own.
 
     Args:
-        spacecraft: the known spacecraft. Its plant is only read; every thread has its own context.
+        spacecraft: the known spacecraft; its plant is not changed.
 
     """
 
@@ -35,7 +38,10 @@ class PlantRelativeDynamics(threading.local):
         self._frame = spacecraft.base.body_frame()
 
     def __call__(self, q: NDArray[np.float64], qdot: NDArray[np.float64]) -> RelativeDynamics:
-        """Return the dynamics (N instants) at positions q (J,) and rates qdot (N, J)."""
+        """Return the dynamics for positions q (J,) [rad or m] and rates qdot (N, J) [1/s].
+
+        Arrays that do not depend on the rates have one row instead of N.
+        """
         plant, context = self._plant, self._context
         self._positions[self._q] = q
         plant.SetPositions(context, self._positions)
@@ -49,7 +55,7 @@ class PlantRelativeDynamics(threading.local):
             self._frame,
             self._spacecraft.capture_frame,
         )[:, self._joints]
-        # The same as `RelativeDynamics.from_known` for one configuration, with fewer operations.
+        # The equations of `RelativeDynamics.from_known`, from the blocks of Drake's mass matrix.
         mass, R_BC = self._spacecraft.mass, X_BC.rotation().matrix()
         p_BK = np.array([M[2, self._base[4]], M[0, self._base[5]], M[1, self._base[3]]]) / mass
         shift = skew(p_BK)

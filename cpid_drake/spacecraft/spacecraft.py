@@ -28,27 +28,28 @@ TARGET_NAME = "captured_target"
 
 
 class Spacecraft:
-    """The known spacecraft without the target.
+    """The known spacecraft without the target: all that an identifier knows in advance.
 
-    Any tree of revolute, prismatic and fixed joints on a free base, from URDF, SDF, MJCF or Drake
-    model directives. Gravity is off. Use `plant` for queries, with contexts of your own.
+    The model may be any tree of revolute, prismatic and fixed joints on a free base, from URDF,
+    SDF, MJCF or Drake model directives. There is no gravity. `plant` is shared; a caller that
+    queries it creates a context of its own.
 
-    Names may be scoped as `instance::name` where they are not unique. `joint_names` has bare
-    names where they are unique, else scoped ones.
+    A name that is not unique may be scoped as `instance::name`. `joint_names` contains a joint's
+    bare name if that is unique, else its scoped name.
 
     Args:
         model: a path or a `package://NAME/...` URI.
-        base: name of the base body B: the one that floats.
+        base: name of the base body B, which floats.
         capture_frame: name of a frame or body C, fixed on a body that the joints move; its origin
             is the capture point.
-        packages: folders, by name, of further packages that the model's URIs refer to.
+        packages: folders, by package name, of other packages that the model's URIs refer to.
 
     Attributes:
-        plant: target-free, finalized, zero-gravity, continuous MultibodyPlant.
+        plant: finalized, continuous MultibodyPlant of the spacecraft alone, without gravity.
         base: the base body in `plant`.
         capture_frame: C in `plant`.
         joint_names: the movable joints in the order of q.
-        tree: the same spacecraft as NumPy arrays, for batches of samples.
+        tree: the same spacecraft as NumPy arrays, for computations on many samples at once.
         mass: total mass of the known bodies [kg].
 
     Raises:
@@ -123,20 +124,22 @@ class Spacecraft:
     ) -> RigidBody:
         """Add the spacecraft with a target welded on C to a plant, and finalize it.
 
-        The plant's state has the same layout as that of `self.plant`: a weld adds no state.
+        The plant's state has the same layout as that of `self.plant`: a weld has no state.
 
         Args:
-            plant: empty, not finalized, and continuous: a discrete plant loses 1e-3 N·s and more.
-            target: feasible inertial parameters.
+            plant: empty, not finalized, and continuous. A discrete plant does not conserve
+                momentum: it loses 1e-3 N·s or more.
+            target: physically consistent inertial parameters.
             scene_graph: the one that `plant` is registered with, if any. Contact is switched off.
-            target_visual_model: a model whose visual geometry the target takes; default: the
+            target_visual_model: a model file with the target's visual geometry; default: the
                 solid ellipsoid of the same inertia.
 
         Returns:
             The target's body; its frame coincides with C.
 
         Raises:
-            InputError: the plant is finalized, discrete or not empty; the target is not feasible.
+            InputError: the plant is finalized, discrete or not empty; the target is not
+                physically consistent; the visual model cannot be read.
 
         """
         if plant.is_finalized() or plant.num_bodies() != 1 or plant.time_step() != 0.0:
@@ -162,7 +165,7 @@ class Spacecraft:
         """Add the spacecraft without a target to an empty plant, and finalize it.
 
         Raises:
-            InputError: with a SceneGraph: some of its geometry cannot be read.
+            InputError: the plant is registered with a SceneGraph, and some geometry cannot be read.
 
         """
         self._file.parse_into(plant)
@@ -177,13 +180,23 @@ class Spacecraft:
     # -- states ------------------------------------------------------------------------------
 
     def to_telemetry(self, time: ArrayLike, states: ArrayLike) -> Telemetry:
-        """Return plant states (N, nx) at times (N,) as telemetry."""
+        """Return plant states x = [q; v] (N, nx) at times (N,) [s] as telemetry.
+
+        Raises:
+            InputError: the times or states are not valid telemetry.
+
+        """
         states = np.atleast_2d(np.asarray(states, dtype=float))
         parts = {name: states[:, columns] for name, columns in self._columns.items()}
         return Telemetry(self.joint_names, np.atleast_1d(time), **parts)
 
     def to_states(self, telemetry: Telemetry) -> NDArray[np.float64]:
-        """Return the plant states (N, nx), x = [q; v], of telemetry of this spacecraft's joints."""
+        """Return the plant states x = [q; v] (N, nx) of telemetry of this spacecraft.
+
+        Raises:
+            InputError: the telemetry's joints are not this spacecraft's joints, in this order.
+
+        """
         if telemetry.joint_names != self.joint_names:
             raise InputError(
                 f"telemetry of joints {', '.join(telemetry.joint_names)} is not of this "
@@ -209,7 +222,7 @@ class Spacecraft:
 
         Args:
             angles: joint positions [rad or m] by joint name.
-            where: begins the error message.
+            where: the name of the input, for error messages.
 
         Raises:
             InputError: a joint that the spacecraft does not have, or a position out of limits.
@@ -233,7 +246,7 @@ class Spacecraft:
 
     @property
     def position_limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(J,) lowest and highest positions of the joints; infinite where none [rad or m]."""
+        """Lowest and highest joint positions, (J,) each [rad or m]; infinite without a limit."""
         return (
             np.array([joint.position_lower_limit() for joint in self._joints]),
             np.array([joint.position_upper_limit() for joint in self._joints]),
@@ -241,11 +254,11 @@ class Spacecraft:
 
     @property
     def velocity_limits(self) -> NDArray[np.float64]:
-        """(J,) largest joint speeds of the model; infinite where it sets none [rad/s or m/s]."""
+        """(J,) largest joint speeds [rad/s or m/s]; infinite without a limit."""
         return np.array([joint.velocity_upper_limits()[0] for joint in self._joints])
 
     def momentum_sample(self, context: Context) -> MomentumSamples:
-        """Return one momentum sample (N = 1) of a context of `plant`, by Drake's kinematics."""
+        """Return one momentum sample (N = 1) of a context of `plant`, computed by Drake."""
         frame = self.capture_frame
         X_WC = frame.CalcPoseInWorld(context)
         p_WC = X_WC.translation()
@@ -267,7 +280,7 @@ class Spacecraft:
 
 
 def _exclude_all_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Switch contact off: a held target touches the gripper, and the grasp is already a weld."""
+    """Exclude all contact: a gripper touches the target that it holds, and the grasp is a weld."""
     geometries = [
         geometry
         for k in range(plant.num_bodies())

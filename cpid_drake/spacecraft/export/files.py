@@ -1,7 +1,7 @@
-"""The target as a model file, alone or attached to the user's own spacecraft.
+"""Writes the target as a model file, alone or attached to the user's own spacecraft.
 
-Every number is written with all its digits. Drake reads every file again, and its content is
-compared with the target, before the file gets its final name.
+Every number is written with all its digits. Drake reads every file again, and the result is
+compared with the input, before the file appears under its name.
 """
 
 import re
@@ -34,11 +34,11 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
 @dataclass(frozen=True)
 class Exported:
-    """The files of an export.
+    """The files of an exported target.
 
     Attributes:
-        name: of the target's link (or body).
-        files: the requested file, and the one that it needs beside it, if any.
+        name: name of the target's link (or body).
+        files: the requested file, and the file that it refers to, if any.
 
     """
 
@@ -57,24 +57,24 @@ def export_target(
 ) -> Exported:
     """Write the target as a model file; its link's frame is the capture frame C.
 
-    The principal moments of a flat or rod-shaped body are increased by 1e-13 of their sum where its
-    axes are not C's: otherwise rounding could make readers refuse it.
+    Readers round numbers. A flat or rod-shaped body whose principal axes are not C's axes is
+    therefore written with principal moments larger by 1e-13 of their sum, which readers accept.
 
     Args:
-        parameters: of the target, physically consistent.
+        parameters: physically consistent inertial parameters.
         path: the file to write, in a folder that exists.
-        format: "urdf", "sdf" or "mjcf", or "drake-yaml" for Drake model directives that add the
-            target's URDF, written beside them. Directives contain absolute paths.
-        spacecraft: if given, its model is written with the target fixed on C: an edited copy of a
-            URDF, SDF or MJCF file, comments included, or directives.
-        name: of the target's link; default: `target`, with a number if that is taken.
-        overwrite: whether `path` may exist.
+        format: "urdf", "sdf" or "mjcf", or "drake-yaml" for Drake model directives. Directives
+            contain absolute paths; they add the target's URDF, which is written beside them.
+        spacecraft: if given, the file contains its model with the target fixed on C. For URDF, SDF
+            and MJCF it is an edited copy that keeps the comments; directives work for any model.
+        name: name of the target's link; default: `target`, with a number if that name is taken.
+        overwrite: whether an existing `path` is replaced.
 
     Raises:
-        InputError: parameters that no rigid body has, an unknown format, a name that is taken or
-            not a plain one, a file that exists, a folder that cannot be written to, a spacecraft
-            in another format or split over several files, or a file that Drake does not read as
-            meant (it is not written then).
+        InputError: no rigid body has the parameters, the format is unknown, the name is taken or
+            not plain, the file exists, the folder cannot be written to, the spacecraft's model has
+            another format or several files, or Drake does not read the file as intended. No file
+            is written then.
 
     """
     path = Path(path)
@@ -123,7 +123,7 @@ def export_target(
 
 
 def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
-    """Return a name for the target's link, instance and (with an ending) joint."""
+    """Return a name that is free for the target's link, model instance and (with `_weld`) joint."""
     if name is not None and not _NAME.fullmatch(name):
         raise InputError(
             f"the name {name!r:.80} cannot be used: a letter, then letters, digits, _ and - (at "
@@ -145,7 +145,7 @@ def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
 
 
 def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
-    """Return parameters that stay physically consistent when a reader rounds them."""
+    """Return parameters that remain physically consistent after a reader has rounded them."""
     inertia, total = target.I_TTcm_C, np.trace(target.I_TTcm_C)
     low, middle, high = target.principal_moments()
     along_axes = not np.any(inertia - np.diag(np.diag(inertia)))
@@ -173,7 +173,7 @@ def _require_free(path: Path, spacecraft: Spacecraft | None, overwrite: bool) ->
 
 
 def _write_checked(path: Path, data: bytes, check: Callable[[Path], None]) -> None:
-    """Write a file beside its place, check it, and move it there."""
+    """Write a draft beside the file's place, check it, and rename it to the file."""
     ending = next(ending for ending in FORMATS.values() if path.name.endswith(ending))
     draft = path.parent / f".{uuid4().hex}{ending}"
     try:
@@ -204,7 +204,7 @@ def _check_alone(file: Path, name: str, target: InertialParameters) -> None:
 
 
 def _require_equal(meant: InertialParameters, read: InertialParameters) -> None:
-    """Compare two bodies to 1e-12, inertias relative to those about the body's origin."""
+    """Compare to 1e-12 of each quantity's size; of inertia, its size about the body's origin."""
     reach = np.linalg.norm(meant.p_CTcm_C)
     size = np.trace(meant.I_TTcm_C) + meant.mass * reach**2
     scale = np.array([meant.mass] + 3 * [reach] + 6 * [size])
@@ -215,7 +215,7 @@ def _require_equal(meant: InertialParameters, read: InertialParameters) -> None:
 def _check_attached(
     joined: Spacecraft, spacecraft: Spacecraft, name: str, target: InertialParameters
 ) -> None:
-    """Require that the spacecraft is unchanged and the target is fixed on C."""
+    """Require an unchanged spacecraft and the target fixed on C, in position and attitude."""
     before, after = spacecraft.tree, joined.tree
     names = [body.name for body in after.bodies]
     if names.count(name) != 1:
@@ -242,6 +242,6 @@ def _check_attached(
 
 
 def _same(old: TreeBody, new: TreeBody, target: int) -> bool:
-    """Return whether a body is unchanged; after the target, its parent's index is larger by one."""
+    """Return whether a body is unchanged, apart from its parent's index beyond the target."""
     changed = replace(new, parent=new.parent - (new.parent > target))
     return all(np.array_equal(value, getattr(changed, key)) for key, value in vars(old).items())

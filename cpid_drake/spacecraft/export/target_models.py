@@ -16,7 +16,7 @@ from cpid_drake.spacecraft.export.xml_edits import Element, XmlEdits, attribute_
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml", "drake-yaml": ".dmd.yaml"}
-"""The formats, and the endings of their files' names."""
+"""The formats that can be written, and the endings of their file names."""
 
 _WHAT = "The captured target as identified by cpid_drake; its frame is the capture frame."
 _USE_DIRECTIVES = "use format drake-yaml, which adds the model as it is"
@@ -29,7 +29,7 @@ def joint_name(name: str) -> str:
 
 def _numbers(values: ArrayLike) -> str:
     values = np.ravel(np.asarray(values, dtype=float))
-    # Some readers refuse subnormal numbers; -0 becomes 0.
+    # Some readers refuse numbers below the smallest normal one.
     values = np.where(np.abs(values) < sys.float_info.min, 0.0, values)
     return " ".join(repr(value) for value in values.tolist())
 
@@ -92,7 +92,7 @@ def _mjcf_body(target: InertialParameters, name: str, pose: str = "", inner: str
 
 
 def target_alone(target: InertialParameters, name: str, format: str) -> str:
-    """Return a URDF, SDF or MJCF of the target alone, a free body with the frame C."""
+    """Return the text of a URDF, SDF or MJCF of one free body, the target, with C as its frame."""
     if format == "urdf":
         return f'<?xml version="1.0"?>\n<robot name="{name}">\n{_urdf_link(target, name)}</robot>\n'
     if format == "sdf":
@@ -110,10 +110,17 @@ def target_alone(target: InertialParameters, name: str, format: str) -> str:
 def target_attached(
     target: InertialParameters, name: str, format: str, spacecraft: Spacecraft, path: Path
 ) -> bytes:
-    """Return the spacecraft's own file with the target fixed on C, to be written to `path`.
+    """Return the content of the spacecraft's own file with the target fixed on C.
+
+    Args:
+        target: its inertial parameters.
+        name: its link's name.
+        format: the format of the spacecraft's model.
+        spacecraft: of which a copy is edited.
+        path: where the result will be written; relative paths in it are changed accordingly.
 
     Raises:
-        InputError: its format is another, or it cannot be edited without reading other files.
+        InputError: the model's format is another, or editing it would need other files.
 
     """
     if spacecraft.path.suffix != FORMATS[format]:
@@ -183,7 +190,7 @@ def _scope(element: Element) -> str:
 
 
 def _move_files(edits: XmlEdits, format: str, old: Path, new: Path) -> None:
-    """Rewrite the relative paths of meshes and other files for a model in another folder."""
+    """Change relative paths of meshes and other files for a model in another folder."""
     if old == new:
         return
     compiler: dict[str, str] = {}
@@ -216,13 +223,13 @@ def _path_attributes(element: Element, format: str, compiler: dict[str, str]) ->
     if element.tag == "compiler":
         return ("meshdir", "texturedir", "assetdir")
     if element.tag == "include":
-        raise InputError("files that it includes cannot follow it into another folder")
+        raise InputError("files that it includes cannot be found from another folder")
     if element.parent is None or element.parent.tag != "asset":
         return ()
     if {"texturedir" if element.tag == "texture" else "meshdir", "assetdir"} & compiler.keys():
         return ()
     if compiler.get("strippath") == "true":
-        raise InputError("files whose path it strips cannot follow it into another folder")
+        raise InputError("files whose path it strips cannot be found from another folder")
     return tuple(key for key in element.attributes if key.startswith("file"))
 
 

@@ -1,4 +1,4 @@
-"""Edits of an XML file that leave every other byte as it is: comments, order, spelling."""
+"""Edits an XML file and leaves every other byte unchanged: comments, order and spelling."""
 
 import re
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ _TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 
 
 def attribute_text(value: str) -> str:
-    """Return a value as it is written between double quotes."""
+    """Return a value, escaped for use between double quotes."""
     return escape(value, {'"': "&quot;"})
 
 
@@ -33,13 +33,13 @@ class Element:
 
 
 class XmlEdits:
-    """An XML file and its pending edits.
+    """An XML file and the edits to apply to it.
 
     Attributes:
         elements: all elements in the file's order.
 
     Raises:
-        InputError: it is not XML that can be edited safely.
+        InputError: it is not well-formed XML, or it declares entities.
 
     """
 
@@ -75,15 +75,15 @@ class XmlEdits:
             raise InputError(f"not well-formed XML: {error}") from error
 
     def text(self, element: Element) -> str:
-        """Return the text between an element's tags, as written."""
+        """Return the text between an element's tags, not unescaped."""
         return self._data[element.inside : element.end].decode("utf-8", "replace")
 
     def set_text(self, element: Element, text: str) -> None:
-        """Replace the text between an element's tags."""
+        """Replace the content between an element's tags by this text."""
         self._edits.append((element.inside, element.end, escape(text).encode()))
 
     def set_attribute(self, element: Element, name: str, value: str) -> None:
-        """Change the value of an existing attribute."""
+        """Change the value of an attribute that the element has."""
         tag = self._data[element.start : element.inside]
         found = re.search(rb"""\s%s\s*=\s*("[^"]*"|'[^']*')""" % name.encode(), tag)
         if found:
@@ -106,7 +106,7 @@ class XmlEdits:
         self._edits.append((at, at, inner.encode()))
 
     def result(self) -> bytes:
-        """Return the edited file."""
+        """Return the edited file's content."""
         data = self._data
         for first, last, text in sorted(self._edits, reverse=True):
             data = data[:first] + text + data[last:]
