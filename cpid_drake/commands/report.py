@@ -48,8 +48,8 @@ def report(
         status.update("drawing")
         page.write(out)
         files = [out]
-        if figures is not None and findings.evidence is not None:
-            files += write_figures(figures, findings.evidence, findings.convergence, findings.truth)
+        if figures is not None and findings.log is not None:
+            files += write_figures(figures, findings.log, findings.truth)
     if findings.missing:
         log.print(f"note: the report lacks all that needs the log: {findings.missing}")
     log.print(f"{out}" + (f", {len(files) - 1} figures in {figures}" if figures else ""))

@@ -15,8 +15,8 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.dynamics.spatial_inertia import second_moment
 from cpid_drake.estimation.whiteness import autocorrelation
 from cpid_drake.identification.convergence import Convergence
-from cpid_drake.identification.requests import Evidence
 from cpid_drake.identification.result import Identification, ResidualSeries
+from cpid_drake.report.findings import IdentifiedLog
 from cpid_drake.report.style import COLORS, INK, inline_svg, label_axes, saved_figure
 from cpid_drake.sensing.measurements import Measurements, Samples
 
@@ -156,12 +156,10 @@ def ellipsoid_pictures(
 
 
 def write_figures(
-    folder: Path,
-    evidence: Evidence,
-    convergence: Convergence,
-    truth: InertialParameters | None = None,
+    folder: Path, log: IdentifiedLog, truth: InertialParameters | None = None
 ) -> list[Path]:
     """Write the figures as PNG and SVG into a folder that exists; return the files."""
+    evidence, convergence = log.evidence, log.convergence
     result, found = evidence.result, evidence.found
     pictures = [
         _together("convergence", convergence_pictures(convergence, truth), 2),

@@ -1,4 +1,4 @@
-"""What a report is about: a result, and the log that it was identified from."""
+"""The contents of a report: a result, and the log that it was identified from."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from cpid_drake.identification.requests import Evidence, identify_file, request_
 from cpid_drake.identification.result_files import IdentificationResult, read_result, result_text
 
 Progress = Callable[[str], None]
-"""Called with a few words before every step."""
+"""A function that is called with a few words before every step."""
 
 
 def no_progress(step: str) -> None:
@@ -19,37 +19,43 @@ def no_progress(step: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
+class IdentifiedLog:
+    """A log with its identification, and estimates from growing parts of it."""
+
+    evidence: Evidence
+    convergence: Convergence
+
+
+@dataclass(frozen=True, eq=False)
 class Findings:
-    """A result, and what could be read again of where it came from.
+    """A result, and its log if that can be read again.
 
     Attributes:
-        result: the result whose numbers are shown.
+        result: the result that is reported.
         text: the same as JSON.
-        evidence: the log identified again; None if it is not there any more.
-        missing: why it is not.
-        convergence: from the evidence.
-        truth: the true target, of a simulation.
-        visual_model: how the target looks, if there is a model of that.
+        log: the log, identified again; None if it cannot be read.
+        missing: why the log cannot be read; empty if it can.
+        truth: the true target, if it is known from a simulation.
+        visual_model: model file with the target's shape, if there is one.
 
     """
 
     result: IdentificationResult
     text: str
-    evidence: Evidence | None
-    missing: str
-    convergence: Convergence | None
+    log: IdentifiedLog | None
+    missing: str = ""
     truth: InertialParameters | None = None
     visual_model: str | None = None
 
 
 def findings_of(evidence: Evidence, progress: Progress = no_progress) -> Findings:
-    """Return what there is to report of a log that has just been identified."""
+    """Return the contents of a report on a log that has just been identified."""
     text = result_text(evidence.result, evidence.request.telemetry)
-    return Findings(evidence.result, text, evidence, "", converge(evidence, progress))
+    return Findings(evidence.result, text, IdentifiedLog(evidence, converge(evidence, progress)))
 
 
 def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Findings:
-    """Return what there is to report of a result file; its log is read again if it is there.
+    """Return the contents of a report on a result file; its log is identified again if possible.
 
     Raises:
         InputError: as `read_result`.
@@ -60,5 +66,5 @@ def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Find
     try:
         evidence = identify_file(request_of_result(result, str(path)), progress)
     except InputError as error:
-        return Findings(result, text, None, str(error), None)
-    return Findings(result, text, evidence, "", converge(evidence, progress))
+        return Findings(result, text, None, str(error))
+    return Findings(result, text, IdentifiedLog(evidence, converge(evidence, progress)))

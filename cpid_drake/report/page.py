@@ -9,7 +9,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import jinja2
 from markupsafe import Markup
@@ -18,20 +17,76 @@ from cpid_drake.errors import InputError
 from cpid_drake.report.figures import Picture
 
 
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a table: a text, and the exact value behind it.
+
+    Attributes:
+        text: the text to show.
+        value: the exact value; anything that JSON can hold.
+        key: path of the value in the embedded JSON, such as `com.0`; None if it is not there.
+        data: name of the embedded JSON text.
+
+    """
+
+    text: str
+    value: object = None
+    key: str | None = None
+    data: str = "result"
+
+    @property
+    def exact(self) -> str:
+        """`value` as JSON."""
+        return json.dumps(self.value, allow_nan=False)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: column heads, rows of cells or texts, a caption above and a note below."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[Cell | str]]
+    caption: str = ""
+    note: str = ""
+
+    def is_numeric(self, column: int) -> bool:
+        """Return whether a column holds numbers, which are aligned at the right."""
+        return any(isinstance(row[column], Cell) for row in self.rows)
+
+
+@dataclass(frozen=True, eq=False)
 class Section:
-    """A part of a report: a title, and a template that gets this object as `section`."""
+    """A part of a report. The page shows its contents in the order of the attributes.
+
+    Attributes:
+        title: the heading.
+        warnings: sentences in a box.
+        texts: paragraphs.
+        facts: names and values of a list.
+        tables: tables with captions and notes.
+        pictures_title: the heading of `pictures`.
+        pictures: figures to draw into the page.
+        files: PNG files with labels, to embed.
+        command: a command line.
+        inner_page: an HTML page as escaped JSON, which a button opens in the page.
+
+    """
 
     title: str
-    template: str
+    warnings: Sequence[str] = ()
+    texts: Sequence[str] = ()
+    facts: Sequence[tuple[str, str | Cell]] = ()
+    tables: Sequence[Table] = ()
+    pictures_title: str = ""
+    pictures: Sequence[Picture] = ()
+    files: Sequence[tuple[Path, str]] = ()
+    command: str = ""
+    inner_page: Markup | None = None
 
     @property
     def anchor(self) -> str:
         """Its id in the page, for links."""
         return self.title.lower().replace(" ", "-")
-
-    def render(self) -> Markup:
-        """Return the section as HTML, without its title."""
-        return Markup(_environment().get_template(self.template).render(section=self))
 
 
 @dataclass(frozen=True)
@@ -67,42 +122,6 @@ class Report:
             Path(path).write_text(text, encoding="utf-8")
         except OSError as error:
             raise InputError(f"{path}: cannot write there: {error.strerror}") from error
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A cell of a table: a text, and the exact value behind it.
-
-    Attributes:
-        text: the text to show.
-        value: the exact value; anything that JSON can hold.
-        key: path of the value in the embedded JSON, such as `com.0`; None if it is not there.
-        data: name of the embedded JSON text.
-
-    """
-
-    text: str
-    value: Any = None
-    key: str | None = None
-    data: str = "result"
-
-    @property
-    def exact(self) -> str:
-        """`value` as JSON."""
-        return json.dumps(self.value, allow_nan=False)
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table: column heads, and rows of cells or texts."""
-
-    heads: Sequence[str]
-    rows: Sequence[Sequence[Cell | str]]
-    caption: str = ""
-
-    def is_numeric(self, column: int) -> bool:
-        """Return whether a column holds numbers, which are aligned at the right."""
-        return any(isinstance(row[column], Cell) for row in self.rows)
 
 
 def embedded_json(text: str) -> Markup:

@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from cpid_drake.report.sections.answer import Answer
 
 from cpid_drake import InertialParameters, write_telemetry
 from cpid_drake.estimation.whiteness import autocorrelation, whiteness
@@ -20,7 +21,6 @@ from cpid_drake.report.page import Report, embedded_json
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.pages.study import StudySection, page_table
 from cpid_drake.report.sections import replay
-from cpid_drake.report.sections.answer import Answer
 from cpid_drake.report.sections.observability import weakest_combination
 
 SERVICER = SpacecraftReference(

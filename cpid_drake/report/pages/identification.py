@@ -1,4 +1,4 @@
-"""The report of an identification: its sections, and what is said in each."""
+"""The report of an identification."""
 
 from collections.abc import Sequence
 
@@ -6,17 +6,16 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.report.findings import Findings, Progress, no_progress
 from cpid_drake.report.page import Report, Section
-from cpid_drake.report.sections.answer import Answer
-from cpid_drake.report.sections.asked import Asked
-from cpid_drake.report.sections.base_motion import BaseMotion
-from cpid_drake.report.sections.convergence import ConvergenceSection
-from cpid_drake.report.sections.missing import Missing
-from cpid_drake.report.sections.observability import Observability
-from cpid_drake.report.sections.provenance import Provenance
+from cpid_drake.report.sections.base_motion import base_motion_section
+from cpid_drake.report.sections.convergence import convergence_section
+from cpid_drake.report.sections.observability import observability_section
+from cpid_drake.report.sections.provenance import provenance_of
 from cpid_drake.report.sections.replay import replay_section
-from cpid_drake.report.sections.residuals import Residuals
-from cpid_drake.report.sections.sensors import Sensors
-from cpid_drake.report.sections.warnings import Warnings
+from cpid_drake.report.sections.request import request_section
+from cpid_drake.report.sections.residuals import residuals_section
+from cpid_drake.report.sections.result import result_section
+from cpid_drake.report.sections.sensors import sensors_section
+from cpid_drake.report.sections.warnings import warnings_section
 
 
 def identification_report(
@@ -29,34 +28,39 @@ def identification_report(
     """Return the report of an identification.
 
     Args:
-        findings: what is reported.
+        findings: the contents.
         before: sections that come first.
-        title: of the page; default: what was identified.
+        title: heading of the page; default: the capture frame.
         progress: called with a few words before every step.
 
     """
-    result, evidence = findings.result, findings.evidence
-    sections: list[Section] = [*before, Asked(findings), Answer(findings), Warnings(findings)]
-    if evidence is None:
-        reason = f"What needs the log, which could not be read again: {findings.missing}."
-        sections += [Observability(result), Missing(reason)]
+    result, log = findings.result, findings.log
+    sections = [
+        *before,
+        request_section(result),
+        result_section(result, findings.truth),
+        warnings_section(result, log and log.evidence.result),
+    ]
+    if log is None:
+        reason = f"The report lacks all that needs the log: {findings.missing}."
+        sections += [observability_section(result), Section("Not shown", texts=[reason])]
     else:
         sections += [
-            ConvergenceSection(findings),
-            Residuals(evidence),
-            Observability(result),
-            Sensors(evidence),
-            BaseMotion(evidence),
+            convergence_section(log.convergence, findings.truth),
+            residuals_section(log.evidence.found),
+            observability_section(result),
+            sensors_section(log.evidence),
+            base_motion_section(log.evidence.measurements),
         ]
         progress("making the replay")
         try:
-            sections.append(replay_section(findings))
+            sections.append(replay_section(findings, log))
         except InputError as error:
-            sections.append(Missing(f"The replay: {error}."))
-    sections.append(Provenance(findings))
-    title = title or f"What {result.spacecraft.capture_frame} holds"
+            reason = f"The replay cannot be made: {error}."
+            sections.append(Section("Not shown", texts=[reason]))
+    sections.append(provenance_of(result.source))
+    title = title or f"Target held by {result.spacecraft.capture_frame}"
     model = result.spacecraft.model.rsplit("/", 1)[-1]
     known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"
-    how = estimator_label(result.estimator)
-    subtitle = f"{known} identified with {model} by {how}"
+    subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
     return Report(title, subtitle, sections, {"result": findings.text})

@@ -9,7 +9,7 @@ from cpid_drake.report.findings import Findings, Progress, findings_of
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.run_folder import read_run
-from cpid_drake.report.sections.simulated import Simulated
+from cpid_drake.report.sections.simulated import simulated_section
 
 
 def run_report(folder: Path, progress: Progress) -> tuple[Report, Findings]:
@@ -36,7 +36,7 @@ def run_report(folder: Path, progress: Progress) -> tuple[Report, Findings]:
     )
     report = identification_report(
         findings,
-        before=(Simulated(run),),
+        before=(simulated_section(run),),
         title=f"Simulated run “{folder.resolve().name}”",
         progress=progress,
     )

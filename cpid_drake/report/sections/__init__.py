@@ -1,1 +1,1 @@
-"""The sections of reports, one module a section."""
+"""The sections of reports: one module for each, with a function that returns a `page.Section`."""

@@ -1,7 +1,4 @@
-"""The section that says which parameters the motion determines well."""
-
-from dataclasses import dataclass
-from typing import ClassVar
+"""The section that says how well the motion determines the parameters."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,70 +6,51 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, parameter_scale
 from cpid_drake.identification.result import ADVICE
 from cpid_drake.identification.result_files import IdentificationResult
-from cpid_drake.report.figures import (
-    Picture,
-    singular_value_picture,
-)
+from cpid_drake.report.figures import singular_value_picture
 from cpid_drake.report.page import Cell, Section, Table
 
 
-@dataclass(frozen=True, eq=False)
-class Observability(Section):
-    """How well the log determines what."""
-
-    result: IdentificationResult
-    title: ClassVar[str] = "What the motion shows"
-    template: ClassVar[str] = "pictures.html.j2"
-
-    @property
-    def texts(self) -> list[str]:
-        """What is weakly observed."""
-        result = self.result
-        if result.rank < 10:
-            return [
-                f"Not all ten are known: {result.not_observable}.",
-                f"To see the rest: {ADVICE}.",
-            ]
-        texts = []
-        if np.isfinite(result.condition):
-            texts.append(
-                "The smallest singular value is that of the combination that the motion shows "
-                f"least, {result.condition:.3g} times less than the one it shows best."
-            )
-        weakest = weakest_combination(result.parameters, result.covariance)
-        if weakest is not None:
-            weights, sigma = weakest
-            order = np.argsort(-np.abs(weights))
-            parts = [f"{PARAMETER_NAMES[i]} ({weights[i]:+.2f})" for i in order]
-            shown = [part for part, i in zip(parts, order) if abs(weights[i]) > 0.2]
-            which = f"the combination {', '.join(shown)}"
-            if len(shown) == 1:
-                which = PARAMETER_NAMES[order[0]]
-            texts.append(
-                f"Known least, for its size, is {which}: σ is "
-                f"{100 * sigma:.2g} % of its scale. Scales: m of the mass, the radius of gyration "
-                "of c, and the trace of the inertia."
-            )
-        return texts
-
-    @property
-    def table(self) -> Table | None:
-        """Relative σ of the ten."""
-        result = self.result
-        scale = _scale(result.parameters)
-        if scale is None:
-            return None
+def observability_section(result: IdentificationResult) -> Section:
+    """Return the section with relative standard deviations and singular values."""
+    values = result.singular_values
+    pictures = [] if values is None or np.isnan(values).any() else [singular_value_picture(values)]
+    tables = []
+    scale = _scale(result.parameters)
+    if scale is not None:
         share = 100 * np.sqrt(np.diag(result.covariance)) / scale
-        if not np.isfinite(share).all():
-            return None
-        cells = [Cell(f"{value:.2g}") for value in share]
-        return Table(["", *PARAMETER_NAMES], [["σ, % of scale", *cells]])
+        if np.isfinite(share).all():
+            cells = [Cell(f"{value:.2g}") for value in share]
+            tables = [Table(["", *PARAMETER_NAMES], [["σ, % of scale", *cells]])]
+    return Section("Observability", texts=_texts(result), tables=tables, pictures=pictures)
 
-    @property
-    def pictures(self) -> list[Picture]:
-        """The singular values, if the result holds them."""
-        values = self.result.singular_values
-        return [] if values is None or np.isnan(values).any() else [singular_value_picture(values)]
+
+def _texts(result: IdentificationResult) -> list[str]:
+    if result.rank < 10:
+        return [
+            f"Not all ten parameters are known: {result.not_observable}.",
+            f"To determine the others: {ADVICE}.",
+        ]
+    texts = []
+    if np.isfinite(result.condition):
+        texts.append(
+            "The singular values measure how strongly the motion excites ten independent "
+            f"combinations of the parameters. The largest is {result.condition:.3g} times the "
+            "smallest."
+        )
+    weakest = weakest_combination(result.parameters, result.covariance)
+    if weakest is not None:
+        weights, sigma = weakest
+        order = np.argsort(-np.abs(weights))
+        parts = [f"{PARAMETER_NAMES[i]} ({weights[i]:+.2f})" for i in order]
+        shown = [part for part, i in zip(parts, order) if abs(weights[i]) > 0.2]
+        which = f"combination {', '.join(shown)}"
+        if len(shown) == 1:
+            which = f"parameter {PARAMETER_NAMES[order[0]]}"
+        texts.append(
+            f"The least certain {which} has a σ of {100 * sigma:.2g} % of its scale. The scale is "
+            "the mass for m, the radius of gyration for c, and the trace of the inertia for I."
+        )
+    return texts
 
 
 def _scale(parameters: NDArray[np.float64]) -> NDArray[np.float64] | None:

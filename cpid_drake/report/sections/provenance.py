@@ -1,37 +1,25 @@
-"""The section that says which files and versions a result comes from."""
+"""The section that says which files and versions a report comes from."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Sequence
 
-from cpid_drake.report.findings import Findings
-from cpid_drake.report.page import Section
+from cpid_drake.identification.result_files import Source
+from cpid_drake.report.page import Cell, Section
 from cpid_drake.scenario.run_files import versions
 
 
-@dataclass(frozen=True, eq=False)
-class Provenance(Section):
-    """Where all this comes from."""
+def provenance_section(facts: Sequence[tuple[str, str | Cell]], command: str) -> Section:
+    """Return the section with facts, versions and the command that repeats the work."""
+    used = ", ".join(f"{name} {number}" for name, number in versions().items())
+    return Section("Provenance", facts=[*facts, ("Report written by", used)], command=command)
 
-    findings: Findings
-    title: ClassVar[str] = "Where this comes from"
-    template: ClassVar[str] = "provenance.html.j2"
 
-    @property
-    def facts(self) -> list[tuple[str, str]]:
-        """Names and values."""
-        source = self.findings.result.source
-        used = ", ".join(f"{name} {number}" for name, number in versions().items())
-        facts = [("Report made by", used)]
-        if source is not None:
-            facts += [
-                ("Telemetry", source.telemetry),
-                ("SHA-256", source.sha256 or "a folder has none"),
-                ("Identified by", f"cpid-drake {source.cpid_drake}"),
-            ]
-        return facts
-
-    @property
-    def command(self) -> str:
-        """The command line."""
-        source = self.findings.result.source
-        return "" if source is None else source.command
+def provenance_of(source: Source | None) -> Section:
+    """Return the provenance of an identification; `source` is None if the file does not name it."""
+    if source is None:
+        return provenance_section([], "")
+    facts = [
+        ("Telemetry", source.telemetry),
+        ("SHA-256", source.sha256 or "none (a folder)"),
+        ("Identified by", f"cpid-drake {source.cpid_drake}"),
+    ]
+    return provenance_section(facts, source.command)

@@ -1,0 +1,33 @@
+"""The section that repeats the request."""
+
+from cpid_drake.identification.estimators import estimator_label
+from cpid_drake.identification.result_files import IdentificationResult
+from cpid_drake.report.page import Cell, Section
+from cpid_drake.report.sections.cells import value_cell
+
+
+def request_section(result: IdentificationResult) -> Section:
+    """Return the section that says what was identified from which data, and how."""
+    source, craft = result.source, result.spacecraft
+    how = estimator_label(result.estimator) + (f" ({result.rows})" if result.rows else "")
+    facts: list[tuple[str, str | Cell]] = []
+    if source is not None:
+        facts += [
+            ("Telemetry", source.telemetry),
+            ("Time window", f"{source.start:.6g} to {source.end:.6g} s"),
+            ("Sensors", source.sensors or "not given"),
+            ("Total momentum", source.momentum),
+        ]
+    facts += [
+        ("Spacecraft", craft.model),
+        ("Base body", craft.base),
+        ("Capture frame", craft.capture_frame),
+        ("Estimator", how),
+        ("Samples used", value_cell(result.samples_used, "samples_used")),
+        ("Samples left out", value_cell(result.samples_rejected, "samples_rejected")),
+    ]
+    text = (
+        "Mass, centre of mass and inertia of the target that a free-floating spacecraft holds, "
+        "identified from the motion of the base while the arms move."
+    )
+    return Section("Request", texts=[text], facts=facts)
