@@ -10,7 +10,8 @@ from rich.table import Table
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.report.style import COLORS, saved_figure
-from cpid_drake.studies.accuracy import Accuracy, AccuracyStudy
+from cpid_drake.studies.accuracy import AccuracyStudy
+from cpid_drake.studies.statistics import Accuracy
 
 LEGEND = (
     "Scale: the true mass, 0.5 m, and the trace of I. NEES: mean normalized estimation error "

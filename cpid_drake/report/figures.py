@@ -1,7 +1,8 @@
-"""Figures of an identification, for a page and as files."""
+"""Figures of an identification, for a page or as files."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,19 +23,19 @@ from cpid_drake.sensing.measurements import Measurements, Samples
 
 _TIME = "time [s]"
 _SMALL = (3.7, 2.3)
-_MOST_POINTS = 1500  # of a line in a page; more are drawn as an image
+_MOST_POINTS = 1500  # of a line in a page; lines of more points become an image
 _LAGS = 25
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that can be drawn anywhere.
+    """A figure that can be drawn into a page or a file.
 
     Attributes:
-        name: of its file and in a page: letters, digits and hyphens.
-        label: what it shows.
+        name: name of its file, and its id in a page: letters, digits and hyphens.
+        label: what the figure shows, for screen readers.
         size: width and height [in].
-        draw: draws it on a figure.
+        draw: draws on the figure that it gets.
 
     """
 
@@ -44,11 +45,11 @@ class Picture:
     draw: Callable[[Figure], None]
 
     def svg(self) -> str:
-        """Return it for a page."""
+        """Return the figure as an SVG element for a page."""
         return inline_svg(self.name, self.label, *self.size, self.draw)
 
     def save(self, folder: Path, ending: str) -> Path:
-        """Write it to a PNG or SVG file."""
+        """Write the figure to a file whose name ends in `.png` or `.svg`; return the file."""
         path = folder / f"{self.name}.{ending}"
         with saved_figure(path, *self.size) as figure:
             self.draw(figure)
@@ -58,31 +59,26 @@ class Picture:
 def convergence_pictures(
     convergence: Convergence, truth: InertialParameters | None = None
 ) -> list[Picture]:
-    """Return one picture a parameter: its estimate against time, with its 95 % band."""
-    true = None if truth is None else truth.to_vector()
+    """Return a picture for each parameter: its estimates over time, with 95 % intervals."""
     return [
         Picture(
             f"convergence-{name}",
-            f"{name} against time with its 95 % band",
+            f"{name} over time with its 95 % interval",
             _SMALL,
-            lambda figure, i=i: _draw_parameter(
-                figure.subplots(), convergence, i, None if true is None else true[i]
-            ),
+            partial(_draw_parameter, convergence, truth, i),
         )
         for i, name in enumerate(PARAMETER_NAMES)
     ]
 
 
 def residual_pictures(found: Identification) -> list[Picture]:
-    """Return what is left of the samples against time, kind by kind, and its autocorrelation."""
+    """Return pictures of the residuals over time, and of their autocorrelation."""
     pictures = [
         Picture(
             f"residuals-{name}",
-            f"residuals of {name} against time",
+            f"residuals of {name} over time",
             _SMALL,
-            lambda figure, name=name, samples=samples: _draw_residuals(
-                figure.subplots(), samples, name, samples.unit
-            ),
+            partial(_draw_residuals, samples, name),
         )
         for name, samples in found.residuals.items()
     ]
@@ -92,7 +88,7 @@ def residual_pictures(found: Identification) -> list[Picture]:
                 "autocorrelation",
                 "autocorrelation of the residuals",
                 _SMALL,
-                lambda figure: _draw_autocorrelation(figure.subplots(), found.residuals),
+                partial(_draw_autocorrelation, found.residuals),
             )
         )
     return pictures
@@ -104,19 +100,19 @@ def singular_value_picture(values: NDArray[np.float64]) -> Picture:
         "singular-values",
         "singular values of the scaled problem",
         _SMALL,
-        lambda figure: _draw_singular_values(figure.subplots(), values),
+        partial(_draw_singular_values, values),
     )
 
 
 def motion_pictures(measurements: Measurements) -> list[Picture]:
-    """Return pictures of the base's motion, as far as it was measured."""
+    """Return a picture for each sensor of the base's motion."""
     panels: dict[str, tuple[str, Samples, str]] = {}
     m = measurements
     if len(m.attitude):
         attitude = Rotation.from_quat(m.attitude.value, scalar_first=True)
         angles = np.degrees((attitude[0].inv() * attitude).as_rotvec())
         turned = Samples(m.attitude.time, angles)
-        panels["attitude"] = "Base attitude, from its first", turned, "rotation vector [deg]"
+        panels["attitude"] = "Base attitude, from the first sample", turned, "rotation vector [deg]"
     if len(m.gyro):
         rate = Samples(m.gyro.time, np.degrees(m.gyro.value))
         panels["rate"] = "Base angular velocity, in B", rate, "[deg/s]"
@@ -124,32 +120,31 @@ def motion_pictures(measurements: Measurements) -> list[Picture]:
         moved = m.position.value - m.position.value[0]
         factor, unit = (1e3, "mm") if np.abs(moved).max() < 0.1 else (1.0, "m")
         place = Samples(m.position.time, factor * moved)
-        panels["position"] = "Base position, from its first", place, f"in W [{unit}]"
+        panels["position"] = "Base position, from the first sample", place, f"in W [{unit}]"
     if len(m.velocity):
         speed = Samples(m.velocity.time, 1e3 * m.velocity.value)
         panels["velocity"] = "Base velocity", speed, "in W [mm/s]"
     return [
         Picture(
             f"base-{name}",
-            f"{title} against time",
+            f"{title} over time",
             _SMALL,
-            lambda figure, panel=panel: _draw_vector(figure.subplots(), *panel),
+            partial(_draw_vector, title, samples, label),
         )
-        for name, panel in panels.items()
-        for title in panel[:1]
+        for name, (title, samples, label) in panels.items()
     ]
 
 
 def ellipsoid_pictures(
     target: InertialParameters, truth: InertialParameters | None
 ) -> list[Picture]:
-    """Return the solid ellipsoid that has these inertial parameters, seen along C's axes."""
+    """Return the solid ellipsoid of equal mass and inertia, seen along each axis of C."""
     return [
         Picture(
             f"ellipsoid-{'xyz'[i]}{'xyz'[j]}",
             f"the solid ellipsoid of the same inertia, {'xyz'[i]} and {'xyz'[j]}",
             (3.7, 3.0),
-            lambda figure, plane=(i, j): _draw_ellipsoid(figure.subplots(), target, truth, plane),
+            partial(_draw_ellipsoid, target, truth, (i, j)),
         )
         for i, j in ((0, 1), (0, 2), (1, 2))
     ]
@@ -158,7 +153,7 @@ def ellipsoid_pictures(
 def write_figures(
     folder: Path, log: IdentifiedLog, truth: InertialParameters | None = None
 ) -> list[Path]:
-    """Write the figures as PNG and SVG into a folder that exists; return the files."""
+    """Write the figures as PNG and SVG files into an existing folder; return the files."""
     evidence, convergence = log.evidence, log.convergence
     result, found = evidence.result, evidence.found
     pictures = [
@@ -194,7 +189,11 @@ def _together(name: str, pictures: list[Picture], columns: int) -> Picture | Non
 # -- drawing --------------------------------------------------------------------------------------
 
 
-def _draw_parameter(axes: Axes, convergence: Convergence, i: int, true: float | None) -> None:
+def _draw_parameter(
+    convergence: Convergence, truth: InertialParameters | None, i: int, figure: Figure
+) -> None:
+    axes = figure.subplots()
+    true = None if truth is None else float(truth.to_vector()[i])
     time, value = convergence.time, convergence.parameters[:, i]
     low, high = convergence.intervals[:, i].T
     axes.fill_between(time, low, high, color=COLORS[0], alpha=0.22, linewidth=0)
@@ -209,7 +208,7 @@ def _draw_parameter(axes: Axes, convergence: Convergence, i: int, true: float | 
         axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center")
     else:
         axes.set_ylim(*limits)
-        # Of digits that do not change in the picture only a few are worth repeating.
+        # Tick labels that share most digits get an offset instead of repeating them.
         long = limits[1] - limits[0] < 1e-5 * max(map(abs, limits))
         axes.ticklabel_format(axis="y", useOffset=long, scilimits=(-4, 5))
         axes.locator_params(axis="y", nbins=5)
@@ -218,27 +217,31 @@ def _draw_parameter(axes: Axes, convergence: Convergence, i: int, true: float | 
 def _limits(
     values: NDArray[np.float64], bands: NDArray[np.float64], true: float | None
 ) -> tuple[float, float] | None:
-    """Return limits that show the later estimates; the first bands are too wide to show."""
+    """Return limits that show the later estimates; the first intervals are too wide."""
     known = np.flatnonzero(np.isfinite(values))
     if not known.size:
         return None
     late = known[len(known) // 3 :]
-    shown = [values[late], bands[late].ravel(), [] if true is None else [true]]
-    shown = np.concatenate(shown)
+    shown = np.append(values[late], bands[late].ravel())
+    shown = shown if true is None else np.append(shown, true)
     shown = shown[np.isfinite(shown)]
     low, high = float(shown.min()), float(shown.max())
     margin = 0.08 * (high - low) or 1e-3 * max(abs(high), 1e-9)
     return low - margin, high + margin
 
 
-def _draw_residuals(axes: Axes, samples: ResidualSeries, name: str, unit: str) -> None:
-    title = "Rows" if name in ("linear", "angular") else "Samples"
-    _draw_vector(axes, f"{title}: {name}", samples, f"residual [{unit}]", line="none")
-    if unit == "σ":
+def _draw_residuals(series: ResidualSeries, name: str, figure: Figure) -> None:
+    of_sensor = series.unit == "σ"
+    title = f"{'Samples' if of_sensor else 'Rows'}: {name}"
+    axes = _draw_vector(title, series, f"residual [{series.unit}]", figure, line="none")
+    if of_sensor:
         axes.axhspan(-2, 2, color=COLORS[5], alpha=0.15, linewidth=0)
 
 
-def _draw_vector(axes: Axes, title: str, samples: Samples, label: str, line: str = "-") -> None:
+def _draw_vector(
+    title: str, samples: Samples | ResidualSeries, label: str, figure: Figure, line: str = "-"
+) -> Axes:
+    axes = figure.subplots()
     for column, name, color in zip(samples.value.T, "xyz", COLORS):
         axes.plot(
             samples.time,
@@ -253,10 +256,11 @@ def _draw_vector(axes: Axes, title: str, samples: Samples, label: str, line: str
         )
     label_axes(axes, title, _TIME, label)
     _legend_above(axes)
+    return axes
 
 
 def _legend_above(axes: Axes) -> None:
-    """Put the legend right of the title, where there are no data."""
+    """Put the legend to the right of the title, outside the data."""
     axes.legend(
         ncols=4,
         loc="lower right",
@@ -269,7 +273,8 @@ def _legend_above(axes: Axes) -> None:
     )
 
 
-def _draw_autocorrelation(axes: Axes, residuals: Mapping[str, ResidualSeries]) -> None:
+def _draw_autocorrelation(residuals: Mapping[str, ResidualSeries], figure: Figure) -> None:
+    axes = figure.subplots()
     widest = 0.0
     for (name, samples), color in zip(residuals.items(), COLORS):
         rho, channels = autocorrelation(samples.value)
@@ -285,7 +290,8 @@ def _draw_autocorrelation(axes: Axes, residuals: Mapping[str, ResidualSeries]) -
     axes.legend(ncols=2, loc="best", handlelength=1.2)
 
 
-def _draw_singular_values(axes: Axes, values: NDArray[np.float64]) -> None:
+def _draw_singular_values(values: NDArray[np.float64], figure: Figure) -> None:
+    axes = figure.subplots()
     place, largest = np.arange(1, len(values) + 1), float(np.max(values))
     smallest = np.min(values[values > 0], initial=largest)
     wide = 0 < smallest < largest / 10
@@ -301,11 +307,12 @@ def _draw_singular_values(axes: Axes, values: NDArray[np.float64]) -> None:
 
 
 def _draw_ellipsoid(
-    axes: Axes,
     target: InertialParameters,
     truth: InertialParameters | None,
     plane: tuple[int, int],
+    figure: Figure,
 ) -> None:
+    axes = figure.subplots()
     bodies = [(target, COLORS[0], "-", "estimate")]
     if truth is not None:
         bodies.append((truth, COLORS[1], "--", "truth"))
@@ -325,7 +332,7 @@ def _draw_ellipsoid(
 
 
 def ellipse(body: InertialParameters, plane: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the outline (2, N) of a body's solid ellipsoid of equal inertia, seen along an axis.
+    """Return the outline (2, N) of a body's ellipsoid of equal inertia, seen along an axis [m].
 
     Its second moments of mass are those of the body, Σ = (tr(I)/2) 1 − I; those of a solid
     ellipsoid of semi-axes a are m a²/5.

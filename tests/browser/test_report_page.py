@@ -3,11 +3,12 @@
 import io
 import json
 from contextlib import contextmanager
+from dataclasses import replace
 
 import matplotlib.image
 import pytest
 
-from cpid_drake.identification import convergence
+from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.requests import Request, identify_file
 from cpid_drake.identification.result_files import SpacecraftReference, result_text
 from cpid_drake.report.findings import findings_of
@@ -32,7 +33,8 @@ def report(tmp_path_factory):
     log.write_bytes((models_directory() / "telemetry/free_flyer.csv").read_bytes())
     request = Request(str(log), FREE_FLYER, sensors="testbed", end=4.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(convergence, "WINDOWS", {"trajectory_fit": 4})
+        record = replace(ESTIMATORS["trajectory_fit"], reports=4)
+        patch.setitem(ESTIMATORS, "trajectory_fit", record)
         findings = findings_of(identify_file(request))
     identification_report(findings).write(folder / "report.html")
     return folder / "report.html", json.loads(result_text(findings.result, ""))

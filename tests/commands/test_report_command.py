@@ -2,10 +2,11 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
-from cpid_drake.identification import convergence
+from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.report.figures import Picture
 from cpid_drake.report.sections import replay
 from cpid_drake.resources import models_directory
@@ -21,7 +22,8 @@ FREE_FLYER = (
 def quick():
     """Few windows, and pages without drawings and replay: those are tested elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(convergence, "WINDOWS", dict.fromkeys(convergence.WINDOWS, 3))
+        for name, record in ESTIMATORS.items():
+            patch.setitem(ESTIMATORS, name, replace(record, reports=3))
         patch.setattr(replay, "replay_html", lambda *args, **options: "replay")
         patch.setattr(Picture, "svg", lambda picture: "<svg/>")
         yield

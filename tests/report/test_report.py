@@ -7,7 +7,6 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from cpid_drake.report.sections.answer import Answer
 
 from cpid_drake import InertialParameters, write_telemetry
 from cpid_drake.estimation.whiteness import autocorrelation, whiteness
@@ -17,11 +16,12 @@ from cpid_drake.identification.requests import Request, identify_file, request_o
 from cpid_drake.identification.result_files import SpacecraftReference, read_result, write_result
 from cpid_drake.report.figures import Picture, ellipse
 from cpid_drake.report.findings import findings_of, findings_of_file
-from cpid_drake.report.page import Report, embedded_json
+from cpid_drake.report.page import Report, Section, embedded_json
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.report.pages.study import StudySection, page_table
+from cpid_drake.report.pages.study import page_table
 from cpid_drake.report.sections import replay
 from cpid_drake.report.sections.observability import weakest_combination
+from cpid_drake.report.sections.result import result_section
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"
@@ -154,7 +154,7 @@ class TestPage:
         table.add_column("name")
         table.add_column("root\nmean square")
         table.add_row("a<b", "1.5")
-        section = StudySection("A section", ["x & y"], [(page_table(table), "note")])
+        section = Section("A section", texts=["x & y"], tables=[page_table(table, "note")])
         page = Page(Report("t", "s", [section]).html())
         for text in ("T<1>", "a<b", "root mean square", "1.5", "x & y", "note"):
             assert text in page.text
@@ -176,7 +176,7 @@ class TestWhatIsSaid:
     def test_a_log_that_changed_is_not_used(self, result_file, exact):
         exact.write_text(exact.read_text() + "\n")
         findings = findings_of_file(result_file)
-        assert findings.evidence is None
+        assert findings.log is None
         assert "has changed since: its SHA-256 is another" in findings.missing
 
     def test_a_log_is_found_beside_its_result(self, exact, tmp_path, monkeypatch):
@@ -217,10 +217,11 @@ class TestWhatIsSaid:
         write_telemetry(tmp_path / "rounded.csv", rounded.select(slice(0, 4)))
         found = identify_file(Request(str(tmp_path / "rounded.csv"), SERVICER))
         assert not found.found.raw().is_feasible()
-        assert "No rigid body has the estimate as it is (" in Answer(findings_of(found)).verdict
+        (text,) = result_section(found.result, None).texts
+        assert "The estimate is physically inconsistent (" in text
         write_result(tmp_path / "r.json", found.result)
         again = findings_of_file(tmp_path / "r.json")
-        assert Answer(again).verdict == Answer(findings_of(found)).verdict
+        assert result_section(again.result, None).texts == [text]
 
     def test_what_is_not_known_is_said(self, exact):
         found = identify_file(Request(str(exact), SERVICER, end=1.5))

@@ -39,7 +39,7 @@ def identification_report(
         *before,
         request_section(result),
         result_section(result, findings.truth),
-        warnings_section(result, log and log.evidence.result),
+        warnings_section(result, None if log is None else log.evidence.result),
     ]
     if log is None:
         reason = f"The report lacks all that needs the log: {findings.missing}."
