@@ -72,7 +72,7 @@ def solve_least_squares(
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         raise ValueError("rows and right-hand sides must be finite")
     A, b = A.reshape(-1, A.shape[-1]), b.ravel()
-    row_count = np.count_nonzero(A.any(axis=1) | (b != 0))
+    row_count = int(np.count_nonzero(A.any(axis=1) | (b != 0)))
     return solve_compressed(A, b, 0.0, row_count, rank_tolerance)
 
 

@@ -1,7 +1,7 @@
-"""Estimation of the sensors' noise from a log, for use when the sensors are not given.
+"""Estimates the sensors' noise from a log, if no sensors are given.
 
-Differences of high order remove smooth motion and keep noise: the p-th differences of white noise
-of variance σ² have the variance σ² (2p)!/(p!)².
+Differences of high order remove a smooth motion and keep the noise: the p-th differences of white
+noise of variance σ² have the variance σ² (2p)!/(p!)².
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ _LEAST = 1e-13
 
 
 def estimate_suite(measurements: Measurements) -> SensorSuite:
-    """Return sensors with the estimated noise of the samples: white, the same in all axes.
+    """Return sensors with white noise, the same in all axes, as estimated from the samples.
 
     Raises:
         InputError: there are no encoders, or fewer than 12 samples of a sensor.
@@ -33,7 +33,7 @@ def estimate_suite(measurements: Measurements) -> SensorSuite:
             continue
         if len(samples) < _FEWEST:
             raise InputError(
-                f"{len(samples)} samples of {name} are too few to tell their noise from motion; "
+                f"{len(samples)} samples of {name} are too few to estimate their noise; "
                 f"give the sensors, or at least {_FEWEST} samples"
             )
         rate = float(np.clip(1 / np.median(np.diff(samples.time)), 1e-3, 1e5))
@@ -43,10 +43,14 @@ def estimate_suite(measurements: Measurements) -> SensorSuite:
 
 
 def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
-    """Return σ of one entry of a sample (for attitudes: of the rotation about one axis [rad]).
+    """Return σ of one entry of a sample (of attitudes: of the rotation about one axis [rad]).
 
-    It is the least of the estimates from several orders of differences, because low orders still
-    contain motion. A motion that is too fast for the sample rate looks like noise.
+    The smallest estimate from differences of several orders is returned, because differences of low
+    order still contain motion. A motion too fast for the samples looks like noise.
+
+    Raises:
+        InputError: the samples are too unevenly spaced.
+
     """
     value = samples.value
     if quaternions:
@@ -58,7 +62,7 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
     for order in _ORDERS:
         if len(value) <= order + 2:
             break
-        # Differences across a gap are not used.
+        # Differences across a gap in the samples are left out.
         whole = np.convolve(even, np.ones(order), "valid") > order - 0.5
         if not whole.any():
             break
@@ -66,8 +70,8 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
         level = _root_mean_square(difference) / np.sqrt(comb(2 * order, order))
         least = min(least, level)
     if not np.isfinite(least):
-        raise InputError("samples at such uneven times do not tell their noise; give the sensors")
-    # A rotation by δ changes the four entries by δ/2 in total, in three directions.
+        raise InputError("the times of samples are too uneven to estimate noise; give the sensors")
+    # A rotation by δ changes the four entries by δ/2 in total, along three directions.
     return max(float(least * (2 * np.sqrt(4 / 3) if quaternions else 1.0)), _LEAST)
 
 

@@ -1,4 +1,4 @@
-"""Screening of samples: samples that cannot be used are removed and counted."""
+"""Removes unusable samples and counts them."""
 
 from bisect import bisect_left
 
@@ -10,25 +10,25 @@ from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import ATTITUDE, SENSORS
 
 LONGEST_GAP = 3600.0
-"""Longest gap between times of one log [s]; a longer one is an error of a clock."""
+"""Longest time between two samples of one log [s]; with a longer one, a clock was wrong."""
 
 
 def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
-    """Return the samples that can be used, and the number of rejected samples of each sensor.
+    """Return the usable samples, and the number of unusable ones by sensor.
 
-    Rejected are
+    Unusable are
 
     - samples with an entry that is not finite;
-    - attitudes whose quaternion is more than 1e-3 off unit norm;
-    - samples whose time is further than `LONGEST_GAP` from most others, because a clock jumps or is
-      not set yet;
-    - as few samples as possible to make the times of the rest increase; of repeated times the first
-      is kept.
+    - attitudes whose quaternion has a norm that differs from 1 by more than 1e-3;
+    - samples with stamps more than `LONGEST_GAP` from most others: the clock jumped, or was not set
+      yet. One stamp in the far future removes no other sample;
+    - the fewest further samples whose removal makes the stamps increase; of repeated stamps the
+      first sample is kept.
 
     Quaternions are normalized; their sign, which has no meaning, is kept.
 
     Raises:
-        InputError: samples that are not numbers, or whose shapes do not fit.
+        InputError: samples that are not numbers, or whose shapes do not fit the sensor.
 
     """
     kept, rejected = {}, {}
@@ -60,7 +60,7 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
 
 
 def _together(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the indices, in order, of the largest set of times without a gap of `LONGEST_GAP`."""
+    """Return the indices, ascending, of the largest group of stamps without a `LONGEST_GAP`."""
     order = np.argsort(time)
     gaps = np.flatnonzero(time[order][1:] > time[order][:-1] + LONGEST_GAP)
     ends = np.concatenate([[0], gaps + 1, [time.size]])
@@ -69,11 +69,16 @@ def _together(time: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _increasing(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the indices of the longest (and first such) series of strictly increasing times."""
+    """Return the indices of the longest strictly increasing subsequence of the stamps.
+
+    Of several longest ones, return the first.
+    """
     if (time[1:] > time[:-1]).all():
         return np.arange(time.size)
-    # Backwards, by length of such a series: its largest first time, that one's index, and the next.
-    first, start = [], []
+    # From the end on, for each length: minus the largest first stamp of such a subsequence, and
+    # that stamp's index. `following` links each stamp to its successor.
+    first: list[float] = []
+    start: list[int] = []
     following = np.full(time.size, -1)
     for k in range(time.size - 1, -1, -1):
         length = bisect_left(first, -time[k])

@@ -1,7 +1,7 @@
-"""Smoothing: from samples of different rates to motion at common instants, with its covariance.
+"""Converts sensor samples of different rates to motion at common times, with its covariance.
 
 Regression splines: least squares in a B-spline basis whose knots follow the samples; Akaike's
-criterion selects their number. Rates that no sensor measures are the derivatives of the spline.
+criterion chooses their number. Rates that no sensor measures are the derivatives of the splines.
 """
 
 from collections.abc import Sequence
@@ -16,30 +16,31 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.splines import (
-    _INTERVALS,
+    INTERVALS,
     Basis,
-    _best,
-    _bridges,
-    _fit,
-    _misfit,
-    _Rows,
-    _solve_normal,
+    DerivativeSamples,
+    best_fit,
+    bridge_gaps,
+    fit_samples,
     measured_by,
+    misfit_factor,
     smooth_joints,
+    solve_normal_equations,
 )
 from cpid_drake.sensing.suite import SensorSuite
 
-_NEAR = 0.02  # largest distance of a rough attitude path from the samples [rad], for Gauss-Newton
+_NEAR = 0.02
+"""Largest angle from a reference attitude to the samples [rad], for Gauss-Newton to converge."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorBlock:
-    """Effect of the errors of one spline's coefficients on the motion at N instants.
+    """Effect of the errors of one spline's coefficients on the motion at N times.
 
     Attributes:
-        columns: which of the motion's quantities (see `SmoothedMotion`) they enter.
-        basis: (N, columns, n) derivative of these by the coefficients.
-        covariance: (n, n) of the coefficients.
+        columns: indices of the affected quantities of the motion (see `SmoothedMotion`).
+        basis: (N, columns, n) derivatives of these quantities by the coefficients.
+        covariance: (n, n) covariance of the coefficients.
 
     """
 
@@ -50,15 +51,15 @@ class ErrorBlock:
 
 @dataclass(frozen=True, eq=False)
 class SmoothedMotion:
-    """Motion at N common instants, and the sources of its errors.
+    """Motion at N common times, and its errors.
 
-    The quantities that have errors are, in order: attitude (3, right perturbation, in B),
-    angular velocity (3, in B), position (3) and velocity (3) in W, joint positions (J), rates (J).
+    The quantities with errors are, in order: attitude (3, right perturbation, in B), angular
+    velocity (3, in B), position (3) and velocity (3) in W, joint positions (J), joint rates (J).
 
     Attributes:
         telemetry: the motion.
         errors: independent parts of its error.
-        gyro_bias: (3,) estimated with the attitude, in B [rad/s].
+        gyro_bias: (3,) estimated gyro bias, in B [rad/s].
 
     """
 
@@ -67,7 +68,7 @@ class SmoothedMotion:
     gyro_bias: NDArray[np.float64]
 
     def covariance(self) -> NDArray[np.float64]:
-        """Return the covariance (N, n, n) of the quantities at each instant."""
+        """Return the covariance (N, n, n) of the quantities at each time."""
         N, n = len(self.telemetry), 12 + 2 * len(self.telemetry.joint_names)
         result = np.zeros((N, n, n))
         for block in self.errors:
@@ -83,17 +84,18 @@ def smooth(
     *,
     with_position: bool = True,
 ) -> SmoothedMotion:
-    """Smooth samples of different rates to common instants.
+    """Return the motion at common times, smoothed from samples of different rates.
 
     Args:
-        measurements: from the sensors; attitude, position and encoders are required. Samples
-            of sensors that the suite lacks are ignored.
+        measurements: from the sensors; attitude, position and encoders are required. Samples of
+            sensors that the suite lacks are left out. Of registered sensors, only those of joints
+            are used.
         suite: the sensors' errors.
-        times: (N,) instants [s]; default: ten a second, where all sensors have samples.
-        with_position: whether to smooth the base's position and velocity; otherwise they are zero.
+        times: (N,) [s]; default: ten a second in the interval in which all sensors have samples.
+        with_position: whether to compute the base's position and velocity, else they are zero.
 
     Raises:
-        InputError: too few samples of a sensor that is needed.
+        InputError: too few samples of a required sensor, or times outside the samples.
 
     """
     measurements = measured_by(suite, measurements)
@@ -113,7 +115,8 @@ def smooth(
         raise InputError(f"all sensors have samples from {start:g} to {end:g} s only")
 
     attitude, rate, attitude_error, bias = _smooth_attitude(measurements, suite, times)
-    position, velocity, position_error = np.zeros((len(times), 3)), np.zeros((len(times), 3)), []
+    position, velocity = np.zeros((len(times), 3)), np.zeros((len(times), 3))
+    position_error: list[ErrorBlock] = []
     if with_position:
         position, velocity, position_error = _smooth_position(measurements, suite, times)
     q, qdot, _ = np.moveaxis(joints.evaluate(times), 1, 0)
@@ -137,22 +140,22 @@ def smooth(
 
 @dataclass(frozen=True, eq=False)
 class _Reference:
-    """A rough attitude path without singularities: a spline of quaternions, normalized."""
+    """A coarse attitude path without singularities: a normalized spline of quaternions."""
 
     basis: Basis
     coefficients: NDArray[np.float64]
 
     @classmethod
     def near(cls, times: NDArray[np.float64], attitude: Rotation) -> "_Reference":
-        """Return the smoothest path within `_NEAR` of all N attitudes, else the finest path."""
+        """Return the smoothest path within `_NEAR` of all attitudes (N), if there is one."""
         quaternions = attitude.as_quat(scalar_first=True)
         flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
         quaternions = quaternions * np.cumprod(np.where(np.append(False, flips), -1, 1))[:, None]
-        for intervals in _INTERVALS:
+        for intervals in INTERVALS:
             basis = Basis.through(times, intervals, 5)
             if basis.size > len(times):
                 basis = Basis.through(times, 1, min(5, len(times) - 1))
-            reference = cls(basis, _solve_normal(basis(times), quaternions, False)[0])
+            reference = cls(basis, solve_normal_equations(basis(times), quaternions, False)[0])
             distance = (reference(times)[0].inv() * attitude).magnitude().max()
             if distance < _NEAR or basis.size > len(times) / 2:
                 break
@@ -168,7 +171,7 @@ class _Reference:
 
 @dataclass(frozen=True, eq=False)
 class _AttitudeFit:
-    """R(t) = reference(t) exp(r(t)) with a spline r, whose coefficients (K, 3) have errors."""
+    """R(t) = reference(t) exp(r(t)) with a spline r; the covariance is that of its coefficients."""
 
     reference: _Reference
     basis: Basis
@@ -201,16 +204,21 @@ class _AttitudeFit:
 def _smooth_attitude(
     measurements: Measurements, suite: SensorSuite, times: NDArray[np.float64]
 ) -> tuple[Rotation, NDArray[np.float64], ErrorBlock, NDArray[np.float64]]:
-    """Attitude, angular velocity in B and their error, from attitude and gyro samples.
+    """Return attitude, angular velocity in B, their errors and the gyro bias.
 
-    The fit is on SO(3), by Gauss-Newton in the rotation from a rough path, for any attitude.
+    Gauss-Newton on SO(3), in the rotation vector from a reference path: the base may rotate by any
+    angle.
     """
     attitude, gyro = measurements.attitude, measurements.gyro
     gyro = gyro.where((gyro.time >= attitude.time[0]) & (gyro.time <= attitude.time[-1]))
     measured = Rotation.from_quat(attitude.value, scalar_first=True)
-    whiten = suite.attitude.R_BS.T / suite.sigmas("attitude")[:, None]
-    sigma_rate = suite.sigmas("gyro")[0] if len(gyro) else 1.0
-    bias_rows = np.eye(3) / max(suite.gyro.bias_sigma, 1e-8) if len(gyro) else np.eye(3)
+    tracker = suite.attitude
+    assert tracker is not None  # sensors that the suite lacks have no samples
+    whiten = tracker.R_BS.T / suite.sigmas("attitude")[:, None]
+    sigma_rate, bias_rows = 1.0, np.eye(3)
+    if suite.gyro is not None and len(gyro):
+        sigma_rate = suite.sigmas("gyro")[0]
+        bias_rows = np.eye(3) / max(suite.gyro.bias_sigma, 1e-8)
     knot_times = gyro.time if len(gyro) > len(attitude) else attitude.time
     reference = _Reference.near(attitude.time, measured)
     linear = Basis.through(knot_times, 1, 1)
@@ -218,12 +226,18 @@ def _smooth_attitude(
     latest = rough
 
     def refined(
-        start: _AttitudeFit, basis: Basis, bridges: Sequence[_Rows] = (), last: bool = False
+        start: _AttitudeFit,
+        basis: Basis,
+        bridges: Sequence[DerivativeSamples] = (),
+        last: bool = False,
     ) -> _AttitudeFit:
-        """Take a Gauss-Newton step from a fit, in another basis; with covariance only if `last`."""
+        """Return a fit in another basis, one Gauss-Newton step from `start`.
+
+        Only the last fit has a covariance.
+        """
         K = basis.size
         dense = np.linspace(knot_times[0], knot_times[-1], 4 * K)
-        r, _ = _solve_normal(basis(dense), start.basis(dense) @ start.coefficients, False)
+        r, _ = solve_normal_equations(basis(dense), start.basis(dense) @ start.coefficients, False)
         start = replace(start, basis=basis, coefficients=r)
         R, _, columns = start.evaluate(attitude.time)
         _, w, rate_columns = start.evaluate(gyro.time)
@@ -241,7 +255,7 @@ def _smooth_attitude(
             rows = np.kron(basis(samples.time, derivative) / sigma, np.eye(3))
             A = np.vstack([A, np.pad(rows, [(0, 0), (0, 3)])])
             b = np.append(b, -rows @ r.ravel())
-        step, covariance = _solve_normal(A, b[:, None], last)
+        step, covariance = solve_normal_equations(A, b[:, None], last)
         return _AttitudeFit(
             reference,
             basis,
@@ -252,22 +266,24 @@ def _smooth_attitude(
         )
 
     def fit(intervals: int) -> _AttitudeFit:
-        # From an earlier fit one step suffices; from the rough path several are needed.
+        # One step from the previous fit is enough; from the reference path it takes three.
         nonlocal latest
         for _ in range(3 if latest is rough else 1):
             latest = refined(latest, Basis.through(knot_times, intervals, 5))
         return latest
 
     samples, first = len(attitude) + len(gyro), reference.basis.size - reference.basis.degree
-    chosen = _best(fit, samples, first=first)
-    chosen = refined(chosen, *_bridges(chosen.basis, chosen.coefficients), last=True)
+    chosen = best_fit(fit, samples, first=first)
+    chosen = refined(chosen, *bridge_gaps(chosen.basis, chosen.coefficients), last=True)
     R, w, columns = chosen.evaluate(times)
-    covariance = chosen.covariance * _misfit(chosen, 3 * samples)
+    covariance = chosen.covariance * misfit_factor(chosen, 3 * samples)
     return R, w, ErrorBlock(np.arange(6), columns, covariance), chosen.bias
 
 
 @dataclass(frozen=True, eq=False)
 class _PositionFit:
+    """Position as a spline; the covariance is that of the coefficients of each coordinate."""
+
     basis: Basis
     coefficients: NDArray[np.float64]
     covariance: NDArray[np.float64]
@@ -277,7 +293,7 @@ class _PositionFit:
 def _smooth_position(
     measurements: Measurements, suite: SensorSuite, times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[ErrorBlock]]:
-    """Position and velocity in W and their errors, from samples of position and velocity."""
+    """Return position and velocity in W and their errors, from samples of both."""
     position, velocity = measurements.position, measurements.velocity
     inside = (velocity.time >= position.time[0]) & (velocity.time <= position.time[-1])
     velocity = velocity.where(inside)
@@ -287,14 +303,14 @@ def _smooth_position(
 
     def fit(intervals: int) -> _PositionFit:
         basis = Basis.through(position.time, intervals, 5)
-        return _PositionFit(basis, *_fit(basis, rows))
+        return _PositionFit(basis, *fit_samples(basis, rows))
 
-    best = _best(fit, len(position) + len(velocity))
-    basis, bridges = _bridges(best.basis, best.coefficients)
+    best = best_fit(fit, len(position) + len(velocity))
+    bridged, bridges = bridge_gaps(best.basis, best.coefficients)
     if bridges:
-        best = _PositionFit(basis, *_fit(basis, [*rows, *bridges]))
+        best = _PositionFit(bridged, *fit_samples(bridged, [*rows, *bridges]))
     B, B_dot = best.basis(times), best.basis(times, 1)
     basis = np.stack([B, B_dot], axis=1)
-    covariance = best.covariance * _misfit(best, 3 * (len(position) + len(velocity)))
+    covariance = best.covariance * misfit_factor(best, 3 * (len(position) + len(velocity)))
     blocks = [ErrorBlock(np.array([6 + i, 9 + i]), basis, covariance) for i in range(3)]
     return B @ best.coefficients, B_dot @ best.coefficients, blocks

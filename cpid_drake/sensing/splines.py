@@ -1,12 +1,13 @@
-"""Regression splines with known noise: joint motion from encoder samples.
+"""Regression splines with known noise: joint motion from the samples of joint sensors.
 
-Least squares in a B-spline basis whose knots follow the samples; how many there are is chosen by
-Akaike's criterion.
+Least squares in a B-spline basis whose knots follow the samples; Akaike's criterion chooses their
+number.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,29 +20,51 @@ from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
 from cpid_drake.sensing.suite import SensorSuite
 
-_INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+"""Numbers of knot intervals that are tried."""
+
+DerivativeSamples = tuple[Samples, int, float]
+"""Samples of a function or of one of its derivatives, the order of the derivative, and σ."""
 
 
-_Rows = tuple[Samples, int, float]
-"""Samples of a function, or of its derivative of this order, and their σ."""
+class SplineFit(Protocol):
+    """A spline fitted to samples."""
+
+    @property
+    def basis(self) -> "Basis":
+        """The K basis functions."""
+
+    @property
+    def coefficients(self) -> NDArray[np.float64]:
+        """(K, channels)."""
+
+    @property
+    def chi_squared(self) -> float:
+        """Sum of squared residuals in units of σ."""
+
+
+Fit = TypeVar("Fit", bound=SplineFit)
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """A B-spline basis on [start, end]: K functions of one degree."""
+    """A B-spline basis: K functions of one degree, with K + degree + 1 knots [s]."""
 
     knots: NDArray[np.float64]
     degree: int
 
     @classmethod
     def through(cls, times: NDArray[np.float64], intervals: int, degree: int) -> "Basis":
-        """Return a basis whose `intervals` hold about equally many of the sample times (N,)."""
+        """Return a basis whose intervals hold about equally many of the sample times (N,)."""
         breaks = np.quantile(times, np.linspace(0.0, 1.0, intervals + 1))
         knots = np.concatenate([degree * [breaks[0]], breaks, degree * [breaks[-1]]])
         return cls(knots, degree)
 
     def bridged(self) -> tuple["Basis", NDArray[np.float64]]:
-        """Return a basis without the long pieces that gaps make, and the middles of new ones."""
+        """Return a basis with long intervals divided, and the middles of the new ones [s].
+
+        Gaps in the samples make long intervals.
+        """
         breaks = np.unique(self.knots)
         usual = np.median(np.diff(breaks))
         new, middles = [], []
@@ -57,7 +80,7 @@ class Basis:
 
     @property
     def size(self) -> int:
-        """K."""
+        """Number of functions K."""
         return len(self.knots) - self.degree - 1
 
     def __call__(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
@@ -73,7 +96,8 @@ class JointSpline:
         basis: K functions.
         coefficients: (K, J).
         covariance: (K, K) of the coefficients of each joint.
-        chi_squared: of all samples, with so many degrees of `freedom`.
+        chi_squared: sum of squared residuals in units of σ.
+        freedom: degrees of freedom of χ²: numbers in the samples minus K J.
 
     """
 
@@ -85,7 +109,7 @@ class JointSpline:
 
     @property
     def duration(self) -> float:
-        """End of the samples [s]."""
+        """Time of the last sample [s]."""
         return float(self.basis.knots[-1])
 
     def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
@@ -96,7 +120,7 @@ class JointSpline:
 
 
 def measured_by(suite: SensorSuite, measurements: Measurements) -> Measurements:
-    """Return the measurements without samples of sensors that a suite lacks: no σ is known."""
+    """Return the measurements without the samples of sensors that a suite lacks."""
     present = suite.present()
     kept = {name: samples for name, samples in measurements.samples.items() if name in present}
     return Measurements(measurements.joint_names, kept)
@@ -119,15 +143,15 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
         raise InputError(f"joint motion needs at least 8 encoder samples, not {len(positions)}")
     start, end = positions.time[0], positions.time[-1]
     measurements = measurements.between(start, end)
-    rows: list[_Rows] = [
+    rows: list[DerivativeSamples] = [
         (measurements[sensor.name], derivative, float(suite.sigmas(sensor.name)[0]))
         for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES))
         for sensor in sensors_of(quantity)
         if len(measurements[sensor.name])
     ]
 
-    def spline(basis: Basis, bridges: list[_Rows]) -> JointSpline:
-        coefficients, covariance, chi_squared = _fit(basis, [*rows, *bridges])
+    def spline(basis: Basis, bridges: list[DerivativeSamples]) -> JointSpline:
+        coefficients, covariance, chi_squared = fit_samples(basis, [*rows, *bridges])
         known = sum(len(samples) for samples, _, _ in (*rows, *bridges))
         count = (known - basis.size) * positions.value.shape[1]
         return JointSpline(basis, coefficients, covariance, chi_squared, count)
@@ -135,13 +159,18 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
     def fit(intervals: int) -> JointSpline:
         return spline(Basis.through(positions.time, intervals, degree=5), [])
 
-    best = _best(fit, len(positions), finer=True)
-    basis, bridges = _bridges(best.basis, best.coefficients)
+    best = best_fit(fit, len(positions), finer=True)
+    basis, bridges = bridge_gaps(best.basis, best.coefficients)
     return spline(basis, bridges) if bridges else best
 
 
-def _bridges(basis: Basis, coefficients: NDArray[np.float64]) -> tuple[Basis, list[_Rows]]:
-    """Return a spline's basis with gaps bridged, and what to add to its samples there, if any."""
+def bridge_gaps(
+    basis: Basis, coefficients: NDArray[np.float64]
+) -> tuple[Basis, list[DerivativeSamples]]:
+    """Return a basis with the gaps of the samples divided, and a prior there, if there are gaps.
+
+    The prior is a third derivative of zero, with the σ of that derivative outside the gaps.
+    """
     bridged, middles = basis.bridged()
     if not len(middles):
         return basis, []
@@ -151,22 +180,33 @@ def _bridges(basis: Basis, coefficients: NDArray[np.float64]) -> tuple[Basis, li
     return bridged, [(Samples(middles, np.zeros((len(middles), width))), 3, max(jerk, 1e-9))]
 
 
-def _fit(basis: Basis, rows: list[_Rows]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Least squares on samples of a function and of its derivatives, with their σ."""
+def fit_samples(
+    basis: Basis, rows: list[DerivativeSamples]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Fit a spline by least squares to samples of a function and of its derivatives.
+
+    Returns:
+        Coefficients (K, channels), their covariance (K, K) for each channel, and χ².
+
+    """
     A = np.vstack([basis(s.time, derivative) / sigma for s, derivative, sigma in rows])
     b = np.vstack([s.value / sigma for s, _, sigma in rows])
-    coefficients, covariance = _solve_normal(A, b)
+    coefficients, covariance = solve_normal_equations(A, b)
     return coefficients, covariance, float(np.sum((A @ coefficients - b) ** 2))
 
 
-def _solve_normal(
+def solve_normal_equations(
     A: NDArray[np.float64], b: NDArray[np.float64], with_covariance: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Solve whitened rows; B-spline bases are well conditioned, so normal equations will do.
+    """Solve rows A (M, n), b (M, channels) in units of σ by their normal equations.
 
-    Returns the solution and its covariance, or in place of that, if not asked for, nothing.
+    B-spline bases are well conditioned, so the normal equations are accurate enough.
+
+    Returns:
+        The solution (n, channels), and its covariance (n, n), empty if it is not asked for.
+
     """
-    rows = csr_array(A)  # few functions reach to one instant
+    rows = csr_array(A)  # few functions differ from zero at one time
     normal = (rows.T @ rows).toarray()
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal * scale * scale[:, None]
@@ -178,20 +218,23 @@ def _solve_normal(
     return solution, covariance
 
 
-def _best(fit: Callable, samples: int, *, first: int = 2, finer: bool = False) -> object:
-    """Return the fit by so many samples of the least χ² + 2 K (Akaike).
+def best_fit(
+    fit: Callable[[int], Fit], samples: int, *, first: int = 2, finer: bool = False
+) -> Fit:
+    """Return the fit with the smallest χ² + 2 K (Akaike 1974).
 
     Args:
-        fit: makes one of so many intervals.
-        samples: their number.
-        first: number of intervals to try first; more come after.
-        finer: take one size more than Akaike's. What is left of the error is noise then, which the
-            covariance covers, and not misfit, which it does not; but the noise itself is larger,
-            and the bias that it causes in rows.
+        fit: returns the fit with a given number of intervals.
+        samples: number of samples.
+        first: number of intervals to try first; larger numbers follow.
+        finer: return the next larger fit. Its error is mostly noise, which the covariance covers,
+            and less misfit, which the covariance does not cover. The noise, and the bias that it
+            causes in rows, are larger.
 
     """
-    fits, least, worse = [], np.inf, 0
-    for intervals in _INTERVALS[np.searchsorted(_INTERVALS, first) :]:
+    fits: list[Fit] = []
+    best, least, worse = 0, np.inf, 0
+    for intervals in INTERVALS[np.searchsorted(INTERVALS, first) :]:
         if fits and intervals + 5 > samples / 2:
             break
         fits.append(fit(intervals))
@@ -202,14 +245,14 @@ def _best(fit: Callable, samples: int, *, first: int = 2, finer: bool = False) -
             worse += 1
             if worse == 3:
                 break
-    # Knots are not nested: a few more, elsewhere, may fit worse.
+    # Knots of different fits are not nested, so a larger fit can be worse.
     better = [f for f in fits[best + 1 :] if f.chi_squared < fits[best].chi_squared]
     return better[0] if finer and better else fits[best]
 
 
-def _misfit(fit: object, rows: int) -> float:
-    """Return χ² of a fit to so many rows over its degrees of freedom, if that is above one.
+def misfit_factor(fit: SplineFit, rows: int) -> float:
+    """Return χ² of a fit to `rows` numbers per degree of freedom, or 1 if that is larger.
 
-    Samples too rare for the motion leave more than noise; the covariance has to cover that as well.
+    Samples too rare for the motion leave more than noise; this factor widens the covariance.
     """
     return max(fit.chi_squared / max(rows - fit.coefficients.size, 1), 1.0)

@@ -454,7 +454,7 @@ TELEMETRY = {
                 w_WB=lambda m: attitude(m).inv().apply(m.w_WB),
             ),
         ),
-        "call its columns bwx, bwy, bwz",
+        "name its columns bwx, bwy, bwz",
     ),
     # NPZ.
     "npz_empty": (file("t.npz", ""), "t.npz: not an NPZ file"),

@@ -33,7 +33,7 @@ def _read_npz(file: Path, where: str, problems: Problems, topics: Topics) -> Tel
 
 
 def _read_npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str) -> NDArray[np.float64]:
-    """Read one array; its size is checked before anything is made for it, and nothing unpickled."""
+    """Read one array: check its size before memory is allocated, and unpickle nothing."""
     if member.file_size > 8 * LARGEST_TABLE // 10:
         raise InputError(f"{where}: {member.file_size} bytes are too many")
     with archive.open(member) as stream:
@@ -48,7 +48,7 @@ def _read_npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str) -> 
             shape, _, dtype = read_header(stream)
         except InputError:
             raise
-        except Exception as error:  # NumPy reads the header as Python would, and raises as it does
+        except Exception as error:  # NumPy evaluates the header as Python
             raise InputError(f"{where}: not a NumPy array: its header is wrong") from error
         if dtype.kind not in "fiu" or len(shape) != 1:
             raise InputError(

@@ -1,8 +1,8 @@
-"""Do a log's positions and rates tell the same story? Mixed units and conventions show there.
+"""Compares a log's positions with its rates, to find wrong units and conventions.
 
-Positions are differenced over half a second and compared with the mean of the rates in between.
-Radians against degrees, metres against millimetres, quaternions in another order: each shows as a
-factor, or as a much better fit in another convention.
+Differences of positions over half a second are compared with the mean of the rates in between. A
+wrong unit shows as a factor between them, such as 180/π for degrees. A wrong convention, such as
+another order of the quaternion's entries, shows as a much better agreement in that convention.
 """
 
 from dataclasses import dataclass, field
@@ -20,24 +20,29 @@ _FACTORS = {
     100.0: "centimetres",
 }
 _SCALAR_LAST = "the quaternion seems to be in the order x, y, z, w; it must be qw, qx, qy, qz"
-_INVERSE = "the quaternion seems to turn W into B; it must be that of R_WB, B's axes in W"
-_IN_WORLD = "the angular velocity seems to be given in the world; call its columns wx, wy, wz"
-_IN_BODY = "the angular velocity seems to be given in the body; call its columns bwx, bwy, bwz"
-_CLEAR = 0.98  # correlation from which on a factor, or another convention, is no accident
+_INVERSE = "the quaternion seems to be that of R_BW; it must be that of R_WB, B's axes in W"
+_IN_WORLD = "the angular velocity seems to be expressed in the world; name its columns wx, wy, wz"
+_IN_BODY = "the angular velocity seems to be expressed in the body; name its columns bwx, bwy, bwz"
+_CLEAR = 0.98
+"""Correlation above which a factor, or another convention, is certain."""
+
 _WINDOW = 20_000
-_STEP = 0.5  # [s]
+"""Number of samples that are compared."""
+
+_STEP = 0.5
+"""Length of the differences [s]."""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What a check found: `errors` have a clear cause and remedy, `warnings` have not."""
+    """Contradictions in a log: `errors` have a known cause and remedy, `warnings` have not."""
 
     errors: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
 
 def check_consistency(measurements: Measurements) -> Findings:
-    """Compare positions with rates, of the joints and of the base."""
+    """Compare positions with rates, both of the joints and of the base."""
     found = Findings()
     for k, joint in enumerate(measurements.joint_names):
         positions, rates = (
@@ -89,15 +94,16 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
     straight, scalar_last = [0, 1, 2, 3], [3, 0, 1, 2]
 
     def attitudes(order: list[int], inverse: bool) -> tuple[Rotation, Rotation]:
-        """Return R_WB before and after if the quaternions' entries mean this."""
+        """Return R_WB before and after, if the quaternions have this convention."""
         R = [Rotation.from_quat(q[:, order], scalar_first=True) for q in (first, second)]
         return (R[0].inv(), R[1].inv()) if inverse else (R[0], R[1])
 
-    def turning(before: Rotation, after: Rotation) -> NDArray[np.float64]:
+    def angular_velocity(before: Rotation, after: Rotation) -> NDArray[np.float64]:
+        """Return the mean angular velocity (n, 3) in between, in B."""
         return (before.inv() * after).as_rotvec() / elapsed
 
     as_read = attitudes(straight, False)
-    w_by_attitude = turning(*as_read)
+    w_by_attitude = angular_velocity(*as_read)
     slope, correlation = _compare(w_by_attitude, w_B)
     if correlation > _CLEAR:
         if 0.9 < slope < 1.1:
@@ -105,11 +111,11 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
         for factor, other in _FACTORS.items():
             if abs(slope * factor - 1) < 0.05:
                 found.errors.append(
-                    f"the angular velocity is {1 / slope:.3g} times as large as the attitude "
-                    f"turns: is it in {other}/s? It must be in rad/s"
+                    f"the angular velocity is {1 / slope:.3g} times the rate of the attitude: "
+                    f"is it in {other}/s? It must be in rad/s"
                 )
                 return
-    w_if_in_W = as_read[0].apply(w_B)  # what was read, if wx, wy, wz were
+    w_if_in_W = as_read[0].apply(w_B)  # the columns as read, if they were wx, wy, wz
     explanations = [
         (w_by_attitude, as_read[0].inv().apply(w_B), _IN_WORLD),
         (w_by_attitude, w_if_in_W, _IN_BODY),
@@ -121,26 +127,27 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
     ):
         R_WB = attitudes(order, inverse)
         explanations += [
-            (turning(*R_WB), w_B, text),
-            (turning(*R_WB), R_WB[0].inv().apply(w_if_in_W), text),
+            (angular_velocity(*R_WB), w_B, text),
+            (angular_velocity(*R_WB), R_WB[0].inv().apply(w_if_in_W), text),
         ]
     for moved, w, text in explanations:
-        slope, other = _compare(moved, w)
-        # Noise is the same in every convention: what explains so much more of it is no accident.
-        if other > _CLEAR and 0.9 < slope < 1.1 and 1 - other < 0.2 * (1 - correlation):
+        slope, agreement = _compare(moved, w)
+        # Noise is the same in every convention, so a convention that leaves much less is right.
+        if agreement > _CLEAR and 0.9 < slope < 1.1 and 1 - agreement < 0.2 * (1 - correlation):
             found.errors.append(text)
             return
     if correlation < 0.5 and _is_motion(w_by_attitude, w_B):
-        found.warnings.append("the attitude does not turn as the angular velocity says")
+        found.warnings.append("the attitude does not change as the angular velocity says")
 
 
 def _pairs(
     positions: Samples, rates: Samples
 ) -> tuple[NDArray, NDArray, NDArray, NDArray[np.float64]] | None:
-    """Return values before and after intervals, their length (n, 1), and the mean rate in each.
+    """Return the values before and after n intervals, their lengths (n, 1), and the mean rates.
 
-    They overlap, and are as long as `_STEP` where there are samples in between: over one fast
-    sensor's step, noise would drown the motion.
+    The intervals overlap. They have the length `_STEP` if the sensor is faster than that: over one
+    step of a fast sensor, the noise would be larger than the motion. Return None for fewer than
+    eight intervals.
     """
     if len(positions) < 10 or len(rates) < 10:
         return None
@@ -163,7 +170,7 @@ def _pairs(
 
 
 def _compare(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the factor that takes rates to motion best, and their correlation; no offset."""
+    """Return the factor from rates to motion in the least-squares sense, and their correlation."""
     both, own, other = np.sum(moved * rate), np.sum(rate**2), np.sum(moved**2)
     if not (own > 0 and other > 0):
         return 1.0, 1.0 if own == other else 0.0
@@ -171,7 +178,7 @@ def _compare(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> tuple[flo
 
 
 def _is_motion(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> bool:
-    """Whether neighbouring intervals agree: what differences of noise never do."""
+    """Return whether neighbouring intervals agree, as differences of noise do not."""
 
     def smooth(values: NDArray[np.float64]) -> bool:
         size = np.sum(values**2)

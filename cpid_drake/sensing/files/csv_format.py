@@ -76,7 +76,7 @@ def _write(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
 
 
 def _blocks_of_lines(stream: BinaryIO, where: str) -> Iterator[tuple[int, list[bytes]]]:
-    """Yield some thousand lines at a time, without their ends, and the number of the first."""
+    """Yield some thousand lines at a time, without line ends, and the number of the first."""
     first, rest = 1, b""
     while data := stream.read(_BLOCK):
         lines = (rest + data).split(b"\n")
@@ -142,7 +142,7 @@ def _header(number: int, line: str, where: str) -> list[str]:
 
 
 def _read_clean(lines: Sequence[bytes], columns: int) -> NDArray[np.float64] | None:
-    """Return lines that hold a number in every cell as a block (n, columns); None for others."""
+    """Return lines with a number in every cell as a block (n, columns); None for other lines."""
     if lines[0].endswith(b"\r"):
         lines = [line.removesuffix(b"\r") for line in lines]
     try:
@@ -151,16 +151,16 @@ def _read_clean(lines: Sequence[bytes], columns: int) -> NDArray[np.float64] | N
         )
     except ValueError:
         return None
-    # A quote that is open at the end of a line would take the next line in.
+    # A quote that is open at the end of a line would join the next line to it.
     return block if block.shape == (len(lines), columns) and np.isfinite(block).all() else None
 
 
 def _read_cells(
     numbered: Iterator[tuple[int, str]], header: list[str], problems: Problems
 ) -> tuple[list[int], NDArray[np.float64]]:
-    """Read numbered lines cell by cell: absent ones become NaN, lines with a problem are noted.
+    """Return the numbers and values of lines, read cell by cell; absent cells become NaN.
 
-    Columns without a meaning may hold anything: they become NaN.
+    Lines with a problem are left out. Cells of columns without a meaning become NaN too.
     """
     numbers, rows = [], []
     known = [known_column(name) for name in header]

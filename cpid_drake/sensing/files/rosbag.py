@@ -1,11 +1,11 @@
-"""ROS 2 bags: what a robot published becomes `Measurements`, each sensor at its own times.
+"""Reads ROS 2 bags, with the samples of each sensor at their own times.
 
-Read are the four message types in `TOPIC_TYPES`, from bags of either storage (sqlite3, MCAP), with
-the PyPI package `rosbags`: ROS itself need not be installed.
+Reads four message types, those in `TOPIC_TYPES`, from bags with either storage (sqlite3, MCAP). The
+PyPI package `rosbags` does the parsing, so ROS need not be installed.
 """
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ TOPIC_TYPES = {
     "imu": "sensor_msgs/msg/Imu",
     "joints": "sensor_msgs/msg/JointState",
 }
-"""What is read of a bag: a word for each kind of topic, and the message type."""
+"""Message types that are read, by kind of topic."""
 
 _SOURCES = {
     "attitude": ("odometry", "pose", "imu"),
@@ -36,34 +36,35 @@ _SOURCES = {
     "encoders": ("joints",),
     "joint_rates": ("joints",),
 }
-"""Which kinds of topic can give a sensor's samples; the first that has any does."""
+"""Kinds of topic with a sensor's samples; the first kind that has any samples is used."""
 
 LARGEST_STEP_BACK = 1.0
-"""Messages may come in another order than their stamps by so much [s], not more."""
+"""Largest decrease of the stamps from message to message [s]."""
 
 
 def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) -> Measurements:
     """Read the motion of a spacecraft from a ROS 2 bag.
 
-    Attitude comes from the odometry, else the poses, else the IMU; position from the odometry, else
-    the poses; velocity from the odometry, turned from its child frame into W by the message's own
-    attitude; the gyro's samples from the IMU, else the odometry. The frames must be ours: poses are
-    those of B in W, the odometry's child frame and the IMU's frame have B's axes (transforms, as of
-    a tilted IMU, are not looked up). The messages' covariances are not used, but for the -1 that
-    says that an IMU has no orientation or no angular velocity.
+    Attitude is read from the odometry, else from the poses, else from the IMU; position from the
+    odometry, else from the poses; velocity from the odometry, rotated from its child frame to W by
+    the attitude in the same message; angular velocity from the IMU, else from the odometry. Poses
+    must be those of B in W; the odometry's child frame and the IMU's frame must have B's axes
+    (transforms, such as that of a tilted IMU, are not read). The messages' covariances are ignored,
+    except for a first entry of -1, by which an IMU declares that it has no orientation or no
+    angular velocity.
 
-    Joint states must name all joints in every message, in any order; joints spread over several
-    messages or topics are not put together. Columns are in the order of the first message.
+    Every joint state must name all joints, in any order; joints in several messages or topics are
+    not combined. Columns are in the order of the first message.
 
-    Times are those of the headers' stamps, not those of recording, and count from the bag's first
-    stamp. It is subtracted in whole nanoseconds: seconds since 1970 would be good to 2e-7 s only.
-    (Stamps over ten days from the others, of clocks not yet set, do not count as first.) Samples
-    are in the order of stamps; what `sensors.screen` leaves out is left in.
+    Times are the headers' stamps, not the times of recording, and start at zero at the bag's first
+    stamp. The subtraction is done in whole nanoseconds, because seconds since 1970 have an error of
+    2e-7 s as floating-point numbers. (Stamps more than ten days from the others, from clocks not
+    yet set, are not taken as the first.) Samples are in the order of stamps, and not yet screened.
 
     Args:
         path: the bag's folder, or a single .db3 or .mcap file.
-        topics: which topic to read of each kind in `TOPIC_TYPES`, as {"imu": "/imu/data"}; "" for
-            none. A kind that is not named needs none where the bag has only one of its type.
+        topics: the topic to read by kind in `TOPIC_TYPES`, such as {"imu": "/imu/data"}; "" for no
+            topic. A kind may be omitted if the bag has at most one topic of its type.
 
     Raises:
         InputError: `rosbags` is not installed; no bag, or a damaged one; several topics of a kind,
@@ -99,7 +100,7 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
                 logs[kind] = log
     except InputError:
         raise
-    except Exception as error:  # of a damaged bag, the package raises whatever it stumbles on
+    except Exception as error:  # the package raises exceptions of many types on damaged bags
         problem = f"{type(error).__name__}: {error}"
         raise InputError(f"{where}: not a ROS 2 bag, or a damaged one ({problem})") from error
     joint_names = logs["joints"].joint_names
@@ -130,7 +131,7 @@ def read_usable(file: Path, problems: Problems, topics: Topics) -> Measurements:
 
 
 def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> dict[str, str]:
-    """Return the topic to read of each kind that is there."""
+    """Return the topic to read by kind, for all kinds in the bag."""
     for kind in topics:
         if kind not in TOPIC_TYPES:
             raise InputError(f"no topics of kind '{kind}'; choose from {', '.join(TOPIC_TYPES)}")
@@ -157,7 +158,7 @@ def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> 
 
 
 class _Log:
-    """The samples of one topic, by sensor, as they come.
+    """The samples of one topic by sensor, in the order of messages.
 
     Args:
         where: the topic, for error messages.
@@ -165,8 +166,8 @@ class _Log:
 
     Attributes:
         stamps: of all messages [ns].
-        sensors: by sensor, the stamps of its samples [ns], and their numbers one after the other.
-        joint_names: as the first message of joints has them.
+        sensors: by sensor, the stamps of its samples [ns], and the numbers of all samples.
+        joint_names: those of the first message of joints.
 
     """
 
@@ -178,9 +179,9 @@ class _Log:
         self._frames: set[tuple[str, str]] = set()
 
     def add(self, message: Any) -> None:
-        """Take one message in."""
+        """Add the samples of a message."""
         if self.kind == "joints":
-            values = self._joint_values(message)
+            values: Mapping[str, Sequence[float]] = self._joint_values(message)
         else:
             values = _BASE_VALUES[self.kind](message)
             self._frames.add((message.header.frame_id, getattr(message, "child_frame_id", "")))
@@ -292,7 +293,7 @@ def _samples(sensor: str, width: int, logs: Mapping[str, _Log], origin: int) -> 
 def _to_world(
     quaternion_WB: NDArray[np.float64], v_WB_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return v_WB_W (N, 3); NaN where the attitude says nothing: then neither does the velocity."""
+    """Return v_WB_W (N, 3); NaN where the quaternion is not of unit norm."""
     with np.errstate(over="ignore"):
         unit = np.abs(np.linalg.norm(quaternion_WB, axis=1, keepdims=True) - 1) < 1e-3
     attitude = Rotation.from_quat(np.where(unit, quaternion_WB, [1, 0, 0, 0]), scalar_first=True)

@@ -1,14 +1,16 @@
-"""Telemetry as a table: named columns, one row per instant, absent cells; and what is wrong in it.
+"""Telemetry as a table with named columns, one row per time and absent cells, and its problems.
 
-Columns, in SI units and radians; a group is there as a whole or not at all:
+Columns, in SI units and radians; either all columns of a group are present or none:
 
 - `time` [s], strictly increasing;
 - `qw`, `qx`, `qy`, `qz`: attitude R_WB of the base as a unit quaternion;
 - `x`, `y`, `z`: p_WBo_W, the base frame's origin [m];
-- `wx`, `wy`, `wz`: w_WB_W, or `bwx`, `bwy`, `bwz`: w_WB_B, as gyros give it [rad/s];
+- `wx`, `wy`, `wz`: w_WB_W, or `bwx`, `bwy`, `bwz`: w_WB_B, as gyros measure it [rad/s];
 - `vx`, `vy`, `vz`: v_WBo_W [m/s];
 - `q:<joint>`, `qd:<joint>`: joint positions and rates [rad, m, rad/s, m/s]. Rates of all joints or
-  of none; positions may be left out of rotors, such as reaction wheels.
+  of none; positions of rotors, such as reaction wheels, may be absent.
+
+Registered sensors (`sensing.sensors`) have columns of their own.
 """
 
 from collections import Counter
@@ -44,7 +46,7 @@ LARGEST_TIME = 1e11
 
 @dataclass(frozen=True)
 class Problem:
-    """Something wrong in a file: where, such as "line 12, column 'wx'", and what."""
+    """A problem in a file: its place, such as "line 12, column 'wx'", and a description."""
 
     place: str
     text: str
@@ -55,13 +57,13 @@ class Problem:
 
 @dataclass(eq=False)
 class Problems:
-    """What is wrong in a file: the first hundred problems in full, and the number of all."""
+    """The problems in a file: the first hundred, and the number of all."""
 
     first: list[Problem] = field(default_factory=list)
     count: int = 0
 
     def add(self, place: str, text: str) -> None:
-        """Note one more."""
+        """Add a problem."""
         self.count += 1
         if len(self.first) < 100:
             self.first.append(Problem(place, text))
@@ -74,8 +76,8 @@ class TelemetryTable:
     Attributes:
         columns: their names.
         values: (N, C), NaN where a cell is absent.
-        lines: (N,) where the rows stand in the file.
-        row_word: what a place is called, "line" or "row".
+        lines: (N,) numbers of the rows in the file.
+        row_word: word for a row in messages, "line" or "row".
         ignored: names of further columns in the file, which have no meaning.
 
     """
@@ -87,7 +89,7 @@ class TelemetryTable:
     ignored: tuple[str, ...] = ()
 
     def place(self, row: int | np.intp, column: str = "") -> str:
-        """Say where a row, or one of its cells, is."""
+        """Return the place of a row, or of one of its cells, for messages."""
         cell = f", column '{column}'" if column else ""
         return f"{self.row_word} {self.lines[row]}{cell}"
 
@@ -163,16 +165,16 @@ def _likely(wanted: str, unknown: Sequence[str]) -> str:
 def measurements_of_table(
     table: TelemetryTable, problems: Problems
 ) -> tuple[Measurements, dict[str, int]]:
-    """Return what a table holds, sensor by sensor, without the rows that have a problem.
+    """Return the samples in a table by sensor, without rows that have a problem.
 
     Args:
-        table: columns as `check_columns` lets pass, cells as they were read.
-        problems: those that are found are added.
+        table: columns that `check_columns` accepts, cells as they were read.
+        problems: found problems are added to it.
 
     Returns:
-        The measurements (positions of joints that have rates only are NaN), and by sensor the
-        number of samples that are there in part only, which are left out as well: some cells of the
-        group absent, or an angular velocity in W without the attitude on the same row.
+        The measurements (positions of joints that have only rates are NaN), and the number of
+        incomplete samples by sensor, which are left out too: some cells of the group are absent, or
+        an angular velocity in W has no attitude on its row.
 
     """
     column = {name: k for k, name in enumerate(table.columns)}
@@ -182,7 +184,7 @@ def measurements_of_table(
     samples, partial = {}, {}
 
     def take(name: str, columns: Sequence[str]) -> Samples:
-        """Return the samples that are there as a whole; of a million rows, without a copy more."""
+        """Return the complete samples, without a copy if all are complete."""
         values = table.values[:, _selection([column[c] for c in columns])]
         absent = np.isnan(values)
         there = ~absent.any(axis=1) & usable
@@ -214,7 +216,7 @@ def measurements_of_table(
 
 
 def _selection(indices: list[int]) -> slice | list[int]:
-    """Return neighbouring indices as a slice: that is a view, and no copy of a million rows."""
+    """Return neighbouring indices as a slice, which selects without a copy."""
     first, count = indices[0], len(indices)
     return slice(first, first + count) if indices == [*range(first, first + count)] else indices
 
@@ -222,7 +224,7 @@ def _selection(indices: list[int]) -> slice | list[int]:
 def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.float64]]:
     """Return columns and values (N, C) of telemetry or measurements; NaN where a cell is absent.
 
-    Telemetry has its angular velocity in W, measurements have theirs in B: gyros give it there.
+    The angular velocity of telemetry is in W, that of measurements in B, as gyros measure it.
     """
     joints = motion.joint_names
     if isinstance(motion, Telemetry):
@@ -249,7 +251,7 @@ def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.fl
 
 
 def _base_groups() -> Iterator[tuple[tuple[str, ...], Sensor]]:
-    """Yield the columns of every quantity of the base, and whose they are."""
+    """Yield the columns of every sensor of the base, and the sensor."""
     for sensor in SENSORS.values():
         if sensor.quantity.width is not None:
             yield from ((columns, sensor) for columns in (sensor.columns, sensor.columns_in_W))
@@ -266,11 +268,11 @@ def _joints(columns: Sequence[str], prefix: str) -> tuple[str, ...]:
 def _usable_rows(
     table: TelemetryTable, column: dict[str, int], problems: Problems
 ) -> NDArray[np.bool_]:
-    """Return which rows (N,) have a time that increases, and cells that can be meant."""
+    """Return which rows (N,) have an increasing time and plausible cells."""
     time = table.values[:, column["time"]]
     usable = np.isfinite(time)
     for row in np.flatnonzero(~usable):
-        problems.add(table.place(row, "time"), "there is no time")
+        problems.add(table.place(row, "time"), "the time is absent")
     _check_size(table, column, problems, usable)
     latest = np.fmax.accumulate(np.where(usable, time, -np.inf))
     before = np.append(-np.inf, latest[:-1])
@@ -297,7 +299,7 @@ def _check_size(
     problems: Problems,
     usable: NDArray[np.bool_],
 ) -> None:
-    """Note numbers that nothing can measure, and take their rows out of the usable ones."""
+    """Add implausibly large numbers to the problems, and remove their rows from the usable ones."""
     if not len(table.values):
         return
     highest = np.fmax.reduce(table.values, axis=0)
