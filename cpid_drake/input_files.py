@@ -21,11 +21,10 @@ from cpid_drake.errors import InputError, choose_from
 from cpid_drake.yaml_text import Tagged, format_yaml, parse_yaml
 
 if TYPE_CHECKING:  # pydantic takes 0.1 s to import: only what reads a file pays for it
-    from _typeshed import DataclassInstance
     from pydantic import TypeAdapter
     from pydantic_core import CoreSchema, ErrorDetails
 
-Schema = TypeVar("Schema", bound="DataclassInstance")
+Schema = TypeVar("Schema")
 
 LARGEST_FILE = 1_000_000
 """Of a YAML file [bytes]; a scenario has some 3000."""
@@ -172,7 +171,7 @@ def from_tree(schema: type[Schema], tree: object, where: str, whole: str) -> Sch
         raise InputError(f"{where}: {_problem(found, schema, whole)}") from error
 
 
-def check_values(value: "DataclassInstance", where: str, whole: str) -> None:
+def check_values(value: Any, where: str, whole: str) -> None:
     """Refuse a dataclass made in Python if a file with its values would be refused.
 
     Raises:
@@ -182,7 +181,7 @@ def check_values(value: "DataclassInstance", where: str, whole: str) -> None:
     from_tree(type(value), asdict(value), where, whole)
 
 
-def dump_yaml(value: "DataclassInstance", tags: tuple[str, ...] = ()) -> str:
+def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
     """Return a dataclass as YAML text that `load_yaml` reads with the same tags."""
 
     def plain(data: Any) -> object:

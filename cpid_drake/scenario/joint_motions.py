@@ -26,7 +26,7 @@ Configuration = Mapping[str, float]
 class HalfCosineMotion:
     """Half-cosine motion between two configurations [rad or m by joint name], T = duration [s].
 
-    Joints that a configuration does not name are where `spacecraft.configuration` has them.
+    Joints that a configuration does not name are where `SpacecraftConfig.configuration` has them.
     """
 
     duration: Annotated[float, Gt(0)] = 10.0
@@ -56,8 +56,8 @@ class MultiSineMotion:
 
     `centre` [rad or m], `amplitudes` [rad or m] and `phases` [rad] are by joint name; the latter
     two are lists with one entry for each of the frequencies [Hz]. A joint that is not named has
-    its centre from `spacecraft.configuration`, and zero amplitudes and phases. The amplitudes rise
-    from zero over the first `ramp` [s] and fall to zero over the last.
+    its centre from `SpacecraftConfig.configuration`, and zero amplitudes and phases. The amplitudes
+    rise from zero over the first `ramp` [s] and fall to zero over the last.
     """
 
     duration: Annotated[float, Gt(0)] = 10.0

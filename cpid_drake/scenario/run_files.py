@@ -49,7 +49,7 @@ def write_run(
 
     - `telemetry.csv`: what the sensors gave; without sensors the exact motion;
     - `sensors.yaml`: how good the sensors are, if there are any;
-    - `truth.csv`: the exact motion, every `simulation.log_period`;
+    - `truth.csv`: the exact motion, every `SimulationConfig.log_period`;
     - `truth.json`: the target's true parameters, with the keys of a result file;
     - `scenario.yaml`: the complete scenario;
     - `run.json`: versions, seed, momentum drift, and what the online identifier found.

@@ -162,7 +162,7 @@ class AccuracyConfig:
     """Monte Carlo trials with noisy sensors.
 
     `presets` are sensor suites, named as in `SensorsConfig`. With `momentum_known` the estimators
-    are given the momentum in `simulation.momentum_W`; otherwise they estimate it.
+    are given the momentum in `SimulationConfig.momentum_W`; otherwise they estimate it.
     """
 
     presets: Annotated[list[str], MinLen(1)] = field(

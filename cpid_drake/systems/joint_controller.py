@@ -111,10 +111,10 @@ class JointController(LeafSystem):
         Args:
             builder: the diagram's builder.
             spacecraft: the spacecraft to be controlled.
-            state: x = [q; v], usually the simulated plant's `get_state_output_port()`.
+            state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
             desired_motion: usually the output of a `JointMotionSource`.
-            generalized_force: the input to drive, usually the simulated plant's
-                `get_applied_generalized_force_input_port()`.
+            generalized_force: the input to drive, usually
+                `MultibodyPlant.get_applied_generalized_force_input_port()`.
             plant: the controller's model, as for the constructor.
             gains: those of the constructor.
 
