@@ -7,7 +7,7 @@ module reads the files, bounds their size and says in one line what is wrong, wh
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
 from operator import itemgetter
@@ -197,7 +197,7 @@ def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
 
 
 @cache
-def _adapter(schema: type) -> "TypeAdapter[list[Any]]":
+def _adapter(schema: Hashable) -> "TypeAdapter[list[Any]]":
     """Return pydantic's validator of a list of one: dataclasses in it take the list's settings."""
     from pydantic import ConfigDict, TypeAdapter
 
@@ -220,7 +220,6 @@ _WANTED = {
     "dataclass_type": "a mapping",
     "dict_type": "a mapping",
     "list_type": "a list",
-    "tuple_type": "a list",
     "float_type": "a number",
     "finite_number": "a finite number",
     "int_type": "a whole number",
@@ -261,8 +260,10 @@ def _problem(error: "ErrorDetails", schema: type, whole: str) -> str:
         [(name, bound)] = limits.items()
         number = "a whole number" if isinstance(bound, int) else "a number"
         wanted = f"must be {number} {_BOUNDS[name]} {bound:g}"
+    elif kind in _WANTED:
+        wanted = f"must be {_WANTED[kind]}"
     else:
-        wanted = f"must be {_WANTED.get(kind, kind)}"
+        return f"{key or whole}: {error['msg']}"
     hint = _UNITS if kind in ("float_type", "value_error") and _has_unit(value) else ""
     return f"{key or whole} {wanted}, not {_shown(value)}{hint}"
 
