@@ -37,14 +37,16 @@ def identify(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="least_squares, trajectory_fit or momentum_filter. Default: trajectory_fit with "
-            "--sensors, else least_squares.",
+            help="Estimator, such as least_squares, trajectory_fit or momentum_filter; an unknown "
+            "name lists all. Default: trajectory_fit with --sensors, else least_squares.",
         ),
     ] = None,
     rows: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Rows of least_squares: standard (default), relative or eq18."
+            metavar="NAME",
+            help="Row family of least_squares, such as standard, relative or eq18; an unknown name "
+            "lists all. Default: standard, or relative for logs without position and velocity.",
         ),
     ] = None,
     sensors: SensorsOption = None,

@@ -176,7 +176,8 @@ def estimate_text(identification: Identification, truth: InertialParameters | No
     values = identification.parameters
     if not np.isfinite(values).all():
         return f"{lines[0]}: not all ten parameters known"
-    widths = 1.96 * np.sqrt(np.diag(identification.covariance).clip(min=0.0))
+    low, high = identification.intervals.T
+    widths = (high - low) / 2
     parts = (("m", slice(0, 1), "kg"), ("c", slice(1, 4), "m"), ("I", slice(4, 7), "kg·m²"))
     for name, part, unit in parts:
         line = f"{name:>6} {_numbers(values[part])} {unit}"

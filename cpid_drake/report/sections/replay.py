@@ -44,9 +44,8 @@ def motion_of(evidence: Evidence) -> Telemetry:
     """
     measurements, _ = screen(in_joint_order(evidence.measurements, evidence.spacecraft))
     if len(measurements.attitude):
-        for rows in ("standard", "relative"):
-            if rows == "relative" and len(measurements.position):
-                continue
+        with_relative = () if len(measurements.position) else ("relative",)
+        for rows in ("standard", *with_relative):
             complete = complete_samples(measurements, row_family(rows))
             if complete is not None:
                 return complete
