@@ -181,6 +181,35 @@ def test_whatever_is_projected_is_accepted_by_drake():
         assert body.to_spatial_inertia().IsPhysicallyValid()
 
 
+@pytest.mark.parametrize("seed", [24, 1800, 1956])
+def test_a_projection_in_an_extreme_metric_is_found(seed):
+    """σ from 1e-6 to 1e6: the norm as the cost fails for two of these, its square for the other."""
+    rng = np.random.default_rng(seed)
+    raw = InertialParameters.from_vector(
+        rng.normal(size=10) * np.repeat([100.0, 1.0, 100.0], [1, 3, 6])
+    )
+    root = rng.normal(size=(10, 10)) * 10.0 ** rng.uniform(-6, 6, size=10)
+    assert not raw.is_feasible()
+    assert raw.nearest_feasible(root.T @ root).to_spatial_inertia().IsPhysicallyValid()
+
+
+def test_a_body_nearest_to_one_of_negative_mass_has_some_mass():
+    """At least a thousandth of the estimate's magnitude: a simulator divides by it."""
+    raw = InertialParameters(-50.0, [0.1, 0.2, -0.1], np.diag([1.0, 2.0, 2.5]))
+    assert raw.nearest_feasible().mass > 0.0499
+
+
+def test_an_estimate_of_zero_mass_has_no_nearest_body():
+    raw = InertialParameters(0.0, np.zeros(3), np.eye(3))
+    with pytest.raises(InputError, match="zero mass"):
+        raw.nearest_feasible()
+
+
+def test_a_violation_above_rounding_is_an_infeasibility():
+    assert not InertialParameters(1.0, np.zeros(3), np.diag([1.0, 1.0, 2 + 1e-10])).is_feasible()
+    assert not InertialParameters(1.0, np.zeros(3), np.diag([-1e-10, 1.0, 1.0])).is_feasible()
+
+
 def test_a_feasible_body_is_its_own_projection():
     body = random_body(np.random.default_rng(8))
     assert body.nearest_feasible() is body
@@ -205,6 +234,7 @@ def test_feasibility_does_not_depend_on_the_frame(paper_target):
         ((np.nan, [0, 0, 0], np.eye(3)), "finite"),
         ((1.0, [0, np.inf, 0], np.eye(3)), "finite"),
         ((1.0, [0, 0, 0], [[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "symmetric"),
+        ((1.0, [0, 0, 0], [[1, 1e-6, 0], [0, 1, 0], [0, 0, 1]]), "symmetric"),
         (("heavy", [0, 0, 0], np.eye(3)), "numbers"),
     ],
 )

@@ -32,7 +32,7 @@ def test_a_product_with_a_constant_is_the_product_of_each_sample():
     np.testing.assert_allclose(product(R, constant), R @ constant, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("size", [0.0, 1e-9, 9e-4, 1.1e-3, 0.5, 3.0, 3.14])
+@pytest.mark.parametrize("size", [0.0, 1e-9, 9e-4, 1.1e-3, 0.1, 0.5, 3.0, 3.14])
 def test_exp_and_log_agree_with_scipy_and_undo_each_other(size):
     axis = np.array([0.6, -0.48, 0.64])
     R = exp(size * axis)

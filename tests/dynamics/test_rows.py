@@ -13,6 +13,7 @@ from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples, targ
 from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.rows import (
+    EQ18_ROWS,
     RELATIVE_ROWS,
     ROW_FAMILIES,
     STANDARD_ROWS,
@@ -408,6 +409,12 @@ def test_a_tumbling_target_is_identified_along_with_its_momentum(
     np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-7)
     ignored = identify(servicer, telemetry, rows=rows)
     assert np.abs(ignored.parameters - skewed_target.to_vector()).max() > 0.5
+
+
+def test_eq18_rows_refuse_an_unknown_momentum(case):
+    """Its momentum multiplies 1/m: the product of two unknowns."""
+    with pytest.raises(InputError, match="eq18 rows are not linear in an unknown total momentum"):
+        EQ18_ROWS.full_rows(case[1], unknown_momentum=True)
 
 
 def test_three_samples_suffice_with_six_more_unknowns(servicer, tumbling, skewed_target):
