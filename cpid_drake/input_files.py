@@ -34,10 +34,13 @@ LARGEST_FILE = 1_000_000
 
 
 class Numbers:
-    """Annotation of an array: finite numbers of this shape, or of any shape if none is given."""
+    """Annotation of an array: finite numbers of this shape, or of any shape if none is given.
 
-    def __init__(self, *shape: int) -> None:
-        self._shape = shape
+    If `unknown` is true, null stands for a number that is not known: NaN in the array.
+    """
+
+    def __init__(self, *shape: int, unknown: bool = False) -> None:
+        self._shape, self._unknown = shape, unknown
 
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
         """Return pydantic's schema of a list that becomes an array."""
@@ -50,13 +53,17 @@ class Numbers:
             array = np.asarray(value)
         except ValueError:  # rows of unequal length
             array = np.array(None)
+        unknown = np.zeros(array.shape, dtype=bool)
+        if self._unknown and array.ndim and array.dtype == object:
+            unknown = np.equal(array, None)
+            array = np.asarray(np.where(unknown, 0.0, array).tolist())
         is_list = array.ndim > 0 and array.dtype.kind in "iuf"
         if not is_list or (self._shape and array.shape != self._shape):
             shape = "x".join(map(str, self._shape))
             raise ValueError(" ".join(f"must be a list of {shape} numbers".split()))
         if not np.isfinite(array).all():
             raise ValueError("must be finite numbers")
-        return array.astype(float)
+        return np.where(unknown, np.nan, array.astype(float))
 
 
 class FirstUnlessTagged:
@@ -141,7 +148,12 @@ def load_json(data: bytes, where: str) -> object:
 
     try:
         text = data.decode("utf-8-sig")
-        return json.loads(text, object_pairs_hook=unique, parse_float=finite, parse_constant=finite)
+        tree = json.loads(text, object_pairs_hook=unique, parse_float=finite, parse_constant=finite)
+        json.dumps(tree, ensure_ascii=False).encode()
+        return tree
+    except UnicodeEncodeError as error:
+        half = ascii(error.object[error.start])
+        raise InputError(f"{where}: {half} is half of a character, which is not text") from error
     except InputError:
         raise
     except ValueError as error:  # of JSON, or of the encoding

@@ -84,9 +84,9 @@ def _parameters(found: "IdentificationResult", raw: bool, where: Path) -> "Inert
             f"{found.rank} of 10); rotate the target about more axes and identify again"
         )
     if not raw:
-        if found.feasible is None:
+        if found.target is None:
             raise InputError(f"{where}: nothing to export: 'feasible' is null")
-        return found.feasible
+        return found.target
     parameters = InertialParameters.from_vector(found.parameters)
     problems = parameters.infeasibilities()
     if problems:

@@ -7,6 +7,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.identification.result import ADVICE, Identification
 from cpid_drake.identification.result_files import (
+    FeasibleEstimate,
     IdentificationResult,
     Source,
     SpacecraftReference,
@@ -26,31 +27,36 @@ def result_of(
 
     """
     solution, white = found.solution, found.whiteness
-    feasible = found.feasible() if found.is_observable else None
-    moments, axes = (None, None) if feasible is None else principal_axes(feasible)
-    condition, record = solution.condition_number, None
+    feasible = moments = axes = record = None
+    if found.is_observable:
+        target = found.feasible()
+        feasible = FeasibleEstimate(target.mass, *np.split(target.to_vector()[1:], [3]))
+        moments, axes = principal_axes(target)
     if white is not None:
         record = WhitenessRecord(white.lag_one, white.is_white, white.correlation_time)
+    condition, mass = solution.condition_number, found.parameters[0]
     return IdentificationResult(
-        parameters=found.parameters,
+        mass=float(mass) if np.isfinite(mass) else None,
+        com=found.parameters[1:4],
+        inertia=found.parameters[4:],
         covariance=found.covariance,
         feasible=feasible,
         rank=solution.rank,
-        condition=condition if np.isfinite(condition) else np.nan,
+        condition=float(condition) if np.isfinite(condition) else None,
         samples_used=found.sample_count,
         samples_rejected=sum(found.rejected.values()),
-        warnings=found.warnings,
+        warnings=list(found.warnings),
         estimator=found.estimator,
         rows=found.rows,
         spacecraft=reference,
-        intervals=found.intervals,
-        infeasibilities=() if feasible is None else found.raw().infeasibilities(),
+        interval_95=found.intervals,
+        infeasibilities=list(found.raw().infeasibilities()) if found.is_observable else [],
         principal_moments=moments,
         principal_axes=axes,
         not_observable=found.describe_gap(),
         singular_values=solution.singular_values,
-        whiteness=record,
-        rejected_by_sensor=found.rejected,
+        residual_whiteness=record,
+        samples_rejected_by_sensor=found.rejected,
         source=source,
     )
 
@@ -80,7 +86,8 @@ def describe(found: Identification, result: IdentificationResult) -> list[str]:
         "",
         f"  {'':4}{'estimate':>16}{'95 % interval':>34}   {'':6}{'consistent':>16}",
     ]
-    consistent = np.full(10, np.nan) if result.feasible is None else result.feasible.to_vector()
+    target = result.target
+    consistent = np.full(10, np.nan) if target is None else target.to_vector()
     rows = zip(PARAMETER_NAMES, PARAMETER_UNITS, result.parameters, found.intervals, consistent)
     for name, unit, value, (low, high), nearest in rows:
         places = decimals(high - low)
@@ -96,7 +103,7 @@ def describe(found: Identification, result: IdentificationResult) -> list[str]:
             lines.append(f"      {moment:16.8g}   ({axis})")
         lines.append("")
     lines.append(f"  rank         {result.rank} of 10")
-    if np.isfinite(result.condition):
+    if result.condition is not None:
         lines.append(f"  condition    {result.condition:.4g}")
     lines.append(f"  residuals    {_residuals(found)}")
     lines.append(f"  consistency  {_consistency(result)}")

@@ -162,8 +162,8 @@ def write_figures(
         singular_value_picture(found.solution.singular_values),
         _together("base-motion", motion_pictures(evidence.measurements), 2),
     ]
-    if result.feasible is not None:
-        pictures.append(_together("ellipsoid", ellipsoid_pictures(result.feasible, truth), 3))
+    if result.target is not None:
+        pictures.append(_together("ellipsoid", ellipsoid_pictures(result.target, truth), 3))
     return [
         picture.save(folder, ending)
         for picture in pictures

@@ -7,6 +7,7 @@ import pytest
 
 from cpid_drake import InertialParameters, Spacecraft
 from cpid_drake.identification.result_files import (
+    FeasibleEstimate,
     IdentificationResult,
     SpacecraftReference,
     write_result,
@@ -21,16 +22,20 @@ ESTIMATE = np.array([60.001, 0.5, -0.12, 0.08, 8.0, 11.0, 6.0, -0.7, 0.4, 0.9])
 def result(skewed_target, tmp_path):
     """Return a function that writes `r.json`, with some keys changed."""
 
+    true = skewed_target.to_vector()
+
     def write(**changes):
         found = IdentificationResult(
-            parameters=ESTIMATE,
+            mass=ESTIMATE[0],
+            com=ESTIMATE[1:4],
+            inertia=ESTIMATE[4:],
             covariance=np.eye(10),
-            feasible=skewed_target,
+            feasible=FeasibleEstimate(true[0], true[1:4], true[4:]),
             rank=10,
             condition=30.0,
             samples_used=20,
             samples_rejected=0,
-            warnings=(),
+            warnings=[],
             estimator="least_squares",
             rows="standard",
             spacecraft=SpacecraftReference(str(MODEL), "bus", "capture_point"),

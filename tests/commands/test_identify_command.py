@@ -76,7 +76,7 @@ class TestSample:
         assert found["samples_rejected"] == 0
         assert found["warnings"] == []
         moments, axes = np.array(found["principal_moments"]), np.array(found["principal_axes"])
-        tensor = read_result("found.json").feasible.I_TTcm_C
+        tensor = read_result("found.json").target.I_TTcm_C
         np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor, atol=1e-15)
         assert np.linalg.det(axes) == pytest.approx(1.0)
 

@@ -192,7 +192,7 @@ class TestWhatIsSaid:
         """Of another program: what is not in the file is not on the page."""
         bare = replace(
             evidence.result,
-            intervals=None,
+            interval_95=None,
             principal_moments=None,
             principal_axes=None,
             singular_values=None,
@@ -205,8 +205,8 @@ class TestWhatIsSaid:
         assert page.data("result")["mass"] == pytest.approx(60.0)
 
     def test_another_estimate_than_the_file_s_is_warned_of(self, evidence, tmp_path):
-        evidence.result.parameters[0] += 1.0
-        write_result(tmp_path / "r.json", evidence.result)
+        other = replace(evidence.result, mass=evidence.result.mass + 1.0)
+        write_result(tmp_path / "r.json", other)
         page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
         assert "the values differ from those of the result file" in page.text
 

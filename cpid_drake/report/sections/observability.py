@@ -31,7 +31,7 @@ def _texts(result: IdentificationResult) -> list[str]:
             f"To determine the others: {ADVICE}.",
         ]
     texts = []
-    if np.isfinite(result.condition):
+    if result.condition is not None:
         texts.append(
             "The singular values measure how strongly the motion excites ten independent "
             f"combinations of the parameters. The largest is {result.condition:.3g} times the "

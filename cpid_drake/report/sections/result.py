@@ -18,7 +18,7 @@ def result_section(result: IdentificationResult, truth: InertialParameters | Non
     tables = [_parameters(result, truth)]
     if result.principal_moments is not None and result.principal_axes is not None:
         tables.append(_principal(result.principal_moments, result.principal_axes))
-    feasible = result.feasible
+    feasible = result.target
     return Section(
         "Result",
         texts=[_summary(result)],
@@ -51,10 +51,10 @@ def _parameters(result: IdentificationResult, truth: InertialParameters | None) 
     if truth is not None:
         heads += ["truth", "error", "error / σ"]
         note += " Error: estimate minus truth. σ: standard deviation of the estimate."
-    sigma, pairs = np.sqrt(np.diag(result.covariance)), result.intervals
+    sigma, pairs = np.sqrt(np.diag(result.covariance)), result.interval_95
     half_widths = quantile_95() * sigma if pairs is None else (pairs[:, 1] - pairs[:, 0]) / 2
     true = None if truth is None else truth.to_vector()
-    consistent = None if result.feasible is None else result.feasible.to_vector()
+    consistent = None if result.target is None else result.target.to_vector()
     rows = []
     for i, (name, key) in enumerate(zip(PARAMETER_NAMES, PARAMETER_KEYS)):
         value, half = result.parameters[i], half_widths[i]
