@@ -93,7 +93,7 @@ class TestIntervals:
         assert float(line.split("±")[1]) == pytest.approx(factor * 0.4, rel=0.05)
 
     def test_in_the_report_of_a_file_without_intervals(self, found):
-        result = replace(result_of(found, CRAFT, None), intervals=None)
+        result = replace(result_of(found, CRAFT, None), interval_95=None)
         half = np.array(column(result_section(result, None).tables[0], "± 95 %"), dtype=float)
         np.testing.assert_allclose(half, norm.ppf(0.975) * SIGMA, rtol=0.02)
 
@@ -138,7 +138,8 @@ class TestWarnings:
     @pytest.mark.parametrize(("shift", "is_other"), [(0.0, False), (0.01, True)])
     def test_a_log_that_now_gives_other_values_is_noticed(self, found, shift, is_other):
         result = result_of(found, CRAFT, None)
-        again = replace(result, parameters=result.parameters + shift * SIGMA)
+        moved = result.parameters + shift * SIGMA
+        again = replace(result, mass=moved[0], com=moved[1:4], inertia=moved[4:])
         texts = warnings_section(result, again).warnings
         assert any("the values differ" in text for text in texts) == is_other
 
