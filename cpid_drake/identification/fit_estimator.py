@@ -177,4 +177,5 @@ TRAJECTORY_FIT = Estimator(
     needs=needs_of_fit,
     most_samples=6_000,  # the time grows with the cube of their number
     prefers_sensors=True,
+    uses_added_sensors=True,
 )

@@ -19,6 +19,7 @@ from cpid_drake.identification.requirements import (
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.sensors import SENSORS, STANDARD_SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -75,6 +76,10 @@ def identify(
         warnings = check_log(spacecraft, measurements)
     record, family = choose_method(estimator, rows, measurements, sensors, momentum)
     require_sensors(measurements, record, family, momentum)
+    added = {name: s for name, s in measurements.items() if name not in STANDARD_SENSORS}
+    unused = [SENSORS[name].label for name, samples in added.items() if len(samples)]
+    if unused and not record.uses_added_sensors:
+        warnings.append(f"the {record.label} does not use the samples of {', '.join(unused)}")
     if record.most_samples is not None:
         refuse_long(measurements, record.most_samples, f"the {record.label}")
     problem = Problem(

@@ -66,6 +66,7 @@ class Estimator:
         most_samples: the largest number of samples of one sensor that it accepts; None for any.
         prefers_sensors: whether it is the default where sensors are given.
         runs_online: whether a Drake system runs it in a Diagram.
+        uses_added_sensors: whether it uses sensors that `register_sensor` added to the table.
         starts_from_prior: whether it can start from a guess of the target.
         reports: number of estimates over time that a report makes; less for slow estimators.
 
@@ -81,6 +82,7 @@ class Estimator:
     most_samples: int | None = None
     prefers_sensors: bool = False
     runs_online: bool = False
+    uses_added_sensors: bool = False
     starts_from_prior: bool = False
     reports: int = 14
 

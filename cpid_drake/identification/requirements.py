@@ -11,15 +11,15 @@ from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.problem import Estimator
 from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensing.sensors import SENSORS, STANDARD_SENSORS
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 def measurements_of_states(telemetry: Telemetry) -> Measurements:
     """Return exact states as the samples of ideal sensors, all at the same times."""
     samples = {
-        name: Samples(telemetry.time, sensor.quantity.ideal(telemetry))
-        for name, sensor in SENSORS.items()
+        name: Samples(telemetry.time, SENSORS[name].quantity.ideal(telemetry))
+        for name in STANDARD_SENSORS
     }
     return Measurements(telemetry.joint_names, samples)
 
@@ -45,11 +45,14 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
         if unknown:
             parts.append(f"the spacecraft has no joint '{unknown[0]}'")
         raise InputError(f"{', and '.join(parts)}; its joints are {', '.join(wanted)}")
+    order = [have.index(name) for name in wanted]
+    of_joints = {
+        name: Samples(samples.time, samples.value[:, order])
+        for name, samples in measurements.samples.items()
+        if SENSORS[name].quantity.width is None
+    }
+    measurements = Measurements(wanted, {**measurements.samples, **of_joints})
     positions, rates = measurements.encoders, measurements.joint_rates
-    if have != wanted:
-        order = [have.index(name) for name in wanted]
-        positions = Samples(positions.time, positions.value[:, order])
-        rates = Samples(rates.time, rates.value[:, order])
     value = positions.value
     missing_angles = np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0))
     if missing_angles.size:
@@ -63,8 +66,7 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
         turned = cumulative_trapezoid(rates.value[:, k], rates.time, initial=0.0)
         value[:, k] = np.interp(positions.time, rates.time, turned)
     encoders = Samples(positions.time, value)
-    joints = {"encoders": encoders, "joint_rates": rates}
-    return Measurements(wanted, {**measurements.samples, **joints})
+    return measurements.updated({"encoders": encoders})
 
 
 def check_log(spacecraft: Spacecraft, measurements: Measurements) -> list[str]:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from sensing_cases import Sines, small_craft, true_telemetry
 
-from cpid_drake import InertialParameters, InputError, load_sensors, write_telemetry
-from cpid_drake.sensing.measurements import ideal_measurements
+from cpid_drake import InertialParameters, InputError, load_sensors, read_telemetry, write_telemetry
+from cpid_drake.sensing.measurements import Measurements, Samples, ideal_measurements
 from cpid_drake.sensing.noise import SensorNoise, add_noise
 from cpid_drake.sensing.sensors import (
     ANGULAR_VELOCITY,
@@ -108,6 +108,20 @@ def test_added_sensors_make_the_fit_better_and_are_in_its_report(case, run_cpid)
     code, contents, _ = run_cpid("telemetry", "check", "log.csv")
     assert code == 0
     assert all(sensor.label in contents for sensor in ADDED)
+
+
+def test_joints_in_another_order_are_sorted_for_all_joint_sensors(case, run_cpid):
+    target, command = case
+    direct = found(run_cpid(*command, "--sensors", "all.yaml"), target)
+    log = read_telemetry("log.csv")
+    order = [2, 0, 3, 1]
+    shuffled = {
+        name: Samples(log[name].time, log[name].value[:, order]) for name in ("encoders", "motor")
+    }
+    names = tuple(log.joint_names[k] for k in order)
+    write_telemetry("log.csv", Measurements(names, {**log.samples, **shuffled}))
+    again = found(run_cpid(*command, "--sensors", "all.yaml"), target)
+    np.testing.assert_allclose(again, direct, rtol=1e-9)
 
 
 def test_estimators_that_do_not_use_them_say_so(case, run_cpid):
