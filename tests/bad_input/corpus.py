@@ -443,7 +443,7 @@ TELEMETRY = {
     ),
     "inverse_attitude": (
         file("t.csv", motion_file(quaternion_WB=lambda m: m.quaternion_WB * [1, -1, -1, -1])),
-        "turn W into B",
+        "be that of R_BW",
     ),
     "body_rates_as_world_rates": (
         file(

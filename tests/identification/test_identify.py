@@ -215,9 +215,11 @@ WRONG = {
     "gyro in degrees": ({"gyro": np.degrees}, "is it in degrees/s? It must be in rad/s"),
     "position in millimetres": ({"position": lambda p: 1000 * p}, "is it in millimetres"),
     "velocity in millimetres": ({"velocity": lambda v: 1000 * v}, "is it in millimetres/s"),
+    "position in centimetres": ({"position": lambda p: 100 * p}, "is it in centimetres?"),
+    "velocity in centimetres": ({"velocity": lambda v: 100 * v}, "is it in centimetres/s?"),
     "rates of the wrong sign": ({"joint_rates": np.negative}, "with the opposite sign"),
     "scalar last": ({"attitude": lambda q: np.roll(q, -1, axis=1)}, "in the order x, y, z, w"),
-    "attitude of W in B": ({"attitude": lambda q: q * [1, -1, -1, -1]}, "turn W into B"),
+    "attitude of W in B": ({"attitude": lambda q: q * [1, -1, -1, -1]}, "be that of R_BW"),
 }
 
 
