@@ -13,7 +13,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from types import GenericAlias
+from types import GenericAlias, SimpleNamespace
 
 import markupsafe
 import numpy.typing
@@ -157,6 +157,8 @@ def _load() -> dict[str, pdoc.doc.Module]:
     for name in ("ArrayLike", "NDArray"):  # signatures show these names, not what they stand for
         generic = {"__module__": "numpy.typing", "__class_getitem__": classmethod(GenericAlias)}
         setattr(numpy.typing, name, type(name, (), generic))
+    # The type of dataclasses is known to type checkers only.
+    sys.modules.setdefault("_typeshed", SimpleNamespace(DataclassInstance=object))
     package = importlib.import_module("cpid_drake")
     for name in package.__all__:  # pdoc shows names that are already imported
         setattr(package, name, getattr(package, name))

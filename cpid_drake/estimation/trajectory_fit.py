@@ -38,7 +38,8 @@ class TrajectoryFit:
     Attributes:
         model: what was fitted.
         trajectory: at the solution.
-        information: (n, n) about the unknowns in `model.columns`, joint errors eliminated.
+        information: (n, n) about the unknowns in `TrajectoryModel.columns`, joint errors
+            eliminated.
         consider: (n, n) covariance that the known bodies' uncertainty adds; zeros without any.
         chi_squared: of all rows at the solution, weighted as in the last iteration.
         rows: number of scalar rows.

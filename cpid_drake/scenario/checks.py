@@ -7,17 +7,17 @@ from cpid_drake.scenario.schema import PriorConfig, Scenario, TargetConfig
 from cpid_drake.sensing.suite import check_sensors
 
 ONLINE_ESTIMATORS = ("least_squares", "momentum_filter")
-"""What can identify in a Diagram: least squares on the exact state, or a filter on sensors."""
+"""Estimators that can run in a Diagram."""
 
 LONGEST_LENGTH = 100.0
-"""Largest centre of mass and radius of gyration [m]; larger ones must be in another unit."""
+"""Largest centre of mass and radius of gyration [m]; larger values must be in another unit."""
 
 MOST_STEPS = 1_000_000
-"""Largest number of samples that a simulation logs or identifies from, and of its longest steps."""
+"""Largest number of logged samples, of identified samples and of longest steps of a simulation."""
 
 
 def check_scenario(scenario: Scenario, where: str) -> None:
-    """Refuse a scenario that would fail deep inside Drake, or simulate something else than meant.
+    """Refuse a scenario that would fail inside Drake, or whose values contradict each other.
 
     Args:
         scenario: the scenario, whose single values are within the limits that `schema` declares.

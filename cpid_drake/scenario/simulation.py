@@ -1,4 +1,4 @@
-"""A scenario becomes a Drake Diagram, and a run of it becomes telemetry."""
+"""From a scenario to a Drake Diagram, and from a run of it to telemetry."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -44,12 +44,12 @@ from cpid_drake.systems.spacecraft_sensors import (
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A scenario's Diagram and the systems in it that a caller asks for.
+    """A scenario's Diagram and its systems.
 
-    All state is in a Context: one Simulation serves any number of runs, each with its own.
+    All state is in a Context: one Simulation serves any number of runs, each with its own Context.
 
     Attributes:
-        scenario: what it was made from.
+        scenario: the scenario.
         spacecraft: the known spacecraft.
         truth: the target in the simulated plant.
         joint_motion: the prescribed motion.
@@ -96,11 +96,11 @@ class Simulation:
         """Simulate the scenario's duration; the root Context returned holds logs and estimate.
 
         Args:
-            progress: told the time [s] after every step.
-            watch: shown the root Context after every step.
+            progress: called with the time [s] after every step.
+            watch: called with the root Context after every step.
 
         Raises:
-            InputError: the simulation comes to a stop: what is simulated moves too fast.
+            InputError: the simulation fails because the motion is too fast.
 
         """
         return self._run_to([self.scenario.simulation.duration], progress, watch)[0]
@@ -132,11 +132,11 @@ class Simulation:
         for time in times:
             try:
                 simulator.AdvanceTo(time)
-            except RuntimeError as error:  # of what the scenario says, no step is short enough
+            except RuntimeError as error:  # for this scenario no step is short enough
                 now = simulator.get_context().get_time()
                 raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
             states.append(self.plant.GetPositionsAndVelocities(context).copy())
-        simulator.AdvancePendingEvents()  # the samples that are due at the very end
+        simulator.AdvancePendingEvents()  # the samples that are due at the end
         if isinstance(self.identifier, SensorIdentifier):
             root_context = simulator.get_mutable_context()
             last = self.identifier.GetMyMutableContextFromRoot(root_context)
@@ -144,7 +144,7 @@ class Simulation:
         return simulator.get_context().Clone(), states
 
     def identification(self, root_context: Context) -> Identification:
-        """Return what the identifier knows in a run's Context."""
+        """Return the identification in a run's Context."""
         return self.identifier.identification(self.identifier.GetMyContextFromRoot(root_context))
 
     def telemetry(self, root_context: Context) -> Telemetry:
@@ -154,7 +154,7 @@ class Simulation:
         return self.spacecraft.to_telemetry(times, log.data()[:, first].T)
 
     def measurements(self, root_context: Context) -> Measurements:
-        """Return what the sensors gave in a run.
+        """Return the samples of the sensors in a run.
 
         Raises:
             InputError: the scenario has no sensors.
@@ -176,13 +176,13 @@ def initial_state(
 ) -> NDArray[np.float64]:
     """Return the plant state (nx,) at t = 0 with B at W and the given total momentum.
 
-    Joints that already move at t = 0 push the base: unless the base is given the twist that makes
-    up for it, the simulation starts with another momentum than is meant.
+    Joints that already move at t = 0 push the base. The returned twist of the base gives the system
+    the desired momentum nevertheless.
 
     Args:
         spacecraft: the known spacecraft.
-        target: what it holds.
-        motion: of its joints.
+        target: the target.
+        motion: of the joints.
         momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: none.
 
     """
@@ -213,22 +213,24 @@ def make_simulation(
     target: InertialParameters | None = None,
     meshcat: Meshcat | None = None,
 ) -> Simulation:
-    """Turn a scenario into a Diagram: motion, controller, plant, identifier, logs, visualization.
+    """Build a scenario's Diagram: motion, controller, plant, identifier, logs, visualization.
 
-    If the scenario has sensors, they are in the Diagram, and logged. The momentum filter identifies
-    from them; least squares goes on from the plant's exact state.
+    If the scenario has sensors, they are in the Diagram, and logged. The momentum filter reads
+    them; least squares reads the plant's exact state.
 
     Args:
-        scenario: what to build.
+        scenario: the scenario.
         target: simulate this target instead of the scenario's true one.
-        meshcat: draw there; without it no geometry is loaded at all.
+        meshcat: where to draw; default: nowhere, and no geometry is loaded.
 
     Raises:
         InputError: something in the scenario cannot be built; the message names it.
 
     """
     spacecraft = scenario.make_spacecraft()
-    if scenario.target.visual_model is not None:  # else missed only when something is drawn
+    if (
+        scenario.target.visual_model is not None
+    ):  # drawn or not
         resolve_model(scenario.target.visual_model, package_folders(scenario.spacecraft.packages))
     truth = target or scenario.target_truth()
     motion = scenario.make_joint_motion(spacecraft)

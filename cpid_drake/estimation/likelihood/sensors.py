@@ -1,6 +1,6 @@
 """Sensors of the base: residuals of their samples and derivatives by the motion's change.
 
-`sensor_model` chooses the class by the quantity that a sensor of the table measures, so several
+`sensor_models` chooses the class by the quantity that a sensor of the table measures, so several
 sensors of one quantity enter the likelihood each with its own samples and noise.
 """
 
