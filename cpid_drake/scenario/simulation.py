@@ -228,9 +228,7 @@ def make_simulation(
 
     """
     spacecraft = scenario.make_spacecraft()
-    if (
-        scenario.target.visual_model is not None
-    ):  # drawn or not
+    if scenario.target.visual_model is not None:  # its path is checked even if nothing is drawn
         resolve_model(scenario.target.visual_model, package_folders(scenario.spacecraft.packages))
     truth = target or scenario.target_truth()
     motion = scenario.make_joint_motion(spacecraft)

@@ -51,7 +51,7 @@ def _online(document: object) -> list[Table]:
 
 
 def _at(document: object, path: str) -> object:
-    """Return the value at a path such as `a.b` in JSON; None if there is none."""
+    """Return the value at a path such as "a.b" in JSON; None if there is none."""
     for key in path.split("."):
         document = document.get(key) if isinstance(document, dict) else None
     return document

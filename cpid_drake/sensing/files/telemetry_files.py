@@ -129,7 +129,7 @@ def read_telemetry(
     Args:
         path: the file, or a bag's folder.
         leave_out_bad: leave out rows that have a problem, instead of refusing the file.
-        topics: of a bag: see `rosbag_files.read_rosbag`.
+        topics: of a bag: see `rosbag.read_rosbag`.
 
     Raises:
         InputError: as `inspect_telemetry`, and, unless bad rows are left out, the first problem.

@@ -123,7 +123,7 @@ def export_target(
 
 
 def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
-    """Return a name that is free for the target's link, model instance and (with `_weld`) joint."""
+    """Return a name that is free for the target's link, model instance and (with "_weld") joint."""
     if name is not None and not _NAME.fullmatch(name):
         raise InputError(
             f"the name {name!r:.80} cannot be used: a letter, then letters, digits, _ and - (at "
