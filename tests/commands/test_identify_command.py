@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from cpid_drake import InertialParameters, read_telemetry, write_telemetry
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
@@ -98,6 +99,15 @@ class TestIdentify:
         found = read_result("r.json")
         np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-9)
         assert found.source.telemetry == str(exact)
+
+    def test_intervals_of_few_samples_are_students(self, cpid, zero_momentum_motion, skewed_target):
+        """24 rows less ten unknowns are 14 degrees of freedom: 2.14 σ to each side, not 1.96."""
+        write_telemetry("few.csv", zero_momentum_motion(skewed_target, 4, 4).rounded(4))
+        assert cpid("identify", "few.csv", *SERVICER, "--json", "r.json", "--quiet")[0] == 0
+        found = json.loads(Path("r.json").read_text())
+        half = np.diff(found["interval_95"]).ravel() / 2
+        sigma = np.sqrt(np.diag(found["covariance"]))
+        np.testing.assert_allclose(half / sigma, student.interval(0.95, 24 - 10)[1], rtol=1e-6)
 
     def test_too_little_motion_is_exit_code_3_and_what_is_known_is_written(self, cpid, exact):
         code, stdout, _ = cpid("identify", exact, *SERVICER, "--to", "1.5", "--json", "r.json")
