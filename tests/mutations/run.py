@@ -84,7 +84,7 @@ def copy_to(folder: Path) -> None:
 
 
 def run_tests(root: Path, tests: list[str], most_failures: int = 1) -> tuple[int, list[str]]:
-    """Run tests in a copy until so many fail: pytest's exit code, and what failed, or the output."""
+    """Run tests in a copy until so many fail: pytest's exit code; what failed, or its output."""
     limit = (MOST_CPU_SECONDS, MOST_CPU_SECONDS)
     options = [f"--maxfail={most_failures}", "-q", "-p", "no:cacheprovider"]
     run = subprocess.run(
