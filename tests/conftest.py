@@ -103,13 +103,13 @@ def skewed_target() -> InertialParameters:
 
 @pytest.fixture(scope="session")
 def random_motion(servicer):
-    """Return a function (n, seed) -> Telemetry in random states, with momentum."""
+    """Return a function (n, seed, spacecraft) -> Telemetry in random states, with momentum."""
 
-    def make(n: int, seed: int) -> Telemetry:
+    def make(n: int, seed: int, spacecraft: Spacecraft = servicer) -> Telemetry:
         rng = np.random.default_rng(seed)
-        joints = len(servicer.joint_names)
+        joints = len(spacecraft.joint_names)
         return Telemetry(
-            servicer.joint_names,
+            spacecraft.joint_names,
             np.arange(n, dtype=float),
             quaternion_WB=Rotation.random(n, rng).as_quat(scalar_first=True),
             p_WB=rng.normal(size=(n, 3)),

@@ -3,32 +3,33 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensing_cases import small_craft
 
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 
 
-@pytest.fixture(scope="module")
-def both_routes(servicer, random_motion):
-    telemetry = random_motion(20, seed=11)
-    bodies, capture = propagate(servicer.tree, telemetry)
-    plant = servicer.plant
+@pytest.fixture(scope="module", params=["turning joints", "a sliding joint"])
+def both_routes(request, servicer, random_motion, tmp_path_factory):
+    slides = request.param == "a sliding joint"
+    craft = small_craft(tmp_path_factory.mktemp("craft"), wheels=True) if slides else servicer
+    telemetry = random_motion(20, 11, craft)
+    bodies, capture = propagate(craft.tree, telemetry)
+    plant = craft.plant
     context = plant.CreateDefaultContext()
     drake = {"R": [], "r": [], "w": [], "v": [], "R_WC": [], "p_WC": [], "w_WC": [], "v_WC": []}
-    for state in servicer.to_states(telemetry):
+    for state in craft.to_states(telemetry):
         plant.SetPositionsAndVelocities(context, state)
-        links = [plant.GetBodyByName(body.name) for body in servicer.tree.bodies]
+        links = [plant.GetBodyByName(body.name) for body in craft.tree.bodies]
         X_WB = [link.EvalPoseInWorld(context) for link in links]
         V_WB = [link.EvalSpatialVelocityInWorld(context) for link in links]
-        c_W = [
-            X.rotation() @ body.p_BBcm for X, body in zip(X_WB, servicer.tree.bodies, strict=True)
-        ]
+        c_W = [X.rotation() @ body.p_BBcm for X, body in zip(X_WB, craft.tree.bodies, strict=True)]
         drake["R"].append([X.rotation().matrix() for X in X_WB])
         drake["r"].append([X.translation() + c for X, c in zip(X_WB, c_W, strict=True)])
         drake["w"].append([V.rotational() for V in V_WB])
         drake["v"].append([V.Shift(c).translational() for V, c in zip(V_WB, c_W, strict=True)])
-        X_WC = servicer.capture_frame.CalcPoseInWorld(context)
-        V_WC = servicer.capture_frame.CalcSpatialVelocityInWorld(context)
+        X_WC = craft.capture_frame.CalcPoseInWorld(context)
+        V_WC = craft.capture_frame.CalcSpatialVelocityInWorld(context)
         drake["R_WC"].append(X_WC.rotation().matrix())
         drake["p_WC"].append(X_WC.translation())
         drake["w_WC"].append(V_WC.rotational())

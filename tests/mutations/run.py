@@ -11,23 +11,27 @@ Exit code: 0 if every bug is noticed, 1 if some survive, 2 if the list does not 
 
 import argparse
 import ast
+import importlib
 import os
-import queue
 import re
 import resource
 import shutil
-import subprocess
 import sys
 import tempfile
 import tomllib
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+
+import pytest
+
+sys.dont_write_bytecode = True
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 ROOT = Path(__file__).resolve().parents[2]
 LIST = Path(__file__).with_name("mutations.toml")
 NEEDED = ("cpid_drake", "models", "diagrams", "tests", "pyproject.toml", "README.md", "LICENSE")
 MOST_CPU_SECONDS = 600
+PRELOADED = ("pydrake.all", "scipy.interpolate", "scipy.optimize", "scipy.spatial.transform")
 
 
 @dataclass(frozen=True)
@@ -83,32 +87,41 @@ def copy_to(folder: Path) -> None:
             shutil.copy(source, folder / name)
 
 
-def run_tests(root: Path, tests: list[str], most_failures: int = 1) -> tuple[int, list[str]]:
-    """Run tests in a copy until so many fail: pytest's exit code; what failed, or its output."""
-    limit = (MOST_CPU_SECONDS, MOST_CPU_SECONDS)
-    options = [f"--maxfail={most_failures}", "-q", "-p", "no:cacheprovider"]
-    run = subprocess.run(
-        [sys.executable, "-B", "-m", "pytest", *options, *tests],
-        cwd=root / "tests",
-        env=os.environ | {"PYTHONPATH": str(root), "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, limit),
-        check=False,
-    )
-    failed = re.findall(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", run.stdout, re.M)
-    return run.returncode, failed or [run.stdout[-300:] + run.stderr[-300:]]
+def start_tests(root: Path, tests: list[str], most_failures: int = 1) -> int:
+    """Run tests in a copy until so many fail, in a fork of this process: return the child's id.
 
-
-def verdict(mutation: Mutation, root: Path) -> tuple[str, str]:
-    """Return 'noticed', 'SURVIVED' or 'BROKEN', and by which test or why; `root` is as before."""
-    path = root / "cpid_drake" / mutation.file
-    original = path.read_text(encoding="utf-8")
-    mutation.apply(root)
+    What takes long to import is imported already (`PRELOADED`), but nothing of the package. The
+    child's exit code is pytest's; its output is in `root / "output.txt"`.
+    """
+    child = os.fork()
+    if child:
+        return child
+    code = 3
     try:
-        code, failed = run_tests(root, mutation.tests)
+        resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_SECONDS, MOST_CPU_SECONDS))
+        output = os.open(root / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        os.chdir(root / "tests")
+        os.environ["PYTHONPATH"] = str(root)
+        sys.path.insert(0, str(root))
+        options = [f"--maxfail={most_failures}", "-q", "-p", "no:cacheprovider"]
+        code = int(pytest.main([*options, *tests]))
     finally:
-        path.write_text(original, encoding="utf-8")
+        sys.stdout.flush()
+        os._exit(code)
+
+
+def finish_tests(root: Path, status: int) -> tuple[int, list[str]]:
+    """Return pytest's exit code, or minus the signal, and what failed, or the end of its output."""
+    output = (root / "output.txt").read_text(encoding="utf-8", errors="replace")
+    failed = re.findall(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", output, re.M)
+    return os.waitstatus_to_exitcode(status), failed or [output[-600:]]
+
+
+def verdict(mutation: Mutation, root: Path, status: int) -> tuple[str, str]:
+    """Return 'noticed', 'SURVIVED' or 'BROKEN', and by which test or why."""
+    code, failed = finish_tests(root, status)
     if code == 0:
         return "SURVIVED", " ".join(mutation.tests)
     if code < 0:
@@ -116,6 +129,23 @@ def verdict(mutation: Mutation, root: Path) -> tuple[str, str]:
     if code not in (1, 2):
         return "BROKEN", failed[0]
     return "noticed", failed[0].removeprefix("tests/")
+
+
+def try_all(chosen: list[Mutation], copies: list[Path]) -> list[tuple[str, str]]:
+    """Put each bug into one of the copies, run its tests there, and print what noticed it."""
+    free, waiting, running, verdicts = list(copies), list(chosen), {}, []
+    while waiting or running:
+        while waiting and free:
+            mutation, root = waiting.pop(0), free.pop()
+            mutation.apply(root)
+            running[start_tests(root, mutation.tests)] = mutation, root
+        child, status = os.wait()
+        mutation, root = running.pop(child)
+        shutil.copy(ROOT / "cpid_drake" / mutation.file, root / "cpid_drake" / mutation.file)
+        verdicts.append(verdict(mutation, root, status))
+        print(f"{verdicts[-1][0]:8} {mutation.name}: {verdicts[-1][1]}", flush=True)
+        free.append(root)
+    return verdicts
 
 
 def main() -> int:
@@ -128,21 +158,20 @@ def main() -> int:
 
     chosen = [m for m in mutations() if not args.only or args.only in f"{m.name} {m.file}"]
     with tempfile.TemporaryDirectory() as folder:
-        copies: queue.Queue[Path] = queue.Queue()
-        for job in range(args.jobs):
-            copies.put(Path(folder, str(job)))
-            Path(folder, str(job)).mkdir()
-            copy_to(Path(folder, str(job)))
+        copies = [Path(folder, str(job)) for job in range(args.jobs)]
+        for copy in copies:
+            copy.mkdir()
+            copy_to(copy)
 
         problems = []
         for mutation in chosen:
-            path = Path(folder, "0", "cpid_drake", mutation.file)
+            path = copies[0] / "cpid_drake" / mutation.file
+            original = path.read_bytes() if path.is_file() else b""
             try:
-                mutation.apply(Path(folder, "0"))
+                mutation.apply(copies[0])
+                path.write_bytes(original)
             except ValueError as error:
                 problems.append(str(error))
-            else:
-                shutil.copy(ROOT / "cpid_drake" / mutation.file, path)
         if problems:
             print(*problems, sep="\n", file=sys.stderr)
             return 2
@@ -150,23 +179,16 @@ def main() -> int:
             print(f"{len(chosen)} mutations fit the code")
             return 0
 
-        def attempt(mutation: Mutation) -> tuple[str, str]:
-            root = copies.get()
-            try:
-                result = verdict(mutation, root)
-            finally:
-                copies.put(root)
-            print(f"{result[0]:8} {mutation.name}: {result[1]}", flush=True)
-            return result
-
-        with ThreadPoolExecutor(args.jobs) as pool:
-            verdicts = list(pool.map(attempt, chosen))
+        for name in PRELOADED:
+            importlib.import_module(name)
+        verdicts = try_all(chosen, copies)
         results = [result for result, _ in verdicts]
         noticing = sorted(
             {test for result, test in verdicts if result == "noticed" and "::" in test}
         )
         if noticing:
-            code, failed = run_tests(Path(folder, "0"), noticing, len(noticing))
+            _, status = os.waitpid(start_tests(copies[0], noticing, len(noticing)), 0)
+            code, failed = finish_tests(copies[0], status)
             if code:
                 print("BROKEN: these fail without a bug, too:", *failed, sep="\n  ")
                 results.append("BROKEN")

@@ -1,0 +1,29 @@
+"""A spacecraft that is not exactly its model: the errors are as large as the covariance says."""
+
+import numpy as np
+import pytest
+from sensing_cases import Sines, coarse_suite, measured, small_craft
+
+from cpid_drake import identify
+from cpid_drake.dynamics.sensitivity import BodyUncertainty, perturbed
+
+UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
+
+
+@pytest.mark.parametrize(("estimator", "draws"), [("trajectory_fit", 4), ("momentum_filter", 3)])
+def test_errors_are_as_large_as_their_sigmas(tmp_path, skewed_target, estimator, draws):
+    """The sensors' own errors are far smaller: who takes the model for exact is far off."""
+    craft, suite = small_craft(tmp_path), coarse_suite()
+    motion = Sines.drawn(4, seed=101, duration=6.0, size=0.6)
+    rng = np.random.default_rng(7)
+    normalized = []
+    for _ in range(draws):
+        tree = perturbed(craft.tree, UNCERTAINTY, rng)
+        samples = measured(craft, motion, skewed_target, suite, tree=tree)
+        options = {"estimator": estimator, "sensors": suite}
+        found = identify(craft, samples, known_bodies=UNCERTAINTY, **options)
+        error = found.parameters - skewed_target.to_vector()
+        normalized.append(error / np.sqrt(np.diag(found.covariance)))
+    assert 0.5 < np.sqrt(np.mean(np.square(normalized))) < 1.5
+    exact = identify(craft, samples, **options)
+    assert np.sqrt(np.mean(error**2 / np.diag(exact.covariance))) > 10
