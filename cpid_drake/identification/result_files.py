@@ -14,7 +14,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.total_momentum import MOMENTUM_NAMES
 from cpid_drake.errors import InputError
-from cpid_drake.input_files import Numbers, from_tree, load_json
+from cpid_drake.input_files.validation import Numbers, from_tree, load_json
 
 _LARGEST_FILE = 16 * 2**20  # bytes; a result has some thousand
 _LARGEST = 1e90  # SI units: products of what is larger overflow

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.input_files import dump_yaml, load_yaml, tag_of
+from cpid_drake.input_files.validation import dump_yaml, load_yaml, tag_of
 from cpid_drake.resources import resolve_model
 from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.joint_motions import MultiSineMotion

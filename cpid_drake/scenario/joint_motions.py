@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.joint_motion import HalfCosine, MultiSine
 from cpid_drake.errors import InputError, choose_from
-from cpid_drake.input_files import Numbers
+from cpid_drake.input_files.validation import Numbers
 
 if TYPE_CHECKING:  # it imports Drake: a scenario is read and checked without
     from cpid_drake.spacecraft.spacecraft import Spacecraft

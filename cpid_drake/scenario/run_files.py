@@ -14,7 +14,7 @@ from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.input_files import dump_yaml
+from cpid_drake.input_files.validation import dump_yaml
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.sensing.files.telemetry_files import write_telemetry

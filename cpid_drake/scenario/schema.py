@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Interval, Le, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.input_files import FirstUnlessTagged, Numbers
+from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
 from cpid_drake.scenario.joint_motions import (
     HalfCosineMotion,
     MultiSineMotion,

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from cpid_drake.errors import InputError
-from cpid_drake.input_files import load_yaml
+from cpid_drake.input_files.validation import load_yaml
 from cpid_drake.resources import models_directory, resolve_model
 from cpid_drake.sensing.suite import SensorSuite, check_sensors, suite_type
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.input_files import Numbers
+from cpid_drake.input_files.validation import Numbers
 
 ARCSECOND = np.pi / (180 * 3600)
 DEGREE_PER_HOUR = np.pi / (180 * 3600)

@@ -8,7 +8,7 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.input_files import check_values
+from cpid_drake.input_files.validation import check_values
 from cpid_drake.sensing.sensors import (
     SENSORS,
     AttitudeSensor,

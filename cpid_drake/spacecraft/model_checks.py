@@ -15,8 +15,8 @@ import numpy as np
 import yaml
 
 from cpid_drake.errors import InputError, choose_from
+from cpid_drake.input_files.yaml_text import check_size, yaml_errors
 from cpid_drake.resources import package_folder
-from cpid_drake.yaml_text import check_size, yaml_errors
 
 LARGEST_FILE = 64 * 2**20
 """Largest file that is read [bytes]; models that contain their geometry have a few million."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError, choose_from
-from cpid_drake.yaml_text import Tagged, format_yaml, parse_yaml
+from cpid_drake.input_files.yaml_text import Tagged, format_yaml, parse_yaml
 
 if TYPE_CHECKING:  # pydantic takes 0.1 s to import: only what reads a file pays for it
     from pydantic import TypeAdapter

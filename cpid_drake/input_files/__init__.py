@@ -1,0 +1,1 @@
+"""YAML and JSON files into dataclasses, with every key, type and limit checked."""
