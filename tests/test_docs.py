@@ -34,7 +34,7 @@ def weigh(scale, unit="kg"):
 @pytest.mark.parametrize(
     "name",
     [
-        "rows.eq18_rows",
+        "rows.row_family",
         "cpid_drake.dynamics.rows.RowFamily.rows()",
         "InputError",
         "weigh",
@@ -55,7 +55,7 @@ def test_a_name_that_exists_is_a_good_reference(build, index, tmp_path, name):
 
 @pytest.mark.parametrize(
     "name",
-    ["rows.eq19_rows", "cpid_drake.row.eq18_rows", "InputErrors", "weigh_all", "scale.tare()"]
+    ["rows.eq19_rows", "cpid_drake.row.row_family", "InputErrors", "weigh_all", "scale.tare()"]
     + ["numpy.linalg.norms", "Simulator.Advance", "RowFamily.colour"],
 )
 def test_a_name_that_does_not_exist_is_named_with_its_line(build, index, tmp_path, name):
@@ -70,7 +70,7 @@ def test_a_page_names_its_broken_links_tests_and_names(build, index, tmp_path):
     page.write_text(
         "![good](picture.png) [bad](gone.md#part) <img src='x'> [far](https://example.org/x)\n"
         "`tests/test_docs.py::index` `tests/test_docs.py::indices` `tests/gone.py::index`\n"
-        "`rows.eq18_rows` `rows.eq19_rows` `anything`\n"
+        "`rows.row_family` `rows.eq19_rows` `anything`\n"
     )
     gone = "gone.md", "`tests/test_docs.py::indices`", "`tests/gone.py::index`", "`rows.eq19_rows`"
     assert build.broken_in_page(page, index) == [f"{page}: {what}" for what in gone]

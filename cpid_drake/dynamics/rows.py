@@ -236,12 +236,12 @@ class RowFamily:
 
 
 EQ18_ROWS = RowFamily("eq18", 6, lambda known_mass: EQ18, _constant_block(_eq18), linear_unit="m/s")
-"""Ning et al. 2016, Eq. 18, top rows in C instead of W (the same equations, rotated)."""
+"""Ning et al. 2016, Eq. 18, in θ = (1/m, c, [I#]); its top rows are rotated from W to C."""
 
 STANDARD_ROWS = RowFamily(
     "standard", 6, lambda known_mass: STANDARD, _constant_block(_standard), 6, _momentum_columns
 )
-"""The same physics in (m, m c, I about C): measured momentum on the right-hand side only."""
+"""The same physics in φ = (m, m c, J): the measured momentum is on the right-hand side only."""
 
 RELATIVE_ROWS = RowFamily(
     "relative",
@@ -252,7 +252,7 @@ RELATIVE_ROWS = RowFamily(
     _relative_momentum_columns,
     uses_base_position=False,
 )
-"""Attitude and joints only: independent of the base's position and of linear momentum."""
+"""Rows in ψ = (μ, μc, I_*), from attitude and joints only: no base position, no linear momentum."""
 
 ROW_FAMILIES = {family.name: family for family in (EQ18_ROWS, STANDARD_ROWS, RELATIVE_ROWS)}
 """The row families by name. Another one that is added here can be used wherever rows are named."""
@@ -273,24 +273,6 @@ def row_family(name: str, unknown_momentum: bool = False) -> RowFamily:
         others = ", ".join(n for n, other in ROW_FAMILIES.items() if other.momentum_columns)
         raise InputError(f"rows '{name}' need zero momentum; with an unknown one use {others}")
     return family
-
-
-def eq18_rows(samples: MomentumSamples) -> Rows:
-    """Return rows A (N, 6, 10), b (N, 6) of Ning et al. 2016, Eq. 18, in θ = (1/m, c, [I#])."""
-    return EQ18_ROWS.rows(samples)
-
-
-def standard_rows(samples: MomentumSamples) -> Rows:
-    """Return rows A (N, 6, 10), b (N, 6) in φ = (m, m c, inertia about C's origin)."""
-    return STANDARD_ROWS.rows(samples)
-
-
-def relative_rows(samples: MomentumSamples) -> Rows:
-    """Return rows A (N, 3, 10), b (N, 3) in (μ, μc, I_*).
-
-    See `parameterizations.relative_parameterization`.
-    """
-    return RELATIVE_ROWS.rows(samples)
 
 
 def com_position_rows(samples: MomentumSamples) -> Rows:

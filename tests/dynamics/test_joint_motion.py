@@ -122,6 +122,13 @@ def test_sines_stay_within_their_bounds_and_reach_them(multi_sine):
     assert multi_sine.peak_rates()[1] == 0.0
 
 
+def test_a_short_ramp_at_either_end_is_resolved():
+    """The joint is at 1 rad or at 0 when the ramp begins: the ramp's rate is the peak."""
+    for phase in (0.0, np.pi / 2):
+        motion = MultiSine([0.0], [[1.0]], [0.025], [[phase]], ramp=0.01, duration=10.0)
+        assert motion.peak_rates()[0] == pytest.approx(630 / 4**4 / 0.01, rel=1e-3)
+
+
 def test_one_instant_and_many_give_the_same(multi_sine):
     t = np.linspace(0, 10, 12).reshape(3, 4)
     many = multi_sine.evaluate(t)

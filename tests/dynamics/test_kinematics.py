@@ -1,5 +1,7 @@
 """Eqs. 1-3 against Drake, which computes the same by another road."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -94,3 +96,17 @@ def test_lumping_welded_bodies_changes_no_momentum(servicer, random_motion):
         )
     for one, other in zip(*results, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-11)
+
+
+def test_massless_links_that_are_welded_together_have_no_momentum(servicer, random_motion):
+    """The last joint's body and what is welded to it, without mass: lumping divides by nothing."""
+    last = max(body.joint for body in servicer.tree.bodies)
+    [k] = [k for k, body in enumerate(servicer.tree.bodies) if body.joint == last]
+    bodies = list(servicer.tree.bodies)
+    bodies[k] = replace(bodies[k], mass=0.0, p_BBcm=np.zeros(3), I_BBcm=np.zeros((3, 3)))
+    bodies.append(replace(bodies[k], name="plate", parent=k, joint=-1))
+    tree, telemetry = replace(servicer.tree, bodies=tuple(bodies)), random_motion(5, 18)
+    found = [
+        angular_momentum(t, propagate(t, telemetry)[0], np.zeros(3)) for t in (tree, tree.lumped)
+    ]
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-11)

@@ -19,13 +19,10 @@ from cpid_drake.dynamics.rows import (
     STANDARD_ROWS,
     angular_rows,
     com_position_rows,
-    eq18_rows,
     eq18_to_world,
     inertia_operator,
     instantaneous_rows,
     linear_rows,
-    relative_rows,
-    standard_rows,
 )
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 
@@ -138,7 +135,7 @@ def test_both_families_are_the_same_physics(servicer, skewed_target, random_moti
     """m times the top eq18 rows is the top standard row at any momentum, and they differ below by
     the same top row crossed with c: residuals vanish together, with or without momentum."""
     samples = momentum_samples(servicer.tree, random_motion(8, seed=8))
-    (A, b), (S, d) = eq18_rows(samples), standard_rows(samples)
+    (A, b), (S, d) = EQ18_ROWS.rows(samples), STANDARD_ROWS.rows(samples)
     theta = EQ18.from_parameters(skewed_target.to_vector())
     phi = skewed_target.to_standard_vector()
     eq18, standard = A @ theta - b, S @ phi - d
@@ -187,7 +184,7 @@ def test_eq18_is_eq14_with_the_unknowns_turned_into_C(case):
     R_WC = samples.motion.R_WC
     to_C = np.zeros((len(samples), 6, 6))
     to_C[:, :3, :3] = to_C[:, 3:, 3:] = np.swapaxes(R_WC, -1, -2)
-    A, b = eq18_rows(samples)
+    A, b = EQ18_ROWS.rows(samples)
     expected = to_C @ A_W @ eq18_to_world(R_WC)
     np.testing.assert_allclose(A, expected, rtol=0, atol=1e-11)
     np.testing.assert_allclose(b, rotate(to_C, b_W), rtol=0, atol=1e-11)
@@ -220,7 +217,7 @@ def test_erratum_sums_from_one_give_a_negative_mass(servicer, paper_scenario):
     telemetry = simulation.telemetry(simulation.run()).at(sampling_times(paper_scenario))
     masses = []
     for samples in (without_base(servicer, telemetry), momentum_samples(servicer.tree, telemetry)):
-        A, b = eq18_rows(samples)
+        A, b = EQ18_ROWS.rows(samples)
         theta = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
         masses.append(1 / theta[0])
     assert masses[0] < 0
@@ -245,7 +242,7 @@ def test_erratum_angular_momentum_is_about_the_capture_point(servicer, case, ske
     names = [body.name for body in servicer.tree.bodies]
     centroid = bodies.r[names.index("capture_arm_gripper")]
     L = samples.L + np.cross(capture.p_WC - centroid, samples.P)
-    A, b = eq18_rows(replace(samples, L=L))
+    A, b = EQ18_ROWS.rows(replace(samples, L=L))
     assert np.abs(A @ EQ18.from_parameters(skewed_target.to_vector()) - b).max() > 1e-2
 
 
@@ -255,7 +252,7 @@ def test_erratum_rigid_grasp_is_assumed(servicer, case, skewed_target):
     motion = samples.motion
     slipping = CaptureMotion(motion.R_WC, motion.p_WC, motion.w_WC + [0.1, 0, 0], motion.v_WC)
     P, L = target_momentum(skewed_target, slipping)
-    A, b = eq18_rows(replace(samples, P=-P, L=-L))
+    A, b = EQ18_ROWS.rows(replace(samples, P=-P, L=-L))
     assert np.abs(A @ EQ18.from_parameters(skewed_target.to_vector()) - b).max() > 1e-2
 
 
@@ -265,7 +262,7 @@ def test_erratum_world_frame_rows_cannot_be_stacked(case, skewed_target):
     A, b = instantaneous_rows(samples)
     stacked = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
     assert abs(1 / stacked[0] - skewed_target.mass) > 1.0
-    A, b = eq18_rows(samples)
+    A, b = EQ18_ROWS.rows(samples)
     stacked = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
     assert 1 / stacked[0] == pytest.approx(skewed_target.mass, rel=1e-9)
 
@@ -274,7 +271,7 @@ def test_erratum_two_samples_leave_one_combination_open(skewed_target):
     """Errata 6: with n = ω1 × ω2, the inertia n nᵀ can be added without any row noticing."""
     rng = np.random.default_rng(10)
     w, v = rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
-    A, _ = eq18_rows(free_samples(skewed_target, w, v))
+    A, _ = EQ18_ROWS.rows(free_samples(skewed_target, w, v))
     n = np.cross(w[0], w[1])
     null = np.concatenate([np.zeros(4), tensor_to_vector(np.outer(n, n))])
     assert np.abs(A @ null).max() < 1e-12 * np.abs(A).max() * np.abs(null).max()
@@ -338,7 +335,7 @@ def test_a_spacecraft_that_holds_nothing_shows_no_mass(servicer, zero_momentum_m
     """An empty gripper: the known momentum is zero by itself, so the standard rows find m = 0."""
     nothing = InertialParameters(0.0, np.zeros(3), np.zeros((3, 3)))
     samples = momentum_samples(servicer.tree, zero_momentum_motion(nothing, 10, seed=19))
-    A, b = standard_rows(samples)
+    A, b = STANDARD_ROWS.rows(samples)
     phi = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
     assert np.abs(phi).max() < 1e-9
 
@@ -440,8 +437,8 @@ def test_relative_rows_do_not_see_the_bases_position_and_velocity(servicer, rand
         v_WB=telemetry.v_WB + rng.normal(size=(6, 3)),
     )
     for ours, theirs in zip(
-        relative_rows(momentum_samples(servicer.tree, telemetry)),
-        relative_rows(momentum_samples(servicer.tree, moved)),
+        RELATIVE_ROWS.rows(momentum_samples(servicer.tree, telemetry)),
+        RELATIVE_ROWS.rows(momentum_samples(servicer.tree, moved)),
         strict=True,
     ):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)

@@ -18,7 +18,7 @@ from cpid_drake import (
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.rows import relative_rows
+from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.resources import models_directory
 
 URDFS = sorted(models_directory().glob("*/*.urdf"))
@@ -282,7 +282,7 @@ def uncertainty(scenario) -> float:
     motion, times = scenario.make_joint_motion(spacecraft), np.linspace(0.0, 10.0, 101)
     base = propagate_base(spacecraft.tree, motion, truth.to_standard_vector(), times)
     telemetry = base.to_telemetry(spacecraft.joint_names, times, motion)
-    A = relative_rows(momentum_samples(spacecraft.tree, telemetry))[0].reshape(-1, 10)
+    A = RELATIVE_ROWS.rows(momentum_samples(spacecraft.tree, telemetry))[0].reshape(-1, 10)
     parameterization = relative_parameterization(spacecraft.mass)
     jacobian = parameterization.jacobian(parameterization.from_parameters(truth.to_vector()))
     sigma = np.linalg.norm(jacobian @ np.linalg.pinv(A), axis=1)
