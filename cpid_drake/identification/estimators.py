@@ -26,12 +26,12 @@ def online_estimators() -> tuple[str, ...]:
 
 
 def estimator_label(name: str) -> str:
-    """Return what reports call an estimator; its name if a file names an unknown one."""
+    """Return the label of an estimator in reports; the name itself if it is unknown."""
     return ESTIMATORS[name].label if name in ESTIMATORS else name
 
 
 def methods() -> tuple[str, ...]:
-    """Return all that `choose_method` accepts: row families, then estimators without rows."""
+    """Return all names that `choose_method` accepts: row families, then estimators without rows."""
     others = tuple(name for name, record in ESTIMATORS.items() if record.default_rows is None)
     return (*ROW_FAMILIES, *others)
 
@@ -50,7 +50,7 @@ def choose_method(
             the estimator that is best for these data.
         rows: name of a row family; None for the estimator's default.
         measurements: the data.
-        sensors: how good the sensors are, if somebody said.
+        sensors: the sensors' errors, if they are known.
         momentum: the total momentum.
 
     Raises:

@@ -47,7 +47,7 @@ def identify(
             sensors are given and no rows, else least squares.
         rows: row family of least squares (`cpid_drake.dynamics.rows.ROW_FAMILIES`); default:
             "standard", or "relative" for data without position and velocity.
-        sensors: how good the sensors are. Default: all complete samples weigh alike, and an
+        sensors: the sensors' errors. Default: all complete samples have the same weight, and an
             estimator that needs the noise estimates it from the data.
         momentum: the total momentum of spacecraft and target; default: zero.
         known_bodies: uncertainty of the spacecraft's own bodies, whose effect the trajectory fit

@@ -1,4 +1,4 @@
-"""What an estimator gets, and what a record of an estimator holds."""
+"""The inputs of an estimator, and the record of an estimator in the registry."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,13 +20,13 @@ NOISE_ESTIMATED = "the sensors' noise was estimated from the log; give the senso
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What an estimator gets: it never sees the target's true parameters.
+    """The inputs of an estimator.
 
     Attributes:
         spacecraft: the known spacecraft.
         measurements: screened samples, joints in the spacecraft's order.
         states: the caller's exact states, which were not sampled by sensors; else None.
-        sensors: how good the sensors are; None if nobody said.
+        sensors: the sensors' errors; None if unknown.
         momentum: the total momentum of spacecraft and target.
         family: the row family, for estimators that use rows.
         known_bodies: uncertainty of the known bodies; None if they are exact.
@@ -44,7 +44,7 @@ class Problem:
     robust: bool = False
 
     def with_sensors(self) -> tuple["Problem", SensorSuite, tuple[str, ...]]:
-        """Return the problem with sensors, these, and a warning if the log told their noise."""
+        """Return the problem with sensors, the sensors, and a warning if they are estimated."""
         if self.sensors is not None:
             return self, self.sensors, ()
         sensors = estimate_suite(self.measurements)
@@ -56,19 +56,21 @@ class Estimator:
     """A record of an estimator in the registry `estimators.ESTIMATORS`.
 
     Attributes:
-        name: as on the command line, in result files and in scenarios.
-        label: what reports call it.
-        good_for: one sentence for people who choose.
+        name: on the command line, in result files and in scenarios.
+        label: its name in reports.
+        good_for: what to use it for, in one sentence.
         estimate: its function.
-        needs: sensors that it needs, for a row family and a momentum; of each entry at least one.
-        default_rows: name of its row family for some measurements; None for no rows.
+        needs: returns the sensors that it needs for a row family and a momentum; of each entry, one
+            sensor is enough.
+        default_rows: returns the name of its default row family for some measurements; None if it
+            uses no rows.
         momenta: names of the total momenta that it can handle; see `TotalMomentum.name`.
         most_samples: the largest number of samples of one sensor that it accepts; None for any.
         prefers_sensors: whether it is the default where sensors are given.
         runs_online: whether a Drake system runs it in a Diagram.
         uses_added_sensors: whether it uses sensors that `register_sensor` added to the table.
         starts_from_prior: whether it can start from a guess of the target.
-        reports: number of estimates over time that a report makes; less for slow estimators.
+        reports: number of estimates over time in a report; smaller for slow estimators.
 
     """
 

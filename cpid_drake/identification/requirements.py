@@ -1,4 +1,4 @@
-"""What a log must hold before an estimator sees it."""
+"""Checks of a log before it is identified."""
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid

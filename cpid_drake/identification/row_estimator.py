@@ -27,15 +27,15 @@ MOST_SMOOTHED = 20_000
 """Largest number of samples of one sensor that are smoothed; a minute of motion is enough."""
 
 _MOST_RESIDUALS = 20_000
-_FEW_ROWS = 20  # residuals of fewer rows say nothing about their correlation
+_FEW_ROWS = 20  # fewer residuals do not determine their correlation
 _SMALLEST_MOMENTUM = 1e-5  # share of the rows' size; below it the cause is integration error
-_SIGNIFICANCE = 50.0  # ratio of variances from which on a momentum is certain
+_SIGNIFICANCE = 50.0  # ratio of variances above which a momentum is certain
 
 MOMENTUM_FOUND = (
     "the samples contradict a total momentum of zero, and the estimate is biased by it: identify "
     "with --momentum unknown"
 )
-"""The warning where the rows fit very much better with a momentum that is not zero."""
+"""The warning if the rows fit much better with a momentum that is not zero."""
 
 
 def estimate_by_rows(problem: Problem) -> Identification:
@@ -73,10 +73,11 @@ def best_rows(measurements: Measurements) -> str:
 
 
 def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:
-    """Return the samples at which every quantity of the rows was sampled; None if too few.
+    """Return the times at which all quantities of the rows were sampled; None if there are too few.
 
-    Too few are less than half as many as the rarest sensor has. Position, velocity and attitude
-    that were not logged are zero; `needs_of_rows` says where that makes no difference.
+    The times are too few if they are fewer than half of the times of the slowest sensor. Position,
+    velocity and attitude that were not logged are zero, where `needs_of_rows` does not require
+    them.
     """
     needed = ["gyro", "encoders", "joint_rates"]
     if len(measurements.attitude):
@@ -186,7 +187,7 @@ def _is_moving(
     free: LeastSquaresSolution,
     family: RowFamily,
 ) -> bool:
-    """Return whether the rows fit very much better with a momentum that is not zero."""
+    """Return whether the rows fit much better with a momentum that is not zero."""
     size, count = float(root[:, -1] @ root[:, -1]), zero.row_count
     if not (size > 0 and count > 40):
         return False

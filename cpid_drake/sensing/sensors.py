@@ -166,8 +166,8 @@ class JointSensor(VectorSensor):
     Attributes:
         rate: samples a second [Hz].
         sigma: white noise [rad or m; for joint rates per second].
-        bits: resolution in bits per turn: the step is 2π/2^bits rad (of prismatic joints: as many
-            m); 0 for no quantization. The seed determines where between two steps the zero lies.
+        bits: resolution in bits per turn: the step is 2π/2^bits rad (for prismatic joints in
+            m); 0 for no quantization. The seed determines the position of the zero between steps.
 
     """
 
@@ -192,7 +192,7 @@ class Quantity:
         name: in words.
         unit: of the samples; for attitude that of its errors.
         width: number of entries of a sample; None for one per joint.
-        ideal: returns (N, width), what a sensor without errors measures, from the true motion.
+        ideal: returns the samples (N, width) of a sensor without errors, from the true motion.
         errors: dataclass of the sensors' errors, or the base class of such dataclasses.
 
     """
@@ -239,10 +239,10 @@ class Sensor:
         quantity: what it measures; the estimators treat sensors of one quantity alike.
         errors: dataclass with the errors' parameters: the keys of the sensor in YAML files.
         columns: names of its columns in telemetry tables; for joints the prefix of all columns.
-        stream: number of its white noise's random numbers, which no other sensor has: so adding a
-            sensor leaves the samples of the others as they are.
-        slow_stream: another such number, for a gyro's bias or where an encoder's zero lies; None
-            for sensors without quantization and bias.
+        stream: number of the random stream of its white noise, unique among all sensors, so that a
+            new sensor does not change the samples of the others.
+        slow_stream: another such number, for the bias of a gyro or the zero of an encoder; None for
+            sensors without quantization and bias.
         columns_in_W: columns of an angular velocity expressed in W, which a table may have instead;
             each sample then needs an attitude of the first attitude sensor on its row.
 

@@ -11,7 +11,7 @@ from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.studies.trials import Case, Outcome
 
 SCALE_LENGTH = 0.5
-"""What errors of the centre of mass are compared with [m]."""
+"""Scale of errors of the centre of mass [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def statistics_of(
     """Return the statistics of one estimator over its outcomes.
 
     Args:
-        case: what was tried.
+        case: inputs of the trials.
         preset: name of the sensors.
         estimator: name of the estimator.
         bound: (10,) Cramér-Rao bound on the standard deviations.
@@ -129,7 +129,7 @@ def _normalized_square(error: NDArray[np.float64], covariance: NDArray[np.float6
 
 
 def _detection(case: Case, outcomes: list[Outcome]) -> tuple[float, float] | None:
-    """Share of trials in which the filter saw the momentum change; its largest delay [s]."""
+    """Return the share of trials in which the change was detected, and the largest delay [s]."""
     changes = [o.momentum_changes for o in outcomes if o.momentum_changes is not None]
     if len(changes) < len(outcomes):
         return None

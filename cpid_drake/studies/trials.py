@@ -173,7 +173,7 @@ def _true_momentum(
 
 
 def bound_of(case: Case, spacecraft: Spacecraft, perfect: Measurements) -> NDArray[np.float64]:
-    """Return the (10,) Cramér-Rao bound on each parameter's σ; of the case without a firing."""
+    """Return the Cramér-Rao bound (10,) on the σ of the parameters, without a thruster firing."""
     quiet = replace(case, firing=None)
     true = _true_momentum(case.momentum_W, case.truth, case.motion, spacecraft.tree)
     if case.firing is not None:
@@ -241,7 +241,7 @@ def _prepare(case: Case, perfect: Measurements) -> None:
 
 
 def _prepare_process(case: Case, perfect: Measurements) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interruption is the first process's business
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles an interruption
     _prepare(case, perfect)
 
 

@@ -54,7 +54,7 @@ def _texts(result: IdentificationResult) -> list[str]:
 
 
 def _scale(parameters: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return what each of the ten is compared with; None if no body is anywhere near."""
+    """Return the scale (10,) of the parameters; None without an approximate rigid body."""
     mass, trace = parameters[0], parameters[4:7].sum()
     if not (0 < mass < np.inf and 0 < trace < np.inf):
         return None
@@ -64,14 +64,14 @@ def _scale(parameters: NDArray[np.float64]) -> NDArray[np.float64] | None:
 def weakest_combination(
     parameters: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Return the scaled combination (10,) of parameters that is known least, and its σ.
+    """Return the least certain combination (10,) of the scaled parameters, and its σ.
 
-    None where not all ten are known, or no rigid body is anywhere near.
+    None if not all ten are known, or there is no approximate rigid body.
     """
     scale = _scale(parameters)
     if scale is None:
         return None
-    with np.errstate(all="ignore"):  # numbers of any size may be in a file
+    with np.errstate(all="ignore"):  # a file may contain numbers of any size
         scaled = covariance / scale / scale[:, None]
     try:
         values, axes = np.linalg.eigh((scaled + scaled.T) / 2)

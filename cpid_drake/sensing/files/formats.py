@@ -1,4 +1,4 @@
-"""What a format of telemetry files is: endings, reader and writer."""
+"""The type of a format of telemetry files: endings, reader and writer."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Format:
     """A format of telemetry files.
 
     Attributes:
-        name: for people.
+        name: in messages.
         endings: of file names, in lower case, each with its dot.
         read: the reader.
         write: writes columns, names and values (N, C) with NaN where a cell is absent; None if the

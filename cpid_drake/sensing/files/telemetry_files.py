@@ -38,14 +38,14 @@ def telemetry_endings(*, written: bool = False) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class TelemetryFile:
-    """What is in a telemetry file, and what is wrong with it.
+    """The contents of a telemetry file, and its problems.
 
     Attributes:
         measurements: the samples of every sensor that have no problem.
         row_count: number of rows in the file.
-        problems: what is wrong, and where.
-        partial: by sensor, the number of samples of which only a part is there; left out.
-        ignored: columns whose name means nothing.
+        problems: the problems and their places.
+        partial: by sensor, the number of incomplete samples, which are left out.
+        ignored: columns of unknown names.
 
     """
 
