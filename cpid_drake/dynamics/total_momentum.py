@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from cpid_drake.errors import InputError
 
 MOMENTUM_NAMES = ("zero", "unknown")
-"""The momenta that the command line and result files can name."""
+"""The names of momenta on the command line and in result files."""
 
 
 @dataclass(frozen=True, eq=False)

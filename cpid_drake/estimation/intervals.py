@@ -1,4 +1,4 @@
-"""The one place that says how wide a 95 % interval is."""
+"""The width of 95 % intervals."""
 
 from scipy.special import ndtri, stdtrit
 

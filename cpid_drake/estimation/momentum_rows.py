@@ -16,7 +16,7 @@ from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
 from cpid_drake.sensing.smoothing import SmoothedMotion
 
-_SAMPLES_AT_ONCE = 2048  # their arrays fit into a processor's cache
+_SAMPLES_AT_ONCE = 2048  # samples at a time: their arrays fit into a processor's cache
 _MOST_REWEIGHTINGS = 20
 
 
@@ -46,8 +46,8 @@ def accumulate_rows(
 ) -> tuple[NDArray[np.float64], int]:
     """Return the square-root information (n + 1, n + 1) of `momentum_rows`, and their number.
 
-    The function forms the rows of some thousand samples at a time, so memory does not grow with the
-    number of samples. Rows of zeros (a sample at rest) carry no information and are not counted.
+    The rows of a few thousand samples are formed at a time, so that memory does not grow with the
+    number of samples. Rows of zeros (a sample at rest) contain no information and are not counted.
     """
     extra = momentum_columns(family, momentum)
     root, count = empty_root(extra + 10), 0

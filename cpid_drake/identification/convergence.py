@@ -20,9 +20,9 @@ class Convergence:
 
     Attributes:
         time: (K,) [s].
-        parameters: (K, 10); NaN where not known yet.
+        parameters: (K, 10); NaN while not known.
         intervals: (K, 10, 2) of 95 %.
-        estimates: (time, identification), for the times at which there was one.
+        estimates: (time, identification) at the times for which there is one.
 
     """
 
@@ -35,7 +35,7 @@ class Convergence:
 def converge(
     evidence: Evidence, progress: Callable[[str], None] = lambda step: None
 ) -> Convergence:
-    """Identify from growing parts of the samples, in the same way as from all of them.
+    """Identify from growing parts of the samples, in the same way as from all samples.
 
     Args:
         evidence: the samples and how they were identified.

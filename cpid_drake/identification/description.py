@@ -18,7 +18,7 @@ from cpid_drake.identification.result_files import (
 def result_of(
     found: Identification, reference: SpacecraftReference, source: Source
 ) -> IdentificationResult:
-    """Return an identification as what is written to a result file.
+    """Return an identification in the form of a result file.
 
     Args:
         found: the identification.
@@ -64,9 +64,9 @@ def result_of(
 def principal_axes(
     target: InertialParameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the principal moments (3,), rising, and their axes: columns (3, 3), in C.
+    """Return the principal moments (3,), ascending, and their axes: columns (3, 3), in C.
 
-    The first two axes point the way of their largest entry, the third makes them right-handed.
+    The largest entry of the first two axes is positive; the third makes the axes right-handed.
     """
     moments, axes = np.linalg.eigh(target.I_TTcm_C)
     for k in range(2):
@@ -76,7 +76,7 @@ def principal_axes(
 
 
 def describe(found: Identification, result: IdentificationResult) -> list[str]:
-    """Return a result as lines of text: parameters, how well they are known, what to do."""
+    """Return a result as lines of text: parameters, their uncertainty, and advice."""
     how = found.estimator + (f" with {found.rows} rows" if found.rows else "")
     source = result.source
     window = f" in {source.start:.6g} to {source.end:.6g} s" if source else ""
@@ -120,7 +120,7 @@ def describe(found: Identification, result: IdentificationResult) -> list[str]:
 
 
 def decimals(width: float) -> int:
-    """Return how many decimals show an interval of this width with two or three digits."""
+    """Return the number of decimals that shows this half-width with two or three digits."""
     if not (np.isfinite(width) and width > 0):
         return 6
     return int(np.clip(2 - np.floor(np.log10(width)), 0, 11))

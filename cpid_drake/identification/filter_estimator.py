@@ -1,4 +1,4 @@
-"""The online estimator (trajectory fits first, the momentum filter after) as an estimator."""
+"""The online estimator, trajectory fits and then the momentum filter, as an estimator."""
 
 from dataclasses import replace
 
@@ -73,9 +73,9 @@ def online_estimator(
 
     Args:
         spacecraft: the known spacecraft.
-        sensors: how good its sensors are.
+        sensors: its sensors and their errors.
         momentum: the total momentum, zero (default) or unknown.
-        guess: of the target beforehand; without it the estimator starts from a vague prior.
+        guess: prior estimate of the target; default: none, for a vague prior.
         guess_sigma: relative standard deviation of the guess; see
             `cpid_drake.estimation.momentum_filter.guessed_prior`.
 
@@ -118,7 +118,7 @@ def check_guess(guess: InertialParameters, sigma: float) -> None:
 def identification_of_filter(
     online: OnlineEstimator, state: OnlineState, consider: NDArray[np.float64] | None = None
 ) -> Identification:
-    """Return the estimate of the online estimator so far, from samples and from a guess, if any.
+    """Return the estimate so far, from the samples and the guess, if there is one.
 
     Args:
         online: the estimator.
@@ -155,7 +155,7 @@ def consider_covariance(
 ) -> NDArray[np.float64]:
     """Return what the uncertainty of the known bodies adds to the covariance of ψ, (10, 10).
 
-    It is that of the trajectory fit on the same samples: both estimators weigh them alike.
+    It is computed for the trajectory fit on the same samples, which has the same weights.
     """
     sensors, now = online.filter.suite, state.filter
     model = TrajectoryModel(

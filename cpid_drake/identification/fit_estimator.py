@@ -1,4 +1,4 @@
-"""The trajectory fit as an estimator, and the Cramér-Rao bound on what any estimator can reach."""
+"""The trajectory fit as an estimator, and the Cramér-Rao bound on unbiased estimators."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ from cpid_drake.sensing.splines import smooth_joints
 from cpid_drake.sensing.suite import SensorSuite
 
 NOT_CONVERGED = "the trajectory fit did not converge: its result is not the best one"
-"""The warning where the fit stopped before it reached its solution."""
+"""The warning if the fit stopped before it converged."""
 
 
 def estimate_by_fit(problem: Problem) -> Identification:
@@ -71,8 +71,8 @@ def fit_measurements(
 ) -> TrajectoryFit:
     """Fit the target to screened measurements and a vague prior, started from the prior's mean.
 
-    The prior keeps what the data leave open within what is plausible. It is not counted in what
-    `identification_of_fit` reports as known.
+    The prior keeps undetermined unknowns within plausible limits. `identification_of_fit` does not
+    count it as information.
 
     Args:
         tree: the known bodies.
@@ -101,7 +101,7 @@ def fit_measurements(
 
 
 def identification_of_fit(fit: TrajectoryFit) -> Identification:
-    """Return a fit as an identification: the prior is not counted in what it says is known."""
+    """Return a fit as an identification; its information is that of the data without the prior."""
     dynamics, measurements = fit.model.dynamics, fit.model.measurements
     solution = solution_of_information(
         fit.state.psi,
@@ -165,7 +165,7 @@ def cramer_rao_bound(
 
 
 def needs_of_fit(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
-    """Return the sensors that the fit needs; of each entry at least one."""
+    """Return the sensors that the fit needs; of each entry, one sensor is enough."""
     return (("encoders",), ("attitude",))
 
 

@@ -1,4 +1,4 @@
-"""From a telemetry file to a result, with all that was read on the way: what a report is about."""
+"""Identification from a telemetry file, with everything that a report needs."""
 
 import hashlib
 import shlex
@@ -29,13 +29,13 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be identified from what, as `cpid identify` is told.
+    """The request of `cpid identify`: data, spacecraft, estimator and options.
 
     Attributes:
         telemetry: a file or a bag's folder.
         spacecraft: the known spacecraft.
         estimator, rows: see `cpid_drake.identification.identify.identify`.
-        sensors: name of a preset or a YAML file; None if nothing is known about them.
+        sensors: name of a preset or a YAML file; None if they are unknown.
         momentum: name of the total momentum; see `TotalMomentum.named`.
         start, end: first and last time to use [s]; None for all.
         topics: of a bag, by kind.
@@ -55,7 +55,7 @@ class Request:
     leave_out_bad: bool = False
 
     def command(self) -> str:
-        """Return the line for a shell that asks the same."""
+        """Return the command line of this request."""
         craft = self.spacecraft
         words = ["cpid", "identify", self.telemetry, "--spacecraft", craft.model]
         words += ["--base", craft.base, "--capture-frame", craft.capture_frame]
@@ -79,16 +79,16 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What was identified, and what from.
+    """An identification with its request and its data.
 
     Attributes:
-        request: what was asked.
+        request: the request.
         spacecraft: the known spacecraft.
         measurements: the samples in the window; their time starts at the first.
         sensors: the sensors that were given, if any.
         found: the identification.
-        result: the same as it is written to a file.
-        ignored: columns of the file without a meaning.
+        result: the same in the form of a result file.
+        ignored: columns of the file with unknown names.
 
     """
 
@@ -104,10 +104,10 @@ class Evidence:
 def identify_file(
     request: Request, progress: Callable[[str], None] = lambda step: None
 ) -> Evidence:
-    """Identify what a spacecraft holds from a telemetry file.
+    """Identify the target of a spacecraft from a telemetry file.
 
     Args:
-        request: what is asked.
+        request: the request.
         progress: called with a few words before every step.
 
     Raises:
@@ -162,16 +162,16 @@ def identify_file(
 
 
 def request_of_result(result: IdentificationResult, where: str) -> Request:
-    """Return what a result file says was asked.
+    """Return the request that a result file records.
 
-    Its telemetry is looked for where it was, and beside the result file.
+    The telemetry is expected at its recorded place, or beside the result file.
 
     Args:
         result: as read from the file.
         where: the result file.
 
     Raises:
-        InputError: it does not say what from, or that is not there any more, or has changed since.
+        InputError: the file names no telemetry, or the telemetry is missing or has changed.
 
     """
     source = result.source
@@ -202,7 +202,7 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
 
 
 def file_hash(path: str | Path) -> str | None:
-    """Return the SHA-256 of a file; None of a folder."""
+    """Return the SHA-256 of a file; None for a folder."""
     if Path(path).is_dir():
         return None
     path = resolve_model(path)
@@ -213,13 +213,13 @@ def file_hash(path: str | Path) -> str | None:
 def _window(measurements: Measurements, request: Request) -> tuple[Measurements, float, float]:
     """Return the samples in the window, and the times of the first and the last one [s].
 
-    The time of the samples returned starts at zero: seconds since 1970 would cost digits.
+    The time of the samples returned starts at zero: seconds since 1970 would lose digits.
     """
     limited = request.start is not None or request.end is not None
     if limited:
         first = -np.inf if request.start is None else request.start
         last = np.inf if request.end is None else request.end
-        # A window of one instant is allowed: a result can be of a single sample.
+        # A window of a single time is allowed: a result can come from one sample.
         if not first <= last:
             raise InputError(f"--from {first:g} --to {last:g}: nothing lies between them")
         measurements = measurements.between(first, last)

@@ -20,7 +20,7 @@ ADVICE = (
     "turn the target about three axes (joints with different axes moving at different "
     "times), with larger angles and rates, or log longer"
 )
-"""What to do when the motion leaves parameters open."""
+"""The advice if the motion does not determine all parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class ResidualSeries:
 
 @dataclass(frozen=True)
 class MomentumChanges:
-    """How often an online estimator found that the momentum had changed, and when last [s]."""
+    """Number of changes of momentum that an online estimator detected, and time of the last [s]."""
 
     count: int
     last_time: float
@@ -52,22 +52,22 @@ class MomentumChanges:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """The estimate of a target, and what the samples say about its quality.
+    """The estimate of a target, and its quality.
 
     Attributes:
-        parameterization: what the estimator's ten unknowns are.
+        parameterization: the estimator's ten unknowns.
         solution: their estimate, covariance and rank.
         sample_count: number of samples used.
         estimator: name of the estimator in `estimators.ESTIMATORS`.
         rows: name of the row family; None for estimators without rows.
-        sensors: the sensors that were assumed; None where all samples weighed alike.
+        sensors: the sensors that were assumed; None if all samples had the same weight.
         converged: whether an iterative estimator reached its solution.
-        whiteness: of the residuals (of several sensors: of the least white one); None where there
-            are no residuals to test.
+        whiteness: of the residuals (of the least white sensor, if there are several); None if
+            there are no residuals.
         residuals: by sensor, or "linear" and "angular" for rows.
-        rejected: number of samples that could not be used, by sensor; no entry for none.
-        momentum_changes: changes of the momentum that an online estimator found; None for
-            estimators that do not look for any.
+        rejected: number of samples that could not be used, by sensor; without entries of zero.
+        momentum_changes: changes of momentum that an online estimator detected; None for estimators
+            that detect none.
         warnings: sentences for the reader.
 
     """
@@ -100,9 +100,10 @@ class Identification:
         """(10, 10) covariance of `parameters`, to first order; NaN where not observable.
 
         With unweighted rows of Eq. 18, which are in m/s and N·m·s, the covariance is rough: the
-        standard deviation of the mass can be 25 times too large. Standard rows are good to 1.5.
+        standard deviation of the mass can be 25 times too large. With standard rows it is accurate
+        to a factor of 1.5.
         """
-        # A parameter that is known depends on known unknowns only.
+        # A known parameter depends only on unknowns that are determined.
         known = np.isfinite(self.solution.estimate)
         jacobian = self.parameterization.jacobian(self.solution.estimate)[:, known]
         is_open = ~np.isfinite(self.parameters)
@@ -115,14 +116,15 @@ class Identification:
     def intervals(self) -> NDArray[np.float64]:
         """(10, 2) two-sided 95 % intervals of `parameters`; NaN where not observable.
 
-        Student's t distribution where the residuals told the noise, else the normal distribution.
+        By Student's t distribution if the noise is estimated from the residuals, else by the normal
+        distribution.
         """
         freedom = self.solution.row_count - self.solution.rank if self.sensors is None else None
         half = quantile_95(freedom) * np.sqrt(np.diag(self.covariance))
         return self.parameters[:, None] + half[:, None] * np.array([-1.0, 1.0])
 
     def raw(self) -> InertialParameters:
-        """Return the estimate as it is, which may be physically inconsistent.
+        """Return the estimate, which may be physically inconsistent.
 
         Raises:
             InputError: the samples do not determine all ten parameters.
@@ -150,7 +152,7 @@ class Identification:
         return self.feasible().to_spatial_inertia()
 
     def explain(self) -> str:
-        """Say in words what the samples determine."""
+        """Return a sentence on what the samples determine."""
         known = f"{self.sample_count} samples determine {self.solution.rank} of 10"
         if self.is_observable:
             return f"{known} parameters (condition {self.solution.condition_number:.3g})"
@@ -158,7 +160,7 @@ class Identification:
         return f"{known}: {gap}; turn the target about further axes, or wait for more samples"
 
     def describe_gap(self) -> str:
-        """Say in words what the samples leave open; empty if nothing."""
+        """Return a sentence on what the samples do not determine; empty if they determine all."""
         if self.is_observable:
             return ""
         entries = self.parameterization.entries

@@ -16,8 +16,8 @@ from cpid_drake.dynamics.total_momentum import MOMENTUM_NAMES
 from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import Numbers, from_tree, load_json
 
-_LARGEST_FILE = 16 * 2**20  # bytes; a result has some thousand
-_LARGEST = 1e90  # SI units: products of what is larger overflow
+_LARGEST_FILE = 16 * 2**20  # bytes; a result has a few thousand
+_LARGEST = 1e90  # SI units; products of larger numbers overflow
 
 Count = Annotated[int, Ge(0)]
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SpacecraftReference:
-    """Which spacecraft a result is about.
+    """The spacecraft of a result.
 
     Attributes:
         model: an absolute path or a `package://NAME/...` URI.
@@ -43,7 +43,7 @@ class SpacecraftReference:
 
 @dataclass(frozen=True)
 class Source:
-    """What a result was made from.
+    """The data and options of a result.
 
     Attributes:
         telemetry: the file or the folder of a bag.
@@ -98,7 +98,7 @@ class IdentificationResult:
         inertia: (6,) Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, in C [kg·m²].
         covariance: (10, 10) of `parameters`.
         feasible: the physically consistent estimate; None unless all ten are known.
-        rank: how many of the ten (or combinations of them) the data determine.
+        rank: number of parameters, or of combinations of them, that the data determine.
         condition: condition number of the problem; None where there is none.
         samples_used, samples_rejected: counts of samples.
         warnings: sentences for the reader.
@@ -110,7 +110,7 @@ class IdentificationResult:
         infeasibilities: why no rigid body has `parameters`; empty if one has.
         principal_moments: (3,) of `feasible`, ascending [kg·m²]; None if not known.
         principal_axes: (3, 3) their axes in C, as columns; None if not known.
-        not_observable: what the data leave open, in words.
+        not_observable: the parameters that the data do not determine, in words.
         singular_values: (10,) of the scaled problem, descending; None if not known.
         residual_whiteness: None if there were no residuals to test.
         samples_rejected_by_sensor: `samples_rejected` by sensor.
@@ -169,7 +169,7 @@ def read_result(path: str | Path) -> IdentificationResult:
     """
     path = Path(path)
     try:
-        if not path.is_file():  # a pipe would be waited for
+        if not path.is_file():  # reading a pipe would not end
             raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}")
         if path.stat().st_size > _LARGEST_FILE:
             raise InputError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB: not a result file")
@@ -180,7 +180,7 @@ def read_result(path: str | Path) -> IdentificationResult:
 
 
 def write_result(path: str | Path, result: IdentificationResult) -> None:
-    """Write a result file; `read_result` gives back what was written.
+    """Write a result file, which `read_result` reads without loss.
 
     Raises:
         InputError: as `result_text`, or the file cannot be written.
@@ -197,8 +197,8 @@ def result_text(result: IdentificationResult, where: str) -> str:
     """Return the text of a result file.
 
     Args:
-        result: what it is to hold.
-        where: its name, for error messages.
+        result: the contents.
+        where: the file's name in error messages.
 
     Raises:
         InputError: `read_result` would refuse the file.
