@@ -13,7 +13,11 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
-from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
+from cpid_drake.estimation.square_root import (
+    empty_information,
+    solve_information,
+    updated_information,
+)
 from cpid_drake.sensing.smoothing import SmoothedMotion
 
 _SAMPLES_AT_ONCE = 2048  # samples at a time: their arrays fit into a processor's cache
@@ -50,11 +54,11 @@ def accumulate_rows(
     number of samples. Rows of zeros (a sample at rest) contain no information and are not counted.
     """
     extra = momentum_columns(family, momentum)
-    root, count = empty_root(extra + 10), 0
+    root, count = empty_information(extra + 10), 0
     for start in range(0, len(telemetry), _SAMPLES_AT_ONCE):
         part = telemetry.select(slice(start, start + _SAMPLES_AT_ONCE))
         rows = momentum_rows(tree, part, family, momentum)
-        root = update_root(root, rows)
+        root = updated_information(root, rows)
         count += int(rows[:, extra:].any(axis=1).sum())
     return root, count
 
@@ -133,8 +137,8 @@ def solve_smoothed_rows(
 
 def _solve(rows: NDArray[np.float64], extra: int) -> LeastSquaresSolution:
     rows = rows.reshape(-1, rows.shape[2])
-    root = update_root(empty_root(rows.shape[1] - 1), rows)
-    return solve_root(root, len(rows), eliminated=extra)
+    root = updated_information(empty_information(rows.shape[1] - 1), rows)
+    return solve_information(root, len(rows), eliminated=extra)
 
 
 def _with_momentum(

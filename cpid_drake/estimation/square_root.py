@@ -22,42 +22,41 @@ from cpid_drake.estimation.least_squares import (
 )
 
 
-def empty_root(n: int = 10) -> NDArray[np.float64]:
-    """Return the square root of no information about n unknowns: zeros (n + 1, n + 1)."""
+def empty_information(n: int = 10) -> NDArray[np.float64]:
+    """Return the square-root information of no rows about n unknowns: zeros (n + 1, n + 1)."""
     return np.zeros((n + 1, n + 1))
 
 
-def update_root(
-    root: NDArray[np.float64], augmented_rows: NDArray[np.float64]
+def updated_information(
+    information: NDArray[np.float64], augmented_rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the square root after the rows [A | b] (M, n + 1) have been added to `root`.
+    """Return the square-root information (n + 1, n + 1) after adding the rows [A | b] (M, n + 1).
 
     Rows are not checked: a row that is not finite makes the result not finite.
     """
-    size = len(root)
-    new_root, _, _, _ = lapack.dtpqrt(0, size, root, augmented_rows)
-    return new_root
+    updated, _, _, _ = lapack.dtpqrt(0, len(information), information, augmented_rows)
+    return np.asarray(updated)
 
 
-def solve_root(
-    root: NDArray[np.float64],
+def solve_information(
+    information: NDArray[np.float64],
     row_count: int,
     *,
     eliminated: int = 0,
     rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
 ) -> LeastSquaresSolution:
-    """Solve for the unknowns from the square root of `row_count` scalar rows.
+    """Solve for the unknowns from the square-root information of `row_count` scalar rows.
 
     Columns are scaled here, once: QR decomposition itself does not depend on their scale.
 
     Args:
-        root: (n + 1, n + 1) from `update_root`.
+        information: (n + 1, n + 1) from `updated_information`.
         row_count: number of scalar rows that were added.
         eliminated: number of leading unknowns to eliminate: the solution is that of the others,
             with these at their best values.
         rank_tolerance: see `least_squares.DEFAULT_RANK_TOLERANCE`.
 
     """
-    root = root[eliminated:, eliminated:]
-    R, z, rho = root[:-1, :-1], root[:-1, -1], root[-1, -1]
+    kept = information[eliminated:, eliminated:]
+    R, z, rho = kept[:-1, :-1], kept[:-1, -1], kept[-1, -1]
     return solve_compressed(R, z, rho**2, max(row_count - eliminated, 0), rank_tolerance)

@@ -16,7 +16,7 @@ from cpid_drake.estimation.momentum_rows import (
     row_residuals,
     solve_smoothed_rows,
 )
-from cpid_drake.estimation.square_root import solve_root
+from cpid_drake.estimation.square_root import solve_information
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.problem import Estimator, Problem, refuse_long
 from cpid_drake.identification.result import Identification, ResidualSeries
@@ -122,9 +122,9 @@ def _of_complete(problem: Problem, telemetry: Telemetry) -> Identification:
     assumed = TotalMomentum.unknown() if tested else momentum
     extra = momentum_columns(family, assumed)
     root, count = accumulate_rows(tree, telemetry, family, assumed)
-    solution, warnings = solve_root(root, count, eliminated=extra), []
+    solution, warnings = solve_information(root, count, eliminated=extra), []
     if tested:
-        free, solution = solution, solve_root(root[:, extra:], count)
+        free, solution = solution, solve_information(root[:, extra:], count)
         if _is_moving(root, solution, free, family):
             warnings.append(MOMENTUM_FOUND)
     white, residuals = None, {}

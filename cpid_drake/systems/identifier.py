@@ -24,7 +24,11 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE
 from cpid_drake.estimation.momentum_rows import momentum_columns
-from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
+from cpid_drake.estimation.square_root import (
+    empty_information,
+    solve_information,
+    updated_information,
+)
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.row_estimator import LEAST_SQUARES
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -182,7 +186,7 @@ class MomentumIdentifier(Identifier):
         self._state_port = self.DeclareVectorInputPort(
             "spacecraft_state", spacecraft.plant.num_multibody_states()
         )
-        self._root_index = self.DeclareDiscreteState(empty_root(self._size - 1).ravel())
+        self._root_index = self.DeclareDiscreteState(empty_information(self._size - 1).ravel())
         self._count_index = self.DeclareDiscreteState([0.0, 0.0])  # samples, and rows not zero
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=offset, update=self._take_sample
@@ -218,7 +222,7 @@ class MomentumIdentifier(Identifier):
 
         With an unknown momentum its unknowns come first: (17, 17), or (14, 14) with relative rows.
         """
-        return update_root(root, self.rows(state))
+        return updated_information(root, self.rows(state))
 
     def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows [A | b] of one sample x = [q; v], an unknown momentum's columns first."""
@@ -231,7 +235,7 @@ class MomentumIdentifier(Identifier):
         state = self._state_port.Eval(context)
         rows = self._checked_rows(state, context.get_time())
         root = self._root(context)
-        discrete_state.set_value(self._root_index, update_root(root, rows).ravel())
+        discrete_state.set_value(self._root_index, updated_information(root, rows).ravel())
         samples, row_count = context.get_discrete_state(self._count_index).value()
         # The zero rows of a sample at rest must not be counted: they would reduce the variance.
         row_count += np.count_nonzero(rows.any(axis=1))
@@ -262,7 +266,7 @@ class MomentumIdentifier(Identifier):
     def _solve(self, context: Context) -> Identification:
         root = self._root(context)
         samples, row_count = context.get_discrete_state(self._count_index).value()
-        solution = solve_root(
+        solution = solve_information(
             root,
             int(row_count),
             eliminated=self._extra,

@@ -26,7 +26,7 @@ from cpid_drake import MomentumIdentifier, Telemetry, load_scenario, load_sensor
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.estimation.momentum_filter import FilterState, MomentumFilter
 from cpid_drake.estimation.online import OnlineEstimator, in_order
-from cpid_drake.estimation.square_root import empty_root
+from cpid_drake.estimation.square_root import empty_information
 from cpid_drake.identification.filter_estimator import online_estimator
 from cpid_drake.sensing.measurements import Measurements, ideal_measurements
 from cpid_drake.sensing.noise import add_noise
@@ -118,7 +118,7 @@ def main() -> None:
         pstats.Stats(profile, stream=sys.stdout).sort_stats("tottime").print_stats(25)
         return
 
-    identifier, root = MomentumIdentifier(spacecraft, rows="standard"), empty_root()
+    identifier, root = MomentumIdentifier(spacecraft, rows="standard"), empty_information()
     [sample] = spacecraft.to_states(motion(np.array([start])))
     times, reference = [[] for _ in updates], []
     for _ in range(args.blocks):

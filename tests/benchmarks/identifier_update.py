@@ -25,7 +25,7 @@ import pinocchio as pin
 from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Spacecraft, Telemetry
 from cpid_drake.dynamics.base_motion import zero_momentum_base_twist
 from cpid_drake.dynamics.parameterizations import STANDARD
-from cpid_drake.estimation.square_root import empty_root, solve_root
+from cpid_drake.estimation.square_root import empty_information, solve_information
 from cpid_drake.resources import resolve_model
 
 MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
@@ -118,13 +118,13 @@ def main() -> None:
     identifier = MomentumIdentifier(spacecraft, rows="standard")
     eq18 = MomentumIdentifier(spacecraft, rows="eq18")
     reference = PinocchioRoute(spacecraft)
-    ours, ours_eq18, theirs = empty_root(), empty_root(), empty_root()
+    ours, ours_eq18, theirs = empty_information(), empty_information(), empty_information()
     for k, state in enumerate(states):
         ours = identifier.update(ours, state)
         ours_eq18 = eq18.update(ours_eq18, state)
         theirs = reference.update(theirs, *reference.state(telemetry, k))
     rows = 6 * len(states)
-    estimate = STANDARD.to_parameters(solve_root(ours, rows).estimate)
+    estimate = STANDARD.to_parameters(solve_information(ours, rows).estimate)
     check = STANDARD.to_parameters(reference.solve(theirs, rows)[0][reference.TO_STANDARD])
     np.testing.assert_allclose(estimate, check, rtol=0, atol=1e-8)
     np.testing.assert_allclose(estimate, target.to_vector(), rtol=0, atol=1e-8)
@@ -143,7 +143,7 @@ def main() -> None:
             "update_eq18": lambda: eq18.update(ours_eq18, state),
             "update_pinocchio": lambda: reference.update(theirs, q, v),
             "update_as_event": event,
-            "solve": lambda: solve_root(ours, rows),
+            "solve": lambda: solve_information(ours, rows),
             "solve_pinocchio": lambda: reference.solve(theirs, rows),
         },
         args.blocks,

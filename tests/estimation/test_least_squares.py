@@ -7,17 +7,21 @@ from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.least_squares import solve_least_squares
 from cpid_drake.estimation.observability import describe_unobservable
-from cpid_drake.estimation.square_root import empty_root, solve_root, update_root
+from cpid_drake.estimation.square_root import (
+    empty_information,
+    solve_information,
+    updated_information,
+)
 
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
 
 
 def recursive_solution(A, b, block=6):
     augmented = np.hstack([A, b[:, None]])
-    root = empty_root(A.shape[1])
+    root = empty_information(A.shape[1])
     for k in range(0, len(b), block):
-        root = update_root(root, augmented[k : k + block])
-    return solve_root(root, len(b))
+        root = updated_information(root, augmented[k : k + block])
+    return solve_information(root, len(b))
 
 
 @pytest.fixture(scope="module")
@@ -156,12 +160,27 @@ def test_shapes_that_do_not_fit_are_refused():
         solve_least_squares(np.eye(10), np.zeros(9))
 
 
+def test_eliminated_unknowns_reduce_the_degrees_of_freedom():
+    """The covariance is that of the solution for all unknowns, by the textbook formula."""
+    rng = np.random.default_rng(5)
+    A, b = rng.normal(size=(20, 16)), rng.normal(size=20)
+    x, *_ = np.linalg.lstsq(A, b, rcond=None)
+    variance = np.sum((A @ x - b) ** 2) / (20 - 16)
+    expected = variance * np.linalg.inv(A.T @ A)
+    information = updated_information(empty_information(16), np.column_stack([A, b]))
+    for eliminated in (0, 6):
+        found = solve_information(information, 20, eliminated=eliminated)
+        np.testing.assert_allclose(found.estimate, x[eliminated:], rtol=1e-9)
+        rest = expected[eliminated:, eliminated:]
+        np.testing.assert_allclose(found.covariance, rest, rtol=1e-9, atol=1e-12)
+
+
 def test_the_root_stays_triangular_and_as_small(noisy_rows):
     """A million samples cost what ten do: the state is one 11 × 11 triangle."""
     A, b, _ = noisy_rows
-    root = empty_root()
+    root = empty_information()
     for row in np.hstack([A, b[:, None]]).reshape(-1, 6, 11):
-        root = update_root(root, row)
+        root = updated_information(root, row)
         assert root.shape == (11, 11)
         assert not np.tril(root, -1).any()
     gram = np.hstack([A, b[:, None]])
@@ -169,8 +188,8 @@ def test_the_root_stays_triangular_and_as_small(noisy_rows):
 
 
 def test_updating_leaves_the_old_root_as_it_was():
-    old = empty_root()
-    update_root(old, np.ones((6, 11)))
+    old = empty_information()
+    updated_information(old, np.ones((6, 11)))
     assert not old.any()
 
 

@@ -504,6 +504,21 @@ def test_any_sensors_beside_attitude_will_do(
     assert nees(fit.state.psi - psi, fit.psi_information()) < chi2.ppf(0.9999, 10)
 
 
+def test_the_zero_of_the_clock_does_not_matter(craft, motion, skewed_target):
+    """Position and velocity at the start, gyro bias and all else are those of the first time."""
+    suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 5.0), **RICH)
+    samples = add_noise(suite, measured(craft, motion, skewed_target, suite, MOMENTUM), 11)
+    later = samples.updated({n: Samples(s.time + 50.0, s.value) for n, s in samples.items()})
+    here, there = (
+        fit_measurements(craft.tree, each, suite, momentum=TotalMomentum(is_unknown=True)).state
+        for each in (samples, later)
+    )
+    np.testing.assert_allclose(there.psi, here.psi, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(there.p_Wcm, here.p_Wcm, atol=1e-5)
+    np.testing.assert_allclose(there.v_Wcm, here.v_Wcm, atol=1e-6)
+    np.testing.assert_allclose(there.bias, here.bias, atol=1e-8)
+
+
 def test_samples_outside_the_joint_motion_are_left_out(craft, perfect):
     """A second more at either end, of sensors that start early and stop late."""
     suite = coarse_suite()
