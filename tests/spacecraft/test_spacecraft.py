@@ -313,6 +313,20 @@ def test_two_instances_of_an_arm_have_scoped_joint_names(two_arms):
     assert_drake_agrees(spacecraft)
 
 
+OFFSET = "X_PC: {translation: [0.4, -0.3, 0.2], rotation: !Rpy {deg: [20, -30, 50]}}"
+
+
+@pytest.mark.parametrize("order", ["parent: '{0}', child: '{1}'", "parent: '{1}', child: '{0}'"])
+def test_a_weld_with_an_offset_may_be_written_from_either_end(two_arms, load, tmp_path, order):
+    """The weld's child may be inboard of its parent: the tree is read outwards from the base."""
+    two_arms(capture_frame="right::tip")  # writes the arms' files
+    weld = order.format("bus::arm", "left::root")
+    text = TWO_ARMS.replace('parent: "bus::arm", child: "left::root"', f"{weld}, {OFFSET}")
+    assert OFFSET in text
+    options = dict(capture_frame="left::tip", packages={"mine": tmp_path})
+    assert_drake_agrees(load(text, ".dmd.yaml", **options))
+
+
 def test_a_name_that_is_not_unique_must_be_scoped(two_arms):
     with pytest.raises(InputError, match="say instance::name"):
         two_arms(capture_frame="tip")
