@@ -12,7 +12,7 @@ from dataclasses import asdict, fields, is_dataclass
 from functools import cache
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,9 +172,9 @@ def from_tree(schema: type[Schema], tree: object, where: str, whole: str) -> Sch
     from pydantic import ValidationError
 
     # Strict as pydantic is then, it takes a mapping for a dataclass only from JSON.
-    text = json.dumps([tree], default=_plain)
+    text, kind = json.dumps([tree], default=_plain), cast(Hashable, schema)
     try:
-        [value] = _adapter(schema).validate_json(text)
+        [value] = _adapter(kind).validate_json(text)
         return value
     except ValidationError as error:
         # A misspelt key makes another one missing: the unknown key is the one to report.

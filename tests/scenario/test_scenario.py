@@ -303,6 +303,7 @@ def test_a_section_that_is_no_mapping_is_refused(write, edited, section, value):
         ("simulation.simulator.start_time", 1.0),
         ("simulation.simulator.target_realtime_rate", np.inf),
         ("simulation.log_period", 1e-7),
+        ("simulation.simulator.accuracy", 1e-14),
         ("joint_motion.duration", True),
         ("controller.natural_frequency", 1e9),
         ("target.mass", 1e300),
@@ -360,7 +361,7 @@ def test_an_offset_outside_the_simulation_is_refused(write, edited, value):
     refusal(build, write(edited("identification.offset", value)))
 
 
-@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [-1.0, 0.0, np.nan, np.inf])
 def test_a_nominal_mass_that_is_none_is_refused(write, edited, value):
     """Or the controller would quietly take another model."""
     scenario = edited("controller.nominal_mass", value)

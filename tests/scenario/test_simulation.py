@@ -5,7 +5,9 @@ import pytest
 
 from cpid_drake import (
     HalfCosine,
+    InertialParameters,
     InputError,
+    JointController,
     MomentumIdentifier,
     SensorIdentifier,
     identify,
@@ -15,6 +17,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.scenario.schema import ControllerConfig
 
 
 class Swinging:
@@ -200,3 +203,34 @@ def test_what_the_filter_identifies_is_drawn():
     commands = map(b64decode, findall(r"base64,([A-Za-z0-9+/=]{100,})", meshcat.StaticHtml()))
     [animation] = [command for command in commands if b"set_animation" in command]
     assert b"cpid/estimated_inertia/ellipsoid/shape" in animation
+
+
+def test_a_controller_has_the_gains_and_the_sphere_of_its_scenario(servicer):
+    """Its efforts are those of a controller made by hand, off the motion and in motion."""
+    scenario = load_scenario(shipped_scenario("paper"))
+    scenario.controller = ControllerConfig(False, 60.0, 0.7, 3.0, 0.6)
+    simulation = make_simulation(scenario)
+    root = simulation.diagram.CreateDefaultContext()
+    state = simulation.plant.GetPositionsAndVelocities(
+        simulation.plant.GetMyContextFromRoot(root)
+    ).copy()
+    q, v = servicer.joint_state_columns
+    state[q] += 0.1
+    state[v] -= 0.2
+    simulation.plant.SetPositionsAndVelocities(
+        simulation.plant.GetMyMutableContextFromRoot(root), state
+    )
+    system = simulation.diagram.GetSubsystemByName("joint_controller")
+    found = system.GetOutputPort("generalized_force").Eval(system.GetMyContextFromRoot(root))
+
+    sphere = InertialParameters(60.0, np.zeros(3), 0.4 * 60.0 * 0.7**2 * np.eye(3))
+    model = servicer.make_simulation_plant(sphere)
+    by_hand = JointController(servicer, model, natural_frequency=3.0, damping_ratio=0.6)
+    context = by_hand.CreateDefaultContext()
+    desired = simulation.joint_motion.evaluate(0.0).ravel()
+    by_hand.GetInputPort("state").FixValue(context, state)
+    by_hand.GetInputPort("desired_motion").FixValue(context, desired)
+    np.testing.assert_allclose(
+        found, by_hand.GetOutputPort("generalized_force").Eval(context), rtol=1e-12, atol=1e-12
+    )
+    assert np.abs(found).max() > 1.0
