@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.convergence import Convergence
 from cpid_drake.identification.description import describe, result_of
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.result_files import SpacecraftReference, read_result, write_result
@@ -18,9 +20,11 @@ from cpid_drake.report.accuracy import tables
 from cpid_drake.report.figures import ellipse, motion_pictures
 from cpid_drake.report.page import Table
 from cpid_drake.report.replay import estimate_text
+from cpid_drake.report.sections.convergence import convergence_section
 from cpid_drake.report.sections.observability import observability_section
 from cpid_drake.report.sections.residuals import residuals_section
 from cpid_drake.report.sections.result import result_section
+from cpid_drake.report.sections.sensors import sensors_section
 from cpid_drake.report.sections.warnings import warnings_section
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.presets import load_sensors
@@ -175,6 +179,47 @@ class TestResiduals:
         for k, axis in enumerate("xyz"):
             expected = np.sqrt(np.mean(noise[:, k] ** 2))
             assert float(column(table, f"rms {axis}")[0]) == pytest.approx(expected, rel=0.01)
+
+
+def test_the_sensors_section_compares_samples_with_the_assumed_noise(found):
+    """χ² is the mean square of residuals in units of the noise; periods are in milliseconds."""
+    time, values = np.arange(4) / 50, np.array([[1.0, -1, 1], [-2, 2, 2], [1, 1, 1], [2, 2, -2]])
+    measurements = Measurements(
+        ("j",),
+        attitude=Samples(np.empty(0), np.empty((0, 4))),
+        gyro=Samples(time, np.zeros((4, 3))),
+        position=Samples(np.empty(0), np.empty((0, 3))),
+        velocity=Samples(np.empty(0), np.empty((0, 3))),
+        encoders=Samples(time, np.zeros((4, 1))),
+        joint_rates=Samples(np.empty(0), np.empty((0, 1))),
+    )
+    suite = load_sensors("testbed")
+    found = replace(
+        found,
+        sensors=suite,
+        residuals={"gyro": ResidualSeries(time, values, "σ")},
+        rejected={"gyro": 7},
+    )
+    section = sensors_section(
+        SimpleNamespace(found=found, sensors=suite, measurements=measurements)
+    )
+    assert section.texts[0] == "The noise of the sensors was given."
+    (table,) = section.tables
+    assert column(table, "samples") == ["4", "4"]
+    assert column(table, "every [ms]") == ["20", "20"]
+    assert column(table, "not used") == ["7", "0"]
+    assert column(table, "χ² per reading") == ["2.500", ""]
+    assert float(column(table, "σ assumed")[0]) == pytest.approx(suite.sigmas("gyro")[0], rel=0.05)
+
+
+def test_convergence_is_drawn_from_the_first_parameter_that_is_known_on():
+    parameters = np.full((2, 10), np.nan)
+    nothing = Convergence(np.array([1.0, 2.0]), parameters, np.full((2, 10, 2), np.nan), ())
+    assert convergence_section(nothing, None).pictures == ()
+    some = replace(nothing, parameters=np.where(np.arange(10) == 0, 3.0, parameters))
+    section = convergence_section(some, TARGET)
+    assert len(section.pictures) == 10
+    assert "Dashed line: true value." in section.texts[0]
 
 
 def test_a_result_s_report_is_that_of_its_file(found, tmp_path):
