@@ -467,6 +467,29 @@ def test_a_capture_frame_on_the_base_is_refused(refusal):
     assert "'base' is on the base" in refusal(TWO_LINKS, capture_frame="base")
 
 
+def test_a_capture_frame_that_is_fixed_in_the_world_is_refused(refusal):
+    parts = [u_link("base"), u_link("arm"), u_joint("j", "base", "arm"), '<link name="world"/>']
+    parts += [u_link("dock"), u_joint("w", "world", "dock", "fixed")]
+    message = refusal(urdf(*parts), capture_frame="dock")
+    assert "capture frame 'dock' is fixed in the world" in message
+
+
+@pytest.mark.parametrize(
+    ("attribute", "problem"),
+    [
+        ('settotalmass="5"', "masses other than the bodies' own"),
+        ('boundmass="20"', "masses other than the bodies' own"),
+        ('boundinertia="9"', "inertias other than the bodies' own"),
+        ('balanceinertia="true"', "inertias other than the bodies' own"),
+        ('inertiagrouprange="0 1"', "inertias other than the bodies' own"),
+    ],
+)
+def test_mjcf_that_changes_masses_or_inertias_is_refused(refusal, attribute, problem):
+    """Drake ignores these attributes, and MuJoCo does not: they would be two spacecraft."""
+    text = mjcf().replace("<worldbody>", f"<compiler {attribute}/><worldbody>", 1)
+    assert problem in refusal(text, ".xml")
+
+
 def test_a_capture_frame_welded_to_the_base_is_refused(refusal):
     parts = [u_link("base"), u_link("arm"), u_link("panel"), u_joint("j", "base", "arm")]
     text = urdf(*parts, u_joint("w", "base", "panel", "fixed"))
