@@ -110,6 +110,17 @@ def test_parts_that_are_fixed_to_each_other_are_drawn_in_place(draw, model, pape
     assert places == [[0.0, 0.5, 1.0], [0.5, 0.0, 0.0]]
 
 
+def test_where_a_visual_model_stands_in_its_own_file_does_not_matter(draw, tmp_path, paper_target):
+    """An SDF's model and link may have poses; C is the link's frame."""
+    (tmp_path / "look.sdf").write_text(
+        '<sdf version="1.9"><model name="m"><pose>1 2 3 0 0 0.5</pose><link name="a">'
+        '<pose>-4 5 6 0.7 0 0</pose><visual name="v"><pose>0.1 0.2 0.3 0 0 0</pose><geometry><box>'
+        "<size>1 2 3</size></box></geometry></visual></link></model></sdf>"
+    )
+    ((_, X_CG),) = draw(paper_target, tmp_path / "look.sdf")
+    assert X_CG.IsNearlyEqualTo(RigidTransform([0.1, 0.2, 0.3]), 1e-12)
+
+
 def refusal(draw, *args) -> str:
     with pytest.raises(InputError) as caught:
         draw(*args)
