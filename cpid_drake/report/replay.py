@@ -86,15 +86,13 @@ def replay_html(
     feed["spatial_inertia"].FixValue(inputs, Value(SpatialInertia.NaN()))
 
     meshcat.StartRecording(1 / FRAME_PERIOD, set_visualizations_while_recording=False)
-    waiting = list(estimates)
-    for k in frames:
+    shown = -1
+    for k, newest in zip(frames, newest_estimates(estimates, telemetry.time[frames])):
         time = telemetry.time[k]
-        newest = None
-        while waiting and waiting[0][0] <= time + 1e-9:
-            newest = waiting.pop(0)[1]
-        if newest is not None:
-            feed["covariance"].FixValue(inputs, newest.covariance.ravel())
-            feed["spatial_inertia"].FixValue(inputs, Value(newest.spatial_inertia()))
+        if newest != shown:
+            shown, found = newest, estimates[newest][1]
+            feed["covariance"].FixValue(inputs, found.covariance.ravel())
+            feed["spatial_inertia"].FixValue(inputs, Value(found.spatial_inertia()))
         scene.GetInputPort("spacecraft_state").FixValue(inputs, states[k])
         if plant is not None:
             plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), states[k])
@@ -197,6 +195,14 @@ def _numbers(values: NDArray[np.float64]) -> str:
     largest = float(f"{np.abs(values).max():.4g}")
     decimals = 4 if largest == 0 else max(0, 3 - int(np.floor(np.log10(largest))))
     return " ".join(f"{value + 0.0:.{min(decimals, 9)}f}" for value in np.round(values, decimals))
+
+
+def newest_estimates(
+    estimates: Sequence[tuple[float, Identification]], times: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """Return the index of the estimate to show at each time; −1 before the first one."""
+    starts = np.array([start for start, _ in estimates])
+    return np.searchsorted(starts, times + 1e-9, side="right") - 1
 
 
 def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError, Spacecraft, Telemetry, identify
-from cpid_drake.report.replay import MOST_FRAMES, estimate_text, replay_html
+from cpid_drake.report.replay import MOST_FRAMES, estimate_text, newest_estimates, replay_html
 from cpid_drake.report.replay import _frames as frames
 
 INERTIAL = (
@@ -151,3 +151,9 @@ def test_an_estimate_that_no_body_has_is_called_so(servicer, zero_momentum_motio
     found = identify(servicer, wrong, rows="standard")
     assert found.raw().infeasibilities()
     assert "physically inconsistent" in estimate_text(found)
+
+
+def test_an_estimate_is_shown_from_its_time_on():
+    estimates = [(1.0, None), (2.0, None), (2.0, None), (5.0, None)]
+    shown = newest_estimates(estimates, np.array([0.5, 1.0, 1.9, 2.0, 4.0, 5.0, 9.0]))
+    np.testing.assert_array_equal(shown, [-1, 0, 0, 2, 2, 3, 3])
