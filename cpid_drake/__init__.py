@@ -7,14 +7,14 @@ The public names, from the ground up:
 - `Telemetry`: samples of base and joint motion;
 - `identify`: from `Telemetry` or `Measurements` to an `Identification`, by any estimator;
 - `TotalMomentum`: zero, unknown or known;
-- `SensorSuite`, `load_sensors`, `Measurements`: sensors and what they gave, each at its own rate;
+- `SensorSuite`, `load_sensors`, `Measurements`: sensors and their samples, each at its own rate;
 - `read_telemetry`, `write_telemetry`: logs as files;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `JointMotionSource`, `SceneVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
 - `export_target`: the target as URDF, SDF, MJCF or directives, alone or on the spacecraft;
-- `InputError`: what bad input raises.
+- `InputError`: the exception for bad input.
 """
 
 import lazy_loader

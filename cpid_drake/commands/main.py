@@ -1,4 +1,4 @@
-"""The `cpid` command: its subcommands, and how it ends."""
+"""The `cpid` command: its subcommands and exit codes."""
 
 import os
 import sys

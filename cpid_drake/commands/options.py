@@ -96,7 +96,7 @@ def make_folder(path: Path) -> None:
 
 
 def check_output(option: str, path: Path) -> None:
-    """Refuse an output file that could not be written, before the work and not after it.
+    """Refuse an output file that could not be written, before the work begins.
 
     Raises:
         InputError: its folder does not exist, or it is a folder itself.

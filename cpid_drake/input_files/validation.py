@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # pydantic takes 0.1 s to import: only what reads a file pays
 Schema = TypeVar("Schema")
 
 LARGEST_FILE = 1_000_000
-"""Of a YAML file [bytes]; a scenario has some 3000."""
+"""Largest YAML file [bytes]; a scenario has about 3000."""
 
 
 # -- declarations --------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ def load_yaml(
         schema: the dataclass.
         file: the file to read.
         where: the file's name in error messages.
-        whole: what the file holds, in error messages, such as "a scenario".
+        whole: the file's contents in error messages, such as "a scenario".
         tags: the YAML tags that the schema knows; see `FirstUnlessTagged`.
 
     Raises:
@@ -210,7 +210,7 @@ def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
 
 @cache
 def _adapter(schema: Hashable) -> "TypeAdapter[list[Any]]":
-    """Return pydantic's validator of a list of one: dataclasses in it take the list's settings."""
+    """Return pydantic's validator of a list of one dataclass, which uses the list's settings."""
     from pydantic import ConfigDict, TypeAdapter
 
     strict = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
@@ -219,7 +219,7 @@ def _adapter(schema: Hashable) -> "TypeAdapter[list[Any]]":
 
 
 def _plain(value: object) -> object:
-    """Return what JSON can hold: NumPy's numbers as Python's, and dates as they were written."""
+    """Return a value for JSON: NumPy's numbers as Python's, and dates as they were written."""
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 
@@ -247,7 +247,7 @@ _NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?\.?\d[\d.]*\s*[a-zA-Zµ°'\"].*")
 
 
 def _problem(error: "ErrorDetails", schema: type, whole: str) -> str:
-    """Say where an error of pydantic's is, what is wrong there, and what to do."""
+    """Return a message for an error of pydantic's: the place, the problem, and the remedy."""
     kind, value, limits = error["type"], error["input"], error.get("ctx", {})
     place = list(error["loc"][1:])
     if kind not in (_UNKNOWN_KEY, "missing") and isinstance(value, dict) and len(value) == 1:
@@ -281,7 +281,7 @@ def _problem(error: "ErrorDetails", schema: type, whole: str) -> str:
 
 
 def _section(schema: type, place: list[int | str]) -> tuple[str, type]:
-    """Return the key path to a place of pydantic's, and the type that is declared there."""
+    """Return the key path of an error of pydantic's, and the declared type at this path."""
     key, kind = "", schema
     for part in place:
         choices = _dataclasses(kind)
@@ -297,7 +297,7 @@ def _section(schema: type, place: list[int | str]) -> tuple[str, type]:
 
 
 def _dataclasses(kind: type) -> list[type]:
-    """Return the dataclasses that a value of this type can be."""
+    """Return the dataclasses of which a value of this type can be."""
     if get_origin(kind) in (list, dict):
         return []
     return [
@@ -308,13 +308,13 @@ def _dataclasses(kind: type) -> list[type]:
 
 
 def _has_unit(value: object) -> bool:
-    """Whether it is text such as "433 mm", or a list with some in it."""
+    """Return whether a value is text such as "433 mm", or a list with such text."""
     if isinstance(value, list):
         return any(map(_has_unit, value))
     return isinstance(value, str) and _NUMBER_WITH_UNIT.fullmatch(value) is not None
 
 
 def _shown(value: object) -> str:
-    """Return a value for a message, as YAML says it and cut to a line."""
+    """Return a value for a message: as YAML, cut to a line."""
     words = {None: "null", True: "true", False: "false"}
     return words[value] if value is None or isinstance(value, bool) else f"{value!r:.60}"

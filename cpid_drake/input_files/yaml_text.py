@@ -12,7 +12,7 @@ import yaml
 from cpid_drake.errors import InputError
 
 MOST_VALUES, LONGEST_VALUE, DEEPEST = 20_000, 10_000, 50
-"""Values with all aliases written out, characters of one value, and levels of nesting."""
+"""Largest number of values after expansion of aliases, of characters of a value, of levels."""
 
 
 def parse_yaml(data: bytes, where: str, tags: tuple[str, ...] = ()) -> object:
@@ -68,7 +68,7 @@ def yaml_errors(where: str) -> Iterator[None]:
 
 
 def check_size(text: str, where: str) -> None:
-    """Refuse text that would take long to read: a few aliases can stand for billions of values.
+    """Refuse text that would take long to read: a few aliases can expand to billions of values.
 
     Raises:
         InputError: more than the limits above, or an alias inside the value that it stands for.

@@ -39,7 +39,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """Return a scenario with all its defaults as YAML; `load_scenario` gives the same again.
+    """Return a scenario with all its defaults as YAML; `load_scenario` reads it without loss.
 
     Files that a scenario names are written as absolute paths, as `load_scenario` returns them.
     """

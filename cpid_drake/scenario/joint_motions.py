@@ -1,4 +1,4 @@
-"""The joint motions that a scenario can ask for."""
+"""The joint motions of scenarios."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # it imports Drake: a scenario is read and checked without
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 SHORTEST_RAMP = 1e-3
-"""Of a motion [s]; a shorter one would need accelerations out of all proportion."""
+"""Shortest duration of a motion [s]; a shorter one would need excessive accelerations."""
 
 Array = Annotated[NDArray[np.float64], Numbers()]
 Configuration = Mapping[str, float]
@@ -26,7 +26,8 @@ Configuration = Mapping[str, float]
 class HalfCosineMotion:
     """Half-cosine motion between two configurations [rad or m by joint name], T = duration [s].
 
-    Joints that a configuration does not name are where `SpacecraftConfig.configuration` has them.
+    Joints that a configuration does not name have their positions in
+    `SpacecraftConfig.configuration`.
     """
 
     duration: Annotated[float, Gt(0)] = 10.0
@@ -37,7 +38,7 @@ class HalfCosineMotion:
         """Return the motion of this spacecraft's joints; errors as `Scenario.make_joint_motion`.
 
         Args:
-            spacecraft: whose joints move.
+            spacecraft: the known spacecraft.
             default: positions of joints that the motion does not name [rad or m by joint name].
 
         """
@@ -106,7 +107,7 @@ def joint_configuration(
     angles: Configuration,
     where: str,
 ) -> NDArray[np.float64]:
-    """Return q (J,): joints that `angles` names are there, the others in their default position.
+    """Return q (J,) with the joints in `angles` there, and the others in their default position.
 
     Raises:
         InputError: as `Spacecraft.configuration`; the message says if a position is in degrees.

@@ -1,4 +1,4 @@
-"""A simulated run as files: what the sensors gave, the truth, and how the run came about."""
+"""A simulated run as files: telemetry, true parameters, scenario and versions."""
 
 import json
 import platform
@@ -23,14 +23,14 @@ RUN_FILES = (
     *("telemetry.csv", "truth.csv", "truth.json"),
     *("scenario.yaml", "sensors.yaml", "run.json"),
 )
-"""What a run's folder can hold."""
+"""Names of the files of a run."""
 
 
 def refuse_other_files(folder: Path) -> None:
-    """Refuse a folder that holds files of these names which are not an earlier run's.
+    """Refuse a folder with files of these names that are not of an earlier run.
 
     Raises:
-        InputError: they would be lost, perhaps the very scenario that is simulated.
+        InputError: such files would be overwritten, perhaps the scenario that is simulated.
 
     """
     if not (folder / "run.json").is_file():
@@ -45,20 +45,20 @@ def refuse_other_files(folder: Path) -> None:
 def write_run(
     simulation: Simulation, root_context: Context, folder: Path, wall_seconds: float
 ) -> list[Path]:
-    """Write a run into a folder that exists, over an earlier one.
+    """Write a run into an existing folder, and replace the files of an earlier run.
 
-    - `telemetry.csv`: what the sensors gave; without sensors the exact motion;
-    - `sensors.yaml`: how good the sensors are, if there are any;
+    - `telemetry.csv`: the samples of the sensors; without sensors the exact motion;
+    - `sensors.yaml`: the sensors' errors, if there are sensors;
     - `truth.csv`: the exact motion, every `SimulationConfig.log_period`;
     - `truth.json`: the target's true parameters, with the keys of a result file;
     - `scenario.yaml`: the complete scenario;
-    - `run.json`: versions, seed, momentum drift, and what the online identifier found.
+    - `run.json`: versions, seed, momentum drift, and the online estimate.
 
     Args:
-        simulation: what was run.
-        root_context: as its `run` returned it.
-        folder: where to write.
-        wall_seconds: how long the run took.
+        simulation: the simulation that was run.
+        root_context: the Context that its `run` returned.
+        folder: an existing folder.
+        wall_seconds: duration of the run [s].
 
     Returns:
         The files, telemetry first.
@@ -94,7 +94,7 @@ def write_run(
 
 
 def versions() -> dict[str, str | None]:
-    """Return the versions of what computes here, by name."""
+    """Return the versions of this package and its libraries, by name."""
     packages = ("cpid-drake", "drake", "numpy", "scipy")
     return {"python": platform.python_version()} | {name: _version(name) for name in packages}
 
@@ -118,7 +118,7 @@ def momentum_drift(simulation: Simulation, truth: Telemetry) -> dict[str, float]
 
 
 def online_document(simulation: Simulation, root_context: Context) -> dict[str, Any]:
-    """Return what the online identifier has found at the end; what is unknown is null."""
+    """Return the online estimate at the end; unknown values are null."""
     identifier = simulation.identifier
     result = identifier.identification(identifier.GetMyContextFromRoot(root_context))
     found = {"estimate": result.parameters, "sigma": np.sqrt(np.diag(result.covariance))}
@@ -133,7 +133,7 @@ def online_document(simulation: Simulation, root_context: Context) -> dict[str, 
 
 
 def identify_command(simulation: Simulation, folder: Path) -> str:
-    """Return the line that identifies from the files of a run, for a shell."""
+    """Return the command line that identifies the target from the files of a run."""
     config = simulation.scenario.spacecraft
     words = ["cpid", "identify", str(folder / "telemetry.csv")]
     words += ["--spacecraft", config.model, "--base", config.base]

@@ -36,7 +36,7 @@ Vector = Annotated[NDArray[np.float64], Numbers(3)]
 Matrix = Annotated[NDArray[np.float64], Numbers(3, 3)]
 Momentum = Annotated[NDArray[np.float64], Numbers(6)]
 Gain = Annotated[float, Interval(gt=0, le=1e4)]
-"""Of a controller; stiffer ones would take forever to simulate."""
+"""Largest natural frequency of a controller [rad/s]; stiffer ones are too slow to simulate."""
 
 
 @dataclass
@@ -45,7 +45,7 @@ class SpacecraftConfig:
 
     Files are package:// URIs or paths relative to the scenario's folder; `packages` gives the
     folders of further packages by name. `configuration` is the default position of joints that the
-    motion does not name [rad or m by joint name]; joints that it does not name either are at zero.
+    motion does not name [rad or m by joint name]; other joints are at zero.
     """
 
     model: Name
@@ -70,7 +70,7 @@ class ControllerConfig:
     """The joint controller: its model of the target, and its feedback gains [rad/s, 1].
 
     A controller that does not know the target assumes a solid sphere about C's origin [kg, m]. Its
-    mass must then be given; half or double the true mass is good enough.
+    mass must then be given; half or twice the true mass is good enough.
     """
 
     knows_target: bool = True
@@ -122,8 +122,8 @@ class IdentificationConfig:
     """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
 
     `estimator` is one of `ONLINE_ESTIMATORS`. Rows, period and offset apply to least squares; the
-    momentum filter needs sensors and processes every sample of theirs. `prior` is what the momentum
-    filter knows of the target before the first sample; null for nothing.
+    momentum filter needs sensors and processes every sample of theirs. `prior` is a guess of the
+    target for the momentum filter; null for none.
     """
 
     estimator: str = "least_squares"
@@ -136,7 +136,7 @@ class IdentificationConfig:
 
 @dataclass
 class KnownBodiesConfig:
-    """How well the spacecraft is known: σ of its bodies' masses, centres of mass and inertias.
+    """Uncertainty of the spacecraft: σ of its bodies' masses, centres of mass and inertias.
 
     Mass and inertia are relative, `com` is in metres; see `sensitivity.BodyUncertainty`.
     """
@@ -178,8 +178,8 @@ class AccuracyConfig:
 class IntegratorConfig:
     """Settings of Drake's Simulator, with the keys of `pydrake.systems.analysis.SimulatorConfig`.
 
-    The integration schemes are Drake's error-controlled ones that conserve momentum well enough to
-    identify with.
+    The integration schemes are those error-controlled ones of Drake that conserve momentum well
+    enough for identification.
     """
 
     integration_scheme: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3"] = (
@@ -280,7 +280,7 @@ class Scenario:
         return load_sensors(self.sensors.suite) if self.sensors.suite else None
 
     def body_uncertainty(self) -> "BodyUncertainty | None":
-        """Return how well the spacecraft is known, or None if it is known exactly."""
+        """Return the uncertainty of the spacecraft, or None if it is known exactly."""
         from cpid_drake.dynamics.sensitivity import BodyUncertainty
 
         config = self.known_bodies

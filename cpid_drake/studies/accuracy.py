@@ -151,7 +151,7 @@ def summarize(study: AccuracyStudy, wall_seconds: float) -> dict:
 
 
 def _plain(value: NDArray[np.float64] | float) -> list[float | None] | float | None:
-    """Return numbers as JSON has them: None for what does not exist."""
+    """Return numbers for JSON, with None for missing ones."""
     if isinstance(value, np.ndarray) and value.ndim:
         return [float(entry) if np.isfinite(entry) else None for entry in value]
     return float(value) if np.isfinite(value) else None

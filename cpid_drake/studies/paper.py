@@ -50,7 +50,7 @@ PAPER_DIGITS = 6
 
 @dataclass(frozen=True)
 class RoundedCase:
-    """Identification from samples rounded to so many decimals."""
+    """Identification from samples rounded to a number of decimals."""
 
     digits: int
     identification: Identification
@@ -85,7 +85,8 @@ class PaperStudy:
         angular_drift: (N, 3) the same of the angular momentum about W's origin [N·m·s].
         rounded_linear_momentum: largest total linear momentum that the six-decimal samples show.
         rounded_angular_momentum: largest total angular momentum that they show (paper: 1e-2).
-        resimulated_target: feasible parameters identified from six decimals, simulated again.
+        resimulated_target: feasible parameters identified from six decimals, in a second
+            simulation.
         resimulated: the motion with those parameters.
         attitude_error, position_error: (N, 3) resimulated minus true motion [rad, m] (Fig. 7).
 
@@ -147,7 +148,7 @@ def max_relative_error(parameters: NDArray[np.float64], truth: InertialParameter
 
 
 def peak_relative_error(error: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
-    """Return the largest error (N, 3) over the largest excursion of the same axis, worst axis.
+    """Return the largest error (N, 3) relative to the peak of the same axis, over all axes.
 
     Ning et al. 2016 give "the maximum relative error" of angle and position. An error
     relative to the value at the same instant is unbounded where a curve crosses zero; here the peak

@@ -41,7 +41,7 @@ class Case:
         motion: of the joints.
         duration: [s].
         momentum_W: (6,) total momentum [L; P] about W's origin.
-        momentum: the total momentum as the estimators get it.
+        momentum: the total momentum that the estimators use.
         firing: time [s] and (6,) momentum of a thruster's firing, or None.
         known_bodies: uncertainty of the nominal spacecraft; None if it is exact.
         suite: the sensors.
@@ -69,10 +69,10 @@ class Outcome:
 
     Attributes:
         parameters: (10,) estimate.
-        covariance: (10, 10) as the estimator reports it.
+        covariance: (10, 10) that the estimator reports.
         feasible: whether the estimated spatial inertia is physically consistent.
-        problem: why it failed; empty if it did not.
-        momentum_changes: changes of the momentum that an online estimator found.
+        problem: the reason of a failure; empty without one.
+        momentum_changes: changes of momentum that an online estimator detected.
 
     """
 
