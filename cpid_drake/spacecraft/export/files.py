@@ -232,8 +232,7 @@ def _check_attached(
     body = after.bodies[k]
     R_BT, p_BT = body.R_PF @ body.R_MB, body.p_PF + body.R_PF @ body.p_MB
     if not (
-        body.joint == -1
-        and body.parent == before.capture_body
+        body.parent == before.capture_body
         and np.abs(R_BT - before.R_BC).max() <= _TOLERANCE
         and np.abs(p_BT - before.p_BC).max() <= _TOLERANCE * max(1, np.abs(before.p_BC).max())
     ):
