@@ -1,1 +1,1 @@
-"""Estimators in plain NumPy and SciPy; they know nothing of Drake."""
+"""Estimators in plain NumPy and SciPy, independent of Drake."""

@@ -34,7 +34,7 @@ class LeastSquaresSolution:
         unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
             the unknowns can change without a change of any row.
         residual_rms: root mean square of A x − b; NaN without rows.
-        row_count: number of scalar rows used; rows of zeros do not count.
+        row_count: number of scalar rows without rows of zeros.
 
     """
 
@@ -143,7 +143,7 @@ def solution_of_information(
     Args:
         estimate: (n,) unknowns.
         information: (n, n) inverse covariance, of the data alone.
-        scale: (n,) plausible sizes: a combination with a larger σ than a tenth of that is taken as
+        scale: (n,) plausible sizes: a combination with a σ above a tenth of its size is taken as
             not determined, because noise in the regressors looks like information.
         consider: (n, n) covariance to add for uncertain quantities that were taken as known.
         residual_sum: of the whitened rows.

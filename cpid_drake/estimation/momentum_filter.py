@@ -456,7 +456,7 @@ class MomentumFilter:
             state.late[:] = np.nan
 
     def _screened(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
-        """Do the same as `admit` for a sample whose time is accepted."""
+        """Screen a sample whose time is accepted; see `admit`."""
         k = _INDEX[name]
         last = state.times[k]
         if not time > last or self._is_stuck(state, k, name, time, value):
@@ -624,7 +624,7 @@ class MomentumFilter:
         return False
 
     def _best_attitude(self, state: FilterState) -> tuple[slice, NDArray, float]:
-        """Return which attitude pose sensors are compared with, its value and its time."""
+        """Return the attitude to compare pose sensors with: its slice, value and time."""
         newest = state.gyro[-1, 0]
         if newest == newest and not state.joints[0, 0] - newest > LONGEST_GAP:
             return BY_GYRO, state.R_by_gyro, newest

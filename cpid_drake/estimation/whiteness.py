@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Whiteness:
-    """How residuals are correlated from sample to sample.
+    """Correlation of residuals from sample to sample.
 
     Attributes:
         lag_one: correlation of neighbours, −1 to 1; for white residuals within ± `band`.

@@ -1,4 +1,4 @@
-"""Least squares on rows with weights, from which errors of the joint motion are eliminated."""
+"""Weighted least squares on rows, with the errors of the joint motion eliminated."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from scipy.linalg.blas import dsyrk
 
 
 class WeightedRows:
-    """M rows whose errors are their own white noise and those of the joint motion.
+    """M rows with white noise of their own and with the errors of the joint motion.
 
     With weights W and the joint motion's Jacobian N, the rows' covariance C is 1 + N Nᵀ after
     multiplication by W. Its inverse is applied by the matrix inversion lemma (Woodbury 1950), which

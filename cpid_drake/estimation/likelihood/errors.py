@@ -1,6 +1,6 @@
-"""Errors of what the motion is predicted from: joint motion and known bodies.
+"""Effect of errors of the joint motion and of the known bodies on the predicted motion.
 
-Each function returns the motion's change by such errors, every one in units of its own σ.
+Each function returns the change of the motion by such errors, each in units of its own σ.
 """
 
 import numpy as np
@@ -53,7 +53,7 @@ def body_errors(
 def _relative_to_base(
     motion: BaseMotion, trajectory: Trajectory, at: Instants
 ) -> tuple[KinematicTree, Telemetry]:
-    """Return the tree with the target, and its motion with the base's pose the identity."""
+    """Return the tree with the target, and its motion relative to the base."""
     psi = trajectory.state.psi
     phi = parameters_to_standard(relative_parameterization(at.dynamics.mass).to_parameters(psi))
     samples, count = motion.joints.evaluate(at.times), len(at.times)

@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from cpid_drake.sensing.sensors import Gyro
 
 _SMALLEST_SIGMA = 1e-9
-"""Of the constant part [rad/s]: a gyro without bias must not make the prior infinite."""
+"""Smallest σ of the constant part [rad/s]; it keeps the prior of a gyro without bias finite."""
 
 
 class GyroBias:
-    """The bias of one gyro at K nodes: one for a constant bias, else one a second.
+    """The bias of one gyro at K nodes: one node for a constant bias, else one node a second.
 
     Args:
         gyro: its errors.
@@ -31,7 +31,7 @@ class GyroBias:
         self.rows = slice(0, len(self.nodes))
 
     def columns(self, first: int) -> slice:
-        """Return the columns of the bias, if those of all gyros' biases start at `first`."""
+        """Return the columns of the bias, where the columns of all biases start at `first`."""
         return slice(first + 3 * self.rows.start, first + 3 * self.rows.stop)
 
     def weights(self, times: NDArray[np.float64]) -> NDArray[np.float64]:

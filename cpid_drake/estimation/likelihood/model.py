@@ -34,8 +34,8 @@ class TrajectoryModel:
     Args:
         tree: the known spacecraft.
         joints: its joint motion.
-        measurements: from its sensors; samples outside the joint motion are left out, and those of
-            sensors that the suite lacks.
+        measurements: samples of its sensors. Samples outside the joint motion, and those of sensors
+            that the suite lacks, are ignored.
         suite: the sensors' errors.
         momentum: the total momentum of spacecraft and target; default: zero.
         psi_prior: mean and σ, (10,) each, of the relative unknowns; None for no prior.
@@ -83,7 +83,7 @@ class TrajectoryModel:
         return self.motion.grid.dynamics
 
     def _first(self, quantity: Quantity) -> Samples | None:
-        """Return the samples of the sensor of a quantity that measured first."""
+        """Return the samples of a quantity from the sensor whose first sample is the earliest."""
         samples = [s.samples for n, s in self.sensors.items() if SENSORS[n].quantity is quantity]
         return min(samples, key=lambda each: each.time[0], default=None)
 
@@ -143,7 +143,7 @@ class TrajectoryModel:
         return np.concatenate([*parts, -self._bias_prior @ trajectory.state.bias.ravel()])
 
     def sample_rows(self) -> NDArray[np.intp]:
-        """Return for every row of the residuals the number of its sample; −1 for priors."""
+        """Return the number of the sample for every row of the residuals; −1 for priors."""
         count = sum(len(sensor.samples) for sensor in self.sensors.values())
         prior = np.full(len(self._bias_prior) + 10 * (self.psi_prior is not None), -1)
         return np.concatenate([np.repeat(np.arange(count), 3), prior])

@@ -1,4 +1,4 @@
-"""Motion of the base as a function of the target, and how it changes with anything.
+"""Motion of the base as a function of the target and other unknowns, and its derivatives.
 
 The joint motion is given; the base's attitude and position follow from conservation of momentum
 (`relative_motion`). Attitude is integrated over a grid of equal steps by the fourth-order Magnus
@@ -74,7 +74,7 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Times (M,) [s] and the known bodies as seen from the base then."""
+    """Times (M,) [s], and the known bodies as seen from the base at these times."""
 
     times: NDArray[np.float64]
     dynamics: RelativeDynamics
@@ -164,7 +164,7 @@ class BaseMotion:
             initial: (3, n) change of the attitude at the start, a rotation in W.
 
         Returns:
-            ξ (N, 3, n), and the whole change of the angular velocity (N, 3, n), in B.
+            ξ (N, 3, n), and the total change of the angular velocity (N, 3, n), in B.
 
         """
         h = self.nodes[1] - self.nodes[0]

@@ -1,4 +1,4 @@
-"""What is plausible of a target before any sample."""
+"""Plausible sizes of a target before any sample."""
 
 import numpy as np
 from numpy.typing import NDArray
