@@ -1,16 +1,26 @@
 """The scene in Meshcat: its layers say what momentum conservation and the estimate say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.multibody.tree import SpatialInertia
 
-from cpid_drake import SceneVisualizer, load_scenario, make_simulation, shipped_scenario
+from cpid_drake import (
+    InertialParameters,
+    SceneVisualizer,
+    load_scenario,
+    make_simulation,
+    shipped_scenario,
+)
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.spacecraft.appearance import inertia_ellipsoid
 from cpid_drake.systems.scene_layers import wire_sphere
 from cpid_drake.systems.scene_visualizer import extent_of, shapeless_bodies
+
+MOTION = ("quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
 
 
 @pytest.fixture(scope="module")
@@ -136,6 +146,49 @@ def test_momentum_that_does_not_cancel_is_seen(scene, random_motion, skewed_targ
     assert np.linalg.norm(sum_of_arrows) > 0.01
 
 
+def test_angular_momentum_is_that_of_drake_about_the_centre_of_mass(
+    scene, servicer, random_motion, skewed_target
+):
+    """The sum of the two angular arrows, which does not cancel here, in their common scale."""
+    telemetry = random_motion(1, 5)
+    spy, draw = scene(telemetry, truth=skewed_target)
+    draw(0)
+    found = sum(spy.arrow(f"momentum/angular_{owner}") for owner in ("spacecraft", "target"))
+    plant = servicer.make_simulation_plant(skewed_target)
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[0])
+    p_WS = plant.CalcCenterOfMassPositionInWorld(context)
+    total = plant.CalcSpatialMomentumInWorldAboutPoint(context, p_WS).rotational()
+    extent = extent_of(servicer, telemetry, skewed_target)
+    expected = 0.25 * extent.size * total / extent.angular_momentum
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+def test_an_arrow_of_a_twentieth_is_drawn_and_one_of_a_thousandth_is_not(
+    scene, random_motion, skewed_target
+):
+    motion = random_motion(3, 5)
+    share = np.array([1.0, 0.05, 0.001])[:, None]
+    first = {name: np.repeat(getattr(motion, name)[:1], 3, axis=0) for name in MOTION}
+    slower = {name: share * first[name] for name in ("w_WB", "v_WB", "qdot")}
+    spy, draw = scene(replace(motion, **(first | slower)), truth=skewed_target)
+    for k, is_drawn in enumerate((True, True, False)):
+        draw(k)
+        assert spy.shown("momentum/linear_spacecraft") == is_drawn
+
+
+def test_the_true_inertia_is_at_the_capture_frame(scene, servicer, random_motion, skewed_target):
+    telemetry = random_motion(1, 3)
+    spy, draw = scene(telemetry, truth=skewed_target)
+    draw(0)
+    _, X_CE = inertia_ellipsoid(skewed_target.to_spatial_inertia())
+    np.testing.assert_allclose(
+        spy.values["/cpid/true_inertia/ellipsoid", "transform"].GetAsMatrix4(),
+        (capture_pose(servicer, telemetry, 0) @ X_CE).GetAsMatrix4(),
+        atol=1e-12,
+    )
+
+
 def test_the_centre_of_mass_is_that_of_drake(scene, servicer, random_motion, skewed_target):
     """The place where it was at first stays; where it is now, moves on."""
     telemetry = random_motion(2, 8)
@@ -177,13 +230,14 @@ def test_nothing_of_the_target_is_drawn_until_it_is_known(
     )
 
 
+@pytest.mark.parametrize("seed", range(6))
 def test_the_ellipsoid_of_the_centre_of_mass_is_three_sigma(
-    scene, servicer, random_motion, skewed_target
+    scene, servicer, random_motion, skewed_target, seed
 ):
     """Its matrix, rebuilt from what is drawn, is nine times the covariance, turned into W."""
     telemetry = random_motion(1, 2)
     spy, draw = scene(telemetry)
-    root = np.array([[0.03, 0.0, 0.0], [0.01, 0.05, 0.0], [-0.01, 0.02, 0.04]])
+    root = np.diag([0.1, 0.15, 0.2]) + np.random.default_rng(seed).uniform(-0.04, 0.04, (3, 3))
     draw(0, skewed_target, root @ root.T)
     X_WE = spy.values["/cpid/estimated_centre/three_sigma", "transform"]
     semi_axes = spy.values["/cpid/estimated_centre/three_sigma/shape", "scale"]
@@ -255,3 +309,11 @@ def test_the_camera_sees_the_whole_motion(servicer, random_motion, skewed_target
     cosines = rays @ away / (np.linalg.norm(rays, axis=-1) * np.linalg.norm(away))
     widest = np.degrees(np.arccos(cosines.min()))
     assert 20 < widest < 75 / 2
+    # The ball around every body's ellipsoid of inertia is inside as well.
+    half_angles = np.zeros(rays.shape[:2])
+    for k, body in enumerate(servicer.tree.bodies):
+        if body.mass > 0:
+            inertia = InertialParameters(body.mass, np.zeros(3), body.I_BBcm).to_spatial_inertia()
+            radius = inertia_ellipsoid(inertia)[0].max()
+            half_angles[k] = np.arcsin(radius / np.linalg.norm(rays[k], axis=-1))
+    assert np.degrees(np.arccos(cosines) + half_angles).max() < 75 / 2 + 1e-6
