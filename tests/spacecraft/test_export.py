@@ -571,6 +571,12 @@ FORGERIES = {
     "a moving joint": ('type="fixed"', 'type="continuous"', "the spacecraft itself has changed"),
     "a changed link": ('<mass value="10"/>', '<mass value="10.1"/>', "itself has changed"),
     "a changed limit": ('velocity="0.7"', 'velocity="0.8"', "itself has changed"),
+    "one more link": (
+        "</robot>",
+        u_link("more") + '<joint name="m" type="fixed"><parent link="arm"/><child link="more"/>'
+        "</joint></robot>",
+        "the spacecraft itself has changed",
+    ),
     "no target": ('<link name="target">', '<link name="tarjet">', "not written, Drake"),
     "no XML": ("</robot>", "</robat>", "not written, Drake"),
 }
