@@ -218,14 +218,14 @@ class MomentumIdentifier(Identifier):
         return add_connected(builder, system, {"spacecraft_state": spacecraft_state})
 
     def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the square root (11, 11) after adding one sample x = [q; v] to `root`.
+        """Return the square-root information (11, 11) after adding one sample x = [q; v] to `root`.
 
-        With an unknown momentum its unknowns come first: (17, 17), or (14, 14) with relative rows.
+        An unknown momentum adds leading unknowns: (17, 17), or (14, 14) with relative rows.
         """
         return updated_information(root, self.rows(state))
 
     def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rows [A | b] of one sample x = [q; v], an unknown momentum's columns first."""
+        """Return the rows [A | b] of one sample x = [q; v]; columns of an unknown momentum lead."""
         context = self._scratch.context
         self._spacecraft.plant.SetPositionsAndVelocities(context, state)
         sample = self._spacecraft.momentum_sample(context)

@@ -39,7 +39,10 @@ FILTER_DIAGNOSTICS = (
     "momentum_changes",
     "momentum_change_time",
 )
-"""Entries of the `filter_diagnostics` output; "agreement" is that of gyro and momentum."""
+"""Entries of the `filter_diagnostics` output.
+
+"agreement" counts updates by the difference of the attitudes by gyro and by momentum.
+"""
 
 
 class SensorIdentifier(Identifier):

@@ -75,7 +75,7 @@ class XmlEdits:
             raise InputError(f"not well-formed XML: {error}") from error
 
     def text(self, element: Element) -> str:
-        """Return the text between an element's tags, not unescaped."""
+        """Return the text between an element's tags as written in the file."""
         return self._data[element.inside : element.end].decode("utf-8", "replace")
 
     def set_text(self, element: Element, text: str) -> None:
