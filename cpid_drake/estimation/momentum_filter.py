@@ -33,7 +33,7 @@ from cpid_drake.dynamics.rotations import exp, log, quaternion_to_matrix, skew
 from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.estimation.likelihood.priors import psi_scale
 from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.sensors import STANDARD_SENSORS
+from cpid_drake.sensing.sensors import STANDARD_SENSORS, Gyro, JointSensor
 from cpid_drake.sensing.suite import SensorSuite
 
 PSI, BY_MOMENTUM, BY_GYRO, COM, BIAS, ANGULAR, VELOCITY = (
@@ -324,10 +324,12 @@ class MomentumFilter:
         self.dynamics = dynamics
         self._present = suite.present()
         self._has_gyro = suite.gyro is not None
+        self._gyro_errors = suite.gyro or Gyro()
+        self._encoder_errors = suite.encoders or JointSensor()
         if self._has_gyro:
             self._gyro_variance = suite.sigmas("gyro")[0] ** 2
-            self._attitude_growth = self._gyro_variance / suite.gyro.rate
-            self._bias_growth = suite.gyro.bias_growth**2
+            self._attitude_growth = self._gyro_variance / self._gyro_errors.rate
+            self._bias_growth = self._gyro_errors.bias_growth**2
         self._joint_sigma = suite.sigmas("encoders")[0]
         self._variance = {
             name: suite.sigmas(name)[0] ** 2 * np.eye(3)
@@ -368,7 +370,7 @@ class MomentumFilter:
         P = np.zeros((SIZE, SIZE))
         P[PSI, PSI] = np.diag(prior.psi_sigma**2)
         if self._has_gyro:
-            P[BIAS, BIAS] = max(self.suite.gyro.bias_sigma, 1e-9) ** 2 * np.eye(3)
+            P[BIAS, BIAS] = max(self._gyro_errors.bias_sigma, 1e-9) ** 2 * np.eye(3)
         state = FilterState(
             prior.psi.copy(),
             P,
@@ -560,7 +562,7 @@ class MomentumFilter:
         state.com_known = np.bool_(len(measurements.position) > 0)
         state.joints[0, 0], state.joints[0, 1:] = time, q
         encoders = measurements.encoders
-        before = min(np.searchsorted(encoders.time, time - 0.1), len(encoders) - 1)
+        before = min(int(np.searchsorted(encoders.time, time - 0.1)), len(encoders) - 1)
         state.q_before[:] = encoders.value[before]
         state.noise_time = np.float64(time - 0.1)
         gyro = measurements.gyro
@@ -867,7 +869,7 @@ class MomentumFilter:
             self._momentum_changed(state, time)
             self.open_momentum(state)
             # The jump was at an unknown instant between two gyro samples.
-            state.P[_BY_GYRO_DIAGONAL] += (LARGEST_STEP / self.suite.gyro.rate) ** 2
+            state.P[_BY_GYRO_DIAGONAL] += (LARGEST_STEP / self._gyro_errors.rate) ** 2
         state.rejoin_time = np.float64(time)
         self._rejoin(state, time)
         self._watch_anew(state, time)
@@ -929,7 +931,7 @@ class MomentumFilter:
             H[:, VELOCITY] = _EYE
             H[:, :4] = -R @ (W @ by_rho + dynamics.com_rate_regressor()[0])
             # Rates at the end of a parabola through three encoder samples; the gyro's own noise.
-            period = 1 / self.suite.encoders.rate
+            period = 1 / self._encoder_errors.rate
             noise = noise + R @ state.com_noise @ R.T * (6.5 / period**2)
             if self._has_gyro:
                 lever = R @ skew(rho)
@@ -1041,16 +1043,16 @@ class MomentumFilter:
 
         """
         started = np.isfinite(state.watch_start)
-        columns = []
+        columns: list[int] = []
         for group in groups:
             mine = np.arange(6 * group, 6 * group + 6)
             if self._likeliest(state, mine)[1][started].max(initial=0.0) > threshold:
-                columns.extend(mine)
+                columns.extend(mine.tolist())
         if not columns:
             return False
         found, ratio, covariance = self._likeliest(state, np.array(columns))
         slot = int(np.where(started, ratio, -1.0).argmax())
-        effects = state.effects[:, 12 * slot + np.array(columns)]
+        effects = np.asarray(state.effects[:, 12 * slot + np.array(columns, dtype=np.intp)])
         self._move(state, effects @ found[slot])
         P = state.P + effects @ covariance[slot] @ effects.T
         state.P = (P + P.T) / 2
@@ -1068,7 +1070,8 @@ class MomentumFilter:
         score = state.watch_score[:, columns]
         covariance = np.linalg.inv(information + np.eye(len(columns)))
         found = (covariance @ score[..., None])[..., 0]
-        return found, (found * score).sum(axis=-1), covariance
+        ratio = np.asarray((found * score).sum(axis=-1))
+        return found, ratio, np.asarray(covariance)
 
     # -- joints ---------------------------------------------------------------------------------
 
@@ -1092,12 +1095,12 @@ class MomentumFilter:
         inverse = np.linalg.inv(momenta[:, joints:])
         turn, com = inverse @ momenta[:, :joints], dynamics.com_rate(psi).T
         variance = np.full(joints, self._joint_sigma**2)
-        step, elapsed = self.suite.encoders.step, time - state.noise_time
+        step, elapsed = self._encoder_errors.step, time - state.noise_time
         q = state.joints[0, 1:]
         if step:
             # Rounding errors are white only where every sample is a different step. A slow joint
             # keeps the same error until the next step.
-            moved = np.abs(q - state.q_before) / max(elapsed * self.suite.encoders.rate, 1.0)
+            moved = np.abs(q - state.q_before) / max(elapsed * self._encoder_errors.rate, 1.0)
             variance *= np.clip(step / np.maximum(moved, 1e-300), 1.0, SLOWEST)
         # The uncertainty of ψ makes the effect of joint errors uncertain.
         by_psi = (response @ state.P[PSI, PSI]).reshape(3, -1)

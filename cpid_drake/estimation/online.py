@@ -113,7 +113,7 @@ class OnlineEstimator:
 
     def _joints_lost(self, state: OnlineState, time: float) -> bool:
         """Return whether the last encoder sample is too old to interpolate the joint motion."""
-        longest = max(LONGEST_GAP, 5 / self.filter.suite.encoders.rate)
+        longest = max(LONGEST_GAP, 5 / self.filter.suite["encoders"].rate)
         for sensor, last, _ in reversed(state.samples):
             if sensor == "encoders":
                 return time - last > longest

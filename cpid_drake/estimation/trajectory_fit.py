@@ -102,7 +102,7 @@ class TrajectoryFit:
         """
         weighted = WeightedRows(self.model.joint_jacobian(self.trajectory), self.weights)
         rest = weighted.own_noise(self.model.residuals(self.trajectory))
-        counts = [len(getattr(self.model.measurements, name)) for name in self.model.sensors]
+        counts = [len(sensor.samples) for sensor in self.model.sensors.values()]
         parts = np.split(rest, 3 * np.cumsum(counts))
         return {name: part.reshape(-1, 3) for name, part in zip(self.model.sensors, parts[:-1])}
 
@@ -287,13 +287,13 @@ def _free_stage(
         for _ in range(12):
             count += 1
             step = _damped(N, g, damping)
-            size = np.sqrt(max(step @ N @ step, 0.0))
+            size = np.sqrt(max(float(step @ N @ step), 0.0))
             try:
                 new = model.trajectory(model.retracted(trajectory.state, step), trajectory)
                 new_residuals = model.residuals(new)
                 new_cost = weighted.cost(new_residuals)
             except InputError:
-                new_cost = np.inf
+                new_cost = float("inf")
             if np.isfinite(new_cost) and new_cost <= cost * (1 + 1e-9):
                 trajectory, residuals, cost = new, new_residuals, new_cost
                 damping = damping / 10 if damping > 1e-9 else 0.0
@@ -322,7 +322,6 @@ def _huber_weights(model: TrajectoryModel, residuals: NDArray[np.float64]) -> ND
     weights = np.ones(len(rows))
     of_samples = rows >= 0
     size = np.sqrt(np.bincount(rows[of_samples], residuals[of_samples] ** 2) / 3)
-    weights[of_samples] = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))[
-        rows[of_samples]
-    ]
+    by_sample = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))
+    weights[of_samples] = by_sample[rows[of_samples]]
     return weights

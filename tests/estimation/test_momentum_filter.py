@@ -17,7 +17,7 @@ from cpid_drake.identification.filter_estimator import (
 )
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.studies import accuracy
+from cpid_drake.studies import trials
 
 FIRED = (3.0, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]))
 END = 6.0
@@ -35,9 +35,9 @@ def cases():
         key = (name, firing is None)
         if key not in made:
             suite = load_sensors(name)
-            case = accuracy._case(scenario, spacecraft, truth, suite, (), 0)
+            case = trials.make_case(scenario, spacecraft, truth, suite, (), 0)
             case = replace(case, duration=END, firing=firing)
-            perfect = accuracy._perfect(case, spacecraft.tree, spacecraft.joint_names)
+            perfect = trials.ideal_samples(case, spacecraft.tree, spacecraft.joint_names)
             made[key] = spacecraft, suite, perfect, truth
         return made[key]
 
