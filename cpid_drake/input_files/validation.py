@@ -55,7 +55,7 @@ class Numbers:
             array = np.array(None)
         unknown = np.zeros(array.shape, dtype=bool)
         if self._unknown and array.ndim and array.dtype == object:
-            unknown = np.equal(array, None)
+            unknown = np.vectorize(lambda item: item is None, otypes=[bool])(array)
             array = np.asarray(np.where(unknown, 0.0, array).tolist())
         is_list = array.ndim > 0 and array.dtype.kind in "iuf"
         if not is_list or (self._shape and array.shape != self._shape):
