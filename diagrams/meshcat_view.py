@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Watch the capture in Meshcat: arms, target, momentum, and the inertia that is identified.
 
-The wire ellipsoid is the estimated inertia, the translucent one the truth. It appears when all ten
-parameters have been determined. `cpid view` does the same with controls in the page.
+The wire ellipsoid shows the estimated inertia, the translucent one the true inertia. The estimate
+appears when all ten parameters are determined. `cpid view` does the same with controls in the page.
 """
 
 import argparse
@@ -27,7 +27,7 @@ def main() -> None:
         parser.exit(2, f"{parser.prog}: error: --html {args.html}: not a file in a folder\n")
     try:
         scenario = load_scenario(args.scenario)
-        simulation = make_simulation(scenario)  # complains, if it does, before a browser is opened
+        simulation = make_simulation(scenario)  # finds errors before a browser is opened
         if html:
             page, identification = replay_simulation(simulation, title=Path(args.scenario).stem)
             html.write_text(page, encoding="utf-8")

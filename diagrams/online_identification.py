@@ -2,7 +2,7 @@
 """Wire an identifier into a Diagram of your own and watch the estimate converge.
 
 joint motion -> joint controller -> plant (zero gravity) -> sensors -> identifier, one by one.
-The sensors are the simplest that can be: they round the state to so many decimals.
+The sensors are the simplest possible ones: they round the state to a number of decimals.
 """
 
 import argparse
@@ -26,7 +26,7 @@ MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
 
 
 class RoundingSensors(VectorSystem):
-    """Passes on the spacecraft's state [q; v] rounded to so many decimals, in SI units."""
+    """Outputs the spacecraft's state [q; v] rounded to a number of decimals, in SI units."""
 
     def __init__(self, size: int, decimals: int) -> None:
         super().__init__(size, size, direct_feedthrough=True)
@@ -47,7 +47,7 @@ def main() -> None:
     if not 0 < args.period <= 10:
         parser.exit(2, f"{parser.prog}: error: --period must be > 0 and at most 10 s\n")
 
-    # What is known: the spacecraft. What is to be found: a target, here a tank of 60 kg.
+    # The spacecraft is known; the target, here a tank of 60 kg, is to be identified.
     spacecraft = Spacecraft(MODEL, base="bus", capture_frame="capture_point")
     tank = InertialParameters(60.0, [0.5, 0.05, -0.1], np.diag([6.0, 9.0, 8.0]))
 
@@ -60,7 +60,7 @@ def main() -> None:
     end = np.array([-0.8, -1.2, 0.7, 1.8, 0.8, -1.0] + [-1.5, -1.3, 0.6, -1.0, 0.5, 1.0])
     motion = HalfCosine(start, end, duration=10.0)
     source = builder.AddSystem(JointMotionSource(motion))
-    # The controller does not know the tank: it takes the load for a sphere of 100 kg.
+    # The controller does not know the tank: it assumes a sphere of 100 kg.
     sphere = InertialParameters(100.0, np.zeros(3), 10.0 * np.eye(3))
     model = spacecraft.make_simulation_plant(sphere)
     JointController.AddToBuilder(

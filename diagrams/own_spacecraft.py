@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Identify what your own spacecraft holds from your own log, and go on with it in Drake.
+"""Identify the target of your own spacecraft from your own log, and use the result in Drake.
 
-Give your files, or none for the sample that comes with the package: a free-flyer with a bag.
+Give your files. The default is the shipped sample: a free-flyer that moves a bag.
 """
 
 import argparse
@@ -22,7 +22,7 @@ def main() -> None:
     parser.add_argument("--sensors", default="testbed", help="preset or YAML file")
     args = parser.parse_args()
     try:
-        # The known spacecraft, the log and the sensors: all that is needed.
+        # The inputs: the known spacecraft, the log and the sensors.
         spacecraft = Spacecraft(args.spacecraft, base=args.base, capture_frame=args.capture_frame)
         log, sensors = read_telemetry(args.telemetry), load_sensors(args.sensors)
         found = identify(spacecraft, log, sensors=sensors)
@@ -33,8 +33,8 @@ def main() -> None:
     print(f"m = {target.mass:.4f} kg, c = {target.p_CTcm_C.round(4)} m")
     print(f"I = {target.I_TTcm_C.round(5).tolist()} kg·m²")
 
-    # The spacecraft with what it holds, as a Drake plant: for control, planning, simulation. Here:
-    # the inertia that attitude control has to turn, about the common centre of mass.
+    # The spacecraft with its target as a Drake plant, for control, planning and simulation. This
+    # example computes the inertia about the common centre of mass, which attitude control needs.
     plant = spacecraft.make_simulation_plant(target)
     context = plant.CreateDefaultContext()
     base = plant.GetBodyByName(spacecraft.base.name())

@@ -80,8 +80,8 @@ def main() -> None:
         sigma = np.sqrt(np.diag(result.covariance))
         columns = (f"{result.parameters[k]:10.5f} ± {sigma[k]:<7.2g}" for k in SHOWN)
         print(f"{time:8.2f} {result.sample_count:8d}", *columns)
-    simulator.AdvancePendingEvents()  # what the sensors take at the very end,
-    identifier.ExecuteForcedEvents(context)  # and the identifier then
+    simulator.AdvancePendingEvents()  # process the sensors' last samples,
+    identifier.ExecuteForcedEvents(context)  # then the identifier
 
     result = identifier.identification(context)
     print(f"\n{result.explain()}")

@@ -152,7 +152,7 @@ class Telemetry:
         return self.select(nearest)
 
     def rounded(self, digits: int) -> "Telemetry":
-        """Return every number but the time rounded to so many decimals, in SI units and radians.
+        """Return the telemetry with all numbers but the times rounded, in SI units and radians.
 
         The attitude is rounded as 3-2-1 Euler angles: the paper's sensors give attitude angles
         (Ning et al. 2016, "Identification results and analysis").

@@ -46,7 +46,7 @@ class TrajectoryFit:
         iterations: of both stages.
         converged: whether the last step was far below σ.
         downweighted: number of samples to which the robust loss gives less than full weight.
-        weights: (rows,) square roots of the weights that it gives.
+        weights: (rows,) square roots of the weights of the robust loss; ones without it.
 
     """
 

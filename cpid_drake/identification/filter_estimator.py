@@ -50,13 +50,13 @@ def estimate_by_filter(problem: Problem) -> Identification:
     if state.acquiring:
         warnings.append(
             "the momentum filter did not start: the target was not known well enough before the "
-            "end; this is the last trajectory fit of its start"
+            "end; the result is that of the last trajectory fit"
         )
     changes = found.momentum_changes
     if changes is not None and changes.count:
         warnings.append(
             f"the momentum changed {changes.count} times, last at {changes.last_time:.3f} s; it "
-            "was estimated anew from there"
+            "was estimated again from then on"
         )
     return replace(found, warnings=tuple(warnings))
 
@@ -110,7 +110,7 @@ def check_guess(guess: InertialParameters, sigma: float) -> None:
     if problems:
         raise InputError(f"not a rigid body: {'; '.join(problems)}")
     if not (guess.p_CTcm_C.any() or guess.I_TTcm_C.any()):
-        raise InputError("a point at C's origin says nothing of size; give an inertia")
+        raise InputError("a point at C's origin has no size; give an inertia")
     if not 1e-6 <= sigma <= 100:
         raise InputError(f"sigma must be a number from 1e-6 to 100, not {sigma}")
 

@@ -77,7 +77,7 @@ def fit_measurements(
     Args:
         tree: the known bodies.
         measurements: screened samples of the sensors.
-        sensors: how good they are.
+        sensors: the sensors' errors.
         momentum: the total momentum; default: zero.
         known_bodies: uncertainty of the known bodies, whose effect the covariance includes.
         robust: Huber loss instead of squares.
@@ -146,7 +146,7 @@ def cramer_rao_bound(
         psi: (10,) relative unknowns of the target.
         measurements: samples of the sensors (of a planned motion: their ideal values); the first
             attitude and position are taken as true.
-        sensors: how good they are.
+        sensors: the sensors' errors.
         momentum: the true total momentum, marked as unknown if it is to be estimated; default:
             zero.
         known_bodies: uncertainty of the known bodies: the bound then holds for an estimator that

@@ -176,7 +176,7 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
     """
     source = result.source
     if source is None:
-        raise InputError("the result does not say what it was made from")
+        raise InputError("the result does not name its telemetry")
     for place in (source.telemetry, str(Path(where).parent / source.telemetry)):
         try:
             if "://" in place or Path(place).exists():
@@ -184,7 +184,7 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
         except (OSError, ValueError):  # a name that no file can have
             continue
     else:
-        raise InputError(f"{source.telemetry} is not there any more")
+        raise InputError(f"{source.telemetry} does not exist any more")
     if file_hash(place) != source.sha256:
         raise InputError(f"{source.telemetry} has changed since: its SHA-256 is another")
     return Request(

@@ -99,12 +99,12 @@ def _notes(scenario: Scenario, results: list[Accuracy]) -> tuple[str, ...]:
     notes = []
     if scenario.accuracy.firing is not None:
         notes.append(
-            "The bound is that of the same case without the thruster's firing, of which only the "
-            "momentum filter takes notice."
+            "The bound is that of the same case without the thruster's firing, which only the "
+            "momentum filter detects."
         )
     if scenario.body_uncertainty() is not None:
         notes.append(
-            "The spacecraft is uncertain: the bound is that of an estimator that takes it as known."
+            "The spacecraft is uncertain: the bound is that of an estimator that takes it as exact."
         )
     failures = {result.estimator: result.problem for result in results if result.failed}
     notes += [f"{name}: {problem}" for name, problem in failures.items()]

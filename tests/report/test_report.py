@@ -168,7 +168,7 @@ class TestWhatIsSaid:
     def test_without_the_log_the_result_alone_is_shown(self, result_file, exact):
         exact.unlink()
         page = Page(identification_report(findings_of_file(result_file)).html())
-        assert f"{exact} is not there any more" in page.text
+        assert f"{exact} does not exist any more" in page.text
         assert "Convergence" not in page.text
         assert "data-replay" not in page.scripts
         assert page.data("result")["mass"] == pytest.approx(60.0)
@@ -200,7 +200,7 @@ class TestWhatIsSaid:
         )
         write_result(tmp_path / "r.json", bare)
         findings = findings_of_file(tmp_path / "r.json")
-        assert "does not say what it was made from" in findings.missing
+        assert "does not name its telemetry" in findings.missing
         page = Page(identification_report(findings).html())
         assert page.data("result")["mass"] == pytest.approx(60.0)
 
