@@ -437,6 +437,11 @@ def test_outliers_do_not_move_the_robust_fit(craft, perfect, seed):
     assert robust.converged
     assert some + more <= robust.downweighted <= some + more + 2
     assert f"{robust.downweighted} samples count less" in robust.explain()
+    # Huber's loss: a residual of r > 2.5 σ has the weight 2.5 / r, so that the loss grows linearly.
+    own_noise = np.vstack(list(robust.own_noise().values()))
+    size = np.sqrt(np.mean(own_noise**2, axis=1))
+    weights = robust.weights[: 3 * len(size) : 3] ** 2
+    np.testing.assert_allclose(weights, np.minimum(1, 2.5 / size), atol=5e-3)
 
 
 def test_without_outliers_the_robust_fit_is_the_plain_one(craft, perfect):
@@ -509,10 +514,13 @@ def test_the_zero_of_the_clock_does_not_matter(craft, motion, skewed_target):
     suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 5.0), **RICH)
     samples = add_noise(suite, measured(craft, motion, skewed_target, suite, MOMENTUM), 11)
     later = samples.updated({n: Samples(s.time + 50.0, s.value) for n, s in samples.items()})
-    here, there = (
-        fit_measurements(craft.tree, each, suite, momentum=TotalMomentum(is_unknown=True)).state
+    fits = [
+        fit_measurements(craft.tree, each, suite, momentum=TotalMomentum(is_unknown=True))
         for each in (samples, later)
-    )
+    ]
+    diagonals = [np.diag(fit.information) for fit in fits]
+    np.testing.assert_allclose(*diagonals, rtol=1e-4)
+    here, there = (fit.state for fit in fits)
     np.testing.assert_allclose(there.psi, here.psi, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(there.p_Wcm, here.p_Wcm, atol=1e-5)
     np.testing.assert_allclose(there.v_Wcm, here.v_Wcm, atol=1e-6)

@@ -493,6 +493,7 @@ def test_samples_that_are_not_finite_are_left_out(perfect, name, bad):
         ([0, 1, 2, 1e308, -1e308, 3], [0, 1, 2, 5]),
         ([0, 1.7e9, 1.7e9 + 1, 1.7e9 + 2], [1, 2, 3]),
         ([0, 1, LONGEST_GAP, 1.5 * LONGEST_GAP], [0, 1, 2, 3]),
+        ([0, 1, 2, 2 + 1.5 * LONGEST_GAP], [0, 1, 2]),
         ([3, 2, 1], [0]),
         ([1, 1, 1], [0]),
         ([5], [0]),
