@@ -20,11 +20,6 @@ ESTIMATORS: dict[str, Estimator] = {
 """The estimators by name."""
 
 
-def online_estimators() -> tuple[str, ...]:
-    """Return the names of the estimators that a Drake system runs in a Diagram."""
-    return tuple(name for name, record in ESTIMATORS.items() if record.runs_online)
-
-
 def estimator_label(name: str) -> str:
     """Return the label of an estimator in reports; the name itself if it is unknown."""
     return ESTIMATORS[name].label if name in ESTIMATORS else name

@@ -176,7 +176,5 @@ MOMENTUM_FILTER = Estimator(
     estimate=estimate_by_filter,
     needs=needs_of_fit,
     momenta=("zero", "unknown"),
-    runs_online=True,
-    starts_from_prior=True,
     reports=8,
 )

@@ -204,6 +204,5 @@ LEAST_SQUARES = Estimator(
     estimate=estimate_by_rows,
     needs=needs_of_rows,
     default_rows=best_rows,
-    runs_online=True,
     reports=24,
 )

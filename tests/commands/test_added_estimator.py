@@ -1,0 +1,119 @@
+"""An estimator and a row family, added from outside by one record each, serve all commands."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpid_drake.dynamics.rows import ROW_FAMILIES, STANDARD_ROWS
+from cpid_drake.identification.estimators import ESTIMATORS, methods
+from cpid_drake.identification.problem import Estimator
+from cpid_drake.identification.row_estimator import estimate_by_rows, needs_of_rows
+from cpid_drake.resources import models_directory
+from cpid_drake.scenario.files import load_scenario
+from cpid_drake.scenario.shipped import shipped_scenario
+from cpid_drake.studies.accuracy import run_accuracy
+
+SAMPLE = models_directory() / "telemetry/free_flyer.csv"
+FREE_FLYER = (
+    *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
+    *("--base", "body", "--capture-frame", "capture_point"),
+)
+
+
+def estimate_every_second(problem):
+    """Least squares on every second sample: an estimator that somebody might try."""
+    names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
+    halved = {name: problem.measurements[name].where(slice(None, None, 2)) for name in names}
+    half = replace(
+        problem,
+        measurements=problem.measurements.updated(halved),
+        family=ROW_FAMILIES["standard"],
+    )
+    return replace(estimate_by_rows(half), estimator="every_second", rows=None)
+
+
+EVERY_SECOND = Estimator(
+    name="every_second",
+    label="least squares on every second sample",
+    good_for="tests",
+    estimate=estimate_every_second,
+    needs=lambda family, momentum: needs_of_rows(STANDARD_ROWS, momentum),
+    reports=3,
+)
+
+# The same physics with the linear rows in g·m/s: another weighting, and so another estimate.
+GRAMS = replace(
+    STANDARD_ROWS,
+    name="grams",
+    augmented_rows=lambda samples: (
+        STANDARD_ROWS.augmented_rows(samples)
+        * np.tile([1e3, 1e3, 1e3, 1, 1, 1], len(samples))[:, None]
+    ),
+    momentum_size=0,
+    momentum_columns=None,
+    linear_unit="g·m/s",
+)
+
+
+@pytest.fixture(autouse=True)
+def added(monkeypatch, tmp_path):
+    monkeypatch.setitem(ESTIMATORS, "every_second", EVERY_SECOND)
+    monkeypatch.setitem(ROW_FAMILIES, "grams", GRAMS)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("options", "label", "unit"),
+    [
+        (("--estimator", "every_second"), "least squares on every second sample", "N·s"),
+        (("--rows", "grams"), "least squares on momentum rows (grams)", "g·m/s"),
+        (("--estimator", "grams"), "least squares on momentum rows (grams)", "g·m/s"),
+    ],
+)
+def test_what_is_added_identifies_a_log_and_is_in_its_report(run_cpid, options, label, unit):
+    plain = ("identify", SAMPLE, *FREE_FLYER)
+    assert run_cpid(*plain, "--rows", "standard", "--json", "standard.txt")[0] == 0
+    files = ("--json", "found.txt", "--report", "found.html")
+    code, _, _ = run_cpid(*plain, *options, *files)
+    assert code == 0
+    standard, found = (
+        json.loads(Path(f"{name}.txt").read_text()) for name in ("standard", "found")
+    )
+    assert found["mass"] != standard["mass"]
+    assert found["mass"] == pytest.approx(8.5, rel=0.05)
+    assert options[1] in (found["estimator"], found["rows"])
+    page = Path("found.html").read_text()
+    assert label in page
+    assert f"[{unit}]" in page or f">{unit}<" in page
+    # The report of the result file alone identifies the log again by what was added.
+    assert run_cpid("report", "found.txt", "--out", "again.html")[0] == 0
+    assert "the values differ" not in Path("again.html").read_text()
+
+
+def test_the_accuracy_study_tries_what_is_added():
+    assert methods() == (
+        *("eq18", "standard", "relative", "grams"),
+        *("momentum_filter", "trajectory_fit", "every_second"),
+    )
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    study = run_accuracy(
+        scenario, trials=2, presets=["testbed"], estimators=["grams", "every_second"], seed=1
+    )
+    assert [result.estimator for result in study.results] == ["grams", "every_second"]
+    assert all(result.failed == 0 for result in study.results)
+
+
+def test_messages_name_what_is_added(run_cpid):
+    code, _, stderr = run_cpid("identify", SAMPLE, *FREE_FLYER, "--estimator", "best")
+    assert code == 2
+    assert (
+        "momentum_filter, trajectory_fit, every_second, eq18, standard, relative, grams" in stderr
+    )
+    code, _, stderr = run_cpid(
+        "identify", SAMPLE, *FREE_FLYER, "--rows", "grams", "--momentum", "unknown"
+    )
+    assert code == 2
+    assert "rows 'grams' need zero momentum" in stderr
