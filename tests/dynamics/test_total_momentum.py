@@ -29,7 +29,7 @@ def test_it_is_that_of_the_bodies(servicer, skewed_target, random_motion):
     p_WScm = (servicer.mass * samples.p_WKcm + skewed_target.mass * p_WTcm) / mass
     for k in range(4):
         known = TotalMomentum.known_about_origin(np.concatenate([L[k], P[k]]), p_WScm[k], mass)
-        # Shifting every velocity by that of the centre of mass leaves the same L about it, and P = 0.
+        # In the frame of the centre of mass L about it is the same, and P is zero.
         still = motion.select([k]).with_base_twist(
             motion.w_WB[[k]], motion.v_WB[[k]] - known.v_WScm_W
         )
