@@ -1,0 +1,16 @@
+"""The noise level of a log is that of its good samples."""
+
+import numpy as np
+import pytest
+
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.noise_estimation import noise_level
+
+
+def test_rare_outliers_do_not_change_the_noise_level():
+    """One sample in a thousand is off by a hundred σ: the root mean square would be five σ."""
+    rng = np.random.default_rng(3)
+    time, sigma = np.arange(0.0, 40.0, 0.01), 1e-3
+    value = np.sin(time)[:, None] * [1.0, 2.0, -1.0] + sigma * rng.normal(size=(time.size, 3))
+    value[500::1000] += 100 * sigma
+    assert noise_level(Samples(time, value)) == pytest.approx(sigma, rel=0.1)
