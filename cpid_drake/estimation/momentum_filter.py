@@ -93,7 +93,7 @@ SLOWEST = 200.0
 LARGEST_STEP = 0.03
 """Largest jump of the base's angular velocity that a thruster is expected to cause [rad/s]."""
 
-WATCHED, SPACING = 6, 0.2
+JUMPS, SPACING = 6, 0.2
 """Number of instants that are tested for a jump of momentum, and least time between them [s]."""
 
 CHANGED = 60.0
@@ -217,11 +217,11 @@ class FilterState:
         w: (3,) latest angular velocity, in B [rad/s]; `w_before` the one predicted by momentum.
         gyro: (4, 4) time and value of the latest gyro samples, the newest last; NaN for none.
         rejoin_time: when the attitude by momentum was last reset to that by gyro [s].
-        effects: (28, 12 · WATCHED) effect on the error state of unit jumps at the tested instants:
+        effects: (28, 12 · JUMPS) effect on the error state of unit jumps at the tested instants:
             angular (L, attitude by momentum), then linear (v_Wcm, p_Wcm).
-        watch_information, watch_score: (WATCHED, 12, 12), (WATCHED, 12) information about these
+        jump_information, jump_score: (JUMPS, 12, 12), (JUMPS, 12) information about these
             jumps in the innovations since, and its product with the most likely jumps.
-        watch_start: (WATCHED,) the tested instants [s].
+        jump_times: (JUMPS,) the tested instants [s].
         used, rejected: (n,) number of samples.
         in_a_row: (n,) rejections in a row.
         times: (n,) time of the latest accepted sample [s]; −inf before the first.
@@ -266,12 +266,10 @@ class FilterState:
     w: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     w_before: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     gyro: NDArray[np.float64] = field(default_factory=lambda: np.full((4, 4), np.nan))
-    effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((SIZE, 12 * WATCHED)))
-    watch_information: NDArray[np.float64] = field(
-        default_factory=lambda: np.zeros((WATCHED, 12, 12))
-    )
-    watch_score: NDArray[np.float64] = field(default_factory=lambda: np.zeros((WATCHED, 12)))
-    watch_start: NDArray[np.float64] = field(default_factory=lambda: np.full(WATCHED, -np.inf))
+    effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((SIZE, 12 * JUMPS)))
+    jump_information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((JUMPS, 12, 12)))
+    jump_score: NDArray[np.float64] = field(default_factory=lambda: np.zeros((JUMPS, 12)))
+    jump_times: NDArray[np.float64] = field(default_factory=lambda: np.full(JUMPS, -np.inf))
     used: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_SENSORS)))
     rejected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_SENSORS)))
     in_a_row: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(_SENSORS)))
@@ -288,13 +286,13 @@ class FilterState:
         """Return the whole state as one vector."""
         return np.concatenate([np.ravel(value) for value in vars(self).values()])
 
-    def keep_admission(self, other: "FilterState") -> None:
+    def keep_screening(self, other: "FilterState") -> None:
         """Copy another state's records of samples and of jumps, without its estimates."""
-        for name in _ADMISSION:
+        for name in _SCREENING:
             setattr(self, name, getattr(other, name))
 
 
-_ADMISSION = (
+_SCREENING = (
     *("momentum_known", "momentum_changes", "momentum_change_time", "step_time", "used"),
     *("rejected", "times", "latest", "repeats", "recent_gyro", "recent_encoders", "late"),
     *("doubtful_gyro", "doubtful_encoders"),
@@ -396,7 +394,7 @@ class MomentumFilter:
         """Return a sensor's place in `FilterState.times`, `used`, `rejected` and `in_a_row`."""
         return _INDEX[name]
 
-    def take(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
+    def process(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
         """Process one sample of a sensor, in place; count it if it cannot be used.
 
         Samples of one instant are best given in `FILTER_ORDER`.
@@ -408,12 +406,12 @@ class MomentumFilter:
             value: as in `Measurements`, (width,).
 
         """
-        for sample in self.admit(state, name, time, value):
-            self.use(state, *sample)
+        for sample in self.screen(state, name, time, value):
+            self.update(state, *sample)
 
     # -- screening: checks that need no prediction ------------------------------------------------
 
-    def admit(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
+    def screen(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
         """Screen a sample and return those that can now be processed: none, this one, or two.
 
         A sample is rejected if it is not finite, no attitude, not later than the sensor's last one,
@@ -458,7 +456,7 @@ class MomentumFilter:
             state.late[:] = np.nan
 
     def _screened(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
-        """Screen a sample whose time is accepted; see `admit`."""
+        """Screen a sample whose time is accepted; see `screen`."""
         k = _INDEX[name]
         last = state.times[k]
         if not time > last or self._is_stuck(state, k, name, time, value):
@@ -543,7 +541,7 @@ class MomentumFilter:
 
     # -- processing of accepted samples -----------------------------------------------------------
 
-    def use(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
+    def update(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
         """Update the state by an accepted sample, in place; count outliers."""
         if name == "joint_rates":
             return  # the filter uses encoders only: their noise does not accumulate
@@ -577,7 +575,7 @@ class MomentumFilter:
         self._refresh_joint_noise(state, time, self._look(state))
         R = state.R_by_momentum
         state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T
-        self._watch_anew(state, time)
+        self._restart_jump_tests(state, time)
 
     def well_known(self, state: FilterState) -> bool:
         """Return whether ψ is known well enough for this filter to start from it.
@@ -614,10 +612,10 @@ class MomentumFilter:
         if where == BY_MOMENTUM:
             noise = noise + state.joint_noise
         innovation = log(R_predicted.T @ R)
-        if self._correct(state, innovation, H, noise):
+        if self._update_by(state, innovation, H, noise):
             return True
         if self._too_many(state, "attitude"):
-            if where == BY_GYRO or not self._compensate(state, time, (0,), GATE):
+            if where == BY_GYRO or not self._correct_jump(state, time, (0,), GATE):
                 if where == BY_MOMENTUM:
                     self._momentum_changed(state, time)
                     self.open_momentum(state)
@@ -649,7 +647,7 @@ class MomentumFilter:
         R = state.R_by_momentum
         state.P[BY_MOMENTUM, BY_MOMENTUM] += R @ state.joint_noise @ R.T + slip * np.eye(3)
         state.attitude_known = np.True_
-        self._watch_anew(state, time)
+        self._restart_jump_tests(state, time)
 
     # -- gyro ------------------------------------------------------------------------------------
 
@@ -664,7 +662,7 @@ class MomentumFilter:
             state.w[:] = value - state.bias
             self._carry_gyro_on(state, time)
             return True
-        self._turn_by_gyro(state, time, value, stepped=time == state.step_time)
+        self._propagate_by_gyro(state, time, value, stepped=time == state.step_time)
         return True
 
     def _carry_gyro_on(self, state: FilterState, time: float) -> None:
@@ -679,7 +677,9 @@ class MomentumFilter:
         # One angular velocity stands for the whole interval: its change is the error.
         state.P[_BY_GYRO_DIAGONAL] += (SMOOTHEST["gyro"][0] * behind**2) ** 2 / 12
 
-    def _turn_by_gyro(self, state: FilterState, time: float, value: NDArray, stepped: bool) -> None:
+    def _propagate_by_gyro(
+        self, state: FilterState, time: float, value: NDArray, stepped: bool
+    ) -> None:
         (before, last), (w_before, w_last) = state.gyro[-2:, 0].tolist(), state.gyro[-2:, 1:]
         elapsed, gap = time - last, last - before
         if stepped or not gap <= LONGEST_GAP:
@@ -700,7 +700,7 @@ class MomentumFilter:
             # The jump was at an unknown instant between the two samples.
             jump = value - w_last
             growth += (jump @ jump) * elapsed**2 / 12
-        _drive(state.P, BY_GYRO, M, growth)
+        _propagate_covariance(state.P, BY_GYRO, M, growth)
         state.P[_BIAS_DIAGONAL] += self._bias_growth * elapsed
         state.effects[BY_GYRO] = M @ state.effects
         state.R_by_gyro = state.R_by_gyro @ exp(turn)
@@ -725,12 +725,12 @@ class MomentumFilter:
         if np.abs(value - start[1:]).max() > FASTEST_JOINT * (time - start[0]):
             self._start_joints(state, time, value)
             return True
-        dynamics = self._turn_by_momentum(state, time, value)
+        dynamics = self._propagate_by_momentum(state, time, value)
         if time - state.noise_time > 0.1 - 1e-9:
             self._refresh_joint_noise(state, time, dynamics)
         if self._has_gyro:
             self._agree(state, time)
-        self._watch(state, time)
+        self._test_jumps(state, time)
         return True
 
     def _start_joints(self, state: FilterState, time: float, value: NDArray) -> None:
@@ -738,7 +738,7 @@ class MomentumFilter:
         before = state.joints[0, 0]
         lost = before == before
         if lost:
-            self._move_com(state, time - before)
+            self._propagate_com(state, time - before)
         state.joints[0, 0], state.joints[0, 1:], state.joints[1, 0] = time, value, np.nan
         state.rates[:] = 0.0
         state.q_before[:] = value
@@ -747,9 +747,9 @@ class MomentumFilter:
             self._rejoin(state, time)
         elif lost:
             state.attitude_known = np.False_  # no gyro to bridge the gap: wait for an attitude
-        self._watch_anew(state, time)
+        self._restart_jump_tests(state, time)
 
-    def _turn_by_momentum(
+    def _propagate_by_momentum(
         self, state: FilterState, time: float, value: NDArray
     ) -> RelativeDynamics:
         """Propagate the attitude by momentum over two encoder intervals, by Simpson's rule.
@@ -817,17 +817,17 @@ class MomentumFilter:
         M[:, ANGULAR] = spread = (weighted @ R_nodes.transpose(0, 2, 1)).sum(axis=0)
         if turning:
             M[:, BY_MOMENTUM] += spread @ skew(state.L)
-        _drive(state.P, BY_MOMENTUM, M, state.rate_noise * T)
+        _propagate_covariance(state.P, BY_MOMENTUM, M, state.rate_noise * T)
         state.effects[BY_MOMENTUM] = M @ state.effects
         state.R_by_momentum = state.R_by_momentum @ exp(turn)
         state.w_before[:] = w[2]
-        self._move_com(state, T)
+        self._propagate_com(state, T)
         if not fresh:
             state.w[:] = w[2]
         return end
 
     @staticmethod
-    def _move_com(state: FilterState, elapsed: float) -> None:
+    def _propagate_com(state: FilterState, elapsed: float) -> None:
         """Propagate the centre of mass by its velocity."""
         state.p_Wcm += state.v_Wcm * elapsed
         P = state.P
@@ -855,7 +855,7 @@ class MomentumFilter:
         H[:, BY_MOMENTUM] = R.T
         H[:, BY_GYRO] = -R.T
         innovation = log(state.R_by_momentum.T @ R)
-        if self._correct(state, innovation, H, state.joint_noise):
+        if self._update_by(state, innovation, H, state.joint_noise):
             state.used[_AGREEMENT] += 1
             state.in_a_row[_AGREEMENT] = 0
             return
@@ -872,7 +872,7 @@ class MomentumFilter:
             state.P[_BY_GYRO_DIAGONAL] += (LARGEST_STEP / self._gyro_errors.rate) ** 2
         state.rejoin_time = np.float64(time)
         self._rejoin(state, time)
-        self._watch_anew(state, time)
+        self._restart_jump_tests(state, time)
 
     def _rejoin(self, state: FilterState, time: float) -> None:
         """Reset the attitude by momentum to that by gyro, up to the latest encoder error."""
@@ -943,18 +943,20 @@ class MomentumFilter:
             state.P[COM, COM] = 1e2 * (1 + rho @ rho) * _EYE
             state.com_known = np.True_
             predicted = value
-        if self._correct(state, value - predicted, H, noise):
+        if self._update_by(state, value - predicted, H, noise):
             return True
-        if self._too_many(state, name) and not self._compensate(state, time, (1,), GATE):
+        if self._too_many(state, name) and not self._correct_jump(state, time, (1,), GATE):
             self._momentum_changed(state, time)
             self.open_momentum(state, angular=False)
-            self._watch_anew(state, time)
+            self._restart_jump_tests(state, time)
             state.com_known = np.False_
         return False
 
     # -- the filter's steps ----------------------------------------------------------------------
 
-    def _correct(self, state: FilterState, innovation: NDArray, H: NDArray, noise: NDArray) -> bool:
+    def _update_by(
+        self, state: FilterState, innovation: NDArray, H: NDArray, noise: NDArray
+    ) -> bool:
         """Update by an innovation, unless it fails the gate."""
         P = state.P
         PHt = P @ H.T
@@ -969,15 +971,15 @@ class MomentumFilter:
         state.P = (P + P.T) / 2
         seen = H @ state.effects
         state.effects -= K @ seen
-        seen = seen.reshape(3, WATCHED, 12).transpose(1, 2, 0)
+        seen = seen.reshape(3, JUMPS, 12).transpose(1, 2, 0)
         by_change = seen @ inverse
-        state.watch_information += by_change @ seen.transpose(0, 2, 1)
-        state.watch_score += by_change @ innovation
-        self._move(state, K @ innovation)
+        state.jump_information += by_change @ seen.transpose(0, 2, 1)
+        state.jump_score += by_change @ innovation
+        self._retract(state, K @ innovation)
         return True
 
     @staticmethod
-    def _move(state: FilterState, change: NDArray) -> None:
+    def _retract(state: FilterState, change: NDArray) -> None:
         """Add an error (28,) to the estimate."""
         state.psi += change[PSI]
         state.R_by_momentum = exp(change[BY_MOMENTUM]) @ state.R_by_momentum
@@ -1001,36 +1003,36 @@ class MomentumFilter:
         state.momentum_change_time = np.float64(time)
         state.in_a_row[:] = 0
 
-    def _watch_anew(self, state: FilterState, time: float) -> None:
+    def _restart_jump_tests(self, state: FilterState, time: float) -> None:
         """Drop all tested instants, and test this one from now on."""
         state.effects[:] = 0.0
-        state.watch_information[:] = 0.0
-        state.watch_score[:] = 0.0
-        state.watch_start[:] = -np.inf
-        self._watch_also(state, 0, time)
+        state.jump_information[:] = 0.0
+        state.jump_score[:] = 0.0
+        state.jump_times[:] = -np.inf
+        self._add_jump_test(state, 0, time)
 
-    def _watch_also(self, state: FilterState, slot: int, time: float) -> None:
+    def _add_jump_test(self, state: FilterState, slot: int, time: float) -> None:
         state.effects[:, 12 * slot : 12 * slot + 12] = self._change
-        state.watch_information[slot] = 0.0
-        state.watch_score[slot] = 0.0
-        state.watch_start[slot] = time
+        state.jump_information[slot] = 0.0
+        state.jump_score[slot] = 0.0
+        state.jump_times[slot] = time
 
-    def _watch(self, state: FilterState, time: float) -> None:
+    def _test_jumps(self, state: FilterState, time: float) -> None:
         """Test for a jump of momentum once in `SPACING`, and add an instant to test."""
-        if time - state.watch_start.max() < SPACING - 1e-9:
+        if time - state.jump_times.max() < SPACING - 1e-9:
             return
-        if not self._compensate(state, time, (0, 1), CHANGED):
+        if not self._correct_jump(state, time, (0, 1), CHANGED):
             # Older instants are spaced more widely: drop the one closest to its neighbours.
-            age = time - state.watch_start
+            age = time - state.jump_times
             order = np.argsort(age)
             older = np.append(age[order[1:]], np.inf)
             younger = np.insert(age[order[:-1]], 0, 0.0)
             slot = (
                 order[(older - younger)[:-1].argmin()] if np.isfinite(age).all() else age.argmax()
             )
-            self._watch_also(state, int(slot), time)
+            self._add_jump_test(state, int(slot), time)
 
-    def _compensate(
+    def _correct_jump(
         self, state: FilterState, time: float, groups: tuple[int, ...], threshold: float
     ) -> bool:
         """Correct for the most likely jump of momentum, if one is likely enough.
@@ -1042,32 +1044,32 @@ class MomentumFilter:
             threshold: of the likelihood ratio.
 
         """
-        started = np.isfinite(state.watch_start)
+        started = np.isfinite(state.jump_times)
         columns: list[int] = []
         for group in groups:
             mine = np.arange(6 * group, 6 * group + 6)
-            if self._likeliest(state, mine)[1][started].max(initial=0.0) > threshold:
+            if self._most_likely_jumps(state, mine)[1][started].max(initial=0.0) > threshold:
                 columns.extend(mine.tolist())
         if not columns:
             return False
-        found, ratio, covariance = self._likeliest(state, np.array(columns))
+        found, ratio, covariance = self._most_likely_jumps(state, np.array(columns))
         slot = int(np.where(started, ratio, -1.0).argmax())
         effects = np.asarray(state.effects[:, 12 * slot + np.array(columns, dtype=np.intp)])
-        self._move(state, effects @ found[slot])
+        self._retract(state, effects @ found[slot])
         P = state.P + effects @ covariance[slot] @ effects.T
         state.P = (P + P.T) / 2
         state.momentum_known = np.False_
         self._momentum_changed(state, time)
-        self._watch_anew(state, time)
+        self._restart_jump_tests(state, time)
         return True
 
     @staticmethod
-    def _likeliest(
+    def _most_likely_jumps(
         state: FilterState, columns: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the most likely jumps (WATCHED, n), their likelihood ratios and covariances."""
-        information = state.watch_information[:, columns[:, None], columns]
-        score = state.watch_score[:, columns]
+        """Return the most likely jumps (JUMPS, n), their likelihood ratios and covariances."""
+        information = state.jump_information[:, columns[:, None], columns]
+        score = state.jump_score[:, columns]
         covariance = np.linalg.inv(information + np.eye(len(columns)))
         found = (covariance @ score[..., None])[..., 0]
         ratio = np.asarray((found * score).sum(axis=-1))
@@ -1179,7 +1181,7 @@ def _com_part(dynamics: RelativeDynamics) -> NDArray[np.float64]:
     return part
 
 
-def _drive(P: NDArray, where: slice, M: NDArray, growth: float) -> None:
+def _propagate_covariance(P: NDArray, where: slice, M: NDArray, growth: float) -> None:
     """Propagate the covariance in place: three errors become M (3, 28) times all, plus noise."""
     rows = M @ P
     block = rows @ M.T

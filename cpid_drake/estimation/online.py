@@ -68,7 +68,7 @@ class OnlineState:
     first_time: float = np.nan
 
     @property
-    def acquiring(self) -> bool:
+    def initializing(self) -> bool:
         """Whether the target is still estimated by fits."""
         return not np.isnan(self.next_fit)
 
@@ -93,20 +93,20 @@ class OnlineEstimator:
         """Return the state before the first sample."""
         return OnlineState(self.filter.start())
 
-    def take(self, state: OnlineState, name: str, time: float, value: NDArray) -> None:
-        """Process one sample of a sensor, in place; see `MomentumFilter.take`."""
-        for sample in self.filter.admit(state.filter, name, time, value):
+    def process(self, state: OnlineState, name: str, time: float, value: NDArray) -> None:
+        """Process one sample of a sensor, in place; see `MomentumFilter.process`."""
+        for sample in self.filter.screen(state.filter, name, time, value):
             self._use(state, *sample)
 
     def _use(self, state: OnlineState, name: str, time: float, value: NDArray) -> None:
-        if state.acquiring and name == "encoders" and self._joints_lost(state, time):
+        if state.initializing and name == "encoders" and self._joints_lost(state, time):
             state.samples, state.first_time = [], np.nan
-        if state.acquiring and np.isnan(state.first_time):
+        if state.initializing and np.isnan(state.first_time):
             state.first_time, state.next_fit = time, time + FIRST_FIT
-        if state.acquiring and time > state.next_fit:
+        if state.initializing and time > state.next_fit:
             self._fit(state, time)
-        if not state.acquiring:
-            self.filter.use(state.filter, name, time, value)
+        if not state.initializing:
+            self.filter.update(state.filter, name, time, value)
             return
         state.filter.used[self.filter.index(name)] += 1
         state.samples.append((name, time, np.array(value)))
@@ -133,7 +133,7 @@ class OnlineEstimator:
             self._begin_anew(state, time)
             return
         found = self.filter_state(fit)
-        found.keep_admission(state.filter)
+        found.keep_screening(state.filter)
         state.filter = found
         if fit.converged and (elapsed * NEXT_FIT > LONGEST_FIT or self.filter.well_known(found)):
             state.next_fit, state.samples = np.nan, []
@@ -158,7 +158,7 @@ class OnlineEstimator:
     def _begin_anew(self, state: OnlineState, time: float) -> None:
         """Discard all samples, because the momentum has changed among them."""
         start = self.filter.start()
-        start.keep_admission(state.filter)
+        start.keep_screening(state.filter)
         if start.momentum_known:
             self.filter.open_momentum(start)
         start.momentum_changes += 1
@@ -255,7 +255,7 @@ class OnlineEstimator:
         """Return the state after all samples of some measurements, processed in order of time."""
         state = self.start()
         for name, time, value in in_order(measurements):
-            self.take(state, name, time, value)
+            self.process(state, name, time, value)
         return state
 
 

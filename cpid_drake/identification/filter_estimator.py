@@ -47,7 +47,7 @@ def estimate_by_filter(problem: Problem) -> Identification:
         consider = consider_covariance(online, state, problem.measurements, problem.known_bodies)
     found = identification_of_filter(online, state, consider)
     warnings = list(noise_warnings)
-    if state.acquiring:
+    if state.initializing:
         warnings.append(
             "the momentum filter did not start: the target was not known well enough before the "
             "end; the result is that of the last trajectory fit"

@@ -207,7 +207,7 @@ class SensorIdentifier(Identifier):
         for sample in sorted(memory.waiting, key=lambda sample: sample[:2]):
             at, _, name, stamp, value = sample
             if at != now:
-                self._estimator.take(memory.online, name, stamp, value)
+                self._estimator.process(memory.online, name, stamp, value)
         memory.waiting = [sample for sample in memory.waiting if sample[0] == now]
         state.get_mutable_abstract_state(self._memory_index).set_value(memory)
         return EventStatus.Succeeded()

@@ -42,10 +42,10 @@ def copied(state: FilterState) -> FilterState:
     return FilterState(**{name: value.copy() for name, value in vars(state).items()})
 
 
-def take(momentum_filter: MomentumFilter, state: FilterState, samples: list[Sample]) -> None:
+def process(momentum_filter: MomentumFilter, state: FilterState, samples: list[Sample]) -> None:
     """Take samples in, in place."""
     for name, stamp, value in samples:
-        momentum_filter.take(state, name, stamp, value)
+        momentum_filter.process(state, name, stamp, value)
 
 
 def filtering(
@@ -54,9 +54,9 @@ def filtering(
     """Return the filter's state and its time, when it runs alone and no encoder sample waits."""
     state = online.start()
     for name, stamp, value in in_order(measurements):
-        online.take(state, name, stamp, value)
+        online.process(state, name, stamp, value)
         ready = name == "encoders" and stamp == state.filter.joints[0, 0]
-        if ready and stamp >= earliest and not state.acquiring:
+        if ready and stamp >= earliest and not state.initializing:
             return state.filter, stamp
     raise SystemExit("the filter does not run alone yet")
 
@@ -101,7 +101,7 @@ def main() -> None:
     states = []
     for samples in updates:
         states.append(copied(state))
-        take(momentum_filter, state, samples)
+        process(momentum_filter, state, samples)
     names = (*set(UPDATE), "agreement")
     for name, wanted in zip(names, [20 if n == "encoders" else 10 for n in names], strict=True):
         k = momentum_filter.index(name)
@@ -114,7 +114,7 @@ def main() -> None:
         for _ in range(args.blocks):
             for before, samples in zip(states, updates, strict=True):
                 fresh = copied(before)
-                profile.runcall(take, momentum_filter, fresh, samples)
+                profile.runcall(process, momentum_filter, fresh, samples)
         pstats.Stats(profile, stream=sys.stdout).sort_stats("tottime").print_stats(25)
         return
 
@@ -125,7 +125,7 @@ def main() -> None:
         for record, before, samples in zip(times, states, updates, strict=True):
             fresh = copied(before)
             begin = time.perf_counter()
-            take(momentum_filter, fresh, samples)
+            process(momentum_filter, fresh, samples)
             record.append((time.perf_counter() - begin) * 1e6)
         for _ in updates:
             begin = time.perf_counter()

@@ -152,7 +152,7 @@ def test_faults_do_not_poison_the_estimate(cases, name, fault, at):
         key=lambda sample: sample[:2],
     )
     for _, _, sensor, time, value in order:  # in the order in which they were taken
-        online.take(state, sensor, time, value)
+        online.process(state, sensor, time, value)
     result = identification_of_filter(online, state)
     assert np.isfinite(state.filter.P).all()
     assert np.isfinite(result.parameters).all()

@@ -195,10 +195,10 @@ def recorded(servicer, uneven, monkeypatch):
         simulator, taken = Simulator(builder.Build()), []
         root_context = simulator.get_mutable_context()
 
-        def take(state, name, stamp, value):
+        def process(state, name, stamp, value):
             taken.append((root_context.get_time(), name, stamp))
 
-        monkeypatch.setattr(identifier._estimator, "take", take)
+        monkeypatch.setattr(identifier._estimator, "process", process)
         simulator.AdvanceTo(stop)
         simulator.AdvancePendingEvents()
         early = len(taken)
@@ -246,7 +246,7 @@ def test_sensors_that_stamp_the_very_instant_are_not_lost(servicer, monkeypatch)
     )
     stamps = []
     monkeypatch.setattr(
-        identifier._estimator, "take", lambda state, name, stamp, value: stamps.append(stamp)
+        identifier._estimator, "process", lambda state, name, stamp, value: stamps.append(stamp)
     )
     Simulator(builder.Build()).AdvanceTo(1.05)
     np.testing.assert_allclose(stamps, np.arange(10) / 10, atol=1e-12)
@@ -261,7 +261,7 @@ def test_it_equals_the_estimator_on_the_logged_samples(simulation, finished):
     context = identifier.GetMyContextFromRoot(finished)
     online = online_estimator(simulation.spacecraft, simulation.sensors.suite)
     state = online.run(measurements)
-    assert not state.acquiring
+    assert not state.initializing
     expected, found = identification_of_filter(online, state), identifier.identification(context)
     np.testing.assert_allclose(found.parameters, expected.parameters, rtol=1e-9)
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
@@ -310,14 +310,14 @@ def test_it_identifies_the_target_in_the_plant(simulation, finished, skewed_targ
     assert not any(value for name, value in counts.items() if name.endswith("rejected"))
 
 
-@pytest.mark.parametrize(("time", "acquiring"), [(0.9, True), (1.5, False)])
-def test_clones_run_on_by_themselves(simulation, time, acquiring):
+@pytest.mark.parametrize(("time", "initializing"), [(0.9, True), (1.5, False)])
+def test_clones_run_on_by_themselves(simulation, time, initializing):
     """Cloned while it still fits and while it filters: the copies run alike and touch no other."""
     identifier = simulation.identifier
     simulator = simulation.make_simulator()
     simulator.AdvanceTo(time)
     context = identifier.GetMyContextFromRoot(simulator.get_context())
-    assert identifier.online_state(context).acquiring is acquiring
+    assert identifier.online_state(context).initializing is initializing
     before = packed(identifier, context)
     copies = [Simulator(simulation.diagram, simulator.get_context().Clone()) for _ in range(2)]
     for stop in (time + 0.15, time + 0.3):
