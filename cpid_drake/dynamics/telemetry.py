@@ -151,17 +151,17 @@ class Telemetry:
             raise InputError(f"telemetry: no sample at t = {times[missing][0]:g} s")
         return self.select(nearest)
 
-    def rounded(self, digits: int) -> "Telemetry":
+    def rounded(self, decimals: int) -> "Telemetry":
         """Return the telemetry with all numbers but the times rounded, in SI units and radians.
 
         The attitude is rounded as 3-2-1 Euler angles: the paper's sensors give attitude angles
         (Ning et al. 2016, "Identification results and analysis").
         """
-        angles = np.round(self.euler_321, digits)
+        angles = np.round(self.euler_321, decimals)
         attitude = scipy.spatial.transform.Rotation.from_euler("ZYX", angles)
         names = ("p_WB", "w_WB", "v_WB", "q", "qdot")
         return replace(
             self,
             quaternion_WB=attitude.as_quat(scalar_first=True),
-            **{name: np.round(getattr(self, name), digits) for name in names},
+            **{name: np.round(getattr(self, name), decimals) for name in names},
         )

@@ -106,9 +106,9 @@ def _table_2(study: PaperStudy) -> Table:
         *_comparable(study, "decimals", "mass [kg]", "largest relative error", "paper's mass [kg]"),
     )
     for case in study.rounded:
-        theirs = PAPER_TABLE_2.get(case.digits)
+        theirs = PAPER_TABLE_2.get(case.decimals)
         cells = (
-            str(case.digits),
+            str(case.decimals),
             f"{case.identification.parameters[0]:.9f}",
             f"{case.max_relative_error:.1e}",
             "" if theirs is None else f"{theirs:.6f}",
@@ -162,7 +162,7 @@ def write_figures(study: PaperStudy, folder: Path) -> list[Path]:
         "figure5_joint_motion": _draw_joint_motion,
         "figure6_base_response": _draw_base_response,
         "figure7_errors": _draw_errors,
-        "table2_digits": _draw_digits,
+        "table2_decimals": _draw_table2,
         "online_convergence": _draw_convergence,
     }
     files = []
@@ -251,8 +251,8 @@ def _draw_axes(
     axes.legend(ncols=3, loc="best")
 
 
-def _draw_digits(study: PaperStudy, path: Path) -> None:
-    digits = [case.digits for case in study.rounded]
+def _draw_table2(study: PaperStudy, path: Path) -> None:
+    decimals = [case.decimals for case in study.rounded]
     mass = [
         abs(parameter_errors(case.identification.parameters, study.truth)[0])
         for case in study.rounded
@@ -263,15 +263,15 @@ def _draw_digits(study: PaperStudy, path: Path) -> None:
         largest = [case.max_relative_error for case in study.rounded]
         if study.is_papers_target:
             axes.semilogy(list(PAPER_TABLE_2), theirs, "s--", color=COLORS[1], label="paper, mass")
-        axes.semilogy(digits, mass, "o-", color=COLORS[0], label="here, mass")
-        axes.semilogy(digits, largest, "^-", color=COLORS[2], label="here, largest of ten")
+        axes.semilogy(decimals, mass, "o-", color=COLORS[0], label="here, mass")
+        axes.semilogy(decimals, largest, "^-", color=COLORS[2], label="here, largest of ten")
         label_axes(
             axes,
             "The error falls with every decimal of the data",
             "decimals of the data",
             "relative error",
         )
-        axes.set_xticks(digits)
+        axes.set_xticks(decimals)
         axes.legend()
 
 

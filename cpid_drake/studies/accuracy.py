@@ -75,10 +75,10 @@ def run_accuracy(
     results = []
     for preset, suite in suites.items():
         case = make_case(scenario, spacecraft, truth, suite, estimators, seed)
-        perfect = ideal_samples(case, spacecraft.tree, spacecraft.joint_names)
-        bound = bound_of(case, spacecraft, perfect)
+        ideal = ideal_samples(case, spacecraft.tree, spacecraft.joint_names)
+        bound = bound_of(case, spacecraft, ideal)
         outcomes = []
-        for outcome in run_trials(case, perfect, trials, jobs):
+        for outcome in run_trials(case, ideal, trials, jobs):
             outcomes.append(outcome)
             progress(preset, len(outcomes), trials)
         results += [

@@ -52,7 +52,7 @@ PAPER_DIGITS = 6
 class RoundedCase:
     """Identification from samples rounded to a number of decimals."""
 
-    digits: int
+    decimals: int
     identification: Identification
     max_relative_error: float
 
@@ -115,9 +115,9 @@ class PaperStudy:
         """Whether the target is the paper's, so that the paper's results can be compared."""
         return np.allclose(self.truth.to_vector(), PAPER_TARGET.to_vector(), rtol=1e-6, atol=1e-6)
 
-    def rounded_to(self, digits: int) -> RoundedCase:
+    def rounded_to(self, decimals: int) -> RoundedCase:
         """Return the case with this number of decimals."""
-        return next(case for case in self.rounded if case.digits == digits)
+        return next(case for case in self.rounded if case.decimals == decimals)
 
     @property
     def max_attitude_relative_error(self) -> float:
@@ -193,9 +193,9 @@ def run_paper_study(
     difference = online.parameters - exact.parameters
 
     rounded = []
-    for digits in range(1, 13):
-        found = identified(samples.rounded(digits))
-        rounded.append(RoundedCase(digits, found, max_relative_error(found.parameters, truth)))
+    for decimals in range(1, 13):
+        found = identified(samples.rounded(decimals))
+        rounded.append(RoundedCase(decimals, found, max_relative_error(found.parameters, truth)))
     by_count = []
     for n in range(1, len(samples) + 1):
         found = identified(samples.select(slice(0, n)))
@@ -269,7 +269,7 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
         },
         "table2": [
             {
-                "digits": case.digits,
+                "decimals": case.decimals,
                 "mass": _number(case.identification.parameters[0]),
                 "max_relative_error": _number(case.max_relative_error),
             }

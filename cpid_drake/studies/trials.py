@@ -172,17 +172,17 @@ def _true_momentum(
     return TotalMomentum.known_about_origin(momentum_W, p_WScm, tree.mass + truth.mass)
 
 
-def bound_of(case: Case, spacecraft: Spacecraft, perfect: Measurements) -> NDArray[np.float64]:
+def bound_of(case: Case, spacecraft: Spacecraft, ideal: Measurements) -> NDArray[np.float64]:
     """Return the Cramér-Rao bound (10,) on the σ of the parameters, without a thruster firing."""
     quiet = replace(case, firing=None)
     true = _true_momentum(case.momentum_W, case.truth, case.motion, spacecraft.tree)
     if case.firing is not None:
-        perfect = ideal_samples(quiet, spacecraft.tree, spacecraft.joint_names)
+        ideal = ideal_samples(quiet, spacecraft.tree, spacecraft.joint_names)
     psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())
     covariance = cramer_rao_bound(
         spacecraft.tree,
         psi,
-        perfect,
+        ideal,
         case.suite,
         momentum=TotalMomentum.unknown(true) if case.momentum.is_unknown else true,
         known_bodies=case.known_bodies,
@@ -194,16 +194,16 @@ def bound_of(case: Case, spacecraft: Spacecraft, perfect: Measurements) -> NDArr
 
 
 def run_trials(
-    case: Case, perfect: Measurements, trials: int, jobs: int
+    case: Case, ideal: Measurements, trials: int, jobs: int
 ) -> Iterable[dict[str, Outcome]]:
     """Yield the outcomes of every trial by estimator, from `jobs` processes."""
     if jobs == 1:
-        _prepare(case, perfect)
+        _prepare(case, ideal)
         yield from map(_trial, range(trials))
         return
     with (
         _one_thread_each(),
-        ProcessPoolExecutor(jobs, get_context("spawn"), _prepare_process, (case, perfect)) as pool,
+        ProcessPoolExecutor(jobs, get_context("spawn"), _prepare_process, (case, ideal)) as pool,
     ):
         yield from pool.map(_trial, range(trials))
 
@@ -227,7 +227,7 @@ def _one_thread_each() -> Iterator[None]:
 _process: tuple[Case, Spacecraft, Measurements] | None = None
 
 
-def _prepare(case: Case, perfect: Measurements) -> None:
+def _prepare(case: Case, ideal: Measurements) -> None:
     """Prepare the inputs that all trials of this process share."""
     global _process
     config = case.spacecraft
@@ -237,24 +237,24 @@ def _prepare(case: Case, perfect: Measurements) -> None:
         capture_frame=config.capture_frame,
         packages=config.packages,
     )
-    _process = case, spacecraft, perfect
+    _process = case, spacecraft, ideal
 
 
-def _prepare_process(case: Case, perfect: Measurements) -> None:
+def _prepare_process(case: Case, ideal: Measurements) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles an interruption
-    _prepare(case, perfect)
+    _prepare(case, ideal)
 
 
 def _trial(number: int) -> dict[str, Outcome]:
     """Return the estimates of one draw of the noise (and of the spacecraft), by estimator."""
     assert _process is not None
-    case, spacecraft, perfect = _process
+    case, spacecraft, ideal = _process
     sequence = np.random.SeedSequence(case.seed, spawn_key=(number,))
     noise_seed, body_seed = sequence.generate_state(2)
     if case.known_bodies is not None:
         tree = perturbed(spacecraft.tree, case.known_bodies, np.random.default_rng(body_seed))
-        perfect = ideal_samples(case, tree, spacecraft.joint_names)
-    measurements = add_noise(case.suite, perfect, int(noise_seed))
+        ideal = ideal_samples(case, tree, spacecraft.joint_names)
+    measurements = add_noise(case.suite, ideal, int(noise_seed))
     outcomes: dict[str, Outcome] = {}
     for name in case.estimators:
         try:

@@ -62,7 +62,7 @@ def convergence(folder: Path) -> None:
 def paper(folder: Path) -> None:
     """Draw the paper's study."""
     print(cpid("paper", "--out", folder / "paper"))
-    for name in ("figure3_configurations.png", "table2_digits.png"):
+    for name in ("figure3_configurations.png", "table2_decimals.png"):
         shutil.copy(folder / "paper" / name, HERE)
 
 

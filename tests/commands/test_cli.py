@@ -19,7 +19,7 @@ FIGURES = (
     "figure5_joint_motion.png",
     "figure6_base_response.png",
     "figure7_errors.png",
-    "table2_digits.png",
+    "table2_decimals.png",
     "online_convergence.png",
 )
 PI_60 = [60.0, 0.4330127, 0.0, 0.0, 20.0, 30.0, 10.0, 0.0, 0.0, 0.0]
@@ -124,13 +124,13 @@ def test_table_1_of_the_summary(summary):
 
 
 def test_table_2_of_the_summary(summary):
-    """The error falls about a decade a digit: there is no plateau from four digits on."""
+    """The error falls about a decade a decimal: there is no plateau from four decimals on."""
     table = summary["table2"]
-    assert [row["digits"] for row in table] == list(range(1, 13))
-    assert all(row.keys() == {"digits", "mass", "max_relative_error"} for row in table)
-    error = {row["digits"]: row["max_relative_error"] for row in table}
-    for digits in range(4, 8):
-        assert error[digits + 2] < 0.2 * error[digits]
+    assert [row["decimals"] for row in table] == list(range(1, 13))
+    assert all(row.keys() == {"decimals", "mass", "max_relative_error"} for row in table)
+    error = {row["decimals"]: row["max_relative_error"] for row in table}
+    for decimals in range(4, 8):
+        assert error[decimals + 2] < 0.2 * error[decimals]
     assert abs(table[8]["mass"] - 100.0) < 1e-4
 
 

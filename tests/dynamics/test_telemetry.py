@@ -158,17 +158,17 @@ def test_with_base_twist_changes_nothing_else(telemetry):
         np.testing.assert_array_equal(getattr(other, name), getattr(telemetry, name))
 
 
-@pytest.mark.parametrize("digits", [0, 1, 3, 6, 9, 12])
-def test_rounding_moves_numbers_by_half_a_unit_of_the_last_place(digits):
+@pytest.mark.parametrize("decimals", [0, 1, 3, 6, 9, 12])
+def test_rounding_moves_numbers_by_half_a_unit_of_the_last_place(decimals):
     telemetry = make(200, seed=1)
-    rounded = telemetry.rounded(digits)
+    rounded = telemetry.rounded(decimals)
     np.testing.assert_array_equal(rounded.time, telemetry.time)
     for name in ("p_WB", "w_WB", "v_WB", "q", "qdot"):
         error = np.abs(getattr(rounded, name) - getattr(telemetry, name)).max()
-        assert 0.3 * 10.0**-digits < error <= 0.5 * 10.0**-digits + 1e-15
+        assert 0.3 * 10.0**-decimals < error <= 0.5 * 10.0**-decimals + 1e-15
     turn = Rotation.from_matrix(rounded.R_WB) * Rotation.from_matrix(telemetry.R_WB).inv()
     # Half a unit in each of three angles turns by at most 3/2 units.
-    assert turn.magnitude().max() <= 1.5 * 10.0**-digits + 1e-12
+    assert turn.magnitude().max() <= 1.5 * 10.0**-decimals + 1e-12
 
 
 def test_the_attitude_error_of_rounding_is_below_one_unit():
@@ -177,17 +177,17 @@ def test_the_attitude_error_of_rounding_is_below_one_unit():
     angles = rng.uniform(-0.3, 0.3, size=(300, 3))
     quaternion_WB = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
     telemetry = replace(make(300), quaternion_WB=quaternion_WB)
-    for digits in (2, 5, 8):
-        turn = Rotation.from_matrix(telemetry.rounded(digits).R_WB) * (
+    for decimals in (2, 5, 8):
+        turn = Rotation.from_matrix(telemetry.rounded(decimals).R_WB) * (
             Rotation.from_matrix(telemetry.R_WB).inv()
         )
-        assert 0.1 * 10.0**-digits < turn.magnitude().max() < 10.0**-digits
+        assert 0.1 * 10.0**-decimals < turn.magnitude().max() < 10.0**-decimals
 
 
-@pytest.mark.parametrize("digits", [1, 4, 7])
-def test_rounding_twice_is_rounding_once(digits):
-    once = make(50, seed=3).rounded(digits)
-    twice = once.rounded(digits)
+@pytest.mark.parametrize("decimals", [1, 4, 7])
+def test_rounding_twice_is_rounding_once(decimals):
+    once = make(50, seed=3).rounded(decimals)
+    twice = once.rounded(decimals)
     for name in ("p_WB", "w_WB", "v_WB", "q", "qdot"):
         np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
     np.testing.assert_allclose(twice.R_WB, once.R_WB, atol=1e-13)

@@ -9,10 +9,10 @@ PARAMETER_KEYS = ("mass", *(f"com.{i}" for i in range(3)), *(f"inertia.{i}" for 
 
 
 def value_cell(
-    value: float, key: str, digits: int = 0, absent: str = "", data: str = "result"
+    value: float, key: str, decimals: int = 0, absent: str = "", data: str = "result"
 ) -> Cell:
     """Return a cell with a rounded value and its path in the JSON; `absent` if it is not known."""
     if not np.isfinite(value):
         return Cell(absent, None, key, data)
     value = value if isinstance(value, int) else float(value)
-    return Cell(f"{round(value, digits) + 0.0:.{digits}f}", value, key, data)
+    return Cell(f"{round(value, decimals) + 0.0:.{decimals}f}", value, key, data)
