@@ -28,7 +28,7 @@ DRAKE = ("common.schema", "geometry", "multibody.parsing", "multibody.plant", "s
 NAME = r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*"
 REFERENCE = re.compile(rf"(?<!`)`({NAME})(?:\([^`]*\))?`(?!`)")
 LINK = re.compile(r"(?<!`)\[[^]]*]\(([^)#\s]+)[^)]*\)|(?:src|href)=\"([^\"#]+)")
-TEST = re.compile(r"`(tests/[\w/.]+)::(\w+)`")
+TEST = re.compile(r"`(?:(tests/[\w/.]+\.py)(?:::)?)?(test_\w+)?`")
 NOT_A_NAME = re.compile(
     r".*\.(csv|db3|html|json|mcap|md|npz|parquet|py|toml|urdf|xml|yaml)$"  # a file
     r"|[a-z]+\d*$"  # a plain word: a column, a key of a file, a port, an option
@@ -114,24 +114,26 @@ def broken_in_module(path: Path, index: Index) -> list[str]:
     ]
 
 
+def _test_exists(file: str | None, test: str | None) -> bool:
+    """Return whether a file below `tests` exists and defines a test; default: any file, no test."""
+    files = [ROOT / file] if file else (ROOT / "tests").rglob("test_*.py")
+    texts = (path.read_text(encoding="utf-8") for path in files if path.exists())
+    return any(test is None or f"def {test}(" in text for text in texts)
+
+
 def broken_in_page(path: Path, index: Index) -> list[str]:
     """Return a line for each link, test and dotted name of a page that does not exist."""
     text = path.read_text(encoding="utf-8")
     links = [m[1] or m[2] for m in LINK.finditer(text)]
-    tests = [(m[0], ROOT / m[1], m[2]) for m in TEST.finditer(text)]
     names = [m[1] for m in REFERENCE.finditer(text) if "." in m[1]]
     broken = [link for link in links if "://" not in link and not (path.parent / link).exists()]
-    broken += [
-        whole
-        for whole, file, test in tests
-        if not file.exists() or f"def {test}(" not in file.read_text(encoding="utf-8")
-    ]
+    broken += [m[0] for m in TEST.finditer(text) if not _test_exists(m[1], m[2])]
     broken += [f"`{name}`" for name in names if not index.exists(name)]
     return [f"{path}: {what}" for what in broken]
 
 
 def _linker(index: Index, modules: dict[str, pdoc.doc.Module]):
-    """Return pdoc's filter that links names in pages, extended to names such as `rows.eq18_rows`.
+    """Return pdoc's filter that links names in pages, extended to names such as `rows.linear_rows`.
 
     pdoc links names of the same module and those with the package's name in front.
     """

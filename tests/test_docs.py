@@ -69,8 +69,20 @@ def test_a_page_names_its_broken_links_tests_and_names(build, index, tmp_path):
     (tmp_path / "picture.png").touch()
     page.write_text(
         "![good](picture.png) [bad](gone.md#part) <img src='x'> [far](https://example.org/x)\n"
-        "`tests/test_docs.py::index` `tests/test_docs.py::indices` `tests/gone.py::index`\n"
-        "`rows.row_family` `rows.eq19_rows` `anything`\n"
+        "`tests/test_docs.py` `tests/gone.py`\n"
+        f"`tests/test_docs.py::{GOOD}` `tests/test_docs.py::test_nothing` `tests/gone.py::{GOOD}`\n"
+        f"`{GOOD}` `test_of_nothing`\n"
+        "`rows.inertia_operator` `rows.eq19_rows` `anything`\n"
     )
-    gone = "gone.md", "`tests/test_docs.py::indices`", "`tests/gone.py::index`", "`rows.eq19_rows`"
+    gone = [
+        "gone.md",
+        "`tests/gone.py`",
+        "`tests/test_docs.py::test_nothing`",
+        f"`tests/gone.py::{GOOD}`",
+        "`test_of_nothing`",
+        "`rows.eq19_rows`",
+    ]
     assert build.broken_in_page(page, index) == [f"{page}: {what}" for what in gone]
+
+
+GOOD = "test_a_name_that_exists_is_a_good_reference"
