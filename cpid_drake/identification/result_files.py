@@ -211,7 +211,9 @@ def result_text(result: IdentificationResult, where: str) -> str:
 
 def _nulls(values: Array) -> list[object]:
     """Return an array as JSON has it: numbers that are not finite are not known."""
-    return np.where(np.isfinite(values), values.astype(object), None).tolist()
+    result = values.astype(object)
+    result[~np.isfinite(values)] = None
+    return list(result.tolist())
 
 
 def _parse(data: bytes, where: str) -> IdentificationResult:

@@ -1,6 +1,6 @@
 """The likelihood of all samples: residuals and their derivatives, in units of σ, with priors."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,12 @@ from cpid_drake.estimation.likelihood.motion import (
     Trajectory,
     TrajectoryState,
 )
-from cpid_drake.estimation.likelihood.sensors import GyroModel, MotionChange, sensor_models
+from cpid_drake.estimation.likelihood.sensors import (
+    GyroModel,
+    MotionChange,
+    SensorModel,
+    sensor_models,
+)
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import ATTITUDE, POSITION, SENSORS, VELOCITY, Quantity
 from cpid_drake.sensing.splines import JointSpline, measured_by
@@ -66,7 +71,7 @@ class TrajectoryModel:
         self.measurements = measured_by(suite, measurements).between(self.nodes[0], self.nodes[-1])
         self.momentum, self.psi_prior = momentum or TotalMomentum.zero(), psi_prior
         self.sensors = sensor_models(self.measurements.samples, suite, self.motion)
-        if self._first(ATTITUDE) is None:
+        if _first_samples(self.sensors, ATTITUDE) is None:
             raise InputError("no attitude samples while the joints are known: none to start from")
         self._biases, count = [], 0
         for sensor in self.sensors.values():
@@ -75,29 +80,12 @@ class TrajectoryModel:
                 sensor.bias.rows = slice(count, count + len(sensor.bias.nodes))
                 count = sensor.bias.rows.stop
         self._bias_prior = block_diag(np.empty((0, 0)), *(bias.prior() for bias in self._biases))
-        self.columns = self._layout()
+        self.columns = _layout(self.sensors, self.momentum.is_unknown, len(self._bias_prior))
 
     @property
     def dynamics(self) -> RelativeDynamics:
         """The known bodies at the nodes."""
         return self.motion.grid.dynamics
-
-    def _first(self, quantity: Quantity) -> Samples | None:
-        """Return the samples of a quantity from the sensor whose first sample is the earliest."""
-        samples = [s.samples for n, s in self.sensors.items() if SENSORS[n].quantity is quantity]
-        return min(samples, key=lambda each: each.time[0], default=None)
-
-    def _layout(self) -> dict[str, slice]:
-        sizes, quantities = {"psi": 10, "attitude": 3}, {SENSORS[n].quantity for n in self.sensors}
-        if POSITION in quantities:
-            sizes["p_Wcm"] = 3
-        if self.momentum.is_unknown:
-            sizes["L"] = 3
-            if quantities & {POSITION, VELOCITY}:
-                sizes["v_Wcm"] = 3
-        sizes["bias"] = len(self._bias_prior)
-        ends = np.cumsum(list(sizes.values())).tolist()
-        return {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends)}
 
     @property
     def size(self) -> int:
@@ -106,7 +94,8 @@ class TrajectoryModel:
 
     def start(self, psi: NDArray[np.float64]) -> TrajectoryState:
         """Return a state to start from: the first samples, the given momentum, no bias."""
-        first, position = self._first(ATTITUDE), self._first(POSITION)
+        first = _first_samples(self.sensors, ATTITUDE)
+        position = _first_samples(self.sensors, POSITION)
         assert first is not None
         attitude = Rotation.from_quat(first.value[0], scalar_first=True)
         v_Wcm, L = self.momentum.v_WScm_W, self.momentum.L_WScm_W
@@ -217,6 +206,28 @@ class TrajectoryModel:
         parts = [s.jacobian(trajectory, change, columns) for s in self.sensors.values()]
         priors = len(self._bias_prior) + 10 * (self.psi_prior is not None)
         return np.vstack([*parts, np.zeros((priors, change.w.shape[-1]))])
+
+
+def _first_samples(sensors: Mapping[str, SensorModel], quantity: Quantity) -> Samples | None:
+    """Return the samples of the sensor of a quantity that measured first."""
+    samples = [s.samples for name, s in sensors.items() if SENSORS[name].quantity is quantity]
+    return min(samples, key=lambda each: each.time[0], default=None)
+
+
+def _layout(
+    sensors: Mapping[str, SensorModel], unknown_momentum: bool, biases: int
+) -> dict[str, slice]:
+    """Return the columns of the unknowns that these sensors can tell."""
+    sizes, quantities = {"psi": 10, "attitude": 3}, {SENSORS[name].quantity for name in sensors}
+    if POSITION in quantities:
+        sizes["p_Wcm"] = 3
+    if unknown_momentum:
+        sizes["L"] = 3
+        if quantities & {POSITION, VELOCITY}:
+            sizes["v_Wcm"] = 3
+    sizes["bias"] = biases
+    ends = np.cumsum(list(sizes.values())).tolist()
+    return {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends)}
 
 
 def _padded(columns: NDArray[np.float64], size: int) -> NDArray[np.float64]:
