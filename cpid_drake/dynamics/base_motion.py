@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
@@ -134,23 +133,6 @@ def base_twist_sensitivity(
     V_WC = rotate(known.X, V_WB) + known.V_BC
     Y = np.einsum("kij,...j->...ik", _G_BY_PHI, V_WC)
     return -np.linalg.solve(M, np.swapaxes(known.X, -1, -2) @ Y)
-
-
-def zero_momentum_base_twist(
-    tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the base's (w_WB, v_WB), (N, 3) each in W, for which the total momentum is zero.
-
-    The base velocities in `telemetry` are not used. A simulation whose joints already move at its
-    start must start with this twist; otherwise its total momentum is not zero.
-
-    Args:
-        target: the body that is held; of zero mass and inertia for the spacecraft alone.
-
-    """
-    known = known_dynamics(tree, telemetry.q, telemetry.qdot)
-    twist = base_twist(known, target.to_standard_vector())
-    return rotate(telemetry.R_WB, twist[:, :3]), rotate(telemetry.R_WB, twist[:, 3:])
 
 
 def propagate_base(

@@ -14,9 +14,7 @@ from cpid_drake.dynamics.parameterizations import (
     REPORT_ORDER,
     TENSOR_ORDER,
     parameters_to_standard,
-    pseudo_inertia_to_standard,
     standard_to_parameters,
-    standard_to_pseudo_inertia,
     tensor_to_vector,
     vector_to_tensor,
 )
@@ -96,23 +94,6 @@ class InertialParameters:
     def to_standard_vector(self) -> NDArray[np.float64]:
         """Return φ (10,) = (m, m c, J11, J12, J13, J22, J23, J33), J about C's origin."""
         return parameters_to_standard(self.to_vector())
-
-    def to_pseudo_inertia(self) -> NDArray[np.float64]:
-        """Return the (4, 4) pseudo-inertia [½tr(J)1 − J, h; hᵀ, m] (Wensing et al. 2018).
-
-        A rigid body has these parameters exactly when this matrix is positive semidefinite.
-        """
-        return standard_to_pseudo_inertia(self.to_standard_vector())
-
-    @classmethod
-    def from_pseudo_inertia(cls, pseudo: ArrayLike) -> "InertialParameters":
-        """Return the parameters of a (4, 4) pseudo-inertia; the mass in it must not be zero."""
-        pseudo = np.asarray(pseudo, dtype=float)
-        if pseudo.shape != (4, 4):
-            raise InputError(f"a pseudo-inertia has shape (4, 4), not {pseudo.shape}")
-        if np.abs(pseudo - pseudo.T).max() > 1e-12 * np.abs(pseudo).max():
-            raise InputError("a pseudo-inertia must be symmetric")
-        return cls.from_standard_vector(pseudo_inertia_to_standard(pseudo))
 
     @classmethod
     def from_spatial_inertia(cls, M_TCo_C: "SpatialInertia") -> "InertialParameters":

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momenta, linear_momenta
+from cpid_drake.dynamics.parameterizations import REPORT_ORDER, vector_to_tensor
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.spatial_inertia import (
@@ -28,6 +29,9 @@ from cpid_drake.dynamics.spatial_inertia import (
 )
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
+
+# The six symmetric unit stretches (6, 3, 3): xx, yy, zz, xy, xz, yz.
+_STRETCHES = vector_to_tensor(np.eye(6))[REPORT_ORDER]
 
 
 @dataclass(frozen=True)
@@ -176,17 +180,6 @@ def stretched_inertia_rate(
     """Return dI (3, 3) for the change EΣ + ΣEᵀ of the second moment Σ = ½tr(I)1 − I."""
     sigma = second_moment(inertia)
     return inertia_of_second_moment(E @ sigma + sigma @ E.T)
-
-
-def _stretches() -> NDArray[np.float64]:
-    """Return the six symmetric unit stretches (6, 3, 3)."""
-    result = np.zeros((6, 3, 3))
-    for e, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]):
-        result[e, i, j] = result[e, j, i] = 1.0
-    return result
-
-
-_STRETCHES = _stretches()
 
 
 def _motion_sensitivity(

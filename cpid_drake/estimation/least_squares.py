@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 DEFAULT_RANK_TOLERANCE = 1e-9
 """Singular values of column-scaled rows below this share of the largest count as zero.
@@ -30,7 +30,6 @@ class LeastSquaresSolution:
         rank: number of independent combinations of the unknowns that the rows determine.
         singular_values: (n,) of the rows with every column scaled to unit length, descending.
         condition_number: ratio of the largest to the smallest of them; infinite below full rank.
-        condition_number_unscaled: the same without scaling, in SI units.
         unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
             the unknowns can change without a change of any row.
         residual_rms: root mean square of A x − b; NaN without rows.
@@ -44,7 +43,6 @@ class LeastSquaresSolution:
     rank: int
     singular_values: NDArray[np.float64]
     condition_number: float
-    condition_number_unscaled: float
     unobservable: NDArray[np.float64]
     residual_rms: float
     row_count: int
@@ -53,27 +51,6 @@ class LeastSquaresSolution:
     def is_observable(self) -> bool:
         """Whether the rows determine every unknown."""
         return self.rank == self.estimate.size
-
-
-def solve_least_squares(
-    A: ArrayLike, b: ArrayLike, *, rank_tolerance: float = DEFAULT_RANK_TOLERANCE
-) -> LeastSquaresSolution:
-    """Solve rows A (..., n), b (...) for the n unknowns, all rows weighted alike.
-
-    Rows of zeros (a sample at rest) contain no information and are not counted.
-
-    Raises:
-        ValueError: the shapes do not fit, or an entry is not finite.
-
-    """
-    A, b = np.asarray(A, dtype=float), np.asarray(b, dtype=float)
-    if A.shape[:-1] != b.shape:
-        raise ValueError(f"rows of shape {A.shape} do not fit right-hand sides of shape {b.shape}")
-    if not (np.isfinite(A).all() and np.isfinite(b).all()):
-        raise ValueError("rows and right-hand sides must be finite")
-    A, b = A.reshape(-1, A.shape[-1]), b.ravel()
-    row_count = int(np.count_nonzero(A.any(axis=1) | (b != 0)))
-    return solve_compressed(A, b, 0.0, row_count, rank_tolerance)
 
 
 def solve_compressed(
@@ -113,7 +90,6 @@ def solve_compressed(
         root = (Vt[:rank].T / s[:rank]) / scale[:, None]
         covariance = variance * root @ root.T
     covariance[is_open, :] = covariance[:, is_open] = np.nan
-    unscaled = np.linalg.svd(A, compute_uv=False)
     with np.errstate(divide="ignore", invalid="ignore"):
         return LeastSquaresSolution(
             estimate=np.where(is_open, np.nan, y / scale),
@@ -122,7 +98,6 @@ def solve_compressed(
             rank=rank,
             singular_values=s,
             condition_number=s[0] / s[-1] if rank == n else np.inf,
-            condition_number_unscaled=unscaled[0] / unscaled[-1] if rank == n else np.inf,
             unobservable=unobservable,
             residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
             row_count=row_count,
@@ -172,7 +147,6 @@ def solution_of_information(
             rank=rank,
             singular_values=singular_values,
             condition_number=singular_values[0] / singular_values[-1] if full else np.inf,
-            condition_number_unscaled=np.sqrt(np.linalg.cond(information)) if full else np.inf,
             unobservable=unobservable,
             residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
             row_count=row_count,

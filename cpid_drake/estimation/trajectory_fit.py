@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.log_cholesky import LogCholesky
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.elimination import WeightedRows, marginal
 from cpid_drake.estimation.likelihood.model import TrajectoryModel
 from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
@@ -105,22 +104,6 @@ class TrajectoryFit:
         counts = [len(sensor.samples) for sensor in self.model.sensors.values()]
         parts = np.split(rest, 3 * np.cumsum(counts))
         return {name: part.reshape(-1, 3) for name, part in zip(self.model.sensors, parts[:-1])}
-
-    def explain(self) -> str:
-        """Return a sentence: whether the fit converged, how well it fits, what it determines."""
-        ended = "converged" if self.converged else "did not converge"
-        dynamics = self.model.dynamics
-        scale = psi_scale(dynamics.mass, dynamics.I_K[0])
-        values = np.linalg.eigvalsh(self.data_information() * scale * scale[:, None])
-        rank = int((values > KNOWN**-2).sum())
-        known = f"{rank} of 10 unknowns are determined"
-        if rank == 10:
-            known += f" (condition {np.sqrt(values[-1] / values[0]):.3g})"
-        text = (
-            f"trajectory fit {ended} after {self.iterations} steps; "
-            f"χ² {self.chi_squared:.0f} of {self.rows} rows; {known}"
-        )
-        return f"{text}; {self.downweighted} samples count less" if self.downweighted else text
 
 
 def fit_trajectory(

@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Spacecraft, Telemetry
-from cpid_drake.dynamics.base_motion import zero_momentum_base_twist
+from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.square_root import empty_information, solve_information
 from cpid_drake.resources import resolve_model
@@ -99,7 +99,8 @@ def zero_momentum_telemetry(spacecraft: Spacecraft, target: InertialParameters) 
     times = np.linspace(0.5, 9.5, 20)
     q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
     telemetry = Telemetry.seen_from_base(q, qdot)
-    w_WB, v_WB = zero_momentum_base_twist(spacecraft.tree, target, telemetry)
+    known = known_dynamics(spacecraft.tree, q, qdot)
+    w_WB, v_WB = np.hsplit(base_twist(known, target.to_standard_vector()), 2)
     return replace(telemetry, joint_names=spacecraft.joint_names, time=times, w_WB=w_WB, v_WB=v_WB)
 
 

@@ -436,7 +436,6 @@ def test_outliers_do_not_move_the_robust_fit(craft, perfect, seed):
     assert np.abs((plain.state.psi - reference.state.psi) / sigma).max() > 10
     assert robust.converged
     assert some + more <= robust.downweighted <= some + more + 2
-    assert f"{robust.downweighted} samples count less" in robust.explain()
     # Huber's loss: a residual of r > 2.5 σ has the weight 2.5 / r, so that the loss grows linearly.
     own_noise = np.vstack(list(robust.own_noise().values()))
     size = np.sqrt(np.mean(own_noise**2, axis=1))
@@ -566,12 +565,10 @@ def test_a_second_without_encoders_does_not_make_it_overconfident(craft, motion,
     assert np.mean(values) < chi2.ppf(0.999, 60) / 6
 
 
-def test_it_explains_itself(craft, perfect):
+def test_it_says_whether_it_converged(craft, perfect):
     suite = coarse_suite()
     samples = add_noise(suite, perfect, 8)
-    text = fit_measurements(craft.tree, samples, suite).explain()
-    assert text.startswith("trajectory fit converged after ")
-    assert "10 of 10 unknowns are determined (condition " in text
+    assert fit_measurements(craft.tree, samples, suite).converged
     model = TrajectoryModel(craft.tree, smooth_joints(samples, suite), samples, suite)
     start = vague_prior(craft.mass, model.dynamics.I_K[0]).psi
-    assert "did not converge after" in fit_trajectory(model, start, max_iterations=1).explain()
+    assert not fit_trajectory(model, start, max_iterations=1).converged

@@ -56,15 +56,6 @@ def _relative_to_base(
     """Return the tree with the target, and its motion relative to the base."""
     psi = trajectory.state.psi
     phi = parameters_to_standard(relative_parameterization(at.dynamics.mass).to_parameters(psi))
-    samples, count = motion.joints.evaluate(at.times), len(at.times)
-    telemetry = Telemetry(
-        tuple(f"joint {k}" for k in range(samples.shape[-1])),
-        np.arange(count, dtype=float),
-        quaternion_WB=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-        p_WB=np.zeros((count, 3)),
-        w_WB=trajectory.spline(at.times),
-        v_WB=-at.com_velocity(trajectory),
-        q=samples[:, 0],
-        qdot=samples[:, 1],
-    )
-    return motion.tree.with_target(phi), telemetry
+    q, qdot, _ = np.moveaxis(motion.joints.evaluate(at.times), 1, 0)
+    w, v = trajectory.spline(at.times), -at.com_velocity(trajectory)
+    return motion.tree.with_target(phi), Telemetry.seen_from_base(q, qdot, w, v)
