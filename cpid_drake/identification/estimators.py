@@ -56,7 +56,12 @@ def choose_method(
     if estimator is None:
         best = [name for name, record in ESTIMATORS.items() if record.prefers_sensors]
         estimator = best[0] if sensors is not None and rows is None else LEAST_SQUARES.name
-    if estimator in ROW_FAMILIES and rows in (None, estimator):
+    if estimator in ROW_FAMILIES:
+        if rows not in (None, estimator):
+            raise InputError(
+                f"estimator '{estimator}' is least squares on rows '{estimator}', not '{rows}'; "
+                "give one of the two"
+            )
         estimator, rows = LEAST_SQUARES.name, estimator
     if estimator not in ESTIMATORS:
         choices = ", ".join((*ESTIMATORS, *ROW_FAMILIES))

@@ -75,7 +75,7 @@ def identify(
         rejected = {name: count for name, count in counts.items() if count}
         warnings = check_log(spacecraft, measurements)
     record, family = choose_method(estimator, rows, measurements, sensors, momentum)
-    require_sensors(measurements, record, family, momentum)
+    require_sensors(measurements, sensors, record, family, momentum)
     added = {name: s for name, s in measurements.items() if name not in STANDARD_SENSORS}
     unused = [SENSORS[name].label for name, samples in added.items() if len(samples)]
     if unused and not record.uses_added_sensors:

@@ -67,9 +67,7 @@ class Estimator:
         momenta: names of the total momenta that it can handle; see `TotalMomentum.name`.
         most_samples: the largest number of samples of one sensor that it accepts; None for any.
         prefers_sensors: whether it is the default where sensors are given.
-        runs_online: whether a Drake system runs it in a Diagram.
         uses_added_sensors: whether it uses sensors that `register_sensor` added to the table.
-        starts_from_prior: whether it can start from a guess of the target.
         reports: number of estimates over time in a report; smaller for slow estimators.
 
     """
@@ -83,9 +81,7 @@ class Estimator:
     momenta: tuple[str, ...] = ("zero", "unknown", "known")
     most_samples: int | None = None
     prefers_sensors: bool = False
-    runs_online: bool = False
     uses_added_sensors: bool = False
-    starts_from_prior: bool = False
     reports: int = 14
 
 
@@ -99,6 +95,6 @@ def refuse_long(measurements: Measurements, most: int, what: str) -> None:
     for name, samples in measurements.items():
         if len(samples) > most:
             raise InputError(
-                f"{len(samples)} samples of {name} are too many for {what}; choose at most {most} "
-                f"by --from and --to (of {samples.time[0]:g} to {samples.time[-1]:g} s)"
+                f"{len(samples)} samples of {name} are too many for {what}; use a part of the log "
+                f"with at most {most} (cpid identify: --from and --to)"
             )

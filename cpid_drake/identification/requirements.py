@@ -11,7 +11,10 @@ from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.problem import Estimator
 from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.screening import as_arrays, screen
 from cpid_drake.sensing.sensors import SENSORS, STANDARD_SENSORS
+from cpid_drake.sensing.splines import measured_by
+from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -31,8 +34,8 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
     NaN): the integral of its rates, from zero, replaces them.
 
     Raises:
-        InputError: the joints are not those of the spacecraft, or the positions of a joint that is
-            not a rotor are missing.
+        InputError: the joints are not those of the spacecraft; the positions of a joint that is
+            not a rotor are missing, or those of a rotor and its rates; shapes that do not fit.
 
     """
     have, wanted = measurements.joint_names, spacecraft.joint_names
@@ -45,6 +48,7 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
         if unknown:
             parts.append(f"the spacecraft has no joint '{unknown[0]}'")
         raise InputError(f"{', and '.join(parts)}; its joints are {', '.join(wanted)}")
+    measurements = as_arrays(measurements)
     order = [have.index(name) for name in wanted]
     of_joints = {
         name: Samples(samples.time, samples.value[:, order])
@@ -52,7 +56,7 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
         if SENSORS[name].quantity.width is None
     }
     measurements = Measurements(wanted, {**measurements.samples, **of_joints})
-    positions, rates = measurements.encoders, measurements.joint_rates
+    positions = measurements.encoders
     value = positions.value
     missing_angles = np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0))
     if missing_angles.size:
@@ -63,7 +67,14 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
                 f"there is no column 'q:{wanted[k]}'; positions are optional for rotors only: "
                 "wheels that are balanced about their axis and carry nothing"
             )
-        turned = cumulative_trapezoid(rates.value[:, k], rates.time, initial=0.0)
+        all_rates = measurements.joint_rates
+        of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
+        rates = screen(Measurements((wanted[k],), joint_rates=of_rotor))[0].joint_rates
+        if not len(rates):
+            raise InputError(
+                f"there is neither a column 'q:{wanted[k]}' nor rates 'qd:{wanted[k]}' to integrate"
+            )
+        turned = cumulative_trapezoid(rates.value[:, 0], rates.time, initial=0.0)
         value[:, k] = np.interp(positions.time, rates.time, turned)
     encoders = Samples(positions.time, value)
     return measurements.updated({"encoders": encoders})
@@ -102,41 +113,52 @@ def check_log(spacecraft: Spacecraft, measurements: Measurements) -> list[str]:
 
 def require_sensors(
     measurements: Measurements,
+    sensors: SensorSuite | None,
     estimator: Estimator,
     family: RowFamily | None,
     momentum: TotalMomentum,
 ) -> None:
     """Refuse measurements that lack what an estimator needs.
 
+    Args:
+        measurements: the samples.
+        sensors: the sensors' errors, if they are known; samples of other sensors cannot be used.
+        estimator: its record.
+        family: its row family, if it uses rows.
+        momentum: the total momentum.
+
     Raises:
-        InputError: a sensor that the estimator needs has no samples; the message says which
-            estimators could use the measurements.
+        InputError: a sensor that the estimator needs has no samples, or is none of the given
+            sensors; the message says which estimators could use the measurements.
 
     """
+    usable_samples = measurements if sensors is None else measured_by(sensors, measurements)
 
     def missing(record: Estimator, rows: RowFamily | None) -> list[tuple[str, ...]]:
         needs = record.needs(rows, momentum)
-        return [choice for choice in needs if not any(len(measurements[n]) for n in choice)]
+        return [choice for choice in needs if not any(len(usable_samples[n]) for n in choice)]
 
     lacking = missing(estimator, family)
     if not lacking:
         return
     usable = []
     for record in ESTIMATORS.values():
+        if momentum.name not in record.momenta:
+            continue
         rowless = record.default_rows is None
         for rows in [None] if rowless else ROW_FAMILIES.values():
             fits = rows is None or not momentum.is_unknown or rows.momentum_columns is not None
             if fits and not missing(record, rows):
                 usable.append(_called(record, rows))
     text = " or ".join(SENSORS[name].description for name in lacking[0])
+    is_logged = any(len(measurements[name]) for name in lacking[0])
+    reason = "is not one of the given sensors" if is_logged else "the log has no samples of"
     would = (
         f"these estimators can use the log: {', '.join(usable)}"
         if usable
-        else ("no estimator can do without")
+        else "no estimator can do without"
     )
-    raise InputError(
-        f"{_called(estimator, family)} needs {text}, which the log has no samples of; {would}"
-    )
+    raise InputError(f"{_called(estimator, family)} needs {text}, which {reason}; {would}")
 
 
 def _called(record: Estimator, rows: RowFamily | None) -> str:

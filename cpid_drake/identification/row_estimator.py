@@ -62,7 +62,8 @@ def needs_of_rows(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tu
         # Angular momentum that is zero is zero in any frame, so B's own attitude is enough.
         attitude = ("attitude",) if not momentum.is_zero else ("attitude", "gyro")
         return (("encoders",), attitude)
-    place = ("position",) if not momentum.is_zero else ("velocity", "position")
+    # Only an unknown linear momentum has a moment about C that depends on the position.
+    place = ("position",) if momentum.is_unknown else ("velocity", "position")
     return (("encoders",), ("attitude",), place)
 
 

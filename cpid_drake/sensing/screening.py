@@ -13,6 +13,29 @@ LONGEST_GAP = 3600.0
 """Longest time between two samples of one log [s]; with a longer one, a clock was wrong."""
 
 
+def as_arrays(measurements: Measurements) -> Measurements:
+    """Return measurements whose times (N,) and values (N, width) are arrays of numbers.
+
+    Raises:
+        InputError: samples that are not numbers, or whose shapes do not fit the sensor.
+
+    """
+    samples = {}
+    for name, given in measurements.items():
+        width = SENSORS[name].width(len(measurements.joint_names))
+        try:
+            time, value = np.asarray(given.time, float), np.asarray(given.value, float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"measurements: '{name}' is not made of numbers: {error}") from error
+        if time.ndim != 1 or (time.size and value.shape != (time.size, width)):
+            raise InputError(
+                f"measurements: '{name}' needs times (N,) and values (N, {width}), "
+                f"not {time.shape} and {value.shape}"
+            )
+        samples[name] = Samples(time, value.reshape(time.size, width))
+    return measurements.updated(samples)
+
+
 def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
     """Return the usable samples, and the number of unusable ones by sensor.
 
@@ -28,22 +51,12 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
     Quaternions are normalized; their sign, which has no meaning, is kept.
 
     Raises:
-        InputError: samples that are not numbers, or whose shapes do not fit the sensor.
+        InputError: as `as_arrays`.
 
     """
     kept, rejected = {}, {}
-    for name, samples in measurements.items():
-        width = SENSORS[name].width(len(measurements.joint_names))
-        try:
-            time, value = np.asarray(samples.time, float), np.asarray(samples.value, float)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"measurements: '{name}' is not made of numbers: {error}") from error
-        if time.ndim != 1 or (time.size and value.shape != (time.size, width)):
-            raise InputError(
-                f"measurements: '{name}' needs times (N,) and values (N, {width}), "
-                f"not {time.shape} and {value.shape}"
-            )
-        value = value.reshape(time.size, width)
+    for name, samples in as_arrays(measurements).items():
+        time, value = samples.time, samples.value
         usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
         if SENSORS[name].quantity is ATTITUDE:
             with np.errstate(over="ignore"):

@@ -5,7 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_telemetry
+from sensing_cases import (
+    MOMENTUM,
+    Sines,
+    coarse_suite,
+    measured,
+    momentum_about_com,
+    small_craft,
+    true_telemetry,
+)
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -314,6 +322,24 @@ class TestRotors:
         ):
             identify(self.craft, self.without_position(joint))
 
+    def test_rates_that_cannot_be_used_do_not_enter_the_angle(self, skewed_target):
+        log, k = self.without_position("spin_x"), self.craft.joint_names.index("spin_x")
+        rates = log.joint_rates.value.copy()
+        rates[5, k] = np.nan
+        found = identify(self.craft, replace(log, joint_rates=Samples(log.joint_rates.time, rates)))
+        assert found.rejected == {"joint_rates": 1}
+        assert error_over_scale(found, skewed_target) < 1e-9
+
+    @pytest.mark.parametrize("rates", ["none", "not finite"])
+    def test_a_wheel_needs_positions_or_rates(self, rates):
+        log, k = self.without_position("spin_x"), self.craft.joint_names.index("spin_x")
+        if rates == "none":
+            log = without(log, "joint_rates")
+        else:
+            log = changed(log, joint_rates=lambda value: np.where(np.arange(6) == k, np.nan, value))
+        with pytest.raises(InputError, match="neither a column 'q:spin_x' nor rates 'qd:spin_x'"):
+            identify(self.craft, log)
+
 
 class TestWhatIsMissing:
     @pytest.mark.parametrize(
@@ -336,6 +362,21 @@ class TestWhatIsMissing:
                 {"rows": "standard", "momentum": TotalMomentum.unknown()},
                 r"needs position .* can use the log: least_squares with relative rows",
             ),
+            (
+                ["velocity", "position"],
+                {"rows": "standard", "momentum": TotalMomentum.known([1, 2, 3], [0, 0, 0])},
+                r"can use the log: least_squares with relative rows, trajectory_fit$",
+            ),
+            (
+                [],
+                {"estimator": "momentum_filter", "sensors": coarse_suite(encoders=None)},
+                r"needs joint positions .*, which is not one of the given sensors; no estimator",
+            ),
+            (
+                [],
+                {"estimator": "trajectory_fit", "sensors": coarse_suite(attitude=None)},
+                r"which is not one of the given sensors; .*: least_squares with relative rows$",
+            ),
         ],
     )
     def test_it_is_named_with_the_estimators_that_do_without(
@@ -343,6 +384,30 @@ class TestWhatIsMissing:
     ):
         with pytest.raises(InputError, match=phrase):
             identify(craft, without(exact, *gone), **options)
+
+    def test_a_known_momentum_needs_no_position(self, craft, motion, skewed_target):
+        times = np.arange(0.0, DURATION, 0.05)
+        tumbling = true_telemetry(
+            craft.tree, craft.joint_names, motion, skewed_target, times, MOMENTUM
+        )
+        known = momentum_about_com(craft, motion, skewed_target, MOMENTUM)
+        log = without(log_of(tumbling), "position")
+        for rows in ("standard", "eq18"):
+            found = identify(craft, log, rows=rows, momentum=known)
+            assert error_over_scale(found, skewed_target) < 1e-9
+
+    @pytest.mark.parametrize(
+        ("value", "phrase"),
+        [
+            (np.zeros((160, 3)), r"'encoders' needs times \(N,\) and values \(N, 4\)"),
+            (np.zeros(160), r"'encoders' needs times"),
+            (np.full((160, 4), "a"), "'encoders' is not made of numbers"),
+        ],
+    )
+    def test_shapes_that_do_not_fit_are_named(self, craft, exact, value, phrase):
+        times = np.arange(160) * 0.05
+        with pytest.raises(InputError, match=phrase):
+            identify(craft, replace(exact, encoders=Samples(times, value)))
 
     def test_other_joints_are_named(self, craft, exact):
         names = ("shoulder", "slide", "elbow", "rol")
@@ -356,6 +421,7 @@ class TestWhatIsMissing:
             ({"rows": "magic"}, "no row family 'magic'"),
             ({"rows": "eq18", "momentum": TotalMomentum.unknown()}, "need zero momentum"),
             ({"estimator": "trajectory_fit", "rows": "eq18"}, "rows are for least_squares"),
+            ({"estimator": "eq18", "rows": "standard"}, "'eq18' is least squares on rows 'eq18'"),
         ],
     )
     def test_options_that_cannot_be(self, craft, exact, options, phrase):
