@@ -52,10 +52,10 @@ def identify(
     sensors: SensorsOption = None,
     momentum: MomentumOption = None,
     start: Annotated[
-        float | None, typer.Option("--from", metavar="T0", help="First time to use [s].")
+        float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
     ] = None,
     end: Annotated[
-        float | None, typer.Option("--to", metavar="T1", help="Last time to use [s].")
+        float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
     ] = None,
     package: PackageOption = None,
     topic: TopicOption = None,
@@ -73,8 +73,7 @@ def identify(
 ) -> int:
     """Identify the target that a spacecraft holds from a log of the spacecraft's motion.
 
-    Exit codes: 0 all ten parameters are known; 2 bad input or usage; 3 the data do not determine
-    all ten.
+    Exit codes: 0 all ten parameters are known; 2 bad input or usage; 3 not all ten are determined.
     """
     for option, path in (("--json", json_file), ("--report", report)):
         if path is not None:

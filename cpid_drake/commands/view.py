@@ -61,8 +61,9 @@ def view(
 ) -> None:
     """Show a scenario live in the browser, or write the replay of a scenario or of a log.
 
-    The options from --spacecraft to --package are for logs. In the live view, sliders pose the
-    arms before a run; the run starts from the scenario's pose.
+    The options from --spacecraft to --package are for logs.
+
+    In the live view, sliders pose the arms before a run; the run starts from the scenario's pose.
     """
     if html is not None:
         check_output("--html", html)
