@@ -191,15 +191,3 @@ def test_open_directions_are_named():
     assert text.startswith("1 combination of x1, x2 ")
     assert "x0" not in text
     assert "x3" not in text
-
-
-def test_eliminated_unknowns_use_up_degrees_of_freedom():
-    """Estimate and covariance are those of the whole problem, of which they are a part."""
-    rng = np.random.default_rng(12)
-    A, b = rng.normal(size=(24, 16)), rng.normal(size=24)
-    root = updated_information(empty_information(16), np.column_stack([A, b]))
-    found = solve_information(root, 24, eliminated=6)
-    estimate, [squares], _, _ = np.linalg.lstsq(A, b, rcond=None)
-    np.testing.assert_allclose(found.estimate, estimate[6:], rtol=1e-10)
-    covariance = squares / (24 - 16) * np.linalg.inv(A.T @ A)[6:, 6:]
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9)
