@@ -396,7 +396,7 @@ TELEMETRY = {
     "unit": (file("t.csv", put(4, "x", "5 mm")), "line 4, column 'x'", "'5 mm'"),
     "no_time_in_row": (
         file("t.csv", put(4, "time", "")),
-        "line 4, column 'time': there is no time",
+        "line 4, column 'time': the time is absent",
     ),
     "time_backwards": (file("t.csv", put(9, "time", "0.05")), "line 9, column 'time'", "after"),
     "time_repeated": (
