@@ -23,7 +23,7 @@ import pdoc.render
 import pdoc.render_helpers
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "*/README.md", "*/*/README.md")
+PAGES = ("README.md", "cpid_drake/README.md", "diagrams/README.md", "models/**/README.md")
 DRAKE = ("common.schema", "geometry", "multibody.parsing", "multibody.plant", "systems.analysis")
 NAME = r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*"
 REFERENCE = re.compile(rf"(?<!`)`({NAME})(?:\([^`]*\))?`(?!`)")
@@ -87,7 +87,7 @@ def _is_importable(name: str) -> bool:
 
 
 def _documentation(tree: ast.AST) -> dict[int, ast.Constant]:
-    """Return the strings that stand alone, docstrings of all kinds, by their identity."""
+    """Return the docstrings of all kinds, which are strings as statements, by their `id`."""
     nodes = (node.value for node in ast.walk(tree) if isinstance(node, ast.Expr))
     return {id(n): n for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)}
 
@@ -172,7 +172,7 @@ def _load() -> dict[str, pdoc.doc.Module]:
 
 
 def main(folder: Path) -> int:
-    """Write the pages to a folder, name what is broken, and return the exit code."""
+    """Write the pages to a folder, print the broken references, and return the exit code."""
     with warnings.catch_warnings(record=True) as caught:
         modules = _load()
         index = Index(modules)

@@ -14,7 +14,7 @@ corrects the estimate and its covariance by the effect of that jump.
 
 ψ are the relative unknowns. Conservation is linear in them, whatever the point of linearization
 (see `relative_motion`), as long as the regressor contains the true angular velocity. The gyro
-measures that one. The filter can therefore start from a prior as vague as desired.
+measures the true one. The filter can therefore start from a prior as vague as desired.
 
 Sources: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass; Willsky & Jones 1976, A
 generalized likelihood ratio approach to the detection and estimation of jumps in linear systems,
@@ -203,9 +203,9 @@ class FilterState:
         joints: (2, 1 + J) time and joint positions up to which the attitude by momentum is
             propagated, and those of one later sample that is not processed yet; NaN for none.
         rates: (J,) joint rates at the first of both [rad/s].
-        response, known_part: (3, J + 3, 10), (3, J + 3) angular momentum at those positions, for
-            unit joint rates and unit angular velocity: its derivative by ψ, and that of the known
-            bodies.
+        response: (3, J + 3, 10) derivative by ψ of the angular momentum at those positions, for
+            each unit joint rate and unit angular velocity; `known_part` (3, J + 3) is the part of
+            the known bodies.
         com_part: (3, 5) the centre of mass from B's origin at those positions, in B: the known
             bodies' part, and the derivative by (μ, μc).
         q_before: (J,) joint positions when the joint noise was last computed, at `noise_time`.
