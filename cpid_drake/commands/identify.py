@@ -18,6 +18,7 @@ from cpid_drake.commands.options import (
     TopicOption,
     absolute_model,
     check_inputs,
+    check_method,
     check_output,
     log_console,
     packages_of,
@@ -81,6 +82,7 @@ def identify(
     packages, topics = packages_of(package), topics_of(topic)
     model = absolute_model(spacecraft)
     check_inputs(telemetry, model, sensors)
+    check_method(estimator, rows, momentum or "zero", sensors)
     from cpid_drake.identification.description import describe
     from cpid_drake.identification.requests import Request, identify_file
     from cpid_drake.identification.result_files import SpacecraftReference, write_result

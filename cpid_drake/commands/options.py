@@ -126,6 +126,21 @@ def check_inputs(telemetry: str, model: str, sensors: str | None) -> None:
         load_sensors(sensors)
 
 
+def check_method(
+    estimator: str | None, rows: str | None, momentum: str, sensors: str | None
+) -> None:
+    """Refuse an estimator, rows or a momentum that do not exist or do not go together.
+
+    Raises:
+        InputError: as `choose_method`.
+
+    """
+    from cpid_drake.dynamics.total_momentum import TotalMomentum
+    from cpid_drake.identification.estimators import choose_method
+
+    choose_method(estimator, rows, TotalMomentum.named(momentum), has_sensors=sensors is not None)
+
+
 def absolute_model(model: str) -> str:
     """Return the absolute path of a model, or its URI unchanged."""
     return model if "://" in model else str(Path(model).expanduser().absolute())

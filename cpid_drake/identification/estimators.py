@@ -11,8 +11,6 @@ from cpid_drake.identification.filter_estimator import MOMENTUM_FILTER
 from cpid_drake.identification.fit_estimator import TRAJECTORY_FIT
 from cpid_drake.identification.problem import Estimator
 from cpid_drake.identification.row_estimator import LEAST_SQUARES
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.suite import SensorSuite
 
 ESTIMATORS: dict[str, Estimator] = {
     record.name: record for record in (LEAST_SQUARES, MOMENTUM_FILTER, TRAJECTORY_FIT)
@@ -32,21 +30,16 @@ def methods() -> tuple[str, ...]:
 
 
 def choose_method(
-    estimator: str | None,
-    rows: str | None,
-    measurements: Measurements,
-    sensors: SensorSuite | None,
-    momentum: TotalMomentum,
+    estimator: str | None, rows: str | None, momentum: TotalMomentum, has_sensors: bool
 ) -> tuple[Estimator, RowFamily | None]:
-    """Return the record of an estimator and its row family.
+    """Return the record of an estimator, and the row family if one is named.
 
     Args:
         estimator: name of an estimator, or of a row family (least squares on these rows); None for
             the estimator that is best for these data.
         rows: name of a row family; None for the estimator's default.
-        measurements: the data.
-        sensors: the sensors' errors, if they are known.
         momentum: the total momentum.
+        has_sensors: whether the sensors' errors are known.
 
     Raises:
         InputError: no such estimator or rows, or an estimator that has no rows or cannot handle
@@ -55,7 +48,7 @@ def choose_method(
     """
     if estimator is None:
         best = [name for name, record in ESTIMATORS.items() if record.prefers_sensors]
-        estimator = best[0] if sensors is not None and rows is None else LEAST_SQUARES.name
+        estimator = best[0] if has_sensors and rows is None else LEAST_SQUARES.name
     if estimator in ROW_FAMILIES:
         if rows not in (None, estimator):
             raise InputError(
@@ -70,8 +63,8 @@ def choose_method(
     if momentum.name not in record.momenta:
         allowed = " or ".join(record.momenta)
         raise InputError(f"{record.name} needs a total momentum that is {allowed}")
-    if record.default_rows is None:
-        if rows is not None:
-            raise InputError(f"rows are for least_squares; {estimator} has none: leave rows out")
+    if rows is None:
         return record, None
-    return record, row_family(rows or record.default_rows(measurements), momentum.is_unknown)
+    if record.default_rows is None:
+        raise InputError(f"rows are for least_squares; {estimator} has none: leave rows out")
+    return record, row_family(rows, momentum.is_unknown)

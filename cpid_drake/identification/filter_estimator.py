@@ -1,6 +1,7 @@
 """The online estimator, trajectory fits and then the momentum filter, as an estimator."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,9 @@ from cpid_drake.identification.result import Identification, MomentumChanges
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.splines import smooth_joints
 from cpid_drake.sensing.suite import SensorSuite
-from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 def estimate_by_filter(problem: Problem) -> Identification:
@@ -62,7 +64,7 @@ def estimate_by_filter(problem: Problem) -> Identification:
 
 
 def online_estimator(
-    spacecraft: Spacecraft,
+    spacecraft: "Spacecraft",
     sensors: SensorSuite,
     *,
     momentum: TotalMomentum | None = None,
@@ -84,6 +86,8 @@ def online_estimator(
             a point at C's origin; a standard deviation out of range.
 
     """
+    from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
+
     momentum = momentum or TotalMomentum.zero()
     if momentum.name == "known":
         raise InputError("the momentum filter needs a total momentum that is zero or unknown")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -74,7 +75,9 @@ def identify(
         measurements, counts = screen(in_joint_order(data, spacecraft))
         rejected = {name: count for name, count in counts.items() if count}
         warnings = check_log(spacecraft, measurements)
-    record, family = choose_method(estimator, rows, measurements, sensors, momentum)
+    record, family = choose_method(estimator, rows, momentum, has_sensors=sensors is not None)
+    if family is None and record.default_rows is not None:
+        family = row_family(record.default_rows(measurements), momentum.is_unknown)
     require_sensors(measurements, sensors, record, family, momentum)
     added = {name: s for name, s in measurements.items() if name not in STANDARD_SENSORS}
     unused = [SENSORS[name].label for name, samples in added.items() if len(samples)]

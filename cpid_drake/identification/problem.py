@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
@@ -12,7 +13,9 @@ from cpid_drake.identification.result import Identification
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 NOISE_ESTIMATED = "the sensors' noise was estimated from the log; give the sensors if you know them"
 """The warning of an estimator that needs the sensors' noise when no sensors were given."""
@@ -34,7 +37,7 @@ class Problem:
 
     """
 
-    spacecraft: Spacecraft
+    spacecraft: "Spacecraft"
     measurements: Measurements
     states: Telemetry | None
     sensors: SensorSuite | None

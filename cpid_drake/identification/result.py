@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.multibody.tree import SpatialInertia
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import Parameterization
@@ -15,6 +15,9 @@ from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.observability import describe_unobservable
 from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.sensing.suite import SensorSuite
+
+if TYPE_CHECKING:  # Drake takes half a second to import
+    from pydrake.multibody.tree import SpatialInertia
 
 ADVICE = (
     "turn the target about three axes (joints with different axes moving at different "
@@ -145,8 +148,10 @@ class Identification:
         inverse = np.linalg.inv(self.parameterization.jacobian(self.solution.estimate))
         return raw.nearest_feasible(inverse.T @ self.solution.information @ inverse)
 
-    def spatial_inertia(self) -> SpatialInertia:
+    def spatial_inertia(self) -> "SpatialInertia":
         """Return the feasible estimate about C's origin, in C; all NaN until observable."""
+        from pydrake.multibody.tree import SpatialInertia
+
         if not self.is_observable:
             return SpatialInertia.NaN()
         return self.feasible().to_spatial_inertia()
