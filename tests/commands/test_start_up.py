@@ -90,3 +90,18 @@ def test_wrong_files_are_found_before_drake_is_imported(arguments, problem, tmp_
     assert output.startswith("cpid: error: ")
     assert problem in output
     assert not modules & HEAVY
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--estimator", "best"], "no estimator 'best'; choose from least_squares"),
+        (["--rows", "columns"], "no row family 'columns'; choose from eq18"),
+        (["--momentum", "much"], "no momentum 'much'; choose from zero, unknown"),
+    ],
+)
+def test_wrong_names_of_methods_are_found_before_drake_is_imported(options, problem, tmp_path):
+    code, output, modules = run(tmp_path, "identify", SAMPLE, *CRAFT, *options)
+    assert code == 2
+    assert problem in output
+    assert not modules & {"pydrake", "matplotlib"}
