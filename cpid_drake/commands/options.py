@@ -90,7 +90,7 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
-            pass  # finds a folder that cannot be written to before the work, not after it
+            pass  # finds a folder that cannot be written to before the work begins
     except OSError as error:
         raise InputError(f"--out {path}: cannot write there: {error.strerror}") from error
 

@@ -46,7 +46,7 @@ def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) 
     congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
     directions = [phi / scale, *(violation * np.eye(10))]
     matrices = [congruence.T @ standard_to_pseudo_inertia(phi) @ congruence for phi in directions]
-    # A body to be simulated has some mass: a thousandth of the estimate's magnitude.
+    # A simulated body needs some mass: here at least a thousandth of the estimate's magnitude.
     least_mass = (1e-3 - phi[0] / scale[0]) / violation if phi[0] < 0 else -np.inf
     change = _least_change(root, [(matrix + matrix.T) / 2 for matrix in matrices], least_mass)
     return phi + scale * violation * change

@@ -118,7 +118,8 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
 def _of_complete(problem: Problem, telemetry: Telemetry) -> Identification:
     tree, family, momentum = problem.spacecraft.tree, problem.family, problem.momentum
     assert family is not None
-    # With the columns of a momentum in it, one square root answers for zero and for unknown.
+    # With the columns of a momentum, one triangle gives the solution for zero and for unknown
+    # momentum.
     tested = momentum.is_zero and family.momentum_size > 0
     assumed = TotalMomentum.unknown() if tested else momentum
     extra = momentum_columns(family, assumed)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.input_files.yaml_text import Tagged, format_yaml, parse_yaml
 
-if TYPE_CHECKING:  # pydantic takes 0.1 s to import: only what reads a file pays for it
+if TYPE_CHECKING:  # pydantic takes 0.1 s to import, and only reading a file needs it
     from pydantic import TypeAdapter
     from pydantic_core import CoreSchema, ErrorDetails
 
@@ -156,7 +156,7 @@ def load_json(data: bytes, where: str) -> object:
         raise InputError(f"{where}: {half} is half of a character, which is not text") from error
     except InputError:
         raise
-    except ValueError as error:  # of JSON, or of the encoding
+    except ValueError as error:  # from JSON, or from the encoding
         raise InputError(f"{where}: not JSON: {error}") from error
     except RecursionError as error:
         raise InputError(f"{where}: nested too deeply") from error
@@ -171,13 +171,13 @@ def from_tree(schema: type[Schema], tree: object, where: str, whole: str) -> Sch
     """
     from pydantic import ValidationError
 
-    # Strict as pydantic is then, it takes a mapping for a dataclass only from JSON.
+    # In strict mode, pydantic accepts a mapping as a dataclass only from JSON.
     text, kind = json.dumps([tree], default=_plain), cast(Hashable, schema)
     try:
         [value] = _adapter(kind).validate_json(text)
         return value
     except ValidationError as error:
-        # A misspelt key makes another one missing: the unknown key is the one to report.
+        # A misspelt key is both unknown and missing: report the unknown key.
         order = {_UNKNOWN_KEY: 0, "missing": 2}
         found = min(error.errors(), key=lambda each: order.get(each["type"], 1))
         raise InputError(f"{where}: {_problem(found, schema, whole)}") from error

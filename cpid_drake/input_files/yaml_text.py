@@ -59,7 +59,7 @@ def yaml_errors(where: str) -> Iterator[None]:
         raise InputError(f"{where}: not YAML: {place}{error.problem}") from error
     except yaml.YAMLError as error:
         raise InputError(f"{where}: not YAML: {error}") from error
-    except (ValueError, LookupError, AttributeError, TypeError) as error:  # of values such as dates
+    except (ValueError, LookupError, AttributeError, TypeError) as error:  # from dates and the like
         if isinstance(error, InputError):
             raise
         raise InputError(f"{where}: a value cannot be read: {error}") from error
@@ -129,7 +129,7 @@ class _StrictLoader(yaml.SafeLoader):
 
 
 _StrictLoader.add_multi_constructor("", _StrictLoader.construct_tagged)
-# YAML 1.1 reads 1e3 and 1.0e3 as text; YAML 1.2, and everybody else, as numbers.
+# YAML 1.1 reads 1e3 and 1.0e3 as text; YAML 1.2 reads them as numbers, as users expect.
 _StrictLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),

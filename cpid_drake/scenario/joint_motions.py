@@ -12,7 +12,7 @@ from cpid_drake.dynamics.joint_motion import HalfCosine, MultiSine
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.input_files.validation import Numbers
 
-if TYPE_CHECKING:  # it imports Drake: a scenario is read and checked without
+if TYPE_CHECKING:  # it imports Drake, which reading a scenario does not need
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 SHORTEST_RAMP = 1e-3

@@ -21,7 +21,7 @@ from cpid_drake.scenario.joint_motions import (
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
 
-if TYPE_CHECKING:  # these import Drake or SciPy: a scenario is read and checked without
+if TYPE_CHECKING:  # these import Drake or SciPy, which reading a scenario does not need
     from cpid_drake.dynamics.inertia import InertialParameters
     from cpid_drake.dynamics.joint_motion import JointMotion
     from cpid_drake.dynamics.sensitivity import BodyUncertainty
