@@ -10,13 +10,13 @@ from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.momentum_filter import vague_prior
+from cpid_drake.estimation.momentum_filter import BIAS, vague_prior
 from cpid_drake.identification.filter_estimator import (
     identification_of_filter,
     online_estimator,
 )
 from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.noise import SensorNoise, add_noise
 from cpid_drake.studies import trials
 
 FIRED = (3.0, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]))
@@ -74,6 +74,20 @@ def test_errors_are_what_the_covariance_says(cases, name, unknown):
         values.append(nees(result, truth))
     low, high = chi2.ppf([0.0005, 0.9995], 10 * len(values)) / len(values)
     assert low < np.mean(values) < high
+
+
+def test_a_walking_bias_is_as_near_as_its_covariance_says(cases):
+    """A bias that walks some degrees per hour in an hour is followed, no better and no worse."""
+    spacecraft, suite, perfect, _ = cases("flight")
+    walking = replace(suite, gyro=replace(suite.gyro, bias_random_walk=5.0))
+    squares, seeds = [], range(4)
+    for seed in seeds:
+        _, state = run(spacecraft, walking, add_noise(walking, perfect, seed))
+        count = len(perfect.gyro)
+        error = SensorNoise(walking, seed).gyro_bias(count)[-1] - state.bias
+        squares.append(error @ np.linalg.solve(state.P[BIAS, BIAS], error))
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * len(seeds)) / len(seeds)
+    assert low < np.mean(squares) < high
 
 
 def test_it_works_without_a_gyro(cases):
