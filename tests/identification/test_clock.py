@@ -39,3 +39,4 @@ def test_estimate_and_covariance_are_those_of_samples_from_zero_on(
     np.testing.assert_array_less(np.abs(second.parameters - first.parameters), 0.01 * sigma)
     np.testing.assert_allclose(np.sqrt(np.diag(second.covariance)), sigma, rtol=0.01)
     assert (second.rejected, second.warnings) == (first.rejected, first.warnings)
+    assert not any("momentum" in warning for warning in first.warnings)

@@ -1,6 +1,7 @@
 """Model files as spacecraft: any tree on a free base is read right, and all else is refused."""
 
 import logging
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
+from sensing_cases import small_craft
 
 from cpid_drake import InertialParameters, InputError, Spacecraft, Telemetry
 from cpid_drake.dynamics.momentum import momentum_samples
@@ -791,3 +793,16 @@ def test_contact_is_off_in_a_plant_with_geometry(load, paper_target):
     spacecraft.add_to(plant, paper_target, scene_graph=scene_graph)
     assert plant.num_collision_geometries() == 2
     assert contact_force(plant, builder.Build()) == 0.0
+
+
+def test_limits_are_each_joints_own(tmp_path):
+    path = Path(small_craft(tmp_path).model)
+    text = path.read_text()
+    for k in range(4):
+        text = text.replace('lower="-9" upper="9"', f'lower="{-1 - k}" upper="{0.5 + k}"', 1)
+    path.write_text(text)
+    craft = Spacecraft(path, base="base", capture_frame="hand")
+    lower = {"shoulder": -1.0, "slide": -2.0, "elbow": -3.0, "roll": -4.0}
+    low, high = craft.position_limits
+    np.testing.assert_array_equal(low, [lower[name] for name in craft.joint_names])
+    np.testing.assert_array_equal(high, [-0.5 - lower[name] for name in craft.joint_names])
