@@ -16,7 +16,7 @@ def test_all_rows_of_a_long_log_count(servicer, zero_momentum_motion, skewed_tar
 def test_no_rigid_body_is_nearer_than_the_feasible_one(
     servicer, zero_momentum_motion, paper_target, rows
 ):
-    """The distance is that of the covariance, to first order, in the parameters that are reported."""
+    """The distance is that of the covariance of what is reported, to first order."""
     samples = zero_momentum_motion(paper_target, 12, 5).rounded(3)
     found = identify(servicer, samples, rows=rows)
     assert found.raw().infeasibilities()
