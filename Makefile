@@ -20,7 +20,7 @@ lint: $(VENV)/installed-dev
 
 # The API reference: out/docs/index.html. A reference to something that does not exist is an error.
 docs: $(VENV)/installed-dev
-	$(VENV)/bin/python docs/build.py out/docs
+	$(VENV)/bin/python .ci/docs.py out/docs
 
 benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmarks/identifier_update.py

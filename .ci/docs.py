@@ -1,4 +1,4 @@
-"""Build the API reference: `python docs/build.py FOLDER`. Exits with 1 if a reference is broken.
+"""Build the API reference: `python .ci/docs.py FOLDER`. Exits with 1 if a reference is broken.
 
 pdoc makes the pages from the docstrings. The first page is `cpid_drake/README.md`, its formulas as
 MathML; no page loads anything from a network. Two things are checked that pdoc does not check:
