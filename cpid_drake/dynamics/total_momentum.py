@@ -35,9 +35,7 @@ class TotalMomentum:
 
     def __post_init__(self) -> None:
         for name in ("L_WScm_W", "v_WScm_W"):
-            vector = np.array(getattr(self, name), dtype=float)
-            if vector.shape != (3,) or not np.isfinite(vector).all():
-                raise InputError(f"total momentum: {name} must be 3 finite numbers, not {vector}")
+            vector = _vector(name, getattr(self, name), 3)
             vector.flags.writeable = False
             object.__setattr__(self, name, vector)
 
@@ -54,8 +52,13 @@ class TotalMomentum:
 
     @classmethod
     def known(cls, L_WScm_W: ArrayLike, v_WScm_W: ArrayLike) -> Self:
-        """Return a known momentum about the system's centre of mass, (3,) each, in W."""
-        return cls(np.asarray(L_WScm_W), np.asarray(v_WScm_W))
+        """Return a known momentum about the system's centre of mass; see the attributes.
+
+        Raises:
+            InputError: a vector that is not of three finite numbers.
+
+        """
+        return cls(_vector("L_WScm_W", L_WScm_W, 3), _vector("v_WScm_W", v_WScm_W, 3))
 
     @classmethod
     def known_about_origin(cls, momentum_W: ArrayLike, p_WScm: ArrayLike, mass: float) -> Self:
@@ -66,9 +69,15 @@ class TotalMomentum:
             p_WScm: (3,) position of the system's centre of mass at the same instant, in W [m].
             mass: total mass of spacecraft and target [kg].
 
+        Raises:
+            InputError: a vector of another size or with entries that are not finite, or a mass that
+                is not positive.
+
         """
-        L_W, P_W = np.split(np.asarray(momentum_W, dtype=float), 2)
-        return cls.known(L_W - np.cross(np.asarray(p_WScm), P_W), P_W / mass)
+        L_W, P_W = np.split(_vector("momentum_W", momentum_W, 6), 2)
+        if not mass > 0:
+            raise InputError(f"total momentum: the total mass must be > 0 kg, not {mass}")
+        return cls.known(L_W - np.cross(_vector("p_WScm", p_WScm, 3), P_W), P_W / mass)
 
     @classmethod
     def named(cls, name: str) -> Self:
@@ -92,7 +101,12 @@ class TotalMomentum:
         """One word: zero, unknown or known."""
         return "unknown" if self.is_unknown else "zero" if self.is_zero else "known"
 
-    def about_origin(self, p_WScm: ArrayLike, mass: float) -> NDArray[np.float64]:
-        """Return (6,) [L; P] about W's origin, in W; the inverse of `known_about_origin`."""
-        P_W = mass * self.v_WScm_W
-        return np.concatenate([self.L_WScm_W + np.cross(np.asarray(p_WScm), P_W), P_W])
+
+def _vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
+    try:
+        vector = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
+    if vector.shape != (size,) or not np.isfinite(vector).all():
+        raise InputError(f"total momentum: {name} must be {size} finite numbers, not {value}")
+    return vector

@@ -82,7 +82,7 @@ def identify(
     added = {name: s for name, s in measurements.items() if name not in STANDARD_SENSORS}
     unused = [SENSORS[name].label for name, samples in added.items() if len(samples)]
     if unused and not record.uses_added_sensors:
-        warnings.append(f"the {record.label} does not use the samples of {', '.join(unused)}")
+        warnings.append(f"{record.name} does not use the samples of {', '.join(unused)}")
     if record.most_samples is not None:
         refuse_long(measurements, record.most_samples, f"the {record.label}")
     problem = Problem(

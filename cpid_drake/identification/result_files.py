@@ -19,7 +19,7 @@ from cpid_drake.input_files.validation import Numbers, from_tree, load_json
 _LARGEST_FILE = 16 * 2**20  # bytes; a result has a few thousand
 _LARGEST = 1e90  # SI units; products of larger numbers overflow
 
-Count = Annotated[int, Ge(0)]
+Count = Annotated[int, Ge(0), Le(2**53)]
 Array = NDArray[np.float64]
 
 

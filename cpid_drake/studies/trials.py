@@ -280,6 +280,6 @@ def _outcome(result: Identification) -> Outcome:
     try:
         feasible = result.feasible().is_feasible()
         result.spatial_inertia()
-    except InputError:
+    except (InputError, np.linalg.LinAlgError):
         feasible = False
     return Outcome(result.parameters, result.covariance, feasible, "", result.momentum_changes)

@@ -9,10 +9,12 @@ from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
 MOMENTUM_W = np.array([3.0, -2.0, 2.5, 4.0, 1.0, -1.5])
 
 
-def test_there_and_back_is_the_same():
+def test_the_momentum_of_the_centre_of_mass_makes_the_difference():
     p_WScm, mass = np.array([0.4, -1.2, 0.7]), 250.0
     known = TotalMomentum.known_about_origin(MOMENTUM_W, p_WScm, mass)
-    np.testing.assert_allclose(known.about_origin(p_WScm, mass), MOMENTUM_W, rtol=1e-14)
+    P_W = mass * known.v_WScm_W
+    about_origin = np.concatenate([known.L_WScm_W + np.cross(p_WScm, P_W), P_W])
+    np.testing.assert_allclose(about_origin, MOMENTUM_W, rtol=1e-14)
     assert not known.is_zero
     assert known.name == "known"
 
@@ -54,7 +56,14 @@ def test_names_are_those_of_the_command_line():
         TotalMomentum.named("known")
 
 
-@pytest.mark.parametrize("bad", [[1.0, 2.0], [np.nan, 0.0, 0.0]])
+@pytest.mark.parametrize("bad", [[1.0, 2.0], [np.nan, 0.0, 0.0], ["a", 0, 0], None])
 def test_vectors_that_cannot_be_are_refused(bad):
     with pytest.raises(InputError, match="L_WScm_W must be 3 finite numbers"):
         TotalMomentum.known(bad, [0.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="momentum_W must be 6 finite numbers"):
+        TotalMomentum.known_about_origin(bad, [0.0, 0.0, 0.0], 1.0)
+
+
+def test_a_total_mass_is_positive():
+    with pytest.raises(InputError, match="the total mass must be > 0 kg, not 0"):
+        TotalMomentum.known_about_origin(MOMENTUM_W, np.zeros(3), 0.0)

@@ -265,6 +265,7 @@ def test_every_key_must_be_there_and_of_its_kind(refusal, document, key):
         ("rank", 11, "rank must be a whole number <= 10, not 11"),
         ("rank", True, "rank must be a whole number, not true"),
         ("samples_used", -1, "samples_used must be a whole number >= 0, not -1"),
+        ("samples_used", 10**400, "samples_used must be a whole number"),
         ("warnings", "one", "warnings must be a list, not 'one'"),
         ("warnings", [1], "warnings[0] must be text, not 1"),
         ("estimator", "\ud800", "'\\ud800' is half of a character, which is not text"),

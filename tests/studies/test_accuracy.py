@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
 from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.identification.result import Identification
 from cpid_drake.report.accuracy import write_figures
 from cpid_drake.scenario.schema import FiringConfig
 from cpid_drake.sensing.presets import load_sensors
@@ -100,6 +101,15 @@ def test_figures_are_written(study, tmp_path):
 def test_bad_options_are_named(scenario, options, problem):
     with pytest.raises(InputError, match=problem):
         run_accuracy(scenario, **({"trials": 1} | options))
+
+
+def test_an_estimate_that_no_body_can_be_made_of_is_counted(scenario, monkeypatch):
+    def fail(found):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(Identification, "feasible", fail)
+    study = run_accuracy(scenario, trials=1, estimators=["relative"], presets=["servicer"])
+    assert (study.results[0].failed, study.results[0].infeasible) == (0, 1)
 
 
 # -- statistics, on errors of known distribution ---------------------------------------------------
