@@ -271,7 +271,7 @@ def row_family(name: str, unknown_momentum: bool = False) -> RowFamily:
     family = ROW_FAMILIES[name]
     if unknown_momentum and family.momentum_columns is None:
         others = ", ".join(n for n, other in ROW_FAMILIES.items() if other.momentum_columns)
-        raise InputError(f"rows '{name}' need zero momentum; with an unknown one use {others}")
+        raise InputError(f"rows '{name}' cannot estimate an unknown momentum; use {others}")
     return family
 
 

@@ -108,5 +108,5 @@ def _vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         vector = np.empty(0)
     if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise InputError(f"total momentum: {name} must be {size} finite numbers, not {value}")
+        raise InputError(f"total momentum: {name} must be {size} finite numbers, not {value!r}")
     return vector

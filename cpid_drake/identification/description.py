@@ -129,7 +129,7 @@ def decimals(width: float) -> int:
 def _residuals(found: Identification) -> str:
     white = found.whiteness
     if white is None:
-        return "their whiteness was not tested with this estimator"
+        return "not tested for whiteness"
     text = f"correlation of neighbours {white.lag_one:+.3f}"
     if white.is_white:
         return f"{text}: white"

@@ -116,4 +116,4 @@ def test_messages_name_what_is_added(run_cpid):
         "identify", SAMPLE, *FREE_FLYER, "--rows", "grams", "--momentum", "unknown"
     )
     assert code == 2
-    assert "rows 'grams' need zero momentum" in stderr
+    assert "rows 'grams' cannot estimate an unknown momentum" in stderr

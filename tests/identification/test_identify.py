@@ -419,7 +419,10 @@ class TestWhatIsMissing:
         [
             ({"estimator": "magic"}, "no estimator 'magic'; choose from least_squares"),
             ({"rows": "magic"}, "no row family 'magic'"),
-            ({"rows": "eq18", "momentum": TotalMomentum.unknown()}, "need zero momentum"),
+            (
+                {"rows": "eq18", "momentum": TotalMomentum.unknown()},
+                "cannot estimate an unknown momentum",
+            ),
             ({"estimator": "trajectory_fit", "rows": "eq18"}, "rows are for least_squares"),
             ({"estimator": "eq18", "rows": "standard"}, "'eq18' is least squares on rows 'eq18'"),
         ],
