@@ -15,7 +15,6 @@ from cpid_drake.commands.options import (
     log_console,
     make_folder,
 )
-from cpid_drake.scenario.shipped import find_scenario
 
 
 def accuracy(
@@ -47,6 +46,8 @@ def accuracy(
     Reports the error, the Cramér-Rao bound, the bias and the coverage of the 95 % intervals.
     """
     start = time.perf_counter()
+    from cpid_drake.scenario.files import find_scenario, load_scenario
+
     path = find_scenario(scenario)
     if preset:
         from cpid_drake.sensing.presets import load_sensors
@@ -64,7 +65,6 @@ def accuracy(
 
     from cpid_drake.report.accuracy import print_table, write_figures
     from cpid_drake.report.pages.study import accuracy_report
-    from cpid_drake.scenario.files import load_scenario
     from cpid_drake.studies.accuracy import run_accuracy, summarize
 
     loaded = load_scenario(path)

@@ -7,7 +7,6 @@ import typer
 
 from cpid_drake.commands.options import ScenarioArgument
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.scenario.shipped import find_scenario
 
 scenario = typer.Typer(no_args_is_help=True, help="Check, print or create a scenario file.")
 
@@ -15,10 +14,9 @@ scenario = typer.Typer(no_args_is_help=True, help="Check, print or create a scen
 @scenario.command()
 def check(file: ScenarioArgument) -> None:
     """Check a scenario and all that it refers to: model, joint motion, sensors."""
-    path = find_scenario(file)
-    from cpid_drake.scenario.files import load_scenario
+    from cpid_drake.scenario.files import find_scenario, load_scenario
 
-    loaded = load_scenario(path)
+    loaded = load_scenario(find_scenario(file))
     from cpid_drake.scenario.simulation import make_simulation
 
     with prefix_errors(file):
@@ -38,10 +36,9 @@ def check(file: ScenarioArgument) -> None:
 @scenario.command()
 def show(file: ScenarioArgument) -> None:
     """Print a scenario as YAML, with the default values of the keys that it leaves out."""
-    path = find_scenario(file)
-    from cpid_drake.scenario.files import dump_scenario, load_scenario
+    from cpid_drake.scenario.files import dump_scenario, find_scenario, load_scenario
 
-    print(dump_scenario(load_scenario(path)), end="")
+    print(dump_scenario(load_scenario(find_scenario(file))), end="")
 
 
 @scenario.command()

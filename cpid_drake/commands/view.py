@@ -21,7 +21,6 @@ from cpid_drake.commands.options import (
     packages_of,
 )
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.scenario.shipped import find_scenario
 
 if TYPE_CHECKING:
     from cpid_drake.identification.requests import Request
@@ -124,12 +123,11 @@ def _show_scenario(
     source: str, as_page: bool, as_live: bool, rate: float, console: Console
 ) -> tuple[str | None, str]:
     """Return the page of a scenario, if it is wanted, and the estimate as text."""
-    path = find_scenario(source)
-    from cpid_drake.scenario.files import load_scenario
+    from cpid_drake.scenario.files import find_scenario, load_scenario
 
     page, text = None, "no run"
     with console.status("reading the scenario") as status:
-        scenario = load_scenario(path)
+        scenario = load_scenario(find_scenario(source))
         from cpid_drake.report.live_view import LiveView
         from cpid_drake.report.replay import estimate_text, replay_simulation
         from cpid_drake.scenario.simulation import make_simulation

@@ -14,7 +14,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.total_momentum import MOMENTUM_NAMES
 from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import Numbers, from_tree, load_json
+from cpid_drake.input_files.validation import Numbers, from_tree, load_json, nulls
 
 _LARGEST_FILE = 16 * 2**20  # bytes; a result has a few thousand
 _LARGEST = 1e90  # SI units; products of larger numbers overflow
@@ -204,16 +204,9 @@ def result_text(result: IdentificationResult, where: str) -> str:
         InputError: `read_result` would refuse the file.
 
     """
-    text = json.dumps(asdict(result), indent=2, allow_nan=False, default=_nulls) + "\n"
+    text = json.dumps(asdict(result), indent=2, allow_nan=False, default=nulls) + "\n"
     _parse(text.encode(), where)
     return text
-
-
-def _nulls(values: Array) -> list[object]:
-    """Return an array as JSON has it: numbers that are not finite are not known."""
-    result = values.astype(object)
-    result[~np.isfinite(values)] = None
-    return list(result.tolist())
 
 
 def _parse(data: bytes, where: str) -> IdentificationResult:

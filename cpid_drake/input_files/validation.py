@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.input_files.yaml_text import Tagged, format_yaml, parse_yaml
@@ -64,6 +64,12 @@ class Numbers:
         if not np.isfinite(array).all():
             raise ValueError("must be finite numbers")
         return np.where(unknown, np.nan, array.astype(float))
+
+
+def nulls(values: ArrayLike) -> Any:
+    """Return numbers for a file, in nested lists: None where `values` are not finite."""
+    values = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(values), values.astype(object), np.array(None)).tolist()
 
 
 class FirstUnlessTagged:

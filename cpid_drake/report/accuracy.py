@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -87,6 +88,10 @@ def write_figures(study: AccuracyStudy, folder: Path) -> list[Path]:
             errors, coverage = figure.subplots(2, 1, height_ratios=[1.7, 1])
             _draw_errors(errors, shown, results[0].crlb / study.scale, study)
             _draw_coverage(coverage, shown)
+            for axes in (errors, coverage):
+                axes.set_xticks(np.arange(10), PARAMETER_NAMES)
+                axes.grid(axis="x", visible=False)
+                axes.set_xlim(-0.6, 9.6)
         files.append(path)
     return files
 
@@ -124,69 +129,52 @@ def _largest_bias(r: Accuracy) -> str:
     return f"{np.max(np.abs(r.bias) / spread):.2g}"
 
 
+def _draw_shares(
+    axes: Axes,
+    k: int,
+    count: int,
+    share: NDArray[np.float64],
+    interval: NDArray[np.float64],
+    label: str = "",
+) -> np.ndarray:
+    """Draw ten shares (10,) with their intervals (2, 10) in %, as series k of `count`.
+
+    Returns:
+        The places (10,) of the points on the axis of the parameters.
+
+    """
+    x = np.arange(10) - 0.4 + (k + 0.5) * 0.8 / count
+    bars = 100 * np.abs(interval - share)
+    style = {"markersize": 4, "color": COLORS[k], "elinewidth": 1, "label": label}
+    axes.errorbar(x, 100 * share, yerr=bars, fmt="o", **style)
+    return x
+
+
 def _draw_errors(
-    axes: Axes, results: list[Accuracy], bound: np.ndarray, study: AccuracyStudy
+    axes: Axes, results: list[Accuracy], bound: NDArray[np.float64], study: AccuracyStudy
 ) -> None:
-    width = 0.8 / max(len(results), 1)
-    place = np.arange(10)
+    bias_style = {"markersize": 7, "markeredgewidth": 1.6}
     for k, r in enumerate(results):
-        x = place - 0.4 + (k + 0.5) * width
-        low, high = r.ratio_interval * r.crlb / study.scale
-        middle = r.rmse / study.scale
-        axes.errorbar(
-            x,
-            100 * middle,
-            yerr=100 * np.abs(np.stack([middle - low, high - middle])),
-            fmt="o",
-            markersize=4,
-            color=COLORS[k],
-            elinewidth=1,
-            label=r.estimator,
-        )
+        interval = r.ratio_interval * r.crlb / study.scale
+        x = _draw_shares(axes, k, len(results), r.rmse / study.scale, interval, r.estimator)
         biased = np.abs(r.bias) > r.bias_halfwidth
-        axes.plot(
-            x[biased],
-            100 * np.abs(r.bias / study.scale)[biased],
-            "_",
-            color=COLORS[k],
-            markersize=7,
-            markeredgewidth=1.6,
-        )
+        bias = 100 * np.abs(r.bias / study.scale)[biased]
+        axes.plot(x[biased], bias, "_", color=COLORS[k], **bias_style)
     for i, value in enumerate(100 * bound):
         axes.plot([i - 0.42, i + 0.42], 2 * [value], color="black", linewidth=1.2)
     axes.plot([], [], color="black", linewidth=1.2, label="Cramér-Rao bound")
-    axes.plot(
-        [], [], "_", color="#555555", markersize=7, markeredgewidth=1.6, label="significant |bias|"
-    )
+    axes.plot([], [], "_", color="#555555", label="significant |bias|", **bias_style)
     axes.set_yscale("log")
-    axes.set_xticks(place, PARAMETER_NAMES)
-    axes.grid(axis="x", visible=False)
-    axes.set_xlim(-0.6, 9.6)
     axes.set_ylabel("% of scale")
     axes.set_title("Root mean square error (scale: m, 0.5 m, trace of I)")
     axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.1))
 
 
 def _draw_coverage(axes: Axes, results: list[Accuracy]) -> None:
-    width = 0.8 / max(len(results), 1)
-    place = np.arange(10)
     axes.axhspan(92, 98, color="#dddddd", zorder=0)
     axes.axhline(95, color="black", linewidth=0.8)
     for k, r in enumerate(results):
-        x = place - 0.4 + (k + 0.5) * width
-        middle, (low, high) = r.coverage, r.coverage_interval
-        axes.errorbar(
-            x,
-            100 * middle,
-            yerr=100 * np.abs(np.stack([middle - low, high - middle])),
-            fmt="o",
-            markersize=4,
-            color=COLORS[k],
-            elinewidth=1,
-        )
-    axes.set_xticks(place, PARAMETER_NAMES)
-    axes.grid(axis="x", visible=False)
-    axes.set_xlim(-0.6, 9.6)
+        _draw_shares(axes, k, len(results), r.coverage, r.coverage_interval)
     lowest = min((100 * r.coverage_interval[0].min() for r in results), default=0.0)
     axes.set_ylim(max(lowest - 5, -3), 103)
     axes.set_ylabel("trials [%]")

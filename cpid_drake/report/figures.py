@@ -34,15 +34,15 @@ class Picture:
     Attributes:
         name: name of its file, and its id in a page: letters, digits and hyphens.
         label: what the figure shows, for screen readers.
-        size: width and height [in].
         draw: draws on the figure that it gets.
+        size: width and height [in].
 
     """
 
     name: str
     label: str
-    size: tuple[float, float]
     draw: Callable[[Figure], None]
+    size: tuple[float, float] = _SMALL
 
     def svg(self) -> str:
         """Return the figure as an SVG element for a page."""
@@ -64,7 +64,6 @@ def convergence_pictures(
         Picture(
             f"convergence-{name}",
             f"{name} over time with its 95 % interval",
-            _SMALL,
             partial(_draw_parameter, convergence, truth, i),
         )
         for i, name in enumerate(PARAMETER_NAMES)
@@ -73,35 +72,20 @@ def convergence_pictures(
 
 def residual_pictures(found: Identification) -> list[Picture]:
     """Return pictures of the residuals over time, and of their autocorrelation."""
-    pictures = [
-        Picture(
-            f"residuals-{name}",
-            f"residuals of {name} over time",
-            _SMALL,
-            partial(_draw_residuals, samples, name),
-        )
-        for name, samples in found.residuals.items()
-    ]
+    pictures = []
+    for name, samples in found.residuals.items():
+        draw = partial(_draw_residuals, samples, name)
+        pictures.append(Picture(f"residuals-{name}", f"residuals of {name} over time", draw))
     if any(len(samples) >= 8 for samples in found.residuals.values()):
-        pictures.append(
-            Picture(
-                "autocorrelation",
-                "autocorrelation of the residuals",
-                _SMALL,
-                partial(_draw_autocorrelation, found.residuals),
-            )
-        )
+        draw = partial(_draw_autocorrelation, found.residuals)
+        pictures.append(Picture("autocorrelation", "autocorrelation of the residuals", draw))
     return pictures
 
 
 def singular_value_picture(values: NDArray[np.float64]) -> Picture:
     """Return the picture of ten singular values."""
-    return Picture(
-        "singular-values",
-        "singular values of the scaled problem",
-        _SMALL,
-        partial(_draw_singular_values, values),
-    )
+    draw = partial(_draw_singular_values, values)
+    return Picture("singular-values", "singular values of the scaled problem", draw)
 
 
 def motion_pictures(measurements: Measurements) -> list[Picture]:
@@ -125,12 +109,7 @@ def motion_pictures(measurements: Measurements) -> list[Picture]:
         speed = Samples(m.velocity.time, 1e3 * m.velocity.value)
         panels["velocity"] = "Base velocity", speed, "in W [mm/s]"
     return [
-        Picture(
-            f"base-{name}",
-            f"{title} over time",
-            _SMALL,
-            partial(_draw_vector, title, samples, label),
-        )
+        Picture(f"base-{name}", f"{title} over time", partial(_draw_vector, title, samples, label))
         for name, (title, samples, label) in panels.items()
     ]
 
@@ -143,8 +122,8 @@ def ellipsoid_pictures(
         Picture(
             f"ellipsoid-{'xyz'[i]}{'xyz'[j]}",
             f"the solid ellipsoid of the same inertia, {'xyz'[i]} and {'xyz'[j]}",
-            (3.7, 3.0),
             partial(_draw_ellipsoid, target, truth, (i, j)),
+            (3.7, 3.0),
         )
         for i, j in ((0, 1), (0, 2), (1, 2))
     ]
@@ -183,7 +162,7 @@ def _together(name: str, pictures: list[Picture], columns: int) -> Picture | Non
         for part, picture in zip(parts, pictures):
             picture.draw(part)
 
-    return Picture(name, name, (columns * width, rows * height), draw)
+    return Picture(name, name, draw, (columns * width, rows * height))
 
 
 # -- drawing --------------------------------------------------------------------------------------

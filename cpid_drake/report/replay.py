@@ -215,7 +215,7 @@ def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
 
 def replay_simulation(
     simulation: Simulation,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda time: None,
     *,
     title: str = "",
 ) -> tuple[str, Identification]:
@@ -232,10 +232,11 @@ def replay_simulation(
 
     def record(root_context: Context) -> None:
         time = root_context.get_time()
+        progress(time)
         if time + 1e-9 >= period * (len(estimates) + 1):
             estimates.append((time, simulation.identification(root_context)))
 
-    context = simulation.run(progress, record)
+    context = simulation.run(record)
     last = simulation.identification(context)
     page = replay_html(
         simulation.spacecraft,

@@ -43,8 +43,8 @@ class HalfCosineMotion:
 
         """
         motion = HalfCosine(
-            joint_configuration(spacecraft, default, self.initial, "joint_motion.initial"),
-            joint_configuration(spacecraft, default, self.final, "joint_motion.final"),
+            spacecraft.configuration({**default, **self.initial}, "joint_motion.initial"),
+            spacecraft.configuration({**default, **self.final}, "joint_motion.final"),
             self.duration,
         )
         _check_rates(motion, spacecraft, "give a longer duration")
@@ -73,7 +73,7 @@ class MultiSineMotion:
         if 0 < self.ramp < SHORTEST_RAMP:
             raise InputError(f"joint_motion.ramp must be at least {SHORTEST_RAMP:g} s")
         motion = MultiSine(
-            centre=joint_configuration(spacecraft, default, self.centre, "joint_motion.centre"),
+            centre=spacecraft.configuration({**default, **self.centre}, "joint_motion.centre"),
             amplitudes=self._table(spacecraft, "amplitudes"),
             frequencies=self.frequencies,
             phases=self._table(spacecraft, "phases"),
@@ -91,7 +91,10 @@ class MultiSineMotion:
         names, count = spacecraft.joint_names, np.size(self.frequencies)
         table = np.zeros((count, len(names)))
         for name, values in getattr(self, key).items():
-            _check_joint(spacecraft, name, f"joint_motion.{key}")
+            if name not in names:
+                raise InputError(
+                    f"joint_motion.{key}: no joint '{name}'; {choose_from(name, names)}"
+                )
             if np.shape(values) != (count,) or not np.isfinite(values).all():
                 raise InputError(
                     f"joint_motion.{key}: {name} needs finite numbers, one for each of the "
@@ -99,44 +102,6 @@ class MultiSineMotion:
                 )
             table[:, names.index(name)] = values
         return table
-
-
-def joint_configuration(
-    spacecraft: "Spacecraft",
-    default: Configuration,
-    angles: Configuration,
-    where: str,
-) -> NDArray[np.float64]:
-    """Return q (J,) with the joints in `angles` there, and the others in their default position.
-
-    Raises:
-        InputError: as `Spacecraft.configuration`; the message says if a position is in degrees.
-
-    """
-    for name, value in angles.items():
-        _check_joint(spacecraft, name, where)
-        try:
-            spacecraft.configuration({name: value}, where)
-        except InputError as error:
-            if abs(value) > 2 * np.pi and _is_possible(spacecraft, name, np.radians(value)):
-                raise InputError(
-                    f"{error}; angles are in radians: {value:g} degrees are {np.radians(value):.4g}"
-                ) from error
-            raise
-    return spacecraft.configuration({**default, **angles}, where)
-
-
-def _is_possible(spacecraft: "Spacecraft", joint: str, position: float) -> bool:
-    try:
-        spacecraft.configuration({joint: position}, "")
-    except InputError:
-        return False
-    return True
-
-
-def _check_joint(spacecraft: "Spacecraft", name: str, where: str) -> None:
-    if name not in spacecraft.joint_names:
-        raise InputError(f"{where}: no joint '{name}'; {choose_from(name, spacecraft.joint_names)}")
 
 
 def _check_rates(motion: HalfCosine | MultiSine, spacecraft: "Spacecraft", remedy: str) -> None:

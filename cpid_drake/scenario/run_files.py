@@ -2,7 +2,6 @@
 
 import json
 import platform
-import shlex
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,11 @@ from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import dump_yaml
+from cpid_drake.identification.requests import Request
+from cpid_drake.identification.result_files import SpacecraftReference
+from cpid_drake.input_files.validation import dump_yaml, nulls
 from cpid_drake.scenario.files import dump_scenario
+from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.sensing.files.telemetry_files import write_telemetry
 
@@ -126,25 +128,21 @@ def online_document(simulation: Simulation, root_context: Context) -> dict[str, 
         "estimator": simulation.scenario.identification.estimator,
         "says": result.explain(),
         **{
-            key: dict(zip(PARAMETER_NAMES, map(_finite_or_none, values), strict=True))
+            key: dict(zip(PARAMETER_NAMES, nulls(values), strict=True))
             for key, values in found.items()
         },
     }
 
 
-def identify_command(simulation: Simulation, folder: Path) -> str:
-    """Return the command line that identifies the target from the files of a run."""
-    config = simulation.scenario.spacecraft
-    words = ["cpid", "identify", str(folder / "telemetry.csv")]
-    words += ["--spacecraft", config.model, "--base", config.base]
-    words += ["--capture-frame", config.capture_frame]
-    for name, path in config.packages.items():
-        words += ["--package", f"{name}={path}"]
-    if simulation.sensors is not None:
-        words += ["--sensors", str(folder / "sensors.yaml")]
-    if simulation.scenario.identification.unknown_momentum:
-        words += ["--momentum", "unknown"]
-    return shlex.join(words)
+def request_of_run(scenario: Scenario, folder: Path) -> Request:
+    """Return the request that identifies the target from the files of a run."""
+    craft, sensors = scenario.spacecraft, folder / "sensors.yaml"
+    return Request(
+        str(folder / "telemetry.csv"),
+        SpacecraftReference(craft.model, craft.base, craft.capture_frame, craft.packages),
+        sensors=str(sensors) if sensors.is_file() else None,
+        momentum="unknown" if scenario.identification.unknown_momentum else "zero",
+    )
 
 
 def _json(document: dict[str, Any]) -> str:
@@ -156,7 +154,3 @@ def _version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:  # on the path without being installed
         return None
-
-
-def _finite_or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

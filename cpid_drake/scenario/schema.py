@@ -13,11 +13,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
-from cpid_drake.scenario.joint_motions import (
-    HalfCosineMotion,
-    MultiSineMotion,
-    joint_configuration,
-)
+from cpid_drake.scenario.joint_motions import HalfCosineMotion, MultiSineMotion
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -261,12 +257,9 @@ class Scenario:
                 as the motion's own class.
 
         """
-        default = joint_configuration(
-            spacecraft, {}, self.spacecraft.configuration, "spacecraft.configuration"
-        )
-        return self.joint_motion.make(
-            spacecraft, dict(zip(spacecraft.joint_names, default, strict=True))
-        )
+        default = self.spacecraft.configuration
+        spacecraft.configuration(default, "spacecraft.configuration")
+        return self.joint_motion.make(spacecraft, default)
 
     def make_suite(self) -> SensorSuite | None:
         """Return the sensors, or None if there are none.

@@ -88,22 +88,17 @@ class Simulation:
         simulator.Initialize()
         return simulator
 
-    def run(
-        self,
-        progress: Callable[[float], None] | None = None,
-        watch: Callable[[Context], None] | None = None,
-    ) -> Context:
+    def run(self, monitor: Callable[[Context], None] = lambda context: None) -> Context:
         """Simulate the scenario's duration; the root Context returned holds logs and estimate.
 
         Args:
-            progress: called with the time [s] after every step.
-            watch: called with the root Context after every step.
+            monitor: called with the root Context after every step.
 
         Raises:
             InputError: the simulation fails because the motion is too fast.
 
         """
-        return self._run_to([self.scenario.simulation.duration], progress, watch)[0]
+        return self._run_to([self.scenario.simulation.duration], monitor)[0]
 
     def run_sampled(self, times: ArrayLike) -> tuple[Context, Telemetry]:
         """Simulate as `run`, and return also the telemetry at these increasing times (N,) [s]."""
@@ -113,20 +108,14 @@ class Simulation:
     def _run_to(
         self,
         times: Sequence[float],
-        progress: Callable[[float], None] | None = None,
-        watch: Callable[[Context], None] | None = None,
+        monitor: Callable[[Context], None] = lambda context: None,
     ) -> tuple[Context, list[NDArray[np.float64]]]:
+        def tell(root_context: Context) -> EventStatus:
+            monitor(root_context)
+            return EventStatus.DidNothing()
+
         simulator = self.make_simulator()
-        if progress is not None or watch is not None:
-
-            def tell(root_context: Context) -> EventStatus:
-                if progress is not None:
-                    progress(root_context.get_time())
-                if watch is not None:
-                    watch(root_context)
-                return EventStatus.DidNothing()
-
-            simulator.set_monitor(tell)
+        simulator.set_monitor(tell)
         context = self.plant.GetMyContextFromRoot(simulator.get_context())
         states = []
         for time in times:

@@ -19,6 +19,7 @@ from cpid_drake.sensing.splines import (
     INTERVALS,
     Basis,
     DerivativeSamples,
+    SplineFit,
     best_fit,
     bridge_gaps,
     fit_samples,
@@ -170,15 +171,11 @@ class _Reference:
 
 
 @dataclass(frozen=True, eq=False)
-class _AttitudeFit:
-    """R(t) = reference(t) exp(r(t)) with a spline r; the covariance is that of its coefficients."""
+class _AttitudeFit(SplineFit):
+    """R(t) = reference(t) exp(r(t)) with the spline r, and the gyro bias (3,) in B [rad/s]."""
 
     reference: _Reference
-    basis: Basis
-    coefficients: NDArray[np.float64]
-    covariance: NDArray[np.float64]
     bias: NDArray[np.float64]
-    chi_squared: float
 
     def evaluate(
         self, times: NDArray[np.float64]
@@ -222,7 +219,7 @@ def _smooth_attitude(
     knot_times = gyro.time if len(gyro) > len(attitude) else attitude.time
     reference = _Reference.near(attitude.time, measured)
     linear = Basis.through(knot_times, 1, 1)
-    rough = _AttitudeFit(reference, linear, np.zeros((2, 3)), np.empty(0), np.zeros(3), np.inf)
+    rough = _AttitudeFit(linear, np.zeros((2, 3)), np.empty(0), np.inf, reference, np.zeros(3))
     latest = rough
 
     def refined(
@@ -257,12 +254,12 @@ def _smooth_attitude(
             b = np.append(b, -rows @ r.ravel())
         step, covariance = solve_normal_equations(A, b[:, None], last)
         return _AttitudeFit(
-            reference,
             basis,
             r + step[:-3].reshape(K, 3),
             covariance[:-3, :-3],
-            start.bias + step[-3:, 0],
             float(np.sum((A @ step - b[:, None]) ** 2)),
+            reference,
+            start.bias + step[-3:, 0],
         )
 
     def fit(intervals: int) -> _AttitudeFit:
@@ -280,16 +277,6 @@ def _smooth_attitude(
     return R, w, ErrorBlock(np.arange(6), columns, covariance), chosen.bias
 
 
-@dataclass(frozen=True, eq=False)
-class _PositionFit:
-    """Position as a spline; the covariance is that of the coefficients of each coordinate."""
-
-    basis: Basis
-    coefficients: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    chi_squared: float
-
-
 def _smooth_position(
     measurements: Measurements, suite: SensorSuite, times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[ErrorBlock]]:
@@ -301,14 +288,13 @@ def _smooth_position(
     if len(velocity):
         rows.append((velocity, 1, suite.sigmas("velocity")[0]))
 
-    def fit(intervals: int) -> _PositionFit:
-        basis = Basis.through(position.time, intervals, 5)
-        return _PositionFit(basis, *fit_samples(basis, rows))
+    def fit(intervals: int) -> SplineFit:
+        return fit_samples(Basis.through(position.time, intervals, 5), rows)
 
     best = best_fit(fit, len(position) + len(velocity))
     bridged, bridges = bridge_gaps(best.basis, best.coefficients)
     if bridges:
-        best = _PositionFit(bridged, *fit_samples(bridged, [*rows, *bridges]))
+        best = fit_samples(bridged, [*rows, *bridges])
     B, B_dot = best.basis(times), best.basis(times, 1)
     basis = np.stack([B, B_dot], axis=1)
     covariance = best.covariance * misfit_factor(best, 3 * (len(position) + len(velocity)))

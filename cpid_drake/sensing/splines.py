@@ -7,7 +7,7 @@ number.
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,25 +25,6 @@ INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
 
 DerivativeSamples = tuple[Samples, int, float]
 """Samples of a function or of one of its derivatives, the order of the derivative, and σ."""
-
-
-class SplineFit(Protocol):
-    """A spline fitted to samples."""
-
-    @property
-    def basis(self) -> "Basis":
-        """The K basis functions."""
-
-    @property
-    def coefficients(self) -> NDArray[np.float64]:
-        """(K, channels)."""
-
-    @property
-    def chi_squared(self) -> float:
-        """Sum of squared residuals in units of σ."""
-
-
-Fit = TypeVar("Fit", bound=SplineFit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +70,14 @@ class Basis:
 
 
 @dataclass(frozen=True, eq=False)
-class JointSpline:
-    """A smoothed joint motion: q(t) = basis(t) @ coefficients.
+class SplineFit:
+    """A spline that is fitted to samples: basis(t) @ coefficients.
 
     Attributes:
         basis: K functions.
-        coefficients: (K, J).
-        covariance: (K, K) of the coefficients of each joint.
+        coefficients: (K, channels).
+        covariance: (K, K) of the coefficients of each channel.
         chi_squared: sum of squared residuals in units of σ.
-        freedom: degrees of freedom of χ²: numbers in the samples minus K J.
 
     """
 
@@ -105,6 +85,20 @@ class JointSpline:
     coefficients: NDArray[np.float64]
     covariance: NDArray[np.float64]
     chi_squared: float
+
+
+Fit = TypeVar("Fit", bound=SplineFit)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpline(SplineFit):
+    """A smoothed motion of J joints, one channel each.
+
+    Attributes:
+        freedom: degrees of freedom of χ²: numbers in the samples minus K J.
+
+    """
+
     freedom: int
 
     @property
@@ -151,10 +145,9 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
     ]
 
     def spline(basis: Basis, bridges: list[DerivativeSamples]) -> JointSpline:
-        coefficients, covariance, chi_squared = fit_samples(basis, [*rows, *bridges])
         known = sum(len(samples) for samples, _, _ in (*rows, *bridges))
         count = (known - basis.size) * positions.value.shape[1]
-        return JointSpline(basis, coefficients, covariance, chi_squared, count)
+        return JointSpline(**vars(fit_samples(basis, [*rows, *bridges])), freedom=count)
 
     def fit(intervals: int) -> JointSpline:
         return spline(Basis.through(positions.time, intervals, degree=5), [])
@@ -180,19 +173,12 @@ def bridge_gaps(
     return bridged, [(Samples(middles, np.zeros((len(middles), width))), 3, max(jerk, 1e-9))]
 
 
-def fit_samples(
-    basis: Basis, rows: list[DerivativeSamples]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Fit a spline by least squares to samples of a function and of its derivatives.
-
-    Returns:
-        Coefficients (K, channels), their covariance (K, K) for each channel, and χ².
-
-    """
+def fit_samples(basis: Basis, rows: list[DerivativeSamples]) -> SplineFit:
+    """Fit a spline by least squares to samples of a function and of its derivatives."""
     A = np.vstack([basis(s.time, derivative) / sigma for s, derivative, sigma in rows])
     b = np.vstack([s.value / sigma for s, _, sigma in rows])
     coefficients, covariance = solve_normal_equations(A, b)
-    return coefficients, covariance, float(np.sum((A @ coefficients - b) ** 2))
+    return SplineFit(basis, coefficients, covariance, float(np.sum((A @ coefficients - b) ** 2)))
 
 
 def solve_normal_equations(

@@ -1,7 +1,7 @@
 """Bodies, frames and joints of a plant by name, bare or scoped as `instance::name`."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 from pydrake.multibody.plant import MultibodyPlant
@@ -19,11 +19,7 @@ def find_body(model: ModelFile, plant: MultibodyPlant, name: str) -> RigidBody:
         InputError: there is none, or more than one.
 
     """
-    bodies = [
-        plant.get_body(k)
-        for instance in _model_instances(plant)
-        for k in plant.GetBodyIndices(instance)
-    ]
+    bodies = _elements(plant, plant.GetBodyIndices, plant.get_body)
     return _find(model, plant, "body", bodies, name)
 
 
@@ -34,11 +30,7 @@ def find_frame(model: ModelFile, plant: MultibodyPlant, name: str) -> Frame:
         InputError: there is none, or more than one.
 
     """
-    frames = [
-        plant.get_frame(k)
-        for instance in _model_instances(plant)
-        for k in plant.GetFrameIndices(instance)
-    ]
+    frames = _elements(plant, plant.GetFrameIndices, plant.get_frame)
     return _find(model, plant, "frame", [frame for frame in frames if frame.name()], name)
 
 
@@ -59,9 +51,12 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(ordered[:40]) + more
 
 
-def _model_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
-    """Return all model instances except the world's."""
-    return [ModelInstanceIndex(k) for k in range(1, plant.num_model_instances())]
+def _elements(
+    plant: MultibodyPlant, indices: Callable, element: Callable[..., _Element]
+) -> list[_Element]:
+    """Return the elements of all model instances except the world's."""
+    instances = map(ModelInstanceIndex, range(1, plant.num_model_instances()))
+    return [element(k) for instance in instances for k in indices(instance)]
 
 
 def _find(

@@ -15,7 +15,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, choose_from
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
 from cpid_drake.spacecraft.lookup import find_body, find_frame, joint_names
@@ -225,22 +225,23 @@ class Spacecraft:
             where: the name of the input, for error messages.
 
         Raises:
-            InputError: a joint that the spacecraft does not have, or a position out of limits.
+            InputError: a joint that the spacecraft does not have, or a position out of limits; the
+                message says if the position is in degrees.
 
         """
         q = np.zeros(len(self.joint_names))
         for name, value in angles.items():
             if name not in self.joint_names:
-                raise InputError(
-                    f"{where}: no joint '{name}'; joints are {', '.join(self.joint_names)}"
-                )
+                choices = choose_from(name, self.joint_names)
+                raise InputError(f"{where}: no joint '{name}'; {choices}")
             k = self.joint_names.index(name)
-            low, high = (
-                self._joints[k].position_lower_limit(),
-                self._joints[k].position_upper_limit(),
-            )
+            low, high = (limits[k] for limits in self.position_limits)
             if not low <= value <= high:
-                raise InputError(f"{where}: {name} = {value:g} is outside [{low:g}, {high:g}]")
+                hint, radians = "", np.radians(value)
+                if abs(value) > 2 * np.pi and low <= radians <= high:
+                    hint = f"; angles are in radians: {value:g} degrees are {radians:.4g}"
+                limits = f"[{low:g}, {high:g}]"
+                raise InputError(f"{where}: {name} = {value:g} is outside {limits}{hint}")
             q[k] = value
         return q
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import methods
+from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.studies.statistics import SCALE_LENGTH, Accuracy, statistics_of
@@ -120,18 +121,18 @@ def summarize(study: AccuracyStudy, wall_seconds: float) -> dict:
                 "preset": r.preset,
                 "estimator": r.estimator,
                 "trials": r.trials,
-                "bias": _plain(r.bias),
-                "bias_halfwidth95": _plain(r.bias_halfwidth),
-                "rmse": _plain(r.rmse),
-                "crlb": _plain(r.crlb),
-                "rmse_over_crlb": _plain(r.ratio),
-                "rmse_over_crlb_interval95": [_plain(end) for end in r.ratio_interval],
-                "nees_mean": _plain(r.nees_mean),
-                "nees_band95": [_plain(end) for end in r.nees_band],
-                "coverage95": _plain(r.coverage),
-                "coverage95_interval95": [_plain(end) for end in r.coverage_interval],
-                "coverage95_all": _plain(r.coverage_all),
-                "within_one_percent": _plain(r.within_one_percent),
+                "bias": nulls(r.bias),
+                "bias_halfwidth95": nulls(r.bias_halfwidth),
+                "rmse": nulls(r.rmse),
+                "crlb": nulls(r.crlb),
+                "rmse_over_crlb": nulls(r.ratio),
+                "rmse_over_crlb_interval95": nulls(r.ratio_interval),
+                "nees_mean": nulls(r.nees_mean),
+                "nees_band95": nulls(r.nees_band),
+                "coverage95": nulls(r.coverage),
+                "coverage95_interval95": nulls(r.coverage_interval),
+                "coverage95_all": nulls(r.coverage_all),
+                "within_one_percent": nulls(r.within_one_percent),
                 "infeasible": r.infeasible,
                 "failed": r.failed,
                 "problem": r.problem,
@@ -139,19 +140,12 @@ def summarize(study: AccuracyStudy, wall_seconds: float) -> dict:
         )
         if r.detected is not None:
             share, delay = r.detected
-            results[-1]["momentum_change"] = {"share": share, "largest_delay": _plain(delay)}
+            results[-1]["momentum_change"] = {"share": share, "largest_delay": nulls(delay)}
     return {
         "seed": study.seed,
         "trials": study.trials,
-        "scale": _plain(study.scale),
+        "scale": nulls(study.scale),
         "notes": list(study.notes),
         "results": results,
         "wall_seconds": wall_seconds,
     }
-
-
-def _plain(value: NDArray[np.float64] | float) -> list[float | None] | float | None:
-    """Return numbers for JSON, with None for missing ones."""
-    if isinstance(value, np.ndarray) and value.ndim:
-        return [float(entry) if np.isfinite(entry) else None for entry in value]
-    return float(value) if np.isfinite(value) else None

@@ -14,6 +14,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result import Identification
+from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation, make_simulation
 
@@ -254,13 +255,9 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
     """Return the study's numbers for `summary.json`; missing values are None."""
 
     def table_1(found: Identification) -> dict:
-        parameters = found.parameters
-        return {
-            "mass": _number(parameters[0]),
-            "com": [_number(value) for value in parameters[1:4]],
-            "inertia": [_number(value) for value in parameters[4:]],
-            "max_relative_error": _number(max_relative_error(parameters, study.truth)),
-        }
+        mass, *rest = nulls(found.parameters)
+        error = nulls(max_relative_error(found.parameters, study.truth))
+        return {"mass": mass, "com": rest[:3], "inertia": rest[3:], "max_relative_error": error}
 
     return {
         "table1": {
@@ -270,8 +267,8 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
         "table2": [
             {
                 "decimals": case.decimals,
-                "mass": _number(case.identification.parameters[0]),
-                "max_relative_error": _number(case.max_relative_error),
+                "mass": nulls(case.identification.parameters[0]),
+                "max_relative_error": nulls(case.max_relative_error),
             }
             for case in study.rounded
         ],
@@ -286,17 +283,9 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
             "rounded6_angular": study.rounded_angular_momentum,
         },
         "samples": [
-            {
-                "n": case.n,
-                "rank": case.rank,
-                "max_relative_error": _number(case.max_relative_error),
-            }
+            {"n": case.n, "rank": case.rank, "max_relative_error": nulls(case.max_relative_error)}
             for case in study.by_count
         ],
         "online_minus_batch": study.online_minus_batch,
         "wall_seconds": wall_seconds,
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

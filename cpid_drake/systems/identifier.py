@@ -1,10 +1,11 @@
 """Identification as a Drake system: from the spacecraft's state, by least squares."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import (
@@ -65,43 +66,32 @@ class Identifier(LeafSystem):
             prerequisites_of_calc={state_ticket},
         )
         state_only = {self.cache_entry_ticket(self._solution.cache_index())}
-        self.DeclareVectorOutputPort(
-            name="parameters", size=10, calc=self._calc_parameters, prerequisites_of_calc=state_only
-        )
-        self.DeclareVectorOutputPort(
-            name="covariance",
-            size=100,
-            calc=self._calc_covariance,
-            prerequisites_of_calc=state_only,
-        )
+
+        def declare(name: str, size: int, value: Callable[[Identification], ArrayLike]) -> None:
+            def calc(context: Context, output: BasicVector) -> None:
+                output.SetFromVector(value(self.identification(context)))
+
+            self.DeclareVectorOutputPort(
+                name=name, size=size, calc=calc, prerequisites_of_calc=state_only
+            )
+
+        def calc_spatial_inertia(context: Context, output: AbstractValue) -> None:
+            output.set_value(self.identification(context).spatial_inertia())
+
+        declare("parameters", 10, lambda found: found.parameters)
+        declare("covariance", 100, lambda found: found.covariance.ravel())
         self.DeclareAbstractOutputPort(
             name="spatial_inertia",
             alloc=lambda: Value(SpatialInertia.NaN()),
-            calc=self._calc_spatial_inertia,
+            calc=calc_spatial_inertia,
             prerequisites_of_calc=state_only,
         )
-        self.DeclareVectorOutputPort(
-            name="diagnostics",
-            size=len(DIAGNOSTICS),
-            calc=self._calc_diagnostics,
-            prerequisites_of_calc=state_only,
-        )
+        declare("diagnostics", len(DIAGNOSTICS), _diagnostics)
 
-    def _calc_parameters(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.identification(context).parameters)
 
-    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.identification(context).covariance.ravel())
-
-    def _calc_spatial_inertia(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self.identification(context).spatial_inertia())
-
-    def _calc_diagnostics(self, context: Context, output: BasicVector) -> None:
-        result = self.identification(context)
-        solution = result.solution
-        output.SetFromVector(
-            [result.sample_count, solution.rank, solution.condition_number, solution.residual_rms]
-        )
+def _diagnostics(found: Identification) -> list[float]:
+    solution = found.solution
+    return [found.sample_count, solution.rank, solution.condition_number, solution.residual_rms]
 
 
 class MomentumIdentifier(Identifier):

@@ -364,7 +364,7 @@ def test_limits_are_read(load):
     for value in (2.6, -2.1, np.nan, np.inf):
         with pytest.raises(InputError, match=r"^here: j = .* is outside \[-2, 2.5\]$"):
             spacecraft.configuration({"j": value}, "here")
-    with pytest.raises(InputError, match=r"^here: no joint 'elbow'; joints are j$"):
+    with pytest.raises(InputError, match=r"^here: no joint 'elbow'; choose from j$"):
         spacecraft.configuration({"elbow": 0.0}, "here")
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +14,12 @@ Topics = Mapping[str, str] | None
 """Names of a bag's topics by kind, if any are given."""
 
 
-class Reader(Protocol):
-    """Reads a file; `where` names it in error messages, and `problems` collects bad samples."""
+Reader = Callable[[Path, str, Problems, Topics], TelemetryTable | Measurements]
+"""Reads a file: its path, its name in error messages, where bad samples are added, and topics.
 
-    def __call__(
-        self, file: Path, where: str, problems: Problems, topics: Topics
-    ) -> TelemetryTable | Measurements:
-        """Return a table, or measurements if each sensor has its own times.
-
-        Raises:
-            InputError: nothing can be read.
-
-        """
+Returns a table, or measurements if each sensor has its own times. Raises an InputError if nothing
+can be read.
+"""
 
 
 @dataclass(frozen=True)
