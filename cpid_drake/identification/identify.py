@@ -65,11 +65,7 @@ def identify(
     momentum = momentum or TotalMomentum.zero()
     states, warnings, rejected = None, [], {}
     if isinstance(data, Telemetry):
-        if data.joint_names != spacecraft.joint_names:
-            raise InputError(
-                f"telemetry of joints {', '.join(data.joint_names)} is not of this spacecraft, "
-                f"whose joints are {', '.join(spacecraft.joint_names)}"
-            )
+        spacecraft.require_joints(data)
         states, measurements = data, measurements_of_states(data)
     else:
         measurements, counts = screen(in_joint_order(data, spacecraft))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.description import result_of
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result import Identification
@@ -128,7 +128,7 @@ def identify_file(
         refuse_problems(file, where)
     measurements, start, end = _window(file.measurements, request)
     progress("identifying")
-    try:
+    with prefix_errors(where):
         found = identify(
             spacecraft,
             measurements,
@@ -137,8 +137,6 @@ def identify_file(
             sensors=sensors,
             momentum=momentum,
         )
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
     rejected = dict(found.rejected)
     for name, count in file.partial.items():
         rejected[name] = rejected.get(name, 0) + count

@@ -129,24 +129,13 @@ def _of_complete(problem: Problem, telemetry: Telemetry) -> Identification:
         free, solution = solution, solve_information(root[:, extra:], count)
         if _is_moving(root, solution, free, family):
             warnings.append(MOMENTUM_FOUND)
-    white, residuals = None, {}
-    if solution.is_observable and solution.row_count > _FEW_ROWS:
-        some = telemetry.select(slice(0, _MOST_RESIDUALS))
-        rest = row_residuals(tree, some, family, momentum, solution.estimate)
-        white, residuals = whiteness(rest), _by_kind(some.time, rest, family)
-        # Errors that are correlated from sample to sample average out more slowly.
-        wider = white.correlation_time * solution.covariance
-        solution = replace(solution, covariance=wider)
-    return Identification(
-        family.parameterization(problem.spacecraft.mass),
-        solution,
-        len(telemetry),
-        LEAST_SQUARES.name,
-        rows=family.name,
-        whiteness=white,
-        residuals=residuals,
-        warnings=tuple(warnings),
-    )
+    found = _identification(problem, family, solution, telemetry, tuple(warnings))
+    if not found.residuals or solution.row_count <= _FEW_ROWS:
+        return replace(found, residuals={})
+    white = whiteness(np.hstack([series.value for series in found.residuals.values()]))
+    # Errors that are correlated from sample to sample average out more slowly.
+    wider = white.correlation_time * solution.covariance
+    return replace(found, solution=replace(solution, covariance=wider), whiteness=white)
 
 
 def _of_smoothed(problem: Problem) -> Identification:
@@ -156,31 +145,37 @@ def _of_smoothed(problem: Problem) -> Identification:
     assert family is not None
     motion = smooth(problem.measurements, sensors, with_position=family.uses_base_position)
     solution = solve_smoothed_rows(tree, motion, family, momentum)
+    return _identification(problem, family, solution, motion.telemetry, warnings)
+
+
+def _identification(
+    problem: Problem,
+    family: RowFamily,
+    solution: LeastSquaresSolution,
+    telemetry: Telemetry,
+    warnings: tuple[str, ...],
+) -> Identification:
+    """Return the identification of a solution, with residuals if all ten unknowns are known."""
     residuals = {}
     if solution.is_observable:
-        some = motion.telemetry.select(slice(0, _MOST_RESIDUALS))
+        some = telemetry.select(slice(0, _MOST_RESIDUALS))
+        tree, momentum = problem.spacecraft.tree, problem.momentum
         rest = row_residuals(tree, some, family, momentum, solution.estimate)
-        residuals = _by_kind(some.time, rest, family)
+        # The angular rows are the last three of a sample.
+        kinds = {"linear": (rest[:, :-3], family.linear_unit), "angular": (rest[:, -3:], "N·m·s")}
+        residuals = {
+            name: ResidualSeries(some.time, *part) for name, part in kinds.items() if part[0].size
+        }
     return Identification(
         family.parameterization(problem.spacecraft.mass),
         solution,
-        len(motion.telemetry),
+        len(telemetry),
         LEAST_SQUARES.name,
         rows=family.name,
-        sensors=sensors,
+        sensors=problem.sensors,
         residuals=residuals,
         warnings=warnings,
     )
-
-
-def _by_kind(
-    time: NDArray[np.float64], rest: NDArray[np.float64], family: RowFamily
-) -> dict[str, ResidualSeries]:
-    """Return residuals (N, 3 or 6) by kind: the angular ones are the last three of a sample."""
-    kinds = {"linear": (rest[:, :-3], family.linear_unit), "angular": (rest[:, -3:], "N·m·s")}
-    return {
-        name: ResidualSeries(time, part, unit) for name, (part, unit) in kinds.items() if part.size
-    }
 
 
 def _is_moving(

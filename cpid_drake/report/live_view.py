@@ -7,9 +7,8 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from cpid_drake.errors import InputError
 from cpid_drake.identification.result import Identification
-from cpid_drake.scenario.simulation import Simulation
+from cpid_drake.scenario.simulation import Simulation, advance
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
 LAYERS = {
@@ -146,7 +145,4 @@ class LiveView:
             simulator.set_target_realtime_rate(rate)
             simulator.ResetStatistics()
         now = simulator.get_context().get_time()
-        try:
-            simulator.AdvanceTo(min(duration, now + FRAME_PERIOD))
-        except RuntimeError as error:
-            raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
+        advance(simulator, min(duration, now + FRAME_PERIOD))

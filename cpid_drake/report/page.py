@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import jinja2
+import numpy as np
 from markupsafe import Markup
 
 from cpid_drake.errors import InputError
@@ -38,6 +39,16 @@ class Cell:
     def exact(self) -> str:
         """`value` as JSON."""
         return json.dumps(self.value, allow_nan=False)
+
+
+def value_cell(
+    value: float, key: str, decimals: int = 0, absent: str = "", data: str = "result"
+) -> Cell:
+    """Return a cell with a rounded value and its path in the JSON; `absent` if it is not known."""
+    if not np.isfinite(value):
+        return Cell(absent, None, key, data)
+    value = value if isinstance(value, int) else float(value)
+    return Cell(f"{round(value, decimals) + 0.0:.{decimals}f}", value, key, data)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
 """Reads the folder of a simulated run."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
+from cpid_drake.input_files.validation import load_json
 from cpid_drake.scenario.files import load_scenario
 from cpid_drake.scenario.schema import Scenario
 
@@ -41,20 +41,13 @@ def read_run(folder: Path) -> Run:
     texts, documents = {}, {}
     for name in ("truth", "run"):
         path = folder / f"{name}.json"
-        try:
-            texts[name] = path.read_text(encoding="utf-8")
-            documents[name] = json.loads(texts[name], parse_constant=_refuse)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: not JSON: {error}") from error
-        if not isinstance(documents[name], dict):
+        document = load_json(path.read_bytes(), str(path))
+        if not isinstance(document, dict):
             raise InputError(f"{path}: must hold an object")
+        texts[name], documents[name] = path.read_text(encoding="utf-8-sig"), document
     try:
         ten = [documents["truth"][key] for key in ("mass", "com", "inertia")]
         truth = InertialParameters.from_vector([ten[0], *ten[1], *ten[2]])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{folder}/truth.json: does not hold a target: {error}") from error
     return Run(folder, load_scenario(folder / "scenario.yaml"), truth, texts)
-
-
-def _refuse(literal: str) -> None:
-    raise ValueError(f"{literal} is not a finite number")

@@ -121,8 +121,7 @@ def momentum_drift(simulation: Simulation, truth: Telemetry) -> dict[str, float]
 
 def online_document(simulation: Simulation, root_context: Context) -> dict[str, Any]:
     """Return the online estimate at the end; unknown values are null."""
-    identifier = simulation.identifier
-    result = identifier.identification(identifier.GetMyContextFromRoot(root_context))
+    result = simulation.identification(root_context)
     found = {"estimate": result.parameters, "sigma": np.sqrt(np.diag(result.covariance))}
     return {
         "estimator": simulation.scenario.identification.estimator,

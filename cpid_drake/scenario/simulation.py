@@ -119,11 +119,7 @@ class Simulation:
         context = self.plant.GetMyContextFromRoot(simulator.get_context())
         states = []
         for time in times:
-            try:
-                simulator.AdvanceTo(time)
-            except RuntimeError as error:  # for this scenario no step is short enough
-                now = simulator.get_context().get_time()
-                raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
+            advance(simulator, time)
             states.append(self.plant.GetPositionsAndVelocities(context).copy())
         simulator.AdvancePendingEvents()  # the samples that are due at the end
         if isinstance(self.identifier, SensorIdentifier):
@@ -155,6 +151,20 @@ class Simulation:
                 "scenario"
             )
         return measurements_from_logs(self.sensors, self.sensor_logs, root_context)
+
+
+def advance(simulator: Simulator, time: float) -> None:
+    """Advance a simulator to this time [s].
+
+    Raises:
+        InputError: no step is short enough for the motion.
+
+    """
+    try:
+        simulator.AdvanceTo(time)
+    except RuntimeError as error:
+        now = simulator.get_context().get_time()
+        raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
 
 
 def initial_state(

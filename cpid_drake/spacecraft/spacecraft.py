@@ -190,11 +190,11 @@ class Spacecraft:
         parts = {name: states[:, columns] for name, columns in self._columns.items()}
         return Telemetry(self.joint_names, np.atleast_1d(time), **parts)
 
-    def to_states(self, telemetry: Telemetry) -> NDArray[np.float64]:
-        """Return the plant states x = [q; v] (N, nx) of telemetry of this spacecraft.
+    def require_joints(self, telemetry: Telemetry) -> None:
+        """Refuse telemetry of another spacecraft.
 
         Raises:
-            InputError: the telemetry's joints are not this spacecraft's joints, in this order.
+            InputError: its joints are not this spacecraft's joints, in this order.
 
         """
         if telemetry.joint_names != self.joint_names:
@@ -202,6 +202,10 @@ class Spacecraft:
                 f"telemetry of joints {', '.join(telemetry.joint_names)} is not of this "
                 f"spacecraft, whose joints are {', '.join(self.joint_names)}"
             )
+
+    def to_states(self, telemetry: Telemetry) -> NDArray[np.float64]:
+        """Return the plant states x = [q; v] (N, nx) of telemetry; raises as `require_joints`."""
+        self.require_joints(telemetry)
         states = np.zeros((len(telemetry), self.plant.num_multibody_states()))
         for name, columns in self._columns.items():
             states[:, columns] = getattr(telemetry, name)

@@ -187,8 +187,7 @@ def run_paper_study(
     exact = identified(samples)
     if not exact.is_observable:
         raise InputError(f"the scenario does not identify its target: {exact.explain()}")
-    identifier_context = simulation.identifier.GetMyContextFromRoot(context)
-    online = simulation.identifier.identification(identifier_context)
+    online = simulation.identification(context)
     parameter_log = simulation.parameter_log.FindLog(context)
     _, first = np.unique(parameter_log.sample_times(), return_index=True)
     difference = online.parameters - exact.parameters
@@ -238,11 +237,6 @@ def run_paper_study(
 def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
     """Return the sampling times of the scenario's identifier [s]."""
     config, duration = scenario.identification, scenario.simulation.duration
-    if not (np.isfinite(config.offset) and config.offset >= 0 and 0 < config.period < np.inf):
-        raise InputError(
-            f"identification needs a period > 0 and an offset >= 0, not {config.period} and "
-            f"{config.offset}"
-        )
     count = int(np.floor((duration - config.offset) / config.period + 1e-9)) + 1
     if count < 1:
         raise InputError(

@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from cpid_drake.errors import InputError
+from cpid_drake.errors import prefix_errors
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import SENSORS
@@ -131,11 +131,8 @@ class SpacecraftSensors(LeafSystem):
         """Return [time, value] of the sample that is due now; its number follows from the time."""
         k = round(context.get_time() * rate)
         state = self._state_port.Eval(context)
-        try:
+        with prefix_errors(f"{self.GetSystemPathname()}: {name} at t = {k / rate:g} s"):
             telemetry = self._spacecraft.to_telemetry(k / rate, state)
-        except InputError as error:
-            where = f"{self.GetSystemPathname()}: {name} at t = {k / rate:g} s"
-            raise InputError(f"{where}: {error}") from error
         [value] = self._noise.apply(name, SENSORS[name].quantity.ideal(telemetry), first=k)
         return np.concatenate([[k / rate], value])
 

@@ -2,8 +2,7 @@
 
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.result_files import IdentificationResult
-from cpid_drake.report.page import Cell, Section
-from cpid_drake.report.sections.cells import value_cell
+from cpid_drake.report.page import Cell, Section, value_cell
 
 
 def request_section(result: IdentificationResult) -> Section:

@@ -9,8 +9,9 @@ from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.identification.description import decimals
 from cpid_drake.identification.result_files import IdentificationResult
 from cpid_drake.report.figures import ellipsoid_pictures
-from cpid_drake.report.page import Cell, Section, Table
-from cpid_drake.report.sections.cells import PARAMETER_KEYS, value_cell
+from cpid_drake.report.page import Cell, Section, Table, value_cell
+
+_KEYS = ("mass", *(f"com.{i}" for i in range(3)), *(f"inertia.{i}" for i in range(6)))
 
 
 def result_section(result: IdentificationResult, truth: InertialParameters | None) -> Section:
@@ -56,7 +57,7 @@ def _parameters(result: IdentificationResult, truth: InertialParameters | None) 
     true = None if truth is None else truth.to_vector()
     consistent = None if result.target is None else result.target.to_vector()
     rows = []
-    for i, (name, key) in enumerate(zip(PARAMETER_NAMES, PARAMETER_KEYS)):
+    for i, (name, key) in enumerate(zip(PARAMETER_NAMES, _KEYS)):
         value, half = result.parameters[i], half_widths[i]
         places = decimals(2 * half)
         spread = f"{half:.{places}f}" if half >= 0.5 * 10.0**-places else f"{half:.1e}"
