@@ -8,18 +8,12 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from cpid_drake.commands.options import (
-    FolderOption,
-    QuietOption,
-    ScenarioArgument,
-    log_console,
-    make_folder,
-)
+from cpid_drake.commands import options
 
 
 def accuracy(
-    scenario: ScenarioArgument,
-    out: FolderOption,
+    scenario: options.ScenarioArgument,
+    out: options.FolderOption,
     trials: Annotated[
         int | None, typer.Option(help="Trials for each preset. Default: the scenario's number.")
     ] = None,
@@ -39,7 +33,7 @@ def accuracy(
     jobs: Annotated[
         int | None, typer.Option(help="Number of processes. Default: one for each processor.")
     ] = None,
-    quiet: QuietOption = False,
+    quiet: options.QuietOption = False,
 ) -> None:
     """Compare the estimators on many simulated logs with sensor noise.
 
@@ -68,8 +62,8 @@ def accuracy(
     from cpid_drake.studies.accuracy import run_accuracy, summarize
 
     loaded = load_scenario(path)
-    make_folder(out)
-    log = log_console(quiet)
+    options.make_folder(out)
+    log = options.log_console(quiet)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
         tasks: dict[str, TaskID] = {}

@@ -6,34 +6,17 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from cpid_drake.commands.options import (
-    LOG_KINDS,
-    BaseOption,
-    CaptureFrameOption,
-    ModelOption,
-    MomentumOption,
-    PackageOption,
-    QuietOption,
-    SensorsOption,
-    TopicOption,
-    absolute_model,
-    check_inputs,
-    check_method,
-    check_output,
-    log_console,
-    packages_of,
-    topics_of,
-)
+from cpid_drake.commands import options
 
 NOT_ALL_KNOWN = 3
 """Exit code if the data do not determine all ten parameters."""
 
 
 def identify(
-    telemetry: Annotated[str, typer.Argument(metavar="TELEMETRY", help=LOG_KINDS)],
-    spacecraft: ModelOption[str],
-    base: BaseOption[str],
-    capture_frame: CaptureFrameOption[str],
+    telemetry: Annotated[str, typer.Argument(metavar="TELEMETRY", help=options.LOG_KINDS)],
+    spacecraft: options.ModelOption[str],
+    base: options.BaseOption[str],
+    capture_frame: options.CaptureFrameOption[str],
     estimator: Annotated[
         str | None,
         typer.Option(
@@ -50,16 +33,16 @@ def identify(
             "lists all. Default: standard, or relative for logs without position and velocity.",
         ),
     ] = None,
-    sensors: SensorsOption = None,
-    momentum: MomentumOption = None,
+    sensors: options.SensorsOption = None,
+    momentum: options.MomentumOption = None,
     start: Annotated[
         float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
     ] = None,
     end: Annotated[
         float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
     ] = None,
-    package: PackageOption = None,
-    topic: TopicOption = None,
+    package: options.PackageOption = None,
+    topic: options.TopicOption = None,
     leave_out_bad: Annotated[
         bool,
         typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem."),
@@ -70,7 +53,7 @@ def identify(
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a report, one HTML page.")
     ] = None,
-    quiet: QuietOption = False,
+    quiet: options.QuietOption = False,
 ) -> int:
     """Identify the target that a spacecraft holds from a log of the spacecraft's motion.
 
@@ -78,16 +61,16 @@ def identify(
     """
     for option, path in (("--json", json_file), ("--report", report)):
         if path is not None:
-            check_output(option, path)
-    packages, topics = packages_of(package), topics_of(topic)
-    model = absolute_model(spacecraft)
-    check_inputs(telemetry, model, sensors)
-    check_method(estimator, rows, momentum or "zero", sensors)
+            options.check_output(option, path)
+    packages, topics = options.packages_of(package), options.topics_of(topic)
+    model = options.absolute_model(spacecraft)
+    options.check_inputs(telemetry, model, sensors)
+    options.check_method(estimator, rows, momentum or "zero", sensors)
     from cpid_drake.identification.description import describe
     from cpid_drake.identification.requests import Request, identify_file
     from cpid_drake.identification.result_files import SpacecraftReference, write_result
 
-    log = log_console()
+    log = options.log_console()
     request = Request(
         telemetry,
         SpacecraftReference(model, base, capture_frame, packages),
@@ -100,7 +83,7 @@ def identify(
         topics=topics,
         leave_out_bad=leave_out_bad,
     )
-    with log_console(quiet).status("identifying") as status:
+    with options.log_console(quiet).status("identifying") as status:
         evidence = identify_file(request, status.update)
         result = evidence.result
         if json_file is not None:

@@ -2,22 +2,20 @@
 
 import time
 
-from cpid_drake.commands.options import (
-    FolderOption,
-    QuietOption,
-    ScenarioArgument,
-    log_console,
-    make_folder,
-)
+from cpid_drake.commands import options
 from cpid_drake.errors import prefix_errors
 
 
-def simulate(scenario: ScenarioArgument, out: FolderOption, quiet: QuietOption = False) -> None:
+def simulate(
+    scenario: options.ScenarioArgument,
+    out: options.FolderOption,
+    quiet: options.QuietOption = False,
+) -> None:
     """Simulate a scenario; write the telemetry of its sensors and the true parameters."""
     start = time.perf_counter()
     from cpid_drake.scenario.files import find_scenario, load_scenario
 
-    log = log_console(quiet)
+    log = options.log_console(quiet)
     with log.status("reading the scenario") as status:
         loaded = load_scenario(find_scenario(scenario))
         from cpid_drake.scenario.run_files import refuse_other_files, request_of_run, write_run
@@ -25,7 +23,7 @@ def simulate(scenario: ScenarioArgument, out: FolderOption, quiet: QuietOption =
 
         with prefix_errors(scenario):
             simulation = make_simulation(loaded)
-        make_folder(out)
+        options.make_folder(out)
         refuse_other_files(out)
 
         duration = loaded.simulation.duration

@@ -5,14 +5,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from cpid_drake.commands.options import (
-    LOG_KINDS,
-    BaseOption,
-    CaptureFrameOption,
-    ModelOption,
-    TopicOption,
-    topics_of,
-)
+from cpid_drake.commands import options
 from cpid_drake.errors import InputError
 
 telemetry = typer.Typer(no_args_is_help=True, help="Check telemetry files.")
@@ -25,11 +18,11 @@ def _common() -> None:
 
 @telemetry.command()
 def check(
-    file: Annotated[str, typer.Argument(metavar="FILE", help=LOG_KINDS)],
-    spacecraft: ModelOption[str | None] = None,
-    base: BaseOption[str | None] = None,
-    capture_frame: CaptureFrameOption[str | None] = None,
-    topic: TopicOption = None,
+    file: Annotated[str, typer.Argument(metavar="FILE", help=options.LOG_KINDS)],
+    spacecraft: options.ModelOption[str | None] = None,
+    base: options.BaseOption[str | None] = None,
+    capture_frame: options.CaptureFrameOption[str | None] = None,
+    topic: options.TopicOption = None,
 ) -> int:
     """List the contents and all problems of a telemetry file.
 
@@ -40,7 +33,7 @@ def check(
     given = [spacecraft, base, capture_frame]
     if any(given) and not all(given):
         raise InputError("give all of --spacecraft, --base and --capture-frame, or none of them")
-    topics = topics_of(topic)
+    topics = options.topics_of(topic)
     from cpid_drake.sensing.files.telemetry_files import inspect_telemetry
 
     found = inspect_telemetry(file, topics=topics)

@@ -6,20 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from cpid_drake.commands.options import (
-    BaseOption,
-    CaptureFrameOption,
-    ModelOption,
-    MomentumOption,
-    PackageOption,
-    QuietOption,
-    SensorsOption,
-    absolute_model,
-    check_inputs,
-    check_output,
-    log_console,
-    packages_of,
-)
+from cpid_drake.commands import options
 from cpid_drake.errors import InputError, prefix_errors
 
 if TYPE_CHECKING:
@@ -50,13 +37,13 @@ def view(
     rate: Annotated[
         float, typer.Option(help="Initial ratio of simulated to real time in the live view.")
     ] = 1.0,
-    spacecraft: ModelOption[str | None] = None,
-    base: BaseOption[str | None] = None,
-    capture_frame: CaptureFrameOption[str | None] = None,
-    sensors: SensorsOption = None,
-    momentum: MomentumOption = None,
-    package: PackageOption = None,
-    quiet: QuietOption = False,
+    spacecraft: options.ModelOption[str | None] = None,
+    base: options.BaseOption[str | None] = None,
+    capture_frame: options.CaptureFrameOption[str | None] = None,
+    sensors: options.SensorsOption = None,
+    momentum: options.MomentumOption = None,
+    package: options.PackageOption = None,
+    quiet: options.QuietOption = False,
 ) -> None:
     """Show a scenario live in the browser, or write the replay of a scenario or of a log.
 
@@ -65,10 +52,10 @@ def view(
     In the live view, sliders pose the arms before a run; the run starts from the scenario's pose.
     """
     if html is not None:
-        check_output("--html", html)
+        options.check_output("--html", html)
     if not 0.1 <= rate <= 5:
         raise InputError(f"--rate {rate:g}: must be from 0.1 to 5")
-    console = log_console(quiet)
+    console = options.log_console(quiet)
     craft = {"--spacecraft": spacecraft, "--base": base, "--capture-frame": capture_frame}
     missing = [option for option, value in craft.items() if value is None]
     page: str | None
@@ -77,8 +64,8 @@ def view(
             raise InputError(f"{source}: a log needs a spacecraft: give {missing[0]}")
         if html is None or live:
             raise InputError(f"{source}: a log has no live view: give --html FILE, not --live")
-        packages, model = packages_of(package), absolute_model(spacecraft)
-        check_inputs(source, model, sensors)
+        packages, model = options.packages_of(package), options.absolute_model(spacecraft)
+        options.check_inputs(source, model, sensors)
         from cpid_drake.identification.requests import Request
         from cpid_drake.identification.result_files import SpacecraftReference
 
@@ -96,7 +83,7 @@ def view(
         size = html.stat().st_size
         console.print(f"{html}, {size / 1e6:.1f} MB")
         if size > LARGE_PAGE:
-            log_console().print("warning: the page is large because the model's meshes are")
+            options.log_console().print("warning: the page is large because the model's meshes are")
     if not quiet:
         print(text)
 
@@ -115,7 +102,7 @@ def _replay_log(request: "Request", console: Console) -> tuple[str, str]:
         title = Path(request.telemetry).name
         page = replay_html(evidence.spacecraft, motion_of(evidence), estimates, title=title)
     for warning in evidence.result.warnings:
-        log_console().print(f"warning: {warning}")
+        options.log_console().print(f"warning: {warning}")
     return page, estimate_text(evidence.found)
 
 

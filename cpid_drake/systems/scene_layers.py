@@ -336,6 +336,23 @@ class Trail(Layer):
         self._count += 1
 
 
+def make_layers(
+    meshcat: Meshcat,
+    extent: Extent,
+    bodies: dict[str, SpatialInertia],
+    truth: InertialParameters | None,
+) -> list[Layer]:
+    """Return all layers; `bodies` are the shapeless ones, and `truth` is the target if known."""
+    kinds = (Frames, CentreOfMass, EstimatedCentre, EstimatedInertia, Momentum, Trail)
+    layers: list[Layer] = [
+        Bodies(meshcat, extent, bodies),
+        *(kind(meshcat, extent) for kind in kinds),
+    ]
+    if truth is not None:
+        layers.append(TrueInertia(meshcat, extent, truth.to_spatial_inertia()))
+    return layers
+
+
 def system_centre(
     target: InertialParameters, X_WC: RigidTransform, p_WK: ArrayLike, mass: float
 ) -> NDArray[np.float64]:

@@ -23,19 +23,7 @@ from cpid_drake.spacecraft.appearance import has_shape, inertia_ellipsoid
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.ports import add_connected
-from cpid_drake.systems.scene_layers import (
-    ABOVE,
-    Bodies,
-    CentreOfMass,
-    EstimatedCentre,
-    EstimatedInertia,
-    Extent,
-    Frames,
-    Moment,
-    Momentum,
-    Trail,
-    TrueInertia,
-)
+from cpid_drake.systems.scene_layers import ABOVE, Extent, Moment, make_layers
 
 FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]."""
@@ -88,17 +76,7 @@ class SceneVisualizer(LeafSystem):
         bodies = [plant.get_body(index) for index in shapeless]
         self._bodies = {f"{int(body.index())}_{body.name()}": body for body in bodies}
         inertias = {name: b.default_spatial_inertia() for name, b in self._bodies.items()}
-        self._layers = [
-            Bodies(meshcat, extent, inertias),
-            Frames(meshcat, extent),
-            CentreOfMass(meshcat, extent),
-            EstimatedCentre(meshcat, extent),
-            EstimatedInertia(meshcat, extent),
-            Momentum(meshcat, extent),
-            Trail(meshcat, extent),
-        ]
-        if truth is not None:
-            self._layers.append(TrueInertia(meshcat, extent, truth.to_spatial_inertia()))
+        self._layers = make_layers(meshcat, extent, inertias, truth)
         self.DeclareVectorInputPort("spacecraft_state", plant.num_multibody_states())
         self.DeclareVectorInputPort("covariance", 100)
         self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
