@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of the sensors' errors")
     args = parser.parse_args()
     scenario = load_scenario(shipped_scenario("exciting_motion"))
-    spacecraft, target = scenario.make_spacecraft(), scenario.target_truth()
+    spacecraft, target = scenario.spacecraft.make(), scenario.target_truth()
     motion = scenario.make_joint_motion(spacecraft)
 
     builder = DiagramBuilder()

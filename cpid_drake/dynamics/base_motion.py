@@ -184,11 +184,11 @@ def propagate_base(
     samples = motion.evaluate(grid)
     known = known_dynamics(tree, samples[:, 0], samples[:, 1])
 
-    M, h = _total(known, phi)
+    inverse = None
     if momentum_W is None:
-        still = np.linalg.solve(M, -h[..., None])[..., 0]
-        inverse = None
+        still = base_twist(known, phi)
     else:
+        M, h = _total(known, phi)
         inverse = np.linalg.inv(M)
         still = -rotate(inverse, h)
     twists = np.broadcast_to(still, (*batch, *still.shape[-2:]))

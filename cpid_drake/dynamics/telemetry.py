@@ -133,10 +133,6 @@ class Telemetry:
             object.__setattr__(piece, name, values)
         return piece
 
-    def with_base_twist(self, w_WB: ArrayLike, v_WB: ArrayLike) -> "Telemetry":
-        """Return the same samples with other base velocities, (N, 3) each in W."""
-        return replace(self, w_WB=np.asarray(w_WB), v_WB=np.asarray(v_WB))
-
     def at(self, times: ArrayLike) -> "Telemetry":
         """Return the samples at these times, each within 1 µs.
 

@@ -23,26 +23,21 @@ from cpid_drake.scenario.schema import Scenario
 
 _SPACE = (0.03, 0.035, 0.06)
 _OVERSAMPLING = 2
+_SIZE = (900, 640)  # of the pictures [px]
+_EYE = np.array([6.6, -4.2, 3.4])  # position of the camera, in W [m]
+_LOOK_AT = np.array([0.8, -0.1, -0.35])  # centre of the picture, in W [m]; W's z axis is up
+_FIELD_OF_VIEW = 0.78  # vertical [rad]
 
 
 def render_scenario(
     scenario: Scenario,
     states: Sequence[ArrayLike],
-    *,
-    size: tuple[int, int] = (900, 640),
-    eye: ArrayLike = (6.6, -4.2, 3.4),
-    look_at: ArrayLike = (0.8, -0.1, -0.35),
-    field_of_view: float = 0.78,
 ) -> list[NDArray[np.uint8]]:
     """Render the scenario's spacecraft with its target in several states.
 
     Args:
         scenario: its spacecraft and target are drawn.
         states: plant states x = [q; v], (nx,) each.
-        size: width and height of the pictures [px].
-        eye: (3,) position of the camera, in W [m].
-        look_at: (3,) point at the centre of the picture, in W [m]; W's z axis is up.
-        field_of_view: vertical field of view [rad].
 
     Returns:
         One (height, width, 3) RGB picture for each state.
@@ -54,7 +49,7 @@ def render_scenario(
     builder = DiagramBuilder()
     plant = MultibodyPlant(time_step=0.0)
     _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
-    spacecraft = scenario.make_spacecraft()
+    spacecraft = scenario.spacecraft.make()
     spacecraft.add_to(
         plant,
         scenario.target_truth(),
@@ -73,17 +68,17 @@ def render_scenario(
         ),
     ]
     scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(engine))
-    width, height = (_OVERSAMPLING * length for length in size)
+    width, height = (_OVERSAMPLING * length for length in _SIZE)
     core = RenderCameraCore(
         "vtk",
-        CameraInfo(width, height, field_of_view),
+        CameraInfo(width, height, _FIELD_OF_VIEW),
         ClippingRange(0.05, 100.0),
         RigidTransform(),
     )
     camera = builder.AddSystem(
         RgbdSensor(
             scene_graph.world_frame_id(),
-            _look_at(np.asarray(eye, dtype=float), np.asarray(look_at, dtype=float)),
+            _look_at(_EYE, _LOOK_AT),
             ColorRenderCamera(core, False),
             DepthRenderCamera(core, DepthRange(0.1, 50.0)),
         )
@@ -97,7 +92,7 @@ def render_scenario(
         plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
         image = camera.color_image_output_port().Eval(camera.GetMyContextFromRoot(context))
         pixels = np.array(image.data[:, :, :3], dtype=float)
-        blocks = pixels.reshape(size[1], _OVERSAMPLING, size[0], _OVERSAMPLING, 3)
+        blocks = pixels.reshape(_SIZE[1], _OVERSAMPLING, _SIZE[0], _OVERSAMPLING, 3)
         pictures.append(blocks.mean(axis=(1, 3)).round().astype(np.uint8))
     return pictures
 

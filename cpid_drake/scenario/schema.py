@@ -50,6 +50,19 @@ class SpacecraftConfig:
     packages: dict[str, str] = field(default_factory=dict)
     configuration: dict[str, float] = field(default_factory=dict)
 
+    def make(self) -> "Spacecraft":
+        """Return the known spacecraft.
+
+        Raises:
+            InputError: as `Spacecraft`.
+
+        """
+        from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+        return Spacecraft(
+            self.model, base=self.base, capture_frame=self.capture_frame, packages=self.packages
+        )
+
 
 @dataclass
 class TargetConfig:
@@ -218,23 +231,6 @@ class Scenario:
     known_bodies: KnownBodiesConfig = field(default_factory=KnownBodiesConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
-
-    def make_spacecraft(self) -> "Spacecraft":
-        """Return the known spacecraft.
-
-        Raises:
-            InputError: as `Spacecraft`.
-
-        """
-        from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-        config = self.spacecraft
-        return Spacecraft(
-            config.model,
-            base=config.base,
-            capture_frame=config.capture_frame,
-            packages=config.packages,
-        )
 
     def target_truth(self) -> "InertialParameters":
         """Return the true target.

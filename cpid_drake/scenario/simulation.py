@@ -226,7 +226,7 @@ def make_simulation(
         InputError: something in the scenario cannot be built; the message names it.
 
     """
-    spacecraft = scenario.make_spacecraft()
+    spacecraft = scenario.spacecraft.make()
     if scenario.target.visual_model is not None:  # its path is checked even if nothing is drawn
         resolve_model(scenario.target.visual_model, package_folders(scenario.spacecraft.packages))
     truth = target or scenario.target_truth()

@@ -72,7 +72,7 @@ def run_accuracy(
         raise InputError(f"seed must be >= 0, not {seed}")
     suites = {preset: load_sensors(preset) for preset in presets}
     truth = scenario.target_truth()
-    spacecraft = scenario.make_spacecraft()
+    spacecraft = scenario.spacecraft.make()
     results = []
     for preset, suite in suites.items():
         case = make_case(scenario, spacecraft, truth, suite, estimators, seed)

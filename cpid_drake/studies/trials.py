@@ -230,14 +230,7 @@ _process: tuple[Case, Spacecraft, Measurements] | None = None
 def _prepare(case: Case, ideal: Measurements) -> None:
     """Prepare the inputs that all trials of this process share."""
     global _process
-    config = case.spacecraft
-    spacecraft = Spacecraft(
-        config.model,
-        base=config.base,
-        capture_frame=config.capture_frame,
-        packages=config.packages,
-    )
-    _process = case, spacecraft, ideal
+    _process = case, case.spacecraft.make(), ideal
 
 
 def _prepare_process(case: Case, ideal: Measurements) -> None:

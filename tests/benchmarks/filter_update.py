@@ -84,7 +84,7 @@ def main() -> None:
 
     scenario = load_scenario(shipped_scenario("exciting_motion"))
     suite = load_sensors("flight")
-    spacecraft, target = scenario.make_spacecraft(), scenario.target_truth()
+    spacecraft, target = scenario.spacecraft.make(), scenario.target_truth()
     arms = scenario.make_joint_motion(spacecraft)
 
     def motion(times: np.ndarray) -> Telemetry:

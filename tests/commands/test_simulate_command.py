@@ -62,7 +62,7 @@ def read_json(path):
 
 
 def test_what_the_sensors_gave_identifies_the_target_that_is_said_to_be_true(sensed):
-    spacecraft = load_scenario(sensed / "scenario.yaml").make_spacecraft()
+    spacecraft = load_scenario(sensed / "scenario.yaml").spacecraft.make()
     truth = read_json(sensed / "truth.json")
     assert truth["inertia_entries"] == ["Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"]
     pi = np.array([truth["mass"], *truth["com"], *truth["inertia"]])
@@ -80,7 +80,7 @@ def test_the_exact_motion_is_on_a_uniform_grid(sensed):
     np.testing.assert_allclose(truth.encoders.time, np.arange(49) * 0.0625, rtol=0, atol=1e-9)
     assert len(truth.velocity) == len(truth.attitude) == 49
     scenario = load_scenario(sensed / "scenario.yaml")
-    motion = scenario.make_joint_motion(scenario.make_spacecraft())
+    motion = scenario.make_joint_motion(scenario.spacecraft.make())
     expected = motion.evaluate(truth.encoders.time)[:, 0]
     np.testing.assert_allclose(truth.encoders.value, expected, rtol=0, atol=1e-6)
 

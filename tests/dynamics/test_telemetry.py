@@ -150,14 +150,6 @@ def test_at_refuses_a_time_without_sample(telemetry, time):
         telemetry.at([0.5, time])
 
 
-def test_with_base_twist_changes_nothing_else(telemetry):
-    other = telemetry.with_base_twist(np.ones((5, 3)), np.zeros((5, 3)))
-    np.testing.assert_array_equal(other.w_WB, 1.0)
-    np.testing.assert_array_equal(other.v_WB, 0.0)
-    for name in ("time", "quaternion_WB", "p_WB", "q", "qdot"):
-        np.testing.assert_array_equal(getattr(other, name), getattr(telemetry, name))
-
-
 @pytest.mark.parametrize("decimals", [0, 1, 3, 6, 9, 12])
 def test_rounding_moves_numbers_by_half_a_unit_of_the_last_place(decimals):
     telemetry = make(200, seed=1)

@@ -27,7 +27,7 @@ END = 6.0
 def cases():
     """Return a function (suite, momentum, firing) -> (spacecraft, suite, perfect, truth)."""
     scenario = load_scenario(shipped_scenario("exciting_motion"))
-    spacecraft = scenario.make_spacecraft()
+    spacecraft = scenario.spacecraft.make()
     truth = scenario.target_truth()
     made = {}
 

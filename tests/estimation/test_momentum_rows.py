@@ -1,9 +1,72 @@
-"""Rows of many samples, and the nearest rigid body in their own metric."""
+"""Least squares on momentum rows: a known momentum enters as an unknown one would be estimated."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
-from cpid_drake import InertialParameters, identify
+from cpid_drake import InertialParameters, TotalMomentum, identify
+from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
+from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
+from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.momentum_rows import accumulate_rows, momentum_rows
+
+
+@pytest.fixture(scope="module")
+def drifting(servicer, skewed_target, zero_momentum_motion):
+    """Samples of zero angular momentum in a frame that drifts past: P is not zero in W."""
+    motion = zero_momentum_motion(skewed_target, 12, 5)
+    velocity = np.array([0.02, -0.01, 0.03])
+    return replace(motion, v_WB=motion.v_WB + velocity), velocity
+
+
+@pytest.mark.parametrize("rows", ["standard", "eq18", "relative"])
+def test_a_known_momentum_gives_the_target(servicer, skewed_target, drifting, rows):
+    telemetry, velocity = drifting
+    known = TotalMomentum.known(np.zeros(3), velocity)
+    found = identify(servicer, telemetry, rows=rows, momentum=known)
+    np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-8, atol=1e-8)
+    if rows != "relative":  # relative rows depend on no constant linear momentum
+        ignored = identify(servicer, telemetry, rows=rows)
+        assert abs(ignored.parameters[0] - skewed_target.mass) > 1.0
+
+
+@pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
+def test_a_known_angular_momentum_is_that_of_the_samples(
+    servicer, skewed_target, random_motion, family
+):
+    """At the true target every row is fulfilled, sample by sample, whatever the momentum."""
+    motion = random_motion(5, 8)
+    P, L = total_momentum(servicer.tree, skewed_target, motion)
+    samples = momentum_samples(servicer.tree, motion)
+    mass = servicer.mass + skewed_target.mass
+    p_WTcm = samples.motion.p_WC + samples.motion.R_WC @ skewed_target.p_CTcm_C
+    p_WScm = (servicer.mass * samples.p_WKcm + skewed_target.mass * p_WTcm) / mass
+    theta = family.parameterization(servicer.mass).from_parameters(skewed_target.to_vector())
+    for k in range(5):
+        known = TotalMomentum.known_about_origin(np.concatenate([L[k], P[k]]), p_WScm[k], mass)
+        rows = momentum_rows(servicer.tree, motion.select([k]), family, known)
+        np.testing.assert_allclose(rows[:, :-1] @ theta, rows[:, -1], atol=1e-9)
+
+
+@pytest.mark.parametrize("family", [STANDARD_ROWS, RELATIVE_ROWS], ids=["standard", "relative"])
+def test_samples_at_rest_are_not_counted(servicer, skewed_target, zero_momentum_motion, family):
+    """Rows of zeros would make the residuals look smaller than they are."""
+    motion = zero_momentum_motion(skewed_target, 6, 2)
+    zero = {name: 0 * getattr(motion, name) for name in ("w_WB", "v_WB", "qdot")}
+    still = replace(motion, **zero)
+    _, count = accumulate_rows(servicer.tree, motion, family, TotalMomentum.zero())
+    _, of_still = accumulate_rows(servicer.tree, still, family, TotalMomentum.zero())
+    assert count == 6 * family.rows_per_sample
+    assert of_still == 0
+
+
+def test_intervals_are_two_sided():
+    """A share of 2.5 % lies beyond each end."""
+    assert norm.sf(quantile_95()) == pytest.approx(0.025, rel=1e-12)
+    assert t.sf(quantile_95(7), 7) == pytest.approx(0.025, rel=1e-12)
+    assert quantile_95(0) == quantile_95(None)
 
 
 def test_all_rows_of_a_long_log_count(servicer, zero_momentum_motion, skewed_target):

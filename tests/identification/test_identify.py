@@ -172,9 +172,8 @@ class TestNoisyLogs:
             noise = 1e-5 * rng.normal(size=(len(true_motion), 6))
             for k in range(1, len(noise)):
                 noise[k] = memory * noise[k - 1] + np.sqrt(1 - memory**2) * noise[k]
-            noisy = true_motion.with_base_twist(
-                true_motion.w_WB + noise[:, :3], true_motion.v_WB + noise[:, 3:]
-            )
+            w_WB, v_WB = true_motion.w_WB + noise[:, :3], true_motion.v_WB + noise[:, 3:]
+            noisy = replace(true_motion, w_WB=w_WB, v_WB=v_WB)
             found = identify(craft, log_of(noisy), rows="standard")
             low, high = found.intervals.T
             inside += int(np.sum((low < truth) & (truth < high)))

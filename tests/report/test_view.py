@@ -3,6 +3,7 @@
 import json
 import re
 from base64 import b64decode
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -147,7 +148,7 @@ def test_an_estimate_in_words(servicer, zero_momentum_motion, skewed_target):
 def test_an_estimate_that_no_body_has_is_called_so(servicer, zero_momentum_motion, skewed_target):
     """What is drawn of it is not what the numbers say."""
     telemetry = zero_momentum_motion(skewed_target, 4, 1)
-    wrong = telemetry.with_base_twist(telemetry.w_WB, telemetry.v_WB[::-1])
+    wrong = replace(telemetry, v_WB=telemetry.v_WB[::-1])
     found = identify(servicer, wrong, rows="standard")
     assert found.raw().infeasibilities()
     assert "physically inconsistent" in estimate_text(found)

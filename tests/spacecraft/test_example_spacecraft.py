@@ -71,7 +71,7 @@ def wheels_scenario():
 
 def test_wheels_point_along_the_diagonals(wheels_scenario):
     """As models/README.md says: three of any four span space."""
-    spacecraft = wheels_scenario.make_spacecraft()
+    spacecraft = wheels_scenario.spacecraft.make()
     context = spacecraft.plant.CreateDefaultContext()
     for k in range(1, 5):
         frame = spacecraft.plant.GetFrameByName(f"wheel{k}")
@@ -84,7 +84,7 @@ def test_wheels_point_along_the_diagonals(wheels_scenario):
 
 def test_wheels_turn_without_limit_and_no_faster_than_their_motors_can(wheels_scenario):
     """The torque is that of a wheel on a base at rest, whose own acceleration is far smaller."""
-    spacecraft = wheels_scenario.make_spacecraft()
+    spacecraft = wheels_scenario.spacecraft.make()
     motion = wheels_scenario.make_joint_motion(spacecraft)
     q, qdot, qddot = np.moveaxis(motion.evaluate(np.linspace(0.0, 12.0, 600)), 1, 0)[..., :4]
     assert spacecraft.joint_names[:4] == tuple(f"wheel{k}_spin" for k in range(1, 5))
@@ -134,7 +134,7 @@ def test_arm_and_target_stay_clear_of_the_base_and_of_each_other(name):
     """Beyond the first piece of the arm, which is mounted on the base; centrelines for links."""
     boxes, spheres, links, gap = ROOM[name]
     scenario = load_scenario(shipped_scenario(name))
-    spacecraft = scenario.make_spacecraft()
+    spacecraft = scenario.spacecraft.make()
     motion = scenario.make_joint_motion(spacecraft)
     base = spacecraft.base.body_frame()
     context = spacecraft.plant.CreateDefaultContext()
@@ -160,7 +160,7 @@ def test_arm_and_target_stay_clear_of_the_base_and_of_each_other(name):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_motion_leaves_a_margin_to_the_velocity_limits(name):
     scenario = load_scenario(shipped_scenario(name))
-    spacecraft = scenario.make_spacecraft()
+    spacecraft = scenario.spacecraft.make()
     share = scenario.make_joint_motion(spacecraft).peak_rates() / spacecraft.velocity_limits
     assert share.max() < 0.9
 

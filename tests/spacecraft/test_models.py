@@ -242,7 +242,7 @@ def of_the_servicer(path) -> bool:
 def test_arms_and_target_stay_clear_of_the_bus_and_of_each_other(path):
     """By 0.3 m, centrelines for links; upper arms by the 0.2 m that the shoulder is off the bus."""
     scenario = load_scenario(path)
-    spacecraft = scenario.make_spacecraft()
+    spacecraft = scenario.spacecraft.make()
     motion = scenario.make_joint_motion(spacecraft)
     context = spacecraft.plant.CreateDefaultContext()
     positions = spacecraft.plant.GetPositions(context)
@@ -278,7 +278,7 @@ def exciting_scenario():
 
 def uncertainty(scenario) -> float:
     """Largest standard deviation, relative to its size, of m, c and I: equal noise in the rows."""
-    spacecraft, truth = scenario.make_spacecraft(), scenario.target_truth()
+    spacecraft, truth = scenario.spacecraft.make(), scenario.target_truth()
     motion, times = scenario.make_joint_motion(spacecraft), np.linspace(0.0, 10.0, 101)
     base = propagate_base(spacecraft.tree, motion, truth.to_standard_vector(), times)
     telemetry = base.to_telemetry(spacecraft.joint_names, times, motion)
@@ -297,7 +297,7 @@ def test_the_exciting_motion_says_far_more_than_the_papers(exciting_scenario, pa
 
 def test_the_exciting_motion_leaves_a_margin_and_uses_the_capture_arm_most(exciting_scenario):
     """A tenth of the velocity limits is left, and every joint moves."""
-    spacecraft = exciting_scenario.make_spacecraft()
+    spacecraft = exciting_scenario.spacecraft.make()
     motion = exciting_scenario.make_joint_motion(spacecraft)
     share = motion.peak_rates() / spacecraft.velocity_limits
     assert share.max() < 0.9

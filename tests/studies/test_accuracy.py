@@ -117,7 +117,7 @@ def test_an_estimate_that_no_body_can_be_made_of_is_counted(scenario, monkeypatc
 
 @pytest.fixture(scope="module")
 def case(scenario):
-    spacecraft = scenario.make_spacecraft()
+    spacecraft = scenario.spacecraft.make()
     suite = load_sensors("flight")
     return make_case(scenario, spacecraft, scenario.target_truth(), suite, ("eq18",), 3)
 
@@ -178,7 +178,7 @@ def test_failures_are_counted_and_left_out(case, covariance):
 def test_a_firing_changes_the_momentum_and_not_the_place(scenario, case):
     added = np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0])
     fired = replace(case, firing=(5.0, added))
-    tree = scenario.make_spacecraft().tree
+    tree = scenario.spacecraft.make().tree
     times = np.linspace(0.0, 10.0, 101)
     base = base_trajectory(fired, tree, times)
     quiet = base_trajectory(case, tree, times)
