@@ -6,7 +6,8 @@ from .dynamics.total_momentum import TotalMomentum
 from .errors import InputError
 from .identification.identify import identify
 from .identification.result import Identification
-from .scenario.files import load_scenario, shipped_scenario
+from .resources import shipped_scenario
+from .scenario.files import load_scenario
 from .scenario.schema import Scenario
 from .scenario.simulation import Simulation, initial_state, make_simulation
 from .sensing.files.telemetry_files import read_telemetry, write_telemetry

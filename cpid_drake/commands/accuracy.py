@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from cpid_drake.commands import options
+from cpid_drake.resources import find_scenario
 
 
 def accuracy(
@@ -40,8 +41,6 @@ def accuracy(
     Reports the error, the Cramér-Rao bound, the bias and the coverage of the 95 % intervals.
     """
     start = time.perf_counter()
-    from cpid_drake.scenario.files import find_scenario, load_scenario
-
     path = find_scenario(scenario)
     if preset:
         from cpid_drake.sensing.presets import load_sensors
@@ -59,6 +58,7 @@ def accuracy(
 
     from cpid_drake.report.accuracy import print_table, write_figures
     from cpid_drake.report.pages.study import accuracy_report
+    from cpid_drake.scenario.files import load_scenario
     from cpid_drake.studies.accuracy import run_accuracy, summarize
 
     loaded = load_scenario(path)

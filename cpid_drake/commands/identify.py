@@ -44,8 +44,7 @@ def identify(
     package: options.PackageOption = None,
     topic: options.TopicOption = None,
     leave_out_bad: Annotated[
-        bool,
-        typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem."),
+        bool, typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem.")
     ] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result to this file.")

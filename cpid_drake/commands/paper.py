@@ -9,6 +9,7 @@ from rich.console import Console
 
 from cpid_drake.commands.options import FolderOption, QuietOption, log_console, make_folder
 from cpid_drake.errors import prefix_errors
+from cpid_drake.resources import find_scenario
 
 
 def paper(
@@ -24,11 +25,12 @@ def paper(
     """Reproduce the study of Ning et al. 2016: simulate, identify, print tables, draw figures."""
     start = time.perf_counter()
     make_folder(out)
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    path = find_scenario(scenario)
+    from cpid_drake.scenario.files import load_scenario
 
     log = log_console(quiet)
     with log.status("reading the scenario") as status:
-        loaded = load_scenario(find_scenario(scenario))
+        loaded = load_scenario(path)
         from cpid_drake.report.pages.study import paper_report
         from cpid_drake.report.paper import print_tables, write_figures
         from cpid_drake.studies.paper import run_paper_study, summarize

@@ -7,6 +7,7 @@ import typer
 
 from cpid_drake.commands.options import ScenarioArgument
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.resources import find_scenario
 
 scenario = typer.Typer(no_args_is_help=True, help="Check, print or create a scenario file.")
 
@@ -14,9 +15,10 @@ scenario = typer.Typer(no_args_is_help=True, help="Check, print or create a scen
 @scenario.command()
 def check(file: ScenarioArgument) -> None:
     """Check a scenario and all that it refers to: model, joint motion, sensors."""
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    path = find_scenario(file)
+    from cpid_drake.scenario.files import load_scenario
 
-    loaded = load_scenario(find_scenario(file))
+    loaded = load_scenario(path)
     from cpid_drake.scenario.simulation import make_simulation
 
     with prefix_errors(file):
@@ -36,9 +38,10 @@ def check(file: ScenarioArgument) -> None:
 @scenario.command()
 def show(file: ScenarioArgument) -> None:
     """Print a scenario as YAML, with the default values of the keys that it leaves out."""
-    from cpid_drake.scenario.files import dump_scenario, find_scenario, load_scenario
+    path = find_scenario(file)
+    from cpid_drake.scenario.files import dump_scenario, load_scenario
 
-    print(dump_scenario(load_scenario(find_scenario(file))), end="")
+    print(dump_scenario(load_scenario(path)), end="")
 
 
 @scenario.command()

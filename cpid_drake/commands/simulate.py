@@ -4,6 +4,7 @@ import time
 
 from cpid_drake.commands import options
 from cpid_drake.errors import prefix_errors
+from cpid_drake.resources import find_scenario
 
 
 def simulate(
@@ -13,11 +14,12 @@ def simulate(
 ) -> None:
     """Simulate a scenario; write the telemetry of its sensors and the true parameters."""
     start = time.perf_counter()
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    path = find_scenario(scenario)
+    from cpid_drake.scenario.files import load_scenario
 
     log = options.log_console(quiet)
     with log.status("reading the scenario") as status:
-        loaded = load_scenario(find_scenario(scenario))
+        loaded = load_scenario(path)
         from cpid_drake.scenario.run_files import refuse_other_files, request_of_run, write_run
         from cpid_drake.scenario.simulation import make_simulation
 

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from cpid_drake.commands import options
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.resources import find_scenario
 
 if TYPE_CHECKING:
     from cpid_drake.identification.requests import Request
@@ -110,11 +111,12 @@ def _show_scenario(
     source: str, as_page: bool, as_live: bool, rate: float, console: Console
 ) -> tuple[str | None, str]:
     """Return the page of a scenario, if it is wanted, and the estimate as text."""
-    from cpid_drake.scenario.files import find_scenario, load_scenario
+    path = find_scenario(source)
+    from cpid_drake.scenario.files import load_scenario
 
     page, text = None, "no run"
     with console.status("reading the scenario") as status:
-        scenario = load_scenario(find_scenario(source))
+        scenario = load_scenario(path)
         from cpid_drake.report.live_view import LiveView
         from cpid_drake.report.replay import estimate_text, replay_simulation
         from cpid_drake.scenario.simulation import make_simulation

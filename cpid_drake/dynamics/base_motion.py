@@ -24,12 +24,7 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.parameterizations import vector_to_tensor
-from cpid_drake.dynamics.rotations import (
-    quaternion_rate,
-    rotate,
-    rotate_by_quaternion,
-    skew,
-)
+from cpid_drake.dynamics.rotations import quaternion_rate, rotate, rotate_by_quaternion, skew
 from cpid_drake.dynamics.spatial_inertia import moved_spatial_inertia, spatial_inertia
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree

@@ -61,9 +61,7 @@ def result_of(
     )
 
 
-def principal_axes(
-    target: InertialParameters,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the principal moments (3,), ascending, and their axes: columns (3, 3), in C.
 
     The largest entry of the first two axes is positive; the third makes the axes right-handed.

@@ -15,11 +15,7 @@ from cpid_drake.estimation.least_squares import solution_of_information
 from cpid_drake.estimation.likelihood.model import TrajectoryModel
 from cpid_drake.estimation.likelihood.priors import psi_scale
 from cpid_drake.estimation.momentum_filter import PSI, vague_prior
-from cpid_drake.estimation.trajectory_fit import (
-    TrajectoryFit,
-    fit_trajectory,
-    state_information,
-)
+from cpid_drake.estimation.trajectory_fit import TrajectoryFit, fit_trajectory, state_information
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.problem import Estimator, Problem
 from cpid_drake.identification.result import Identification, ResidualSeries

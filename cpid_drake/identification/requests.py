@@ -14,11 +14,7 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.description import result_of
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.result_files import (
-    IdentificationResult,
-    Source,
-    SpacecraftReference,
-)
+from cpid_drake.identification.result_files import IdentificationResult, Source, SpacecraftReference
 from cpid_drake.resources import resolve_model
 from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
 from cpid_drake.sensing.measurements import Measurements, Samples

@@ -127,9 +127,7 @@ def _samples_table(study: PaperStudy) -> Table:
     for case in study.by_count:
         error = case.max_relative_error
         table.add_row(
-            str(case.n),
-            str(case.rank),
-            f"{error:.1e}" if np.isfinite(error) else "not determined",
+            str(case.n), str(case.rank), f"{error:.1e}" if np.isfinite(error) else "not determined"
         )
     return table
 

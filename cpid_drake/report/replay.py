@@ -130,11 +130,7 @@ _LAYERS = (
 
 
 def _page(
-    static_html: str,
-    title: str,
-    steps: Sequence[tuple[float, str]],
-    start: float,
-    with_truth: bool,
+    static_html: str, title: str, steps: Sequence[tuple[float, str]], start: float, with_truth: bool
 ) -> str:
     """Return Meshcat's page with a title, the estimates, layer toggles and playback controls.
 

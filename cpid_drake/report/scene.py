@@ -29,10 +29,7 @@ _LOOK_AT = np.array([0.8, -0.1, -0.35])  # centre of the picture, in W [m]; W's 
 _FIELD_OF_VIEW = 0.78  # vertical [rad]
 
 
-def render_scenario(
-    scenario: Scenario,
-    states: Sequence[ArrayLike],
-) -> list[NDArray[np.uint8]]:
+def render_scenario(scenario: Scenario, states: Sequence[ArrayLike]) -> list[NDArray[np.uint8]]:
     """Render the scenario's spacecraft with its target in several states.
 
     Args:

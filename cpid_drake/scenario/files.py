@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from cpid_drake.errors import InputError, choose_from, prefix_errors
+from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.input_files.validation import dump_yaml, load_yaml, tag_of
-from cpid_drake.resources import models_directory, resolve_model
+from cpid_drake.resources import resolve_model
 from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.joint_motions import MultiSineMotion
 from cpid_drake.scenario.schema import Scenario
@@ -14,36 +14,6 @@ TAGS = (tag_of(MultiSineMotion),)
 """The YAML tags of a scenario."""
 
 UNUSED_KEY = "publish_every_time_step:"
-
-
-def shipped_scenario(name: str) -> Path:
-    """Return the path of a scenario that comes with the package, such as "paper".
-
-    Raises:
-        InputError: there is none of this name.
-
-    """
-    folder = models_directory() / "scenarios"
-    path = folder / f"{name}.yaml"
-    if not path.is_file():
-        names = sorted(file.stem for file in folder.glob("*.yaml"))
-        raise InputError(f"no shipped scenario '{name}'; {choose_from(name, names)}")
-    return path
-
-
-def find_scenario(name_or_path: str) -> Path | str:
-    """Return the scenario file that a user means: a path, or a shipped one's name such as "paper".
-
-    A name with an ending or a slash is a path or a package:// URI.
-
-    Raises:
-        InputError: there is no such file, or no shipped scenario of this name.
-
-    """
-    if not (Path(name_or_path).suffix or "/" in name_or_path):
-        return shipped_scenario(name_or_path)
-    resolve_model(name_or_path)
-    return name_or_path
 
 
 def load_scenario(path: str | Path) -> Scenario:

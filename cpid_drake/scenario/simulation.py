@@ -106,9 +106,7 @@ class Simulation:
         return context, self.spacecraft.to_telemetry(times, states[:-1])
 
     def _run_to(
-        self,
-        times: Sequence[float],
-        monitor: Callable[[Context], None] = lambda context: None,
+        self, times: Sequence[float], monitor: Callable[[Context], None] = lambda context: None
     ) -> tuple[Context, list[NDArray[np.float64]]]:
         def tell(root_context: Context) -> EventStatus:
             monitor(root_context)
@@ -207,10 +205,7 @@ def predicted_motion(
 
 
 def make_simulation(
-    scenario: Scenario,
-    *,
-    target: InertialParameters | None = None,
-    meshcat: Meshcat | None = None,
+    scenario: Scenario, *, target: InertialParameters | None = None, meshcat: Meshcat | None = None
 ) -> Simulation:
     """Build a scenario's Diagram: motion, controller, plant, identifier, logs, visualization.
 
@@ -241,10 +236,7 @@ def make_simulation(
     else:
         builder.AddSystem(plant)
     spacecraft.add_to(
-        plant,
-        truth,
-        scene_graph=scene_graph,
-        target_visual_model=scenario.target.visual_model,
+        plant, truth, scene_graph=scene_graph, target_visual_model=scenario.target.visual_model
     )
     state = plant.get_state_output_port()
 
@@ -263,11 +255,7 @@ def make_simulation(
     sensors, sensor_logs, suite = None, {}, scenario.make_suite()
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(
-            builder,
-            spacecraft,
-            spacecraft_state=state,
-            suite=suite,
-            seed=scenario.sensors.seed,
+            builder, spacecraft, spacecraft_state=state, suite=suite, seed=scenario.sensors.seed
         )
         sensor_logs = log_samples(builder, sensors)
     identifier = _add_identifier(builder, scenario, spacecraft, state, sensors)

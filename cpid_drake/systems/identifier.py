@@ -257,10 +257,7 @@ class MomentumIdentifier(Identifier):
         root = self._root(context)
         samples, row_count = context.get_discrete_state(self._count_index).value()
         solution = solve_information(
-            root,
-            int(row_count),
-            eliminated=self._extra,
-            rank_tolerance=self._rank_tolerance,
+            root, int(row_count), eliminated=self._extra, rank_tolerance=self._rank_tolerance
         )
         return Identification(
             self._parameterization,

@@ -20,10 +20,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.momentum_filter import FILTER_ORDER, FilterState
 from cpid_drake.estimation.online import OnlineState
-from cpid_drake.identification.filter_estimator import (
-    identification_of_filter,
-    online_estimator,
-)
+from cpid_drake.identification.filter_estimator import identification_of_filter, online_estimator
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
@@ -122,11 +119,7 @@ class SensorIdentifier(Identifier):
                 f"the fastest sensor, not {period}"
             )
         self._estimator = online_estimator(
-            spacecraft,
-            suite,
-            momentum=momentum,
-            guess=guess,
-            guess_sigma=guess_sigma,
+            spacecraft, suite, momentum=momentum, guess=guess, guess_sigma=guess_sigma
         )
         joints = len(spacecraft.joint_names)
         self._sample_ports = {

@@ -11,8 +11,8 @@ from cpid_drake.dynamics.rows import ROW_FAMILIES, STANDARD_ROWS
 from cpid_drake.identification.estimators import ESTIMATORS, methods
 from cpid_drake.identification.problem import Estimator
 from cpid_drake.identification.row_estimator import estimate_by_rows, needs_of_rows
-from cpid_drake.resources import models_directory
-from cpid_drake.scenario.files import load_scenario, shipped_scenario
+from cpid_drake.resources import models_directory, shipped_scenario
+from cpid_drake.scenario.files import load_scenario
 from cpid_drake.studies.accuracy import run_accuracy
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"

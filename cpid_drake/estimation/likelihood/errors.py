@@ -33,9 +33,7 @@ def joint_errors(motion: BaseMotion, trajectory: Trajectory, at: Instants) -> Mo
         return both.reshape(len(B), 3, -1)
 
     return MotionSensitivity(
-        by_errors(by_q.w, by_qdot.w),
-        by_errors(by_q.com, by_qdot.com),
-        by_errors(by_q.v, by_qdot.v),
+        by_errors(by_q.w, by_qdot.w), by_errors(by_q.com, by_qdot.com), by_errors(by_q.v, by_qdot.v)
     )
 
 

@@ -294,10 +294,7 @@ def _usable_rows(
 
 
 def _check_size(
-    table: TelemetryTable,
-    column: dict[str, int],
-    problems: Problems,
-    usable: NDArray[np.bool_],
+    table: TelemetryTable, column: dict[str, int], problems: Problems, usable: NDArray[np.bool_]
 ) -> None:
     """Add implausibly large numbers to the problems, and remove their rows from the usable ones."""
     if not len(table.values):

@@ -119,10 +119,7 @@ def _format_of(path: str | Path) -> tuple[Path, Format]:
 
 
 def read_telemetry(
-    path: str | Path,
-    *,
-    leave_out_bad: bool = False,
-    topics: Mapping[str, str] | None = None,
+    path: str | Path, *, leave_out_bad: bool = False, topics: Mapping[str, str] | None = None
 ) -> Measurements:
     """Return the samples in a telemetry file: CSV, NPZ, Parquet or a ROS 2 bag.
 
