@@ -1,7 +1,7 @@
 """Model files as spacecraft: any tree on a free base is read right, and all else is refused."""
 
-from dataclasses import replace
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
