@@ -131,31 +131,26 @@ def ideal_samples(case: Case, tree: KinematicTree, joint_names: tuple[str, ...])
 def base_trajectory(case: Case, tree: KinematicTree, times: NDArray[np.float64]) -> BaseTrajectory:
     """Return the true motion of the base at times (N,) [s], with the firing if there is one."""
     phi = case.truth.to_standard_vector()
-    steps = {"max_step": 0.02}
-    if case.firing is None or case.firing[0] >= times[-1]:
-        return propagate_base(tree, case.motion, phi, times, momentum_W=case.momentum_W, **steps)
-    at, added = case.firing
-    before = times[times < at]
-    first = propagate_base(
-        tree, case.motion, phi, np.append(before, at), momentum_W=case.momentum_W, **steps
-    )
-    second = propagate_base(
-        tree,
-        case.motion,
-        phi,
-        np.append(at, times[times > at]),
-        quaternion_WB=first.quaternion_WB[-1],
-        p_WB=first.p_WB[-1],
-        momentum_W=case.momentum_W + added,
-        **steps,
-    )
-    skip = 0 if (times == at).any() else 1
-    names = ("quaternion_WB", "p_WB", "w_WB", "v_WB")
-    return BaseTrajectory(
-        *(
-            np.concatenate([getattr(first, name)[:-1], getattr(second, name)[skip:]])
-            for name in names
+
+    def propagate(
+        times: NDArray[np.float64], momentum_W: NDArray[np.float64], **start: NDArray[np.float64]
+    ) -> BaseTrajectory:
+        return propagate_base(
+            tree, case.motion, phi, times, momentum_W=momentum_W, max_step=0.02, **start
         )
+
+    if case.firing is None or case.firing[0] >= times[-1]:
+        return propagate(times, case.momentum_W)
+    at, added = case.firing
+    first = propagate(np.append(times[times < at], at), case.momentum_W)
+    pose = {"quaternion_WB": first.quaternion_WB[-1], "p_WB": first.p_WB[-1]}
+    second = propagate(np.append(at, times[times > at]), case.momentum_W + added, **pose)
+    skip = 0 if (times == at).any() else 1
+    return BaseTrajectory(
+        **{
+            name: np.concatenate([values[:-1], getattr(second, name)[skip:]])
+            for name, values in vars(first).items()
+        }
     )
 
 
