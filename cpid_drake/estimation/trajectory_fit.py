@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.log_cholesky import LogCholesky
+from cpid_drake.dynamics.parameterizations import LogCholesky
 from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.elimination import WeightedRows, marginal

@@ -17,8 +17,8 @@ from sensing_cases import (
 )
 
 from cpid_drake import InertialParameters, InputError
-from cpid_drake.dynamics.log_cholesky import LogCholesky
 from cpid_drake.dynamics.parameterizations import (
+    LogCholesky,
     relative_parameterization,
     standard_to_pseudo_inertia,
 )
