@@ -88,7 +88,7 @@ def shipped_scenario(name: str) -> Path:
     """Return the path of a scenario that comes with the package, such as "paper".
 
     Raises:
-        InputError: there is none of this name.
+        InputError: no shipped scenario has this name.
 
     """
     folder = models_directory() / "scenarios"
@@ -105,7 +105,7 @@ def find_scenario(name_or_path: str) -> Path | str:
     A name with an ending or a slash is a path or a package:// URI.
 
     Raises:
-        InputError: there is no such file, or no shipped scenario of this name.
+        InputError: the file does not exist, or no shipped scenario has this name.
 
     """
     if not (Path(name_or_path).suffix or "/" in name_or_path):

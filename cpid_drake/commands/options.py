@@ -60,7 +60,7 @@ PackageOption = Annotated[
     typer.Option(
         "--package",
         metavar="NAME=FOLDER",
-        help="Folder of a package in the model's URIs; may be repeated.",
+        help="Folder of a package that the model's URIs name; may be repeated.",
     ),
 ]
 TopicOption = Annotated[
@@ -112,7 +112,7 @@ def check_inputs(telemetry: str, model: str, sensors: str | None) -> None:
     """Refuse a log, a model or sensors that do not exist or are of another kind.
 
     Raises:
-        InputError: as `check_telemetry`, `resolve_model` and `load_sensors`.
+        InputError: for the same reasons as `check_telemetry`, `resolve_model` and `load_sensors`.
 
     """
     from cpid_drake.sensing.files.telemetry_files import check_telemetry
@@ -132,7 +132,7 @@ def check_method(
     """Refuse an estimator, rows or a momentum that do not exist or do not go together.
 
     Raises:
-        InputError: as `choose_method`.
+        InputError: for the same reasons as `choose_method`.
 
     """
     from cpid_drake.dynamics.total_momentum import TotalMomentum

@@ -51,5 +51,5 @@ def report(
         if figures is not None and findings.log is not None:
             files += write_figures(figures, findings.log, findings.truth)
     if findings.missing:
-        log.print(f"note: the report lacks all that needs the log: {findings.missing}")
+        log.print(f"note: the report has no sections that need the log: {findings.missing}")
     log.print(f"{out}" + (f", {len(files) - 1} figures in {figures}" if figures else ""))

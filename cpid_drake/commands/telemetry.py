@@ -13,7 +13,7 @@ telemetry = typer.Typer(no_args_is_help=True, help="Check telemetry files.")
 
 @telemetry.callback()
 def _common() -> None:
-    """Keep `check` a subcommand while it is the only one."""
+    """Make Typer treat `check` as a subcommand although it is the only one."""
 
 
 @telemetry.command()

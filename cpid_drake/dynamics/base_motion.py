@@ -36,10 +36,10 @@ class KnownDynamics:
     """Inertia and momentum of the known bodies at N instants of a joint motion.
 
     Attributes:
-        M: (N, 6, 6) their spatial inertia about B's origin, in B.
-        h: (N, 6) their momentum [L; P] about B's origin, in B, on a base at rest.
-        X: (N, 6, 6) maps the base's twist, in B, to that of C, in C, for joints at rest.
-        V_BC: (N, 6) twist of C against B, in C.
+        M: (N, 6, 6) spatial inertia of the known bodies about B's origin, in B.
+        h: (N, 6) momentum [L; P] of the known bodies about B's origin, in B, with the base at rest.
+        X: (N, 6, 6) maps the base's twist, in B, to the twist of C, in C, with the joints at rest.
+        V_BC: (N, 6) twist of C relative to B, in C.
 
     """
 
@@ -148,7 +148,7 @@ def propagate_base(
 
     Args:
         tree: the known spacecraft.
-        motion: of its joints.
+        motion: the motion of its joints.
         phi: (..., 10) standard vectors.
         times: (N,) increasing instants of the result [s]; the motion starts at the first.
         quaternion_WB: (..., 4) attitude at the start (w, x, y, z).

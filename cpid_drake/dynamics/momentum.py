@@ -57,7 +57,7 @@ def angular_momenta(
 
     Args:
         tree: the bodies.
-        motion: of these bodies.
+        motion: the motion of these bodies.
         p_WQ: (N, 3) or (3,) the point Q [m].
 
     """

@@ -62,7 +62,7 @@ def parameter_scale(
 
     Args:
         parameters: (10,) π of a body with a positive mass and trace of I.
-        length: of the centre of mass [m]; default: the radius of gyration √(tr I / 2m).
+        length: scale of the centre of mass [m]; default: the radius of gyration √(tr I / 2m).
 
     """
     mass, trace = parameters[0], parameters[4:7].sum()
@@ -204,7 +204,7 @@ class LogCholesky:
     Every point λ of R¹⁰ is a rigid body.
 
     Args:
-        scale: (10,) magnitudes of the unknowns; only m and I are used, for S.
+        scale: (10,) magnitudes of the unknowns. S is computed from those of m and I.
 
     Source: Rucker & Wensing 2022, log-Cholesky parameterization.
 

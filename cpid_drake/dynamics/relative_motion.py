@@ -33,7 +33,7 @@ class RelativeDynamics:
     """The known bodies and the capture frame as seen from the base, at N instants.
 
     Attributes:
-        mass: of the known bodies [kg].
+        mass: mass of the known bodies [kg].
         I_K: (N, 3, 3) their inertia about their centre of mass K, in B.
         h_K: (N, 3) their angular momentum about K on a base that does not turn, in B.
         p_BK: (N, 3) K from B's origin, in B [m].

@@ -75,7 +75,8 @@ def angular_rows(samples: MomentumSamples) -> Rows:
 def instantaneous_rows(samples: MomentumSamples) -> Rows:
     """Return the rows (N, 6, 10) in (1/m, c', [I'#]), c' and I' in W: for one instant each.
 
-    Source: Ning et al. 2016, Eq. 14 (sums from i = 0; v of the capture point on the right).
+    Source: Ning et al. 2016, Eq. 14, with two corrections: the sums start at i = 0, and v on
+    the right-hand side is that of the capture point.
     """
     top, b_top = linear_rows(samples)
     bottom, b_bottom = angular_rows(samples)
@@ -194,7 +195,7 @@ class RowFamily:
     """A way to write momentum conservation as rows, and the unknowns it is linear in.
 
     Attributes:
-        name: as in scenarios and on the command line.
+        name: the name in scenarios and on the command line.
         rows_per_sample: 6, or 3 where only angular momentum is used.
         parameterization: what the ten columns stand for, given the known bodies' mass [kg].
         augmented_rows: [A | b] stacked over the samples, (rows_per_sample · N, 11), in C.

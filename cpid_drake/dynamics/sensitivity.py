@@ -82,7 +82,7 @@ def joint_sensitivity(
         tree: the known bodies *and* the target, as from `KinematicTree.with_target`.
         telemetry: N instants, as from `Telemetry.seen_from_base`.
         psi: (10,) the target's relative vector ψ = (μ, μc, I_*).
-        dynamics: of the known bodies alone, at the same instants.
+        dynamics: dynamics of the known bodies alone, at the same instants.
 
     Source: Featherstone 2008, ch. 2.
 
@@ -194,7 +194,7 @@ def _motion_sensitivity(
         momentum: (N, 6, n) derivatives of [L; P] about B's origin, at constant base twist.
         com: (N, 3, n) derivatives of ρ, the system's centre of mass from B's origin.
         psi: (10,) the target's relative vector.
-        dynamics: of the known bodies alone.
+        dynamics: dynamics of the known bodies alone.
 
     """
     rho = skew(dynamics.com(psi))

@@ -84,7 +84,7 @@ class TotalMomentum:
         """Return the momentum of this name, one of `MOMENTUM_NAMES`.
 
         Raises:
-            InputError: there is no such momentum.
+            InputError: no total momentum has this name.
 
         """
         if name not in MOMENTUM_NAMES:

@@ -121,7 +121,7 @@ def solution_of_information(
         scale: (n,) plausible sizes: a combination with a σ above a tenth of its size is taken as
             not determined, because noise in the regressors looks like information.
         consider: (n, n) covariance to add for uncertain quantities that were taken as known.
-        residual_sum: of the whitened rows.
+        residual_sum: sum of the squared residuals of the whitened rows.
         row_count: number of whitened rows.
 
     """

@@ -67,13 +67,14 @@ LARGEST = 1e9
 """Largest reading of any sensor, in SI units."""
 
 LONGEST_GAP = 0.25
-"""Longest gap between gyro or encoder samples that is integrated over [s]."""
+"""The filter integrates across gaps between gyro or encoder samples up to this length [s]."""
 
 LONGEST_SILENCE = 1.0
 """A time later than all earlier ones by more than this must be confirmed by the next [s]."""
 
 SPIKE = 8.0
-"""A sample that deviates by more σ, and by more than the motion allows, must be confirmed."""
+"""A sample that deviates by more than this many σ, and by more than the motion allows, must be
+confirmed by the next sample."""
 
 SMOOTHEST = {"gyro": (2.0, 10.0, 30.0), "encoders": (10.0, 10.0, 30.0)}
 """Largest first, second and third derivative of smooth motion: of the gyro's signal [rad/s², …] and
@@ -151,7 +152,7 @@ def vague_prior(
     target as heavy as the spacecraft, with its radius of gyration.
 
     Args:
-        known_mass: of the known bodies [kg].
+        known_mass: mass of the known bodies [kg].
         known_inertia: (3, 3) their inertia about their centre of mass [kg·m²].
         unknown_momentum: whether the momentum is unknown instead of zero.
 
@@ -193,28 +194,29 @@ class FilterState:
         P: (28, 28) covariance of the error state.
         R_by_momentum, R_by_gyro: (3, 3) attitude R_WB, propagated by momentum and by the gyro.
         p_Wcm: (3,) the system's centre of mass [m].
-        bias: (3,) of the gyro [rad/s].
+        bias: (3,) bias of the gyro [rad/s].
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) velocity of the centre of mass [m/s].
         momentum_known: whether the momentum is still the one known from the start.
         attitude_known, com_known: whether a sample has initialized them.
         momentum_changes: number of detected jumps of momentum.
         momentum_change_time: time of the latest detection [s]; NaN if there is none.
-        joints: (2, 1 + J) time and joint positions up to which the attitude by momentum is
-            propagated, and those of one later sample that is not processed yet; NaN for none.
-        rates: (J,) joint rates at the first of both [rad/s].
+        joints: (2, 1 + J) time and joint positions, first of the sample up to which the attitude by
+            momentum is propagated, then of a later sample that is not processed yet; NaN for none.
+        rates: (J,) joint rates at the first of these samples [rad/s].
         response: (3, J + 3, 10) derivative by ψ of the angular momentum at those positions, for
             each unit joint rate and unit angular velocity; `known_part` (3, J + 3) is the part of
             the known bodies.
         com_part: (3, 5) the centre of mass from B's origin at those positions, in B: the known
             bodies' part, and the derivative by (μ, μc).
         q_before: (J,) joint positions when the joint noise was last computed, at `noise_time`.
-        joint_noise, com_noise: (3, 3) covariance of the attitude by momentum and of the centre of
-            mass due to one encoder sample's error, in B; `unsure_noise` is the part of the first
-            that is due to the uncertainty of ψ.
-        rate_noise: growth of the attitude by momentum's variance [rad²/s] due to the noise of the
-            angular velocity in its regressor.
-        w: (3,) latest angular velocity, in B [rad/s]; `w_before` the one predicted by momentum.
+        joint_noise: (3, 3) covariance of the attitude by momentum due to the error of one encoder
+            sample, in B; `unsure_noise` is its part that is due to the uncertainty of ψ.
+        com_noise: (3, 3) covariance of the centre of mass due to the error of one encoder sample,
+            in B.
+        rate_noise: rate at which noise of the angular velocity in the regressor increases the
+            variance of the attitude by momentum [rad²/s].
+        w: (3,) latest angular velocity, in B [rad/s]; `w_before` is the one that momentum predicts.
         gyro: (4, 4) time and value of the latest gyro samples, the newest last; NaN for none.
         rejoin_time: when the attitude by momentum was last reset to that by gyro [s].
         effects: (28, 12 · JUMPS) effect on the error state of unit jumps at the tested instants:
@@ -222,8 +224,8 @@ class FilterState:
         jump_information, jump_score: (JUMPS, 12, 12), (JUMPS, 12) information about these
             jumps in the innovations since, and its product with the most likely jumps.
         jump_times: (JUMPS,) the tested instants [s].
-        used, rejected: (n,) number of samples.
-        in_a_row: (n,) rejections in a row.
+        used, rejected: (n,) number of used and of rejected samples.
+        in_a_row: (n,) number of consecutive rejections.
         times: (n,) time of the latest accepted sample [s]; −inf before the first.
         latest: (n, max(4, J)) value of the latest sample; `repeats` (n,) how often it was repeated.
         recent_gyro, recent_encoders: (3, 4), (3, 1 + J) latest accepted samples, the newest last.
@@ -400,10 +402,10 @@ class MomentumFilter:
         Samples of one instant are best given in `FILTER_ORDER`.
 
         Args:
-            state: changed.
-            name: of the sensor.
-            time: of the sample [s].
-            value: as in `Measurements`, (width,).
+            state: the filter's state; it is changed.
+            name: name of the sensor.
+            time: time of the sample [s].
+            value: (width,) the sample, as in `Measurements`.
 
         """
         for sample in self.screen(state, name, time, value):
@@ -1038,10 +1040,10 @@ class MomentumFilter:
         """Correct for the most likely jump of momentum, if one is likely enough.
 
         Args:
-            state: changed.
+            state: the filter's state; it is changed.
             time: now [s].
             groups: 0 for angular, 1 for linear momentum.
-            threshold: of the likelihood ratio.
+            threshold: threshold of the likelihood ratio.
 
         """
         started = np.isfinite(state.jump_times)

@@ -40,9 +40,9 @@ class TrajectoryFit:
         information: (n, n) about the unknowns in `TrajectoryModel.columns`, joint errors
             eliminated.
         consider: (n, n) covariance that the known bodies' uncertainty adds; zeros without any.
-        chi_squared: of all rows at the solution, weighted as in the last iteration.
+        chi_squared: χ² of all rows at the solution, weighted as in the last iteration.
         rows: number of scalar rows.
-        iterations: of both stages.
+        iterations: number of iterations of both stages.
         converged: whether the last step was far below σ.
         downweighted: number of samples to which the robust loss gives less than full weight.
         weights: (rows,) square roots of the weights of the robust loss; ones without it.
@@ -120,8 +120,8 @@ def fit_trajectory(
         model: predicts the readings.
         psi: (10,) relative unknowns of a rigid body to start from.
         known_bodies: uncertainty of the known bodies; gives the result's `consider`.
-        robust: Huber loss instead of squares.
-        max_iterations: of each stage.
+        robust: whether to use the Huber loss instead of squares.
+        max_iterations: largest number of iterations of each stage.
 
     Raises:
         InputError: the readings cannot be predicted even at the starting point.
@@ -217,7 +217,7 @@ def _log_cholesky_stage(
     max_iterations: int,
     little: float,
 ) -> tuple[TrajectoryState, int]:
-    """Descend through rigid bodies until a step gains less than a share `little` of the cost."""
+    """Minimize over rigid bodies until a step reduces the cost by less than the share `little`."""
     form = LogCholesky(np.abs(state.psi))
     parameters = form.from_psi(state.psi)
     psi, by_parameters = form.to_psi(parameters)

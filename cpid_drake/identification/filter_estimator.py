@@ -107,7 +107,7 @@ def check_guess(guess: InertialParameters, sigma: float) -> None:
     """Refuse a guess of the target that the online estimator cannot start from.
 
     Raises:
-        InputError: as `online_estimator`.
+        InputError: for the same reasons as `online_estimator`.
 
     """
     problems = guess.infeasibilities()

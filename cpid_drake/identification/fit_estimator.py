@@ -23,7 +23,7 @@ from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.splines import smooth_joints
 from cpid_drake.sensing.suite import SensorSuite
 
-NOT_CONVERGED = "the trajectory fit did not converge: its result is not the best one"
+NOT_CONVERGED = "the trajectory fit did not converge: its result is not the best fit"
 """The warning if the fit stopped before it converged."""
 
 
@@ -67,8 +67,8 @@ def fit_measurements(
 ) -> TrajectoryFit:
     """Fit the target to screened measurements and a vague prior, started from the prior's mean.
 
-    The prior keeps undetermined unknowns within plausible limits. `identification_of_fit` does not
-    count it as information.
+    The prior keeps undetermined unknowns within plausible limits. `identification_of_fit` removes
+    the prior's information from the result.
 
     Args:
         tree: the known bodies.
@@ -76,7 +76,7 @@ def fit_measurements(
         sensors: the sensors' errors.
         momentum: the total momentum; default: zero.
         known_bodies: uncertainty of the known bodies, whose effect the covariance includes.
-        robust: Huber loss instead of squares.
+        robust: whether to use the Huber loss instead of squares.
 
     Raises:
         InputError: too few samples.

@@ -53,13 +53,13 @@ def identify(
         momentum: the total momentum of spacecraft and target; default: zero.
         known_bodies: uncertainty of the spacecraft's own bodies, whose effect the trajectory fit
             and the momentum filter add to their covariance; default: none.
-        robust: Huber loss instead of squares in the trajectory fit.
+        robust: whether the trajectory fit uses the Huber loss instead of squares.
 
     Raises:
-        InputError: no such estimator or rows; rows or an estimator that cannot handle this
-            momentum; joints that are not the spacecraft's; a sensor is missing that the estimator
-            needs (the message says which estimators could use the data); positions and rates that
-            contradict each other by a factor or a convention; too few or too many samples.
+        InputError: the estimator or the rows are unknown, or cannot handle this momentum; the data
+            are of other joints than the spacecraft's; a sensor that the estimator needs is missing
+            (the message says which estimators could use the data); rates contradict positions, for
+            example by their unit or frame; there are too few or too many samples.
 
     """
     momentum = momentum or TotalMomentum.zero()

@@ -34,7 +34,7 @@ class Request:
         sensors: name of a preset or a YAML file; None if they are unknown.
         momentum: name of the total momentum; see `TotalMomentum.named`.
         start, end: first and last time to use [s]; None for all.
-        topics: of a bag, by kind.
+        topics: topics of a bag, by kind.
         leave_out_bad: whether to leave out rows that have a problem.
 
     """
@@ -104,7 +104,7 @@ def identify_file(
 
     Args:
         request: the request.
-        progress: called with a few words before every step.
+        progress: called before every step with a short description of it.
 
     Raises:
         InputError: a model, sensors or telemetry that cannot be read or used; see the functions
@@ -161,7 +161,7 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
     The telemetry is expected at its recorded place, or beside the result file.
 
     Args:
-        result: as read from the file.
+        result: the result as read from its file.
         where: the result file.
 
     Raises:

@@ -33,7 +33,7 @@ class ResidualSeries:
     Attributes:
         time: (N,) [s].
         value: (N, channels) measured minus predicted.
-        unit: of `value`; "σ" where residuals are divided by the sensor's noise.
+        unit: unit of `value`; "σ" where residuals are divided by the sensor's noise.
 
     """
 
@@ -65,8 +65,8 @@ class Identification:
         rows: name of the row family; None for estimators without rows.
         sensors: the sensors that were assumed; None if all samples had the same weight.
         converged: whether an iterative estimator reached its solution.
-        whiteness: of the residuals (of the least white sensor, if there are several); None if
-            there are no residuals.
+        whiteness: whiteness of the residuals, of the least white sensor if there are several; None
+            if there are no residuals.
         residuals: by sensor, or "linear" and "angular" for rows.
         rejected: number of samples that could not be used, by sensor; without entries of zero.
         momentum_changes: changes of momentum that an online estimator detected; None for estimators

@@ -47,7 +47,7 @@ class Source:
 
     Attributes:
         telemetry: the file or the folder of a bag.
-        sha256: of its content; None for a folder.
+        sha256: hash of the file's content; None for a folder.
         sensors: name of a preset or a YAML file; None if nothing was known about the sensors.
         momentum: name of the total momentum, one of `MOMENTUM_NAMES`.
         topics: topics of a bag, by kind.
@@ -105,7 +105,7 @@ class IdentificationResult:
         estimator: its name.
         rows: name of the row family, if the estimator has one.
         spacecraft: the model that was used.
-        names, units: of the ten parameters.
+        names, units: names and units of the ten parameters.
         interval_95: (10, 2) 95 % intervals of `parameters`; None if the file has none.
         infeasibilities: why no rigid body has `parameters`; empty if one has.
         principal_moments: (3,) of `feasible`, ascending [kg·m²]; None if not known.
@@ -183,7 +183,7 @@ def write_result(path: str | Path, result: IdentificationResult) -> None:
     """Write a result file, which `read_result` reads without loss.
 
     Raises:
-        InputError: as `result_text`, or the file cannot be written.
+        InputError: for the same reasons as `result_text`, or the file cannot be written.
 
     """
     text = result_text(result, str(path))

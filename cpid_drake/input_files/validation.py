@@ -190,10 +190,10 @@ def from_tree(schema: type[Schema], tree: object, where: str, whole: str) -> Sch
 
 
 def check_values(value: Any, where: str, whole: str) -> None:
-    """Refuse a dataclass made in Python if a file with its values would be refused.
+    """Check the values of a dataclass by the same rules as those of a file.
 
     Raises:
-        InputError: as `from_tree`.
+        InputError: for the same reasons as `from_tree`.
 
     """
     from_tree(type(value), asdict(value), where, whole)
@@ -225,7 +225,7 @@ def _adapter(schema: Hashable) -> "TypeAdapter[list[Any]]":
 
 
 def _plain(value: object) -> object:
-    """Return a value for JSON: NumPy's numbers as Python's, and dates as they were written."""
+    """Return a value for JSON: NumPy types become Python types, dates become text."""
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 

@@ -12,7 +12,7 @@ import yaml
 from cpid_drake.errors import InputError
 
 MOST_VALUES, LONGEST_VALUE, DEEPEST = 20_000, 10_000, 50
-"""Largest number of values after expansion of aliases, of characters of a value, of levels."""
+"""Limits: number of values with aliases expanded, characters in one value, nested levels."""
 
 
 def parse_yaml(data: bytes, where: str, tags: tuple[str, ...] = ()) -> object:

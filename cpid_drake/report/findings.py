@@ -58,7 +58,7 @@ def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Find
     """Return the contents of a report on a result file; its log is identified again if possible.
 
     Raises:
-        InputError: as `read_result`.
+        InputError: for the same reasons as `read_result`.
 
     """
     result = read_result(path)

@@ -121,7 +121,7 @@ _LAYERS = (
         "cpid/momentum",
         (
             ("#57b3e8", "linear momentum of the spacecraft; above it: angular"),
-            ("#f0e342", "the same of the target{whose}"),
+            ("#f0e342", "linear momentum of the target{whose}; above it: angular"),
         ),
     ),
     ("cpid/trail", (("#cc78a6", "path of the capture point"),)),

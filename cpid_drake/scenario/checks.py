@@ -36,7 +36,7 @@ def check_scenario(scenario: Scenario, where: str) -> None:
 
 
 def _check_body(body: TargetConfig | PriorConfig, where: str) -> None:
-    """Refuse a body that is as large as if its lengths were in millimetres."""
+    """Refuse a body so large that its lengths seem to be in millimetres."""
     distance = np.abs(body.p_CTcm_C).max()
     radius = np.sqrt(np.abs(body.I_TTcm_C).max() / abs(body.mass)) if body.mass else 0.0
     for key, what, length in (

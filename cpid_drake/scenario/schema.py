@@ -54,7 +54,7 @@ class SpacecraftConfig:
         """Return the known spacecraft.
 
         Raises:
-            InputError: as `Spacecraft`.
+            InputError: for the same reasons as `Spacecraft`.
 
         """
         from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -261,7 +261,7 @@ class Scenario:
         """Return the sensors, or None if there are none.
 
         Raises:
-            InputError: as `presets.load_sensors`.
+            InputError: for the same reasons as `presets.load_sensors`.
 
         """
         if self.sensors.explicit is not None:

@@ -101,7 +101,7 @@ class Simulation:
         return self._run_to([self.scenario.simulation.duration], monitor)[0]
 
     def run_sampled(self, times: ArrayLike) -> tuple[Context, Telemetry]:
-        """Simulate as `run`, and return also the telemetry at these increasing times (N,) [s]."""
+        """Simulate as `run` does; also return the telemetry at increasing times (N,) [s]."""
         context, states = self._run_to([*np.asarray(times), self.scenario.simulation.duration])
         return context, self.spacecraft.to_telemetry(times, states[:-1])
 
@@ -179,7 +179,7 @@ def initial_state(
     Args:
         spacecraft: the known spacecraft.
         target: the target.
-        motion: of the joints.
+        motion: the motion of the joints.
         momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: none.
 
     """

@@ -39,7 +39,7 @@ class SensorNoise:
         """Return samples first, first + 1, … of a sensor: ideal values with errors added.
 
         Args:
-            name: of the sensor.
+            name: name of the sensor.
             ideal: (N, width) from `Quantity.ideal`.
             first: number of the first sample.
 

@@ -43,15 +43,15 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
 
     - samples with an entry that is not finite;
     - attitudes whose quaternion has a norm that differs from 1 by more than 1e-3;
-    - samples with stamps more than `LONGEST_GAP` from most others: the clock jumped, or was not set
-      yet. One stamp in the far future removes no other sample;
-    - the fewest further samples whose removal makes the stamps increase; of repeated stamps the
-      first sample is kept.
+    - samples with stamps more than `LONGEST_GAP` from most others, as from a clock that jumped or
+      was not yet set. A single stamp in the far future does not make other samples unusable;
+    - samples out of order: as few as possible are removed so that the stamps increase; of samples
+      with the same stamp the first is kept.
 
     Quaternions are normalized; their sign, which has no meaning, is kept.
 
     Raises:
-        InputError: as `as_arrays`.
+        InputError: for the same reasons as `as_arrays`.
 
     """
     kept, rejected = {}, {}

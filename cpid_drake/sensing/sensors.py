@@ -189,8 +189,8 @@ class Quantity:
     """A part of a spacecraft's motion that sensors can measure.
 
     Attributes:
-        name: in words.
-        unit: of the samples; for attitude that of its errors.
+        name: the name in words.
+        unit: unit of the samples; for attitude, unit of its errors.
         width: number of entries of a sample; None for one per joint.
         ideal: returns the samples (N, width) of a sensor without errors, from the true motion.
         errors: dataclass of the sensors' errors, or the base class of such dataclasses.

@@ -19,7 +19,7 @@ from cpid_drake.sensing.sensors import (
 )
 
 NUMERICAL_SIGMA = 1e-8
-"""Smallest σ that estimators assume of any sensor [rad, m, rad/s, m/s]: their own arithmetic."""
+"""Smallest σ that estimators assume of a sensor, for rounding errors [rad, m, rad/s, m/s]."""
 
 Decimals = Annotated[int, Interval(ge=0, le=15)]
 

@@ -62,7 +62,7 @@ def add_target_appearance(
         M_TCo_C: the target's spatial inertia about C's origin, in C.
         visual_model: a model file; its root body's frame is placed on C. Without one, the geometry
             is the solid ellipsoid of the same inertia.
-        folders: of the packages that its URIs may refer to, by name.
+        folders: folders of the packages that its URIs may refer to, by name.
 
     Raises:
         InputError: the model file cannot be read, or its bodies can move against each other.

@@ -76,5 +76,7 @@ def _find(
         names = listed(candidate.name() for candidate in candidates)
         raise model.error(f"no {kind} '{name}'; choose from: {names}")
     if len(matches) > 1:
-        raise model.error(f"{len(matches)} of its {kind} names are '{name}'; say instance::name")
+        raise model.error(
+            f"{len(matches)} of its {kind} names are '{name}'; give it as instance::name"
+        )
     return matches[0]

@@ -53,7 +53,7 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> None:
     Args:
         path: the model's file.
         where: its name in error messages.
-        folders: of the packages that its URIs refer to, by name.
+        folders: folders of the packages that its URIs refer to, by name.
 
     Raises:
         InputError: the file, or one that it includes, is not XML or YAML, is too large or nested
@@ -161,7 +161,7 @@ class _XmlReader:
     """A reader that checks the elements of one XML file in their order.
 
     Attributes:
-        ending: of the file's name; it decides what the elements mean.
+        ending: ending of the file's name; it decides what the elements mean.
         where: the file's name in error messages.
         included: the files that it includes, as written there.
 

@@ -40,9 +40,9 @@ class ModelFile:
         folders: the packages' folders by name.
 
     Attributes:
-        model: as given; error messages begin with it.
+        model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
-        folders: as given.
+        folders: the packages' folders as the user named them.
 
     Raises:
         InputError: no such file, an unknown format, or content that Drake must not read (see

@@ -106,7 +106,7 @@ class Spacecraft:
         """Return the spacecraft of another model file, with the same names of B, C and packages.
 
         Raises:
-            InputError: as from the constructor.
+            InputError: for the same reasons as the constructor.
 
         """
         base, capture_frame = self._names
@@ -165,7 +165,7 @@ class Spacecraft:
         """Add the spacecraft without a target to an empty plant, and finalize it.
 
         Raises:
-            InputError: the plant is registered with a SceneGraph, and some geometry cannot be read.
+            InputError: the plant is registered with a SceneGraph and its geometry cannot be read.
 
         """
         self._file.parse_into(plant)
@@ -285,7 +285,7 @@ class Spacecraft:
 
 
 def _exclude_all_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Exclude all contact: a gripper touches the target that it holds, and the grasp is a weld."""
+    """Exclude all contact, because the gripper touches the target and the grasp is a weld."""
     geometries = [
         geometry
         for k in range(plant.num_bodies())

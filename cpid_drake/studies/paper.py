@@ -77,18 +77,19 @@ class PaperStudy:
         telemetry: the logged motion.
         samples: the telemetry at the identifier's sampling instants.
         exact: batch identification from `samples`.
-        rounded: the same from samples rounded to 1 … 12 decimals (Table 2).
-        by_count: the same from the first 1 … 10 exact samples.
+        rounded: batch identifications from samples rounded to 1 … 12 decimals (Table 2).
+        by_count: batch identifications from the first 1 … 10 exact samples.
         online_parameters: (N, 10) the online identifier's estimate at the times of `telemetry`.
-        online_minus_batch: largest difference of the online from the batch estimate at the end,
+        online_minus_batch: largest difference between the final online and the batch estimate,
             relative as in `max_relative_error`.
         linear_drift: (N, 3) change of the total linear momentum since the start [N·s].
-        angular_drift: (N, 3) the same of the angular momentum about W's origin [N·m·s].
-        rounded_linear_momentum: largest total linear momentum that the six-decimal samples show.
-        rounded_angular_momentum: largest total angular momentum that they show (paper: 1e-2).
-        resimulated_target: feasible parameters identified from six decimals, in a second
-            simulation.
-        resimulated: the motion with those parameters.
+        angular_drift: (N, 3) change of the total angular momentum about W's origin [N·m·s].
+        rounded_linear_momentum: largest total linear momentum computed from samples rounded to six
+            decimals [N·s].
+        rounded_angular_momentum: largest total angular momentum computed from these samples
+            [N·m·s]; the paper gives 1e-2.
+        resimulated_target: feasible parameters identified from samples rounded to six decimals.
+        resimulated: motion of a second simulation, with these parameters.
         attitude_error, position_error: (N, 3) resimulated minus true motion [rad, m] (Fig. 7).
 
     """
@@ -149,7 +150,7 @@ def max_relative_error(parameters: NDArray[np.float64], truth: InertialParameter
 
 
 def peak_relative_error(error: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
-    """Return the largest error (N, 3) relative to the peak of the same axis, over all axes.
+    """Return the largest error (N, 3) of any axis, relative to that axis's peak motion.
 
     Ning et al. 2016 give "the maximum relative error" of angle and position. An error
     relative to the value at the same instant is unbounded where a curve crosses zero; here the peak
@@ -165,8 +166,8 @@ def run_paper_study(
     """Simulate the scenario, identify online and in batch, and repeat it as the paper did.
 
     Args:
-        scenario: as `models/scenarios/paper.yaml`.
-        progress: called with a few words at the start of every step.
+        scenario: a scenario like `models/scenarios/paper.yaml`.
+        progress: called at the start of every step with a short description of it.
 
     Raises:
         InputError: the scenario cannot be built, or its samples do not determine the target.

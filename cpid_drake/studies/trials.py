@@ -38,15 +38,15 @@ class Case:
     Attributes:
         spacecraft: the nominal one, which the estimators use.
         truth: the target.
-        motion: of the joints.
-        duration: [s].
+        motion: the motion of the joints.
+        duration: duration of the motion [s].
         momentum_W: (6,) total momentum [L; P] about W's origin.
         momentum: the total momentum that the estimators use.
         firing: time [s] and (6,) momentum of a thruster's firing, or None.
         known_bodies: uncertainty of the nominal spacecraft; None if it is exact.
         suite: the sensors.
         estimators: their names.
-        seed: of the study.
+        seed: seed of the study.
 
     """
 
@@ -129,7 +129,7 @@ def ideal_samples(case: Case, tree: KinematicTree, joint_names: tuple[str, ...])
 
 
 def base_trajectory(case: Case, tree: KinematicTree, times: NDArray[np.float64]) -> BaseTrajectory:
-    """Return the true motion of the base at times (N,) [s], with the firing if there is one."""
+    """Return the true motion of the base at times (N,) [s], with the thruster firing if any."""
     phi = case.truth.to_standard_vector()
 
     def propagate(

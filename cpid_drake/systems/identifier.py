@@ -200,7 +200,7 @@ class MomentumIdentifier(Identifier):
             options: those of the constructor.
 
         Raises:
-            InputError: the port is not of the size of this spacecraft's state, or as the
+            InputError: the port has the wrong size for this spacecraft; also the errors of the
                 constructor.
 
         """
@@ -244,7 +244,7 @@ class MomentumIdentifier(Identifier):
             rows = self.rows(state)
             if np.isfinite(rows).all():
                 return rows
-            problem = "out of all bounds: its momentum is not finite"
+            problem = "too large: its momentum is not finite"
         raise InputError(
             f"{self.GetSystemPathname()}: spacecraft_state at t = {time:g} s is {problem}"
         )

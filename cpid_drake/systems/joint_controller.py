@@ -54,7 +54,7 @@ class JointController(LeafSystem):
         damping_ratio: ζ of the joint errors.
 
     Raises:
-        InputError: a plant of another layout, or gains that are not positive.
+        InputError: the plant has another state layout, or a gain is not positive.
 
     """
 
@@ -69,7 +69,9 @@ class JointController(LeafSystem):
         super().__init__()
         self.set_name("joint_controller")
         if plant.GetPositionNames() != spacecraft.plant.GetPositionNames():
-            raise InputError("the controller's plant is not of the spacecraft's joints")
+            raise InputError(
+                "the controller's plant must have the spacecraft's joints, in the same order"
+            )
         gains = (natural_frequency, damping_ratio)
         if not (np.isfinite(gains).all() and min(gains) > 0):
             raise InputError(
@@ -119,7 +121,8 @@ class JointController(LeafSystem):
             gains: those of the constructor.
 
         Raises:
-            InputError: a port is not of the size of this spacecraft's, or as the constructor.
+            InputError: a port has the wrong size for this spacecraft; also the errors of the
+                constructor.
 
         """
         ports = {"state": state, "desired_motion": desired_motion}

@@ -40,11 +40,11 @@ class Extent:
     Attributes:
         centre: (3,) centre of all bodies during the whole motion, in W [m].
         eye: (3,) position of a camera that looks there and sees all bodies, in W [m].
-        size: of the spacecraft itself, about half its length [m].
+        size: about half the length of the spacecraft without the target [m].
         momentum: the largest linear momentum of the spacecraft [N·s].
         angular_momentum: the largest one about the system's centre of mass, or the spacecraft's
             own if the target is not known [N·m·s].
-        duration: of the motion [s].
+        duration: duration of the motion [s].
 
     """
 
@@ -66,8 +66,8 @@ class Moment:
         known: momentum of the known bodies, one sample.
         target: the target whose centre of mass and momentum are drawn; None if unknown.
         estimate: estimated spatial inertia about C's origin, in C; None if unknown.
-        covariance: (3, 3) of the estimated centre of mass [m²].
-        body_poses: of the bodies without geometry, by name.
+        covariance: (3, 3) covariance of the estimated centre of mass [m²].
+        body_poses: poses of the bodies without geometry, by name.
 
     """
 
@@ -200,7 +200,7 @@ class EstimatedCentre(Layer):
             self._in_front(path)
 
     def draw(self, moment: Moment, time: float) -> None:
-        """Draw both; an ellipsoid larger than the spacecraft is not drawn."""
+        """Draw the point, and the ellipsoid if it is smaller than the spacecraft."""
         is_known, semi_axes = moment.estimate is not None, np.full(3, np.inf)
         if is_known and np.isfinite(moment.covariance).all():
             values, axes = np.linalg.eigh(moment.covariance)

@@ -158,16 +158,16 @@ class SensorIdentifier(Identifier):
             samples: output ports by sensor, usually `SpacecraftSensors.sample_ports()`; ports of
                 sensors that the identifier does not use are left out.
             suite: the sensors.
-            options: those of the constructor.
+            options: further arguments of the constructor.
 
         Raises:
-            InputError: a port is missing or not of the right size, or as the constructor.
+            InputError: a port is missing or has the wrong size; also the errors of the constructor.
 
         """
         system = SensorIdentifier(spacecraft, suite, **options)
         missing = [name for name in system._sample_ports if name not in samples]
         if missing:
-            raise InputError(f"there is no port with samples of '{missing[0]}'")
+            raise InputError(f"no output port is given for the samples of '{missing[0]}'")
         used = {name: samples[name] for name in system._sample_ports}
         return add_connected(builder, system, used)
 

@@ -51,7 +51,7 @@ class SpacecraftSensors(LeafSystem):
     Args:
         spacecraft: the known spacecraft.
         suite: its sensors.
-        seed: of their errors, a whole number >= 0.
+        seed: seed of the sensors' random errors, a whole number >= 0.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`) or an invalid seed; and, when a
@@ -87,11 +87,11 @@ class SpacecraftSensors(LeafSystem):
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
             spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-            suite: as for the constructor.
-            seed: as for the constructor.
+            suite: see the constructor.
+            seed: see the constructor.
 
         Raises:
-            InputError: the port is not of the size of this spacecraft's state, or as the
+            InputError: the port has the wrong size for this spacecraft; also the errors of the
                 constructor.
 
         """

@@ -331,7 +331,7 @@ def test_a_weld_with_an_offset_may_be_written_from_either_end(two_arms, load, tm
 
 
 def test_a_name_that_is_not_unique_must_be_scoped(two_arms):
-    with pytest.raises(InputError, match="say instance::name"):
+    with pytest.raises(InputError, match="give it as instance::name"):
         two_arms(capture_frame="tip")
 
 

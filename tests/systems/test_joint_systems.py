@@ -130,7 +130,7 @@ def test_a_plant_of_other_joints_is_refused(servicer):
 
     empty = MultibodyPlant(0.0)
     empty.Finalize()
-    with pytest.raises(InputError, match="not of the spacecraft's joints"):
+    with pytest.raises(InputError, match="must have the spacecraft's joints"):
         JointController(servicer, empty)
 
 

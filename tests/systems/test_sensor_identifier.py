@@ -402,7 +402,7 @@ def test_sensors_that_cannot_be_are_refused(servicer):
 def test_wiring_other_sensors_is_refused(servicer):
     builder, flight = DiagramBuilder(), load_sensors("flight")
     sensors = builder.AddSystem(SpacecraftSensors(servicer, SensorSuite(encoders=JointSensor())))
-    with pytest.raises(InputError, match="no port with samples of 'gyro'"):
+    with pytest.raises(InputError, match="no output port is given for the samples of 'gyro'"):
         SensorIdentifier.AddToBuilder(
             builder, servicer, samples=sensors.sample_ports(), suite=flight
         )

@@ -48,7 +48,7 @@ class WeightedRows:
         return float(b @ b) - float(to_b @ cho_solve(self._factor, to_b))
 
     def own_noise(self, b: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return residuals b (M,) without the most likely errors of the joint motion."""
+        """Return residuals b (M,) minus the effect of the joint motion's most likely errors."""
         errors = cho_solve(self._factor, self._N.T @ (b * self.weights))
         return np.asarray(b - self._N @ errors / self.weights)
 

@@ -51,7 +51,7 @@ def body_errors(
 def _relative_to_base(
     motion: BaseMotion, trajectory: Trajectory, at: Instants
 ) -> tuple[KinematicTree, Telemetry]:
-    """Return the tree with the target, and its motion relative to the base."""
+    """Return the tree with the target attached, and the motion of both relative to the base."""
     psi = trajectory.state.psi
     phi = parameters_to_standard(relative_parameterization(at.dynamics.mass).to_parameters(psi))
     q, qdot, _ = np.moveaxis(motion.joints.evaluate(at.times), 1, 0)

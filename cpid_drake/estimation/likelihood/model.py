@@ -38,9 +38,9 @@ class TrajectoryModel:
 
     Args:
         tree: the known spacecraft.
-        joints: its joint motion.
-        measurements: samples of its sensors. Samples outside the joint motion, and those of sensors
-            that the suite lacks, are ignored.
+        joints: the spacecraft's joint motion.
+        measurements: samples of the spacecraft's sensors. Samples before or after the joint motion,
+            and samples of sensors that the suite lacks, are ignored.
         suite: the sensors' errors.
         momentum: the total momentum of spacecraft and target; default: zero.
         psi_prior: mean and σ, (10,) each, of the relative unknowns; None for no prior.
@@ -48,10 +48,10 @@ class TrajectoryModel:
 
     Attributes:
         sensors: models of the sensors that have samples, by name.
-        columns: of the Jacobian, by unknown.
+        columns: columns of the Jacobian, by unknown.
 
     Raises:
-        InputError: there is no attitude sensor, or it has no samples in the joint motion.
+        InputError: there is no attitude sensor, or it has no samples during the joint motion.
 
     """
 
@@ -157,16 +157,17 @@ class TrajectoryModel:
         return self._change_by_unknowns(trajectory)[0][-1]
 
     def joint_jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the same as `jacobian` by errors of the joint motion, each in units of its σ.
+        """Return the derivative of the same rows as `jacobian` by errors of the joint motion.
 
-        One column for every coefficient of the joints' splines; the errors are independent.
+        Each coefficient of the joints' splines has one column, in units of its σ. The errors of
+        the coefficients are independent.
         """
         return self._error_rows(trajectory, lambda at: joint_errors(self.motion, trajectory, at))
 
     def body_jacobian(
         self, trajectory: Trajectory, uncertainty: BodyUncertainty
     ) -> NDArray[np.float64]:
-        """Return the same by errors of the known bodies' parameters, each in units of its σ."""
+        """Return the derivative by errors of the known bodies' parameters, in units of their σ."""
         return self._error_rows(
             trajectory, lambda at: body_errors(self.motion, trajectory, at, uncertainty)
         )

@@ -48,10 +48,10 @@ class SensorModel:
     """Samples of one sensor with their σ.
 
     Args:
-        name: of the sensor.
+        name: name of the sensor.
         samples: M samples at times within the motion.
         suite: the sensors' errors.
-        motion: of the base.
+        motion: motion of the base.
 
     """
 
@@ -70,8 +70,8 @@ class SensorModel:
         """Return the derivative (3 M, n) of predicted values in units of σ.
 
         Args:
-            trajectory: to linearize about.
-            change: of the motion by n quantities.
+            trajectory: the trajectory to linearize about.
+            change: change of the motion by n quantities.
             columns: of the unknowns that act on sensors directly; empty if the n quantities are
                 not the unknowns.
 
@@ -115,7 +115,7 @@ class AttitudeModel(SensorModel):
 
 
 class GyroModel(SensorModel):
-    """A gyro with its bias; `bias` is moved to the gyro's place in the state by the model."""
+    """A gyro with its bias. The model sets `bias` to the gyro's place in the state."""
 
     def __init__(self, name: str, samples: Samples, suite: SensorSuite, motion: BaseMotion) -> None:
         super().__init__(name, samples, suite, motion)

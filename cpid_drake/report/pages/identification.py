@@ -42,7 +42,7 @@ def identification_report(
         warnings_section(result, None if log is None else log.evidence.result),
     ]
     if log is None:
-        reason = f"The report lacks all that needs the log: {findings.missing}."
+        reason = f"The report has no sections that need the log: {findings.missing}."
         sections += [observability_section(result), Section("Not shown", texts=[reason])]
     else:
         sections += [

@@ -16,7 +16,7 @@ def run_report(folder: Path, progress: Progress) -> tuple[Report, Findings]:
     """Return the report of a run's folder, and the findings from its telemetry.
 
     Raises:
-        InputError: as `read_run` and `identify_file`.
+        InputError: for the same reasons as `read_run` and `identify_file`.
 
     """
     run = read_run(folder)

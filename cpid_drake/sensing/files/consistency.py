@@ -137,7 +137,7 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
             found.errors.append(text)
             return
     if correlation < 0.5 and _is_motion(w_by_attitude, w_B):
-        found.warnings.append("the attitude does not change as the angular velocity says")
+        found.warnings.append("the attitude does not change at the measured angular velocity")
 
 
 def _pairs(

@@ -158,9 +158,9 @@ def _read_clean(lines: Sequence[bytes], columns: int) -> NDArray[np.float64] | N
 def _read_cells(
     numbered: Iterator[tuple[int, str]], header: list[str], problems: Problems
 ) -> tuple[list[int], NDArray[np.float64]]:
-    """Return the numbers and values of lines, read cell by cell; absent cells become NaN.
+    """Read lines cell by cell; return their line numbers and their values.
 
-    Lines with a problem are left out. Cells of columns without a meaning become NaN too.
+    Lines with a problem are left out. Absent cells and cells of unknown columns become NaN.
     """
     numbers, rows = [], []
     known = [known_column(name) for name in header]

@@ -27,8 +27,8 @@ class Format:
     """A format of telemetry files.
 
     Attributes:
-        name: in messages.
-        endings: of file names, in lower case, each with its dot.
+        name: the format's name in messages.
+        endings: endings of file names, in lower case, each with its dot.
         read: the reader.
         write: writes columns, names and values (N, C) with NaN where a cell is absent; None if the
             format is only read.

@@ -36,7 +36,10 @@ _SOURCES = {
     "encoders": ("joints",),
     "joint_rates": ("joints",),
 }
-"""Kinds of topic with a sensor's samples; the first kind that has any samples is used."""
+"""For each sensor, the kinds of topic that can hold its samples.
+
+The first kind that holds any samples is used.
+"""
 
 LARGEST_STEP_BACK = 1.0
 """Largest decrease of the stamps from message to message [s]."""
@@ -116,7 +119,7 @@ def read_usable(file: Path, problems: Problems, topics: Topics) -> Measurements:
     """Return a bag's samples without unusable ones, which are added to the problems.
 
     Raises:
-        InputError: as `read_rosbag`.
+        InputError: for the same reasons as `read_rosbag`.
 
     """
     measurements = read_rosbag(file, topics=topics)
@@ -162,10 +165,10 @@ class _Log:
 
     Args:
         where: the topic, for error messages.
-        kind: of `TOPIC_TYPES`.
+        kind: a key of `TOPIC_TYPES`.
 
     Attributes:
-        stamps: of all messages [ns].
+        stamps: stamps of all messages [ns].
         sensors: by sensor, the stamps of its samples [ns], and the numbers of all samples.
         joint_names: those of the first message of joints.
 

@@ -66,7 +66,7 @@ def inspect_telemetry(
 
     Args:
         path: the file, or a bag's folder.
-        topics: of a bag: see `rosbag.read_rosbag`.
+        topics: topics of a bag; see `rosbag.read_rosbag`.
 
     Raises:
         InputError: no such file or folder, a file of another kind, or one in which nothing can be
@@ -126,10 +126,11 @@ def read_telemetry(
     Args:
         path: the file, or a bag's folder.
         leave_out_bad: leave out rows that have a problem, instead of refusing the file.
-        topics: of a bag: see `rosbag.read_rosbag`.
+        topics: topics of a bag; see `rosbag.read_rosbag`.
 
     Raises:
-        InputError: as `inspect_telemetry`, and, unless bad rows are left out, the first problem.
+        InputError: for the same reasons as `inspect_telemetry`; also for the first bad row, unless
+            bad rows are left out.
 
     """
     found = inspect_telemetry(path, topics=topics)

@@ -204,7 +204,10 @@ def _check_alone(file: Path, name: str, target: InertialParameters) -> None:
 
 
 def _require_equal(meant: InertialParameters, read: InertialParameters) -> None:
-    """Compare to 1e-12 of each quantity's size; of inertia, its size about the body's origin."""
+    """Require equality to 1e-12 of each quantity's size.
+
+    For the inertia, this size is that of the inertia about the body's origin.
+    """
     reach = np.linalg.norm(meant.p_CTcm_C)
     size = np.trace(meant.I_TTcm_C) + meant.mass * reach**2
     scale = np.array([meant.mass] + 3 * [reach] + 6 * [size])

@@ -116,7 +116,7 @@ def target_attached(
         target: its inertial parameters.
         name: its link's name.
         format: the format of the spacecraft's model.
-        spacecraft: of which a copy is edited.
+        spacecraft: the spacecraft's model, of which a copy is edited.
         path: where the result will be written; relative paths in it are changed accordingly.
 
     Raises:
