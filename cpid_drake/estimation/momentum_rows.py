@@ -27,11 +27,11 @@ _MOST_REWEIGHTINGS = 20
 def momentum_rows(
     tree: KinematicTree, telemetry: Telemetry, family: RowFamily, momentum: TotalMomentum
 ) -> NDArray[np.float64]:
-    """Return the rows [N | A | b] of all samples, stacked.
+    """Return the rows [N | A | b] (samples · rows per sample, k + 11) of all samples, in C.
 
-    N holds the columns of an unknown momentum. A known momentum enters b: in a frame that moves
-    with the centre of mass the linear momentum is zero, so the angular rows of a sample, its last
-    three, sum up to the angular momentum about any point.
+    N holds the k columns of an unknown momentum; see `momentum_columns`. A known momentum enters b:
+    in a frame that moves with the centre of mass the linear momentum is zero, so the angular rows
+    of a sample, its last three, sum up to the angular momentum about any point.
     """
     known = not momentum.is_unknown
     if known and momentum.v_WScm_W.any():
@@ -48,7 +48,7 @@ def momentum_rows(
 def accumulate_rows(
     tree: KinematicTree, telemetry: Telemetry, family: RowFamily, momentum: TotalMomentum
 ) -> tuple[NDArray[np.float64], int]:
-    """Return the square-root information (n + 1, n + 1) of `momentum_rows`, and their number.
+    """Return the square-root information (k + 11, k + 11) of `momentum_rows`, and their number.
 
     The rows of a few thousand samples are formed at a time, so that memory does not grow with the
     number of samples. Rows of zeros (a sample at rest) contain no information and are not counted.
@@ -75,7 +75,10 @@ def row_residuals(
     momentum: TotalMomentum,
     estimate: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return b − A x (N, rows per sample), after a least-squares fit of an unknown momentum."""
+    """Return b − A x (N, rows per sample) at an estimate x (10,), in the units of the rows.
+
+    An unknown momentum is fitted to them by least squares.
+    """
     rows = momentum_rows(tree, telemetry, family, momentum)
     columns, rest = rows[:, :-11], rows[:, -1] - rows[:, -11:-1] @ estimate
     if columns.shape[1]:

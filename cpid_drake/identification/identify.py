@@ -1,5 +1,6 @@
 """`identify`: from data and a known spacecraft to a result, whatever the data and the estimator."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -63,13 +64,12 @@ def identify(
 
     """
     momentum = momentum or TotalMomentum.zero()
-    states, warnings, rejected = None, [], {}
+    states, warnings, rejected = None, [], dict[str, int]()
     if isinstance(data, Telemetry):
         spacecraft.require_joints(data)
         states, measurements = data, measurements_of_states(data)
     else:
-        measurements, counts = screen(in_joint_order(data, spacecraft))
-        rejected = {name: count for name, count in counts.items() if count}
+        measurements, rejected = screen(in_joint_order(data, spacecraft))
         warnings = check_log(spacecraft, measurements)
     record, family = choose_method(estimator, rows, momentum, has_sensors=sensors is not None)
     if family is None and record.default_rows is not None:
@@ -91,6 +91,5 @@ def identify(
             f"{record.name} cannot calculate with these samples: they contradict each other, or "
             "are too large or too small; plot them, and compare units"
         ) from error
-    for name, count in found.rejected.items():
-        rejected[name] = rejected.get(name, 0) + count
-    return replace(found, rejected=rejected, warnings=(*warnings, *found.warnings))
+    everything = dict(Counter(rejected) + Counter(found.rejected))  # without zeros
+    return replace(found, rejected=everything, warnings=(*warnings, *found.warnings))

@@ -2,6 +2,7 @@
 
 import hashlib
 import shlex
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -133,9 +134,7 @@ def identify_file(
             sensors=sensors,
             momentum=momentum,
         )
-    rejected = dict(found.rejected)
-    for name, count in file.partial.items():
-        rejected[name] = rejected.get(name, 0) + count
+    rejected = dict(Counter(found.rejected) + Counter(file.partial))
     if file.problems.count:
         rejected["rows"] = file.problems.count
     found = replace(found, rejected=rejected)

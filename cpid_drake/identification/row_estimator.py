@@ -49,10 +49,11 @@ def estimate_by_rows(problem: Problem) -> Identification:
 
     """
     assert problem.family is not None
-    telemetry = None if problem.sensors is not None else problem.states
-    if telemetry is None and problem.sensors is None:
-        telemetry = complete_samples(problem.measurements, problem.family)
-    return _of_smoothed(problem) if telemetry is None else _of_complete(problem, telemetry)
+    if problem.sensors is None:
+        telemetry = problem.states or complete_samples(problem.measurements, problem.family)
+        if telemetry is not None:
+            return _of_complete(problem, telemetry)
+    return _of_smoothed(problem)
 
 
 def needs_of_rows(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:

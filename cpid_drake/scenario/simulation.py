@@ -77,7 +77,7 @@ class Simulation:
     sensor_logs: dict[str, VectorLogSink] = field(default_factory=dict)
 
     def make_simulator(self) -> Simulator:
-        """Return an initialized Simulator at t = 0: joints on their motion, zero total momentum."""
+        """Return an initialized Simulator at t = 0, with the scenario's motion and momentum."""
         simulator = Simulator(self.diagram)
         settings = vars(self.scenario.simulation.simulator)
         ApplySimulatorConfig(SimulatorConfig(**settings), simulator)
