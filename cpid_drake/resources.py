@@ -16,6 +16,16 @@ def models_directory() -> Path:
     return installed if installed.is_dir() else package.parent / "models"
 
 
+def version_of(package: str) -> str | None:
+    """Return the version of an installed Python package; None if it is only on the path."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
 def package_folders(packages: Mapping[str, str | Path] | None = None) -> dict[str, Path]:
     """Return the folders of `cpid_drake_models` and of the given packages, by package name.
 

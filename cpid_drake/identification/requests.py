@@ -5,7 +5,6 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from cpid_drake.identification.description import result_of
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import IdentificationResult, Source, SpacecraftReference
-from cpid_drake.resources import resolve_model
+from cpid_drake.resources import resolve_model, version_of
 from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.presets import load_sensors
@@ -148,7 +147,7 @@ def identify_file(
         command=request.command(),
         start=start,
         end=end,
-        cpid_drake=version("cpid-drake"),
+        cpid_drake=version_of("cpid-drake") or "not installed",
     )
     result = result_of(found, craft, source)
     return Evidence(request, spacecraft, measurements, sensors, found, result, file.ignored)

@@ -2,7 +2,6 @@
 
 import json
 import platform
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.requests import Request
 from cpid_drake.identification.result_files import SpacecraftReference
 from cpid_drake.input_files.validation import dump_yaml, nulls
+from cpid_drake.resources import version_of
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation
@@ -98,7 +98,7 @@ def write_run(
 def versions() -> dict[str, str | None]:
     """Return the versions of this package and its libraries, by name."""
     packages = ("cpid-drake", "drake", "numpy", "scipy")
-    return {"python": platform.python_version()} | {name: _version(name) for name in packages}
+    return {"python": platform.python_version()} | {name: version_of(name) for name in packages}
 
 
 def target_document(simulation: Simulation) -> dict[str, Any]:
@@ -146,10 +146,3 @@ def request_of_run(scenario: Scenario, folder: Path) -> Request:
 
 def _json(document: dict[str, Any]) -> str:
     return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:  # on the path without being installed
-        return None

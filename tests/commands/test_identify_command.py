@@ -1,5 +1,6 @@
 """`cpid identify` and `cpid telemetry check`: what they print and write, and how they end."""
 
+import importlib.metadata
 import json
 from pathlib import Path
 
@@ -214,3 +215,14 @@ class TestCheck:
     def test_a_model_needs_its_frames(self, cpid, exact):
         message = refusal(cpid("telemetry", "check", exact, "--base", "bus"))
         assert "give all of --spacecraft" in message
+
+
+def test_a_package_that_is_only_on_the_path_identifies_too(cpid, monkeypatch):
+    """A checkout on PYTHONPATH has no version."""
+
+    def missing(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", missing)
+    assert cpid("identify", SAMPLE, *FREE_FLYER, "--json", "r.json", "--quiet")[0] == 0
+    assert read_result("r.json").source.cpid_drake == "not installed"
