@@ -15,6 +15,7 @@ from cpid_drake.identification.filter_estimator import (
     identification_of_filter,
     online_estimator,
 )
+from cpid_drake.identification.fit_estimator import fit_measurements
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import SensorNoise, add_noise
 from cpid_drake.studies import trials
@@ -88,6 +89,20 @@ def test_a_walking_bias_is_as_near_as_its_covariance_says(cases):
         squares.append(error @ np.linalg.solve(state.P[BIAS, BIAS], error))
     low, high = chi2.ppf([0.0005, 0.9995], 3 * len(seeds)) / len(seeds)
     assert low < np.mean(squares) < high
+
+
+def test_the_filter_begins_with_the_bias_at_the_end_of_the_fit(cases):
+    """A bias that walks has a node a second: value and covariance are those of the last one."""
+    spacecraft, suite, perfect, _ = cases("flight")
+    walking = replace(suite, gyro=replace(suite.gyro, bias_random_walk=5.0))
+    samples = add_noise(walking, perfect, 1).between(0.0, 3.0)
+    fit = fit_measurements(spacecraft.tree, samples, walking)
+    state = online_estimator(spacecraft, walking).filter_state(fit)
+    np.testing.assert_array_equal(state.bias, fit.state.bias[-1])
+    covariance = np.linalg.inv(fit.information)
+    last = fit.model.columns["bias"].stop
+    expected = covariance[last - 3 : last, last - 3 : last]
+    np.testing.assert_allclose(state.P[BIAS, BIAS], expected, rtol=1e-3, atol=1e-3 * expected.max())
 
 
 def test_it_works_without_a_gyro(cases):

@@ -160,6 +160,22 @@ class TestNoisyLogs:
         distance = error @ np.linalg.solve(found.covariance, error)
         assert distance < 30  # χ² of ten, 0.1 %
 
+    @pytest.mark.parametrize("seed", range(4))
+    def test_momentum_is_seen_through_noise_and_not_seen_in_noise(
+        self, craft, motion, skewed_target, seed
+    ):
+        """A hundredth of a tumble on noisy velocities warns; the same noise alone does not."""
+        times, warned = np.arange(0.0, DURATION, 0.02), []
+        for momentum in (0.01 * MOMENTUM, None):
+            true = true_telemetry(
+                craft.tree, craft.joint_names, motion, skewed_target, times, momentum
+            )
+            noise = 1e-5 * np.random.default_rng(seed).normal(size=(len(true), 6))
+            noisy = true.with_base_twist(true.w_WB + noise[:, :3], true.v_WB + noise[:, 3:])
+            found = identify(craft, log_of(noisy), rows="standard")
+            warned.append(any("--momentum unknown" in warning for warning in found.warnings))
+        assert warned == [True, False]
+
     @pytest.mark.parametrize("memory", [0.0, 0.9])
     def test_intervals_of_rows_hold_whether_noise_is_white_or_not(
         self, craft, true_motion, skewed_target, memory
@@ -296,6 +312,13 @@ class TestRotors:
         assert self.craft.tree.is_rotor(self.craft.joint_names.index("spin_x"))
         found = identify(self.craft, self.without_position("spin_x"))
         assert error_over_scale(found, skewed_target) < 1e-9
+
+    def test_the_rates_of_such_a_wheel_are_those_of_its_log(self, skewed_target):
+        """The trajectory fit smooths angles and rates together: they must belong together."""
+        suite = coarse_suite(joint_rates=JointSensor(50.0, 1e-6))
+        found = identify(self.craft, self.without_position("spin_x"), sensors=suite)
+        assert found.warnings == ()
+        assert error_over_scale(found, skewed_target) < 1e-6
 
     @pytest.mark.parametrize(
         "imbalance",

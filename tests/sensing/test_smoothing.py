@@ -9,7 +9,7 @@ from sensing_cases import Sines, coarse_suite, measured, small_craft, true_telem
 
 from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensing.smoothing import smooth
@@ -371,3 +371,13 @@ def test_angular_velocity_is_given_in_the_world(scene):
     t = smooth(perfect, suite, perfect.gyro.time[20:60]).telemetry
     in_base = rotate(np.swapaxes(t.R_WB, -1, -2), t.w_WB)
     np.testing.assert_allclose(in_base, perfect.gyro.value[20:60], rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_alone_asks_for_no_knots(craft, seed):
+    """Joints at rest: the criterion stops at few intervals, however many samples there are."""
+    suite = coarse_suite(encoders=JointSensor(100.0, 1e-4))
+    times = np.arange(0.0, DURATION, 0.01)
+    noise = 1e-4 * np.random.default_rng(seed).normal(size=(times.size, JOINTS))
+    still = Measurements(craft.joint_names, encoders=Samples(times, noise))
+    assert smooth_joints(still, suite).basis.size <= 13
