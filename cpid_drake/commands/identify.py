@@ -97,7 +97,7 @@ def identify(
             findings = findings_of(evidence, status.update)
             identification_report(findings, progress=status.update).write(report)
     if evidence.ignored:
-        log.print(f"note: columns without a meaning: {', '.join(evidence.ignored[:20])}")
+        log.print(f"note: ignored columns: {', '.join(evidence.ignored[:20])}")
     for warning in result.warnings:
         log.print(f"warning: {warning}")
     if not quiet:

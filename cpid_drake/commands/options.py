@@ -99,7 +99,7 @@ def check_output(option: str, path: Path) -> None:
     """Refuse an output file that could not be written, before the work begins.
 
     Raises:
-        InputError: its folder does not exist, or it is a folder itself.
+        InputError: the file's folder does not exist, or the path is that of a folder.
 
     """
     if not path.parent.is_dir():

@@ -20,8 +20,8 @@ def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) 
     Args:
         phi: φ̂, with a mass that is not zero.
         information: (10, 10) information matrix (inverse covariance, up to a factor) of the
-            parameter vector π, carried over to φ at φ̂. Default: mass, m c and J count alike once
-            each is divided by its own size.
+            parameter vector π, carried over to φ at φ̂. Default: mass, m c
+            and J, each divided by its own size, have equal weight.
 
     Raises:
         InputError: `information` is not a finite, symmetric, positive definite matrix.
@@ -61,7 +61,7 @@ def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np
     Args:
         mass: [kg].
         com: (3,) centre of mass from the frame's origin [m].
-        inertia: (3, 3) about the centre of mass [kg·m²].
+        inertia: (3, 3) inertia about the centre of mass [kg·m²].
 
     """
     values, axes = np.linalg.eigh(second_moment(inertia))

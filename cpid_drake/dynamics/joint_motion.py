@@ -90,8 +90,8 @@ class MultiSine:
         duration: T [s].
 
     Raises:
-        InputError: shapes do not fit, an entry is not finite, a frequency or time is not positive,
-            the ramp is longer than T/2, or there are more than 1000 cycles in T.
+        InputError: shapes do not match, an entry is not finite, a frequency or time is not
+            positive, the ramp is longer than T/2, or there are more than 1000 cycles in T.
 
     """
 

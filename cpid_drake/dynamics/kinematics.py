@@ -67,8 +67,8 @@ def centroid_position(r_m: ArrayLike, b_m: ArrayLike, c_k: ArrayLike) -> NDArray
 
     Args:
         r_m: (N, 3) centre of mass of the inboard body m, in W [m].
-        b_m: (N, 3) from m's centre of mass to joint k, in W [m].
-        c_k: (N, 3) from joint k to body k's centre of mass, in W [m].
+        b_m: (N, 3) vector from m's centre of mass to joint k, in W [m].
+        c_k: (N, 3) vector from joint k to body k's centre of mass, in W [m].
 
     """
     return np.asarray(r_m) + np.asarray(b_m) + np.asarray(c_k)

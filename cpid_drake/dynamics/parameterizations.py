@@ -58,7 +58,7 @@ def vector_to_tensor(vector: ArrayLike) -> NDArray[np.float64]:
 def parameter_scale(
     parameters: NDArray[np.float64], length: float | None = None
 ) -> NDArray[np.float64]:
-    """Return (10,) what an error of π is compared with: m, a length for c, the trace of I for I.
+    """Return the scale (10,) of errors of π: m for m, a length for c, the trace of I for I.
 
     Args:
         parameters: (10,) π of a body with a positive mass and trace of I.

@@ -39,8 +39,8 @@ class RelativeDynamics:
         p_BK: (N, 3) K from B's origin, in B [m].
         v_BK: (N, 3) rate of p_BK as seen from B [m/s].
         R_BC: (N, 3, 3) attitude of C in B.
-        w_BC: (N, 3) angular velocity of C against B, in C [rad/s].
-        s: (N, 3) from K to C's origin, in C [m].
+        w_BC: (N, 3) angular velocity of C relative to B, in C [rad/s].
+        s: (N, 3) vector from K to C's origin, in C [m].
         sdot: (N, 3) its rate as seen from B, in C [m/s].
 
     """

@@ -147,7 +147,7 @@ def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[n
     Y = [s×ṡ  s̃ω̃ − ṡ̃  [#ω]], about the system's centre of mass.
 
     Args:
-        s: (..., 3) from the known bodies' centre of mass to C's origin, in C [m].
+        s: (..., 3) vector from the known bodies' centre of mass to C's origin, in C [m].
         sdot: (..., 3) its rate in W, expressed in C [m/s].
         w: (..., 3) angular velocity of C in W, in C [rad/s].
 
@@ -201,7 +201,7 @@ class RowFamily:
         augmented_rows: [A | b] stacked over the samples, (rows_per_sample · N, 11), in C.
         momentum_size: number of unknowns that a constant total momentum adds; 0 where the rows are
             not linear in it.
-        momentum_columns: their columns (rows_per_sample · N, momentum_size), or None.
+        momentum_columns: columns of these unknowns (rows_per_sample · N, momentum_size), or None.
         uses_base_position: whether the rows depend on the base's position and velocity.
         linear_unit: unit of the linear rows, those before the last three of a sample.
 

@@ -37,7 +37,7 @@ def spatial_inertia(
     Args:
         mass: (...) [kg].
         moment: (..., 3) first moment of mass m c from the point [kg·m].
-        inertia: (..., 3, 3) about the point [kg·m²].
+        inertia: (..., 3, 3) inertia about the point [kg·m²].
 
     """
     h = skew(moment)

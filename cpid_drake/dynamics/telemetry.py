@@ -24,8 +24,8 @@ class Telemetry:
         qdot: (N, J) joint rates [rad/s or m/s].
 
     Raises:
-        InputError: shapes that do not fit, times not increasing, entries that are not finite, or
-            quaternions whose norm is more than 1e-3 off 1 (the rest is taken as rounding).
+        InputError: the shapes do not match, the times do not increase, an entry is not finite, or
+            the norm of a quaternion differs from 1 by more than 1e-3 (less counts as rounding).
 
     """
 

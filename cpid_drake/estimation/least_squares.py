@@ -28,7 +28,8 @@ class LeastSquaresSolution:
             and in all entries if there are no degrees of freedom.
         information: (n, n) AᵀA: the inverse covariance up to the factor s².
         rank: number of independent combinations of the unknowns that the rows determine.
-        singular_values: (n,) of the rows with every column scaled to unit length, descending.
+        singular_values: (n,) singular values of the rows with every column scaled to unit length,
+            descending.
         condition_number: ratio of the largest to the smallest of them; infinite below full rank.
         unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
             the unknowns can change without a change of any row.

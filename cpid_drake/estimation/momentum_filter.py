@@ -107,7 +107,7 @@ OFFSETS = (0.003, 0.003)
 """σ of the attitude [rad] and centre of mass [m] that a jump between two such instants causes."""
 
 SAME_CAUSE = 1.0
-"""If both attitudes differ again within this time of a reset, momentum has jumped [s]."""
+"""If both attitudes differ again within this time after a reset, momentum has jumped [s]."""
 
 _SENSORS = (*STANDARD_SENSORS, "agreement")
 _INDEX = {name: k for k, name in enumerate(_SENSORS)}
@@ -169,13 +169,13 @@ def vague_prior(
 def guessed_prior(vague: FilterPrior, psi: NDArray[np.float64], sigma: float) -> FilterPrior:
     """Return a prior around a guess of the target, with the vague prior's momentum.
 
-    The relative unknowns are uncorrelated. The σ of each is a share of its scale: μ, μ k or μ k²,
-    with k the radius of gyration of `psi` about C's origin.
+    The relative unknowns are uncorrelated. The σ of each is the share `sigma` of its scale: μ,
+    μ k or μ k², with k the radius of gyration of `psi` about C's origin.
 
     Args:
-        vague: from `vague_prior`.
+        vague: the prior from `vague_prior`.
         psi: (10,) mean of the relative unknowns, of a rigid body that is not a point at C's origin.
-        sigma: that share.
+        sigma: σ of each relative unknown, divided by the unknown's scale.
 
     """
     radius = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
@@ -668,7 +668,7 @@ class MomentumFilter:
         return True
 
     def _carry_gyro_on(self, state: FilterState, time: float) -> None:
-        """Start the attitude by gyro from that by momentum."""
+        """Set the attitude by gyro to the attitude by momentum."""
         behind = time - state.joints[0, 0]
         if behind > LONGEST_GAP:
             state.attitude_known = np.False_  # it is too old: wait for a sample
@@ -1184,7 +1184,7 @@ def _com_part(dynamics: RelativeDynamics) -> NDArray[np.float64]:
 
 
 def _propagate_covariance(P: NDArray, where: slice, M: NDArray, growth: float) -> None:
-    """Propagate the covariance in place: three errors become M (3, 28) times all, plus noise."""
+    """Propagate P in place: the errors `where` become M (3, 28) times all errors, plus noise."""
     rows = M @ P
     block = rows @ M.T
     P[where] = rows

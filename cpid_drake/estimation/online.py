@@ -1,8 +1,8 @@
 """Online estimation from a vague prior: trajectory fits first, the momentum filter afterwards.
 
-While little motion has been observed, sensor errors look like effects of the target, and a filter
-that processes samples one by one could not correct what it concluded from the first ones. The
-samples are therefore stored at first and fitted together, at growing intervals. Once the target is
+Sensor errors look like effects of the target until enough motion has been observed. A filter that
+processes samples one by one cannot correct wrong conclusions from the first ones. The samples are
+therefore stored at first, and fitted together at growing intervals. Once the target is
 known well enough (`MomentumFilter.well_known`), the filter continues from the last fit, sample by
 sample.
 
@@ -55,7 +55,7 @@ class OnlineState:
     """The filter's state and, while the target is estimated by fits, all samples.
 
     Attributes:
-        filter: its state; ψ and its covariance are the estimate at any time.
+        filter: the filter's state; its ψ and their covariance are the estimate at any time.
         samples: (sensor, time, value) so far; empty once the filter runs alone.
         next_fit: when the next fit is due [s]; NaN once the filter runs alone.
         first_time: time of the first sample [s]; NaN before.

@@ -50,7 +50,7 @@ def solve_information(
     Columns are scaled here, once: QR decomposition itself does not depend on their scale.
 
     Args:
-        information: (n + 1, n + 1) from `updated_information`.
+        information: (n + 1, n + 1) array from `updated_information`.
         row_count: number of scalar rows that were added.
         eliminated: number of leading unknowns to eliminate: the solution is that of the others,
             with these at their best values.

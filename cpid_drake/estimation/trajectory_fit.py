@@ -35,10 +35,10 @@ class TrajectoryFit:
     """The state that fits the samples best.
 
     Attributes:
-        model: what was fitted.
-        trajectory: at the solution.
-        information: (n, n) about the unknowns in `TrajectoryModel.columns`, joint errors
-            eliminated.
+        model: the model that was fitted.
+        trajectory: the trajectory at the solution.
+        information: (n, n) information about the unknowns in `TrajectoryModel.columns`, with the
+            joint errors eliminated.
         consider: (n, n) covariance that the known bodies' uncertainty adds; zeros without any.
         chi_squared: χ² of all rows at the solution, weighted as in the last iteration.
         rows: number of scalar rows.

@@ -21,7 +21,7 @@ class Convergence:
     Attributes:
         time: (K,) [s].
         parameters: (K, 10); NaN while not known.
-        intervals: (K, 10, 2) of 95 %.
+        intervals: (K, 10, 2) 95 % intervals.
         estimates: (time, identification) at the times for which there is one.
 
     """
@@ -39,7 +39,7 @@ def converge(
 
     Args:
         evidence: the samples and how they were identified.
-        progress: called with a few words before every part.
+        progress: called before every part with a short description of it.
 
     """
     request, result = evidence.request, evidence.result

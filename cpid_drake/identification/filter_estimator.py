@@ -159,7 +159,7 @@ def consider_covariance(
 ) -> NDArray[np.float64]:
     """Return what the uncertainty of the known bodies adds to the covariance of ψ, (10, 10).
 
-    It is computed for the trajectory fit on the same samples, which has the same weights.
+    It is computed from a trajectory fit to the same samples, which weights them as the filter does.
     """
     sensors, now = online.filter.suite, state.filter
     model = TrajectoryModel(

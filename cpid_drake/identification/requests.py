@@ -178,7 +178,7 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
     else:
         raise InputError(f"{source.telemetry} does not exist any more")
     if file_hash(place) != source.sha256:
-        raise InputError(f"{source.telemetry} has changed since: its SHA-256 is another")
+        raise InputError(f"{source.telemetry} has changed since: its SHA-256 differs")
     return Request(
         place,
         result.spacecraft,

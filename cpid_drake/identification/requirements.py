@@ -35,7 +35,7 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
 
     Raises:
         InputError: the joints are not those of the spacecraft; the positions of a joint that is
-            not a rotor are missing, or those of a rotor and its rates; shapes that do not fit.
+            not a rotor are missing, or those of a rotor and its rates; shapes do not match.
 
     """
     have, wanted = measurements.joint_names, spacecraft.joint_names

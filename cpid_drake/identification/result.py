@@ -59,7 +59,7 @@ class Identification:
 
     Attributes:
         parameterization: the estimator's ten unknowns.
-        solution: their estimate, covariance and rank.
+        solution: estimate of the unknowns, with covariance and rank.
         sample_count: number of samples used.
         estimator: name of the estimator in `estimators.ESTIMATORS`.
         rows: name of the row family; None for estimators without rows.
@@ -67,7 +67,7 @@ class Identification:
         converged: whether an iterative estimator reached its solution.
         whiteness: whiteness of the residuals, of the least white sensor if there are several; None
             if there are no residuals.
-        residuals: by sensor, or "linear" and "angular" for rows.
+        residuals: residuals by sensor, or by "linear" and "angular" for rows.
         rejected: number of samples that could not be used, by sensor; without entries of zero.
         momentum_changes: changes of momentum that an online estimator detected; None for estimators
             that detect none.

@@ -96,7 +96,7 @@ class IdentificationResult:
         mass: m [kg] as estimated.
         com: (3,) c, in C [m].
         inertia: (6,) Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, in C [kg·m²].
-        covariance: (10, 10) of `parameters`.
+        covariance: (10, 10) covariance of `parameters`.
         feasible: the physically consistent estimate; None unless all ten are known.
         rank: number of parameters, or of combinations of them, that the data determine.
         condition: condition number of the problem; None where there is none.
@@ -108,10 +108,11 @@ class IdentificationResult:
         names, units: names and units of the ten parameters.
         interval_95: (10, 2) 95 % intervals of `parameters`; None if the file has none.
         infeasibilities: why no rigid body has `parameters`; empty if one has.
-        principal_moments: (3,) of `feasible`, ascending [kg·m²]; None if not known.
+        principal_moments: (3,) principal moments of `feasible`, ascending [kg·m²]; None if not
+            known.
         principal_axes: (3, 3) their axes in C, as columns; None if not known.
         not_observable: the parameters that the data do not determine, in words.
-        singular_values: (10,) of the scaled problem, descending; None if not known.
+        singular_values: (10,) singular values of the scaled problem, descending; None if not known.
         residual_whiteness: None if there were no residuals to test.
         samples_rejected_by_sensor: `samples_rejected` by sensor.
         source: what the result was made from; None if the file does not say.

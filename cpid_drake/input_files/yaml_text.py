@@ -42,7 +42,7 @@ class Tagged:
 
 
 def format_yaml(tree: object) -> str:
-    """Return YAML text of a tree; arrays are lists in it, a `Tagged` a mapping with its tag."""
+    """Return a tree as YAML text; an array becomes a list, a `Tagged` a mapping with its tag."""
     return yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
 
 
@@ -81,7 +81,9 @@ def check_size(text: str, where: str) -> None:
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes:
-                raise InputError(f"{where}: the alias *{event.anchor} stands for nothing or itself")
+                raise InputError(
+                    f"{where}: the alias *{event.anchor} is undefined or contains itself"
+                )
             total += sizes[event.anchor]
         elif isinstance(event, yaml.CollectionStartEvent):
             open_collections.append((event.anchor, total))

@@ -11,7 +11,7 @@ from cpid_drake.identification.requests import Evidence, identify_file, request_
 from cpid_drake.identification.result_files import IdentificationResult, read_result, result_text
 
 Progress = Callable[[str], None]
-"""A function that is called with a few words before every step."""
+"""A function that is called before every step with a short description of it."""
 
 
 def no_progress(step: str) -> None:
@@ -32,7 +32,7 @@ class Findings:
 
     Attributes:
         result: the result that is reported.
-        text: the same as JSON.
+        text: the result as JSON text.
         log: the log, identified again; None if it cannot be read.
         missing: why the log cannot be read; empty if it can.
         truth: the true target, if it is known from a simulation.

@@ -15,7 +15,7 @@ class Run:
     """The contents of a run's folder.
 
     Attributes:
-        folder: its path.
+        folder: path of the folder.
         scenario: the simulated scenario.
         truth: the true target.
         texts: contents of the JSON files, by file name without ending.

@@ -20,7 +20,7 @@ def contents(found: TelemetryFile, where: str) -> list[str]:
             f"  {count} samples of {SENSORS[name].label} are there in part only, and not used"
         )
     if found.ignored:
-        lines.append(f"  columns without a meaning: {', '.join(found.ignored[:20])}")
+        lines.append(f"  ignored columns: {', '.join(found.ignored[:20])}")
     return lines
 
 

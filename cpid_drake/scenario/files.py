@@ -49,7 +49,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def _from_folder(folder: Path, path: str) -> str:
-    """Return a path of a scenario's file, resolved from the folder of this file."""
+    """Resolve a path that a scenario's file contains; relative paths start at the file's folder."""
     try:
         return path if "://" in path else str(folder / Path(path).expanduser())
     except RuntimeError as error:  # there is no such user

@@ -35,7 +35,7 @@ class Measurements:
 
     Args:
         joint_names: the joints, in the order of columns of joint sensors.
-        samples: by the sensors' names in `SENSORS`.
+        samples: the samples, by the sensors' names in `SENSORS`.
         named: samples by sensor, as keywords; they replace those in `samples`.
 
     """

@@ -40,7 +40,7 @@ class SensorNoise:
 
         Args:
             name: name of the sensor.
-            ideal: (N, width) from `Quantity.ideal`.
+            ideal: (N, width) ideal samples from `Quantity.ideal`.
             first: number of the first sample.
 
         """

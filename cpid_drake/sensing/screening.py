@@ -17,7 +17,7 @@ def as_arrays(measurements: Measurements) -> Measurements:
     """Return measurements whose times (N,) and values (N, width) are arrays of numbers.
 
     Raises:
-        InputError: samples that are not numbers, or whose shapes do not fit the sensor.
+        InputError: samples are not numbers, or their shapes do not match the sensor.
 
     """
     samples = {}

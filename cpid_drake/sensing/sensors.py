@@ -36,7 +36,7 @@ class SensorErrors:
     """Rate and white noise of a sensor; each kind of sensor has its own subclass.
 
     Attributes:
-        rate: samples a second [Hz].
+        rate: samples per second [Hz].
 
     """
 
@@ -63,7 +63,7 @@ class AttitudeSensor(SensorErrors):
     """A star tracker, or any other sensor of the base's whole attitude.
 
     Attributes:
-        rate: samples a second [Hz].
+        rate: samples per second [Hz].
         cross_boresight_arcsec: σ about each of the two axes perpendicular to the boresight.
         boresight_arcsec: σ about the boresight.
         boresight_B: (3,) direction of the boresight in B, of any length.
@@ -103,7 +103,7 @@ class Gyro(SensorErrors):
     """Three rate gyros along B's axes.
 
     Attributes:
-        rate: samples a second [Hz].
+        rate: samples per second [Hz].
         angle_random_walk: white noise of the rate, as it accumulates in the angle [°/√h].
         bias: σ of the constant part of the bias [°/h].
         bias_random_walk: growth of the bias [°/h/√h].
@@ -164,7 +164,7 @@ class JointSensor(VectorSensor):
     """Encoders or tachometers of all joints.
 
     Attributes:
-        rate: samples a second [Hz].
+        rate: samples per second [Hz].
         sigma: white noise [rad or m; for joint rates per second].
         bits: resolution in bits per turn: the step is 2π/2^bits rad (for prismatic joints in
             m); 0 for no quantization. The seed determines the position of the zero between steps.

@@ -92,7 +92,7 @@ def smooth(
             sensors that the suite lacks are left out. Of registered sensors, only those of joints
             are used.
         suite: the sensors' errors.
-        times: (N,) [s]; default: ten a second in the interval in which all sensors have samples.
+        times: (N,) [s]; default: ten per second in the interval in which all sensors have samples.
         with_position: whether to compute the base's position and velocity, else they are zero.
 
     Raises:

@@ -76,7 +76,7 @@ class SplineFit:
     Attributes:
         basis: K functions.
         coefficients: (K, channels).
-        covariance: (K, K) of the coefficients of each channel.
+        covariance: (K, K) covariance of the coefficients of each channel.
         chi_squared: sum of squared residuals in units of σ.
 
     """
@@ -189,7 +189,7 @@ def solve_normal_equations(
     B-spline bases are well conditioned, so the normal equations are accurate enough.
 
     Returns:
-        The solution (n, channels), and its covariance (n, n), empty if it is not asked for.
+        The solution (n, channels), and its covariance (n, n), which is empty unless requested.
 
     """
     rows = csr_array(A)  # few functions differ from zero at one time

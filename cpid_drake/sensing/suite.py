@@ -101,7 +101,7 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
     """Refuse a suite with impossible values.
 
     Args:
-        suite: from a file, from a scenario or made in Python.
+        suite: a suite from a file, from a scenario or made in Python.
         where: what is being read, for the error message.
 
     Raises:

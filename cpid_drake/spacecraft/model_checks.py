@@ -87,7 +87,7 @@ class _Walk:
             raise InputError(f"{place}: the file includes itself")
         if self.count > MOST_FILES or len(around) > DEEPEST:
             raise InputError(
-                f"{place}: more than {MOST_FILES} includes, or {DEEPEST} in each other"
+                f"{place}: more than {MOST_FILES} includes, or more than {DEEPEST} nested levels"
             )
         ending = path.suffix.lower()
         if ending not in (".urdf", ".sdf", ".xml", ".yaml", ".yml"):

@@ -24,7 +24,7 @@ from cpid_drake.spacecraft.tree_checks import movable_joints, require_tree_on_fr
 from cpid_drake.spacecraft.tree_extraction import extract_tree
 
 TARGET_NAME = "captured_target"
-"""Name of the target's body and model instance in a simulation plant (with _ if it is taken)."""
+"""Name of the target's body and model instance in a simulation plant; _ is added if it is taken."""
 
 
 class Spacecraft:

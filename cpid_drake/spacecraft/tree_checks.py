@@ -35,7 +35,7 @@ def require_tree_on_free_base(
 
     Raises:
         InputError: the base is welded to the world or does not float, a body is not connected to
-            it, no joint moves C against it, or a joint is of a type that is not supported.
+            it, no joint moves C relative to it, or a joint is of a type that is not supported.
 
     """
     _require_free_base(model, plant, base)

@@ -197,7 +197,7 @@ class MomentumIdentifier(Identifier):
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
             spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-            options: those of the constructor.
+            options: further arguments of the constructor.
 
         Raises:
             InputError: the port has the wrong size for this spacecraft; also the errors of the

@@ -117,8 +117,8 @@ class JointController(LeafSystem):
             desired_motion: usually the output of a `JointMotionSource`.
             generalized_force: the input to drive, usually
                 `MultibodyPlant.get_applied_generalized_force_input_port()`.
-            plant: the controller's model, as for the constructor.
-            gains: those of the constructor.
+            plant: the controller's model; see the constructor.
+            gains: the feedback gains; see the constructor.
 
         Raises:
             InputError: a port has the wrong size for this spacecraft; also the errors of the

@@ -172,7 +172,7 @@ class CentreOfMass(Layer):
         self._first: tuple[RigidTransform, NDArray[np.float64]] | None = None
 
     def draw(self, moment: Moment, time: float) -> None:
-        """Draw its present and its first position, both for the same target."""
+        """Draw the current and the initial centre of mass, both computed with the same target."""
         p_WK = moment.known.p_WKcm[0]
         if self._first is None:
             self._first = moment.X_WC, p_WK

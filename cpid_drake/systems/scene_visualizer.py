@@ -101,7 +101,7 @@ class SceneVisualizer(LeafSystem):
             spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
             covariance: an identifier's output of this name.
             spatial_inertia: an identifier's output of this name.
-            options: those of the constructor.
+            options: further arguments of the constructor.
 
         Raises:
             InputError: a port is not of the size of this spacecraft's.
@@ -181,7 +181,7 @@ def extent_of(
 
     Args:
         spacecraft: the known spacecraft.
-        telemetry: its motion.
+        telemetry: the spacecraft's motion.
         target: the target, if it is known.
 
     """

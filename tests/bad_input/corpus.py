@@ -824,7 +824,7 @@ YAML = {
     "open_list": ("spacecraft: [1, 2", "line 1, column"),
     "billion_laughs": (BOMB, "more than 20000 values"),
     "deep": ("[" * 100_000, "nested too deeply"),
-    "itself": ("a: &a [*a]\n", "*a stands for nothing or itself"),
+    "itself": ("a: &a [*a]\n", "*a is undefined or contains itself"),
     "python_object": ("a: !!python/object/apply:os.system ['touch owned']\n", "line 1"),
     "unknown_key": ("spacecarft: {}\n", "unknown key 'spacecarft'"),
     "list": ("- 1\n- 2\n", "must be a mapping"),

@@ -109,7 +109,7 @@ def test_a_log_that_only_looks_odd_says_the_same(name, cpid, tmp_path):
     code, odd, stderr = cpid(*command("telemetry", "odd.csv"))
     assert (code, stderr) == (
         0,
-        "note: columns without a meaning: note\n" * (name == "another_column"),
+        "note: ignored columns: note\n" * (name == "another_column"),
     )
     assert estimate(odd) == estimate(plain)
 

@@ -156,7 +156,7 @@ class TestIdentify:
         exact.write_text("\n".join([lines[0] + ",mode", *(line + ",7" for line in lines[1:])]))
         code, _, stderr = cpid("identify", exact, *SERVICER)
         assert code == 0
-        assert stderr == "note: columns without a meaning: mode\n"
+        assert stderr == "note: ignored columns: mode\n"
 
     @pytest.mark.parametrize(
         ("arguments", "phrase"),

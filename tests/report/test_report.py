@@ -177,7 +177,7 @@ class TestWhatIsSaid:
         exact.write_text(exact.read_text() + "\n")
         findings = findings_of_file(result_file)
         assert findings.log is None
-        assert "has changed since: its SHA-256 is another" in findings.missing
+        assert "has changed since: its SHA-256 differs" in findings.missing
 
     def test_a_log_is_found_beside_its_result(self, exact, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)

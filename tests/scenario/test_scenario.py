@@ -162,8 +162,8 @@ def ten_times_ten(levels: int) -> str:
     [
         (ten_times_ten(12), "more than 20000 values, aliases written out"),
         (ten_times_ten(12).replace("[", "{<<: [").replace("]", "]}"), "more than 20000 values"),
-        ("target: {p_CTcm_C: &a [*a, *a]}", "the alias *a stands for nothing or itself"),
-        ("target: *b", "the alias *b stands for nothing"),
+        ("target: {p_CTcm_C: &a [*a, *a]}", "the alias *a is undefined or contains itself"),
+        ("target: *b", "the alias *b is undefined"),
         (300_000 * "[", "nested too deeply"),
         ("\n".join(" " * k + "a:" for k in range(1000)), "nested too deeply"),
         ("a: [" + 400_000 * "1," + "]", "more than 20000 values"),

@@ -10,7 +10,7 @@ _SMALLEST_SIGMA = 1e-9
 
 
 class GyroBias:
-    """The bias of one gyro at K nodes: one node for a constant bias, else one node a second.
+    """The bias of one gyro at K nodes: one node for a constant bias, else one node per second.
 
     Args:
         gyro: its errors.

@@ -159,7 +159,7 @@ class BaseMotion:
         Cubics through four nodes integrate the first term, the trapezoidal rule the second.
 
         Args:
-            trajectory: to linearize about.
+            trajectory: the trajectory to linearize about.
             w: (N, 3, n) change of the angular velocity at the nodes at unchanged attitude, in B.
             initial: (3, n) change of the attitude at the start, a rotation in W.
 

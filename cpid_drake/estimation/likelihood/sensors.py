@@ -32,8 +32,8 @@ class MotionChange:
     """First-order change of the base's motion by n quantities.
 
     Attributes:
-        xi: (N, 3, n) of the attitude at the grid's nodes, a rotation in W.
-        w: (N, 3, n) of the angular velocity at the nodes, in B.
+        xi: (N, 3, n) change of the attitude at the grid's nodes, a rotation in W.
+        w: (N, 3, n) change of the angular velocity at the nodes, in B.
         com: returns for M instants the change (M, 3, n) of the centre of mass ρ from B's origin,
             and that of its rate as seen from B, both in B.
 
@@ -90,7 +90,7 @@ class SensorModel:
         """Add the derivatives by unknowns that do not act through the motion."""
 
     def _at_samples(self, at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate (N, 3, n) at the nodes to the samples, (M, 3, n)."""
+        """Interpolate values (N, 3, n) at the nodes to the times of the samples, (M, 3, n)."""
         flat = self._weights @ at_nodes.reshape(len(at_nodes), -1)
         return np.asarray(flat.reshape(-1, *at_nodes.shape[1:]))
 

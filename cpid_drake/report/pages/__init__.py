@@ -1,1 +1,1 @@
-"""Whole reports: which sections, in which order."""
+"""Complete reports: the sections that they contain, and their order."""

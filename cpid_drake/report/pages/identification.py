@@ -31,7 +31,7 @@ def identification_report(
         findings: the contents.
         before: sections that come first.
         title: heading of the page; default: the capture frame.
-        progress: called with a few words before every step.
+        progress: called before every step with a short description of it.
 
     """
     result, log = findings.result, findings.log

@@ -71,7 +71,7 @@ def accuracy_report(
 
 
 def page_table(table: rich.table.Table, note: str = "") -> Table:
-    """Return a table of the terminal as a table of a page."""
+    """Convert a table of the terminal to a table of a page."""
     columns = [[str(cell) for cell in column.cells] for column in table.columns]
     rows = [[first, *map(Cell, rest)] for first, *rest in zip(*columns)]
     heads = [str(column.header).replace("\n", " ") for column in table.columns]

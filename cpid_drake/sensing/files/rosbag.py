@@ -170,7 +170,7 @@ class _Log:
     Attributes:
         stamps: stamps of all messages [ns].
         sensors: by sensor, the stamps of its samples [ns], and the numbers of all samples.
-        joint_names: those of the first message of joints.
+        joint_names: names in the first message of joints.
 
     """
 
@@ -198,7 +198,9 @@ class _Log:
     def check(self, expected: int) -> None:
         """Refuse messages that are not what they must be together."""
         if len(self.stamps) < expected:
-            raise InputError(f"{self.where}: only {len(self.stamps)} of {expected} messages left")
+            raise InputError(
+                f"{self.where}: only {len(self.stamps)} of {expected} messages are present"
+            )
         if self.kind == "joints" and not self.stamps:
             raise InputError(f"{self.where} has no messages: no joint positions")
         if len(self._frames) > 1:
@@ -228,8 +230,8 @@ class _Log:
             raise InputError(f"{self.where} must name every joint once, not {listed}")
         if sorted(message.name) != sorted(names):
             raise InputError(
-                f"{self.where}: message {k} is of joints {', '.join(message.name)}, the first of "
-                f"{', '.join(names)}; every message must be of all joints"
+                f"{self.where}: message {k} names joints {', '.join(message.name)}, the first one "
+                f"{', '.join(names)}; every message must name all joints"
             )
         for sensor, numbers in (("encoders", message.position), ("joint_rates", message.velocity)):
             if len(numbers) not in (0, len(names)):

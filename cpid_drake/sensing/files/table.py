@@ -38,7 +38,7 @@ LARGEST = 1e9
 """Largest plausible number in a file [SI units, rad]."""
 
 LARGEST_TABLE = 250_000_000
-"""Most numbers in a file: 2 GB."""
+"""Largest number of values in a file (2 GB)."""
 
 LARGEST_TIME = 1e11
 """Largest plausible time in a file [s]."""
@@ -157,9 +157,7 @@ def _likely(wanted: str, unknown: Sequence[str]) -> str:
     close = get_close_matches(wanted, unknown, n=1)
     shown = ", ".join(f"'{name:.40}'" for name in unknown[:8])
     more = f" and {len(unknown) - 8} more" if len(unknown) > 8 else ""
-    return (
-        f"; did you mean '{close[0]}'?" if close else f"; columns without a meaning: {shown}{more}"
-    )
+    return f"; did you mean '{close[0]}'?" if close else f"; ignored columns: {shown}{more}"
 
 
 def measurements_of_table(

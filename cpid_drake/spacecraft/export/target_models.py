@@ -120,7 +120,7 @@ def target_attached(
         path: where the result will be written; relative paths in it are changed accordingly.
 
     Raises:
-        InputError: the model's format is another, or editing it would need other files.
+        InputError: the model has another format, or other files would have to be edited too.
 
     """
     if spacecraft.path.suffix != FORMATS[format]:

@@ -255,7 +255,7 @@ def test_messages_that_contradict_each_other_are_refused(write, telemetry):
     twice = joint_state(telemetry, 0, stamps()[0])
     twice.name[1] = twice.name[0]
     for bag, words in [
-        (damaged("/joints", 9, left), "message 9 is of joints .* must be of all joints"),
+        (damaged("/joints", 9, left), "message 9 names joints .* must name all joints"),
         (damaged("/joints", 9, short), "message 9 has 11 values for 12 joints"),
         (damaged("/joints", 0, twice), "must name every joint once"),
         (damaged("/odom", 9, odometry(telemetry, 9, stamp, child="debris")), "several frames"),
@@ -311,7 +311,7 @@ def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
     file.write_bytes(whole)
     metadata = bag / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("message_count: 8", "message_count: 9"))
-    with pytest.raises(InputError, match="/odom: only 8 of 9 messages left"):
+    with pytest.raises(InputError, match="/odom: only 8 of 9 messages are present"):
         read_rosbag(bag)
     metadata.write_text("rosbag2_bagfile_information: [1, 2")
     with pytest.raises(InputError, match="not a ROS 2 bag"):
