@@ -96,7 +96,7 @@ def motion_pictures(measurements: Measurements) -> list[Picture]:
         attitude = Rotation.from_quat(m.attitude.value, scalar_first=True)
         angles = np.degrees((attitude[0].inv() * attitude).as_rotvec())
         turned = Samples(m.attitude.time, angles)
-        panels["attitude"] = "Base attitude, from the first sample", turned, "rotation vector [deg]"
+        panels["attitude"] = "Base rotation", turned, "rotation vector [deg]"
     if len(m.gyro):
         rate = Samples(m.gyro.time, np.degrees(m.gyro.value))
         panels["rate"] = "Base angular velocity, in B", rate, "[deg/s]"
@@ -104,7 +104,7 @@ def motion_pictures(measurements: Measurements) -> list[Picture]:
         moved = m.position.value - m.position.value[0]
         factor, unit = (1e3, "mm") if np.abs(moved).max() < 0.1 else (1.0, "m")
         place = Samples(m.position.time, factor * moved)
-        panels["position"] = "Base position, from the first sample", place, f"in W [{unit}]"
+        panels["position"] = "Base displacement", place, f"in W [{unit}]"
     if len(m.velocity):
         speed = Samples(m.velocity.time, 1e3 * m.velocity.value)
         panels["velocity"] = "Base velocity", speed, "in W [mm/s]"

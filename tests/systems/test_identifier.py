@@ -1,5 +1,7 @@
 """The identifier in a diagram: state only in the Context, NaN until observable, equal to batch."""
 
+import threading
+
 import numpy as np
 import pytest
 from pydrake.multibody.tree import SpatialInertia
@@ -285,3 +287,23 @@ def test_an_unknown_momentum_is_estimated_along(servicer, skewed_target, rows, s
     np.testing.assert_allclose(found, skewed_target.to_vector(), rtol=0, atol=1e-7)
     batch = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.unknown())
     np.testing.assert_allclose(found, batch.parameters, rtol=1e-9, atol=1e-10)
+
+
+def test_threads_do_not_disturb_each_other(servicer, random_motion, monkeypatch):
+    """Another thread takes a sample in the middle of this one's: both get their own rows."""
+    identifier = MomentumIdentifier(servicer)
+    mine, other = servicer.to_states(random_motion(2, 9))
+    expected, seen = [identifier.rows(state) for state in (mine, other)], []
+    sample, interrupted = Spacecraft.momentum_sample, []
+
+    def interrupt(self, context):
+        if not interrupted:
+            interrupted.append(True)
+            thread = threading.Thread(target=lambda: seen.append(identifier.rows(other)))
+            thread.start()
+            thread.join()
+        return sample(self, context)
+
+    monkeypatch.setattr(Spacecraft, "momentum_sample", interrupt)
+    np.testing.assert_array_equal(identifier.rows(mine), expected[0])
+    np.testing.assert_array_equal(seen[0], expected[1])

@@ -8,7 +8,10 @@ from cpid_drake.sensing.measurements import Measurements
 def base_motion_section(measurements: Measurements) -> Section:
     """Return the section with the measured motion of the base."""
     pictures = motion_pictures(measurements)
-    text = "Measured motion of the base, not filtered."
+    text = (
+        "Measured motion of the base, not filtered. Rotation and displacement are relative to the "
+        "first sample."
+    )
     if not pictures:
         text = "The log holds no measurements of the base's motion."
     return Section("Base motion", texts=[text], pictures=pictures)
