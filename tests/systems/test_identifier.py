@@ -294,7 +294,7 @@ def test_threads_do_not_disturb_each_other(servicer, random_motion, monkeypatch)
     identifier = MomentumIdentifier(servicer)
     mine, other = servicer.to_states(random_motion(2, 9))
     expected, seen = [identifier.rows(state) for state in (mine, other)], []
-    sample, interrupted = Spacecraft.momentum_sample, []
+    sample, interrupted = type(servicer).momentum_sample, []
 
     def interrupt(self, context):
         if not interrupted:
@@ -304,6 +304,6 @@ def test_threads_do_not_disturb_each_other(servicer, random_motion, monkeypatch)
             thread.join()
         return sample(self, context)
 
-    monkeypatch.setattr(Spacecraft, "momentum_sample", interrupt)
+    monkeypatch.setattr(type(servicer), "momentum_sample", interrupt)
     np.testing.assert_array_equal(identifier.rows(mine), expected[0])
     np.testing.assert_array_equal(seen[0], expected[1])
