@@ -150,7 +150,7 @@ def packages_of(entries: list[str] | None) -> dict[str, str]:
     """Return the folders that --package NAME=FOLDER gives, by name.
 
     Raises:
-        InputError: an entry has another form, or its folder does not exist.
+        InputError: an entry does not have the form NAME=FOLDER, or the folder does not exist.
 
     """
     packages = _pairs("--package", entries, "NAME=FOLDER")
@@ -164,7 +164,7 @@ def topics_of(entries: list[str] | None) -> dict[str, str]:
     """Return the topics that --topic KIND=/NAME gives, by kind.
 
     Raises:
-        InputError: an entry has another form.
+        InputError: an entry does not have the form KIND=/NAME.
 
     """
     return _pairs("--topic", entries, "KIND=/NAME, such as imu=/imu/data")

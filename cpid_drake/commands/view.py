@@ -84,7 +84,7 @@ def view(
         size = html.stat().st_size
         console.print(f"{html}, {size / 1e6:.1f} MB")
         if size > LARGE_PAGE:
-            options.log_console().print("warning: the page is large because the model's meshes are")
+            options.log_console().print("warning: the model's meshes make the page large")
     if not quiet:
         print(text)
 

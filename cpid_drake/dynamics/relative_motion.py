@@ -111,7 +111,7 @@ class RelativeDynamics:
         return self.v_BK + rotate(self.R_BC, moved) / self.mass
 
     def com_rate_regressor(self) -> NDArray[np.float64]:
-        """Return the derivative of `com_rate` by (μ, μc), (N, 3, 4)."""
+        """Return the derivative of `com_rate` with respect to (μ, μc), (N, 3, 4)."""
         columns = np.concatenate(
             [rotate(self.R_BC, self.sdot)[..., None], self.R_BC @ skew(self.w_BC)], axis=-1
         )

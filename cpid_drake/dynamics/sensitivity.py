@@ -76,7 +76,7 @@ class BodyUncertainty:
 def joint_sensitivity(
     tree: KinematicTree, telemetry: Telemetry, psi: NDArray[np.float64], dynamics: RelativeDynamics
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
-    """Return the derivatives by the J joint positions and by the J joint rates.
+    """Return the derivatives with respect to the J joint positions and joint rates.
 
     Args:
         tree: the known bodies *and* the target, as from `KinematicTree.with_target`.
@@ -124,7 +124,7 @@ def body_sensitivity(
     dynamics: RelativeDynamics,
     count: int,
 ) -> MotionSensitivity:
-    """Return the derivatives by the inertial parameters of the tree's first `count` bodies.
+    """Return the derivatives w.r.t. the inertial parameters of the tree's first `count` bodies.
 
     Each body has ten, in the order of `BodyUncertainty.sigmas`: relative mass, centre of mass in
     the body's frame, and the stretch E (Exx, Eyy, Ezz, Exy, Exz, Eyz) that changes its second

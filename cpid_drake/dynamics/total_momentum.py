@@ -70,8 +70,8 @@ class TotalMomentum:
             mass: total mass of spacecraft and target [kg].
 
         Raises:
-            InputError: a vector of another size or with entries that are not finite, or a mass that
-                is not positive.
+            InputError: a vector has the wrong size or an entry that is not finite; the mass is not
+                positive.
 
         """
         L_W, P_W = np.split(_vector("momentum_W", momentum_W, 6), 2)

@@ -204,11 +204,11 @@ class FilterState:
         joints: (2, 1 + J) time and joint positions, first of the sample up to which the attitude by
             momentum is propagated, then of a later sample that is not processed yet; NaN for none.
         rates: (J,) joint rates at the first of these samples [rad/s].
-        response: (3, J + 3, 10) derivative by ψ of the angular momentum at those positions, for
+        response: (3, J + 3, 10) derivative w.r.t. ψ of the angular momentum at those positions, for
             each unit joint rate and unit angular velocity; `known_part` (3, J + 3) is the part of
             the known bodies.
         com_part: (3, 5) the centre of mass from B's origin at those positions, in B: the known
-            bodies' part, and the derivative by (μ, μc).
+            bodies' part, and the derivative with respect to (μ, μc).
         q_before: (J,) joint positions when the joint noise was last computed, at `noise_time`.
         joint_noise: (3, 3) covariance of the attitude by momentum due to the error of one encoder
             sample, in B; `unsure_noise` is its part that is due to the uncertainty of ψ.
@@ -1151,7 +1151,7 @@ def _response(dynamics: RelativeDynamics) -> tuple[NDArray[np.float64], NDArray[
     """Return the angular momentum about the centre of mass, in B, for N rates and unit ω.
 
     Returns:
-        Its derivative by ψ (3, N + 3, 10) and that of the known bodies (3, N + 3). For the given
+        Its derivative w.r.t. ψ (3, N + 3, 10) and the known bodies' part (3, N + 3). For the given
         rates times x (N,) and an angular velocity ω it is (known + derivative · ψ) [x, ω].
 
     """
@@ -1175,7 +1175,7 @@ def _momenta(parts: list[tuple], psi: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _com_part(dynamics: RelativeDynamics) -> NDArray[np.float64]:
-    """Return (3, 5): ρ of the known bodies, and the derivative of ρ by (μ, μc)."""
+    """Return (3, 5): ρ of the known bodies, and the derivative of ρ with respect to (μ, μc)."""
     R_BC = dynamics.R_BC[0]
     part = np.empty((3, 5))
     part[:, 0] = dynamics.p_BK[0]

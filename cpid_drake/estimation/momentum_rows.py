@@ -161,7 +161,7 @@ def _row_jacobian(
     momentum: TotalMomentum,
     solution: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the derivative (N, rows, quantities) of A x − b by the smoothed quantities."""
+    """Return the derivative (N, rows, quantities) of A x − b w.r.t. the smoothed quantities."""
     telemetry, step = motion.telemetry, 1e-6
     N, J = len(telemetry), len(telemetry.joint_names)
     count = 12 + 2 * J

@@ -99,7 +99,7 @@ def check_size(text: str, where: str) -> None:
         if len(open_collections) > DEEPEST:
             raise InputError(f"{where}: nested too deeply, more than {DEEPEST} levels")
         if total > MOST_VALUES:
-            raise InputError(f"{where}: more than {MOST_VALUES} values, aliases written out")
+            raise InputError(f"{where}: more than {MOST_VALUES} values with aliases expanded")
 
 
 class _StrictLoader(yaml.SafeLoader):

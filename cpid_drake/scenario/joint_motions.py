@@ -35,7 +35,7 @@ class HalfCosineMotion:
     final: dict[str, float] = field(default_factory=dict)
 
     def make(self, spacecraft: "Spacecraft", default: Configuration) -> HalfCosine:
-        """Return the motion of this spacecraft's joints; errors as `Scenario.make_joint_motion`.
+        """Return the motion of the spacecraft's joints; errors: see `Scenario.make_joint_motion`.
 
         Args:
             spacecraft: the known spacecraft.

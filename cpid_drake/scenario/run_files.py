@@ -29,10 +29,10 @@ RUN_FILES = (
 
 
 def refuse_other_files(folder: Path) -> None:
-    """Refuse a folder with files of these names that are not of an earlier run.
+    """Refuse a folder with files of these names that no earlier run has written.
 
     Raises:
-        InputError: such files would be overwritten, perhaps the scenario that is simulated.
+        InputError: such files would be overwritten; one may be the scenario that is simulated.
 
     """
     if not (folder / "run.json").is_file():

@@ -249,8 +249,8 @@ class Scenario:
         """Return the joint motion of this spacecraft's joints.
 
         Raises:
-            InputError: unknown joints, positions out of limits, rates above the model's limits, or
-                as the motion's own class.
+            InputError: a joint is unknown; a position or rate exceeds the model's limits; also the
+                errors of the motion's class.
 
         """
         default = self.spacecraft.configuration

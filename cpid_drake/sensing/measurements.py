@@ -28,7 +28,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False, init=False)
 class Measurements:
-    """The samples of all sensors. Those of one sensor are `self[name]`, or an attribute.
+    """The samples of all sensors; those of one sensor are `self[name]`, or the attribute `name`.
 
     Samples are in SI units and radians, as the sensor's `Quantity` says. A sensor of the table that
     is absent has no samples: times (0,) and values (0, width).

@@ -40,7 +40,7 @@ class ErrorBlock:
 
     Attributes:
         columns: indices of the affected quantities of the motion (see `SmoothedMotion`).
-        basis: (N, columns, n) derivatives of these quantities by the coefficients.
+        basis: (N, columns, n) derivatives of these quantities with respect to the coefficients.
         covariance: (n, n) covariance of the coefficients.
 
     """
@@ -88,9 +88,9 @@ def smooth(
     """Return the motion at common times, smoothed from samples of different rates.
 
     Args:
-        measurements: from the sensors; attitude, position and encoders are required. Samples of
-            sensors that the suite lacks are left out. Of registered sensors, only those of joints
-            are used.
+        measurements: samples of the sensors; attitude, position and encoders are required. Samples
+            of sensors that the suite lacks are left out. Of registered sensors, only those of
+            joints are used.
         suite: the sensors' errors.
         times: (N,) [s]; default: ten per second in the interval in which all sensors have samples.
         with_position: whether to compute the base's position and velocity, else they are zero.

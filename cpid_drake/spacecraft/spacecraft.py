@@ -199,8 +199,8 @@ class Spacecraft:
         """
         if telemetry.joint_names != self.joint_names:
             raise InputError(
-                f"telemetry of joints {', '.join(telemetry.joint_names)} is not of this "
-                f"spacecraft, whose joints are {', '.join(self.joint_names)}"
+                f"the telemetry has joints {', '.join(telemetry.joint_names)}, but the "
+                f"spacecraft has joints {', '.join(self.joint_names)}"
             )
 
     def to_states(self, telemetry: Telemetry) -> NDArray[np.float64]:

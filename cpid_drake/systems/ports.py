@@ -16,7 +16,7 @@ def add_connected(
     """Add a system to a builder and connect these output ports to its inputs of the same names.
 
     Raises:
-        InputError: an output port is not of the size of the input.
+        InputError: an output port and the input differ in size.
 
     """
     for name, port in ports.items():

@@ -104,7 +104,7 @@ class SceneVisualizer(LeafSystem):
             options: further arguments of the constructor.
 
         Raises:
-            InputError: a port is not of the size of this spacecraft's.
+            InputError: a port has the wrong size for this spacecraft.
 
         """
         ports = {

@@ -160,7 +160,7 @@ def ten_times_ten(levels: int) -> str:
 @pytest.mark.parametrize(
     ("content", "cause"),
     [
-        (ten_times_ten(12), "more than 20000 values, aliases written out"),
+        (ten_times_ten(12), "more than 20000 values with aliases expanded"),
         (ten_times_ten(12).replace("[", "{<<: [").replace("]", "]}"), "more than 20000 values"),
         ("target: {p_CTcm_C: &a [*a, *a]}", "the alias *a is undefined or contains itself"),
         ("target: *b", "the alias *b is undefined"),

@@ -59,7 +59,7 @@ class WeightedRows:
 
 
 def marginal(information: NDArray[np.float64], kept: int) -> NDArray[np.float64]:
-    """Return the information (kept, kept) about the first unknowns, the others eliminated."""
+    """Return the information (kept, kept) about the first unknowns, with the others eliminated."""
     N = information
     if len(N) == kept:
         return N

@@ -138,7 +138,7 @@ class TrajectoryModel:
         return np.concatenate([np.repeat(np.arange(count), 3), prior])
 
     def jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative of predicted readings by the unknowns, in units of σ."""
+        """Return the derivative of predicted readings w.r.t. the unknowns, in units of σ."""
         xi, w = self._change_by_unknowns(trajectory)
 
         def com(at: Instants) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -157,7 +157,7 @@ class TrajectoryModel:
         return self._change_by_unknowns(trajectory)[0][-1]
 
     def joint_jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative of the same rows as `jacobian` by errors of the joint motion.
+        """Return the derivative of the same rows as `jacobian` w.r.t. errors of the joint motion.
 
         Each coefficient of the joints' splines has one column, in units of its σ. The errors of
         the coefficients are independent.
@@ -167,7 +167,7 @@ class TrajectoryModel:
     def body_jacobian(
         self, trajectory: Trajectory, uncertainty: BodyUncertainty
     ) -> NDArray[np.float64]:
-        """Return the derivative by errors of the known bodies' parameters, in units of their σ."""
+        """Return the derivative w.r.t. errors of the known bodies' parameters, in units of σ."""
         return self._error_rows(
             trajectory, lambda at: body_errors(self.motion, trajectory, at, uncertainty)
         )

@@ -1,4 +1,4 @@
-"""Sensors of the base: residuals of their samples and derivatives by the motion's change.
+"""Sensors of the base: residuals of their samples and derivatives w.r.t. the motion.
 
 `sensor_models` chooses the class by the quantity that a sensor of the table measures, so several
 sensors of one quantity enter the likelihood each with its own samples and noise.
@@ -87,7 +87,7 @@ class SensorModel:
         raise NotImplementedError
 
     def _add_direct(self, rows: NDArray[np.float64], columns: Mapping[str, slice]) -> None:
-        """Add the derivatives by unknowns that do not act through the motion."""
+        """Add the derivatives with respect to unknowns that do not act through the motion."""
 
     def _at_samples(self, at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Interpolate values (N, 3, n) at the nodes to the times of the samples, (M, 3, n)."""

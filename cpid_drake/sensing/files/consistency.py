@@ -82,7 +82,7 @@ def _check_vector(
                 return
         found.warnings.append(f"{name} changes {slope:.3g} times as fast as {rate_name} says")
     elif correlation < 0.5 and _is_motion(moved, mean_rate):
-        found.warnings.append(f"{name} does not change as {rate_name} says")
+        found.warnings.append(f"{name} does not change at the rate that {rate_name} gives")
 
 
 def _check_attitude(measurements: Measurements, found: Findings) -> None:
