@@ -1,6 +1,6 @@
 """Identify a captured target's ten inertial parameters online, from momentum conservation.
 
-The public names, from the ground up:
+The public names, in order of their dependencies:
 
 - `InertialParameters`: mass, centre of mass and inertia in every representation;
 - `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;

@@ -25,7 +25,7 @@ class TotalMomentum:
         is_unknown: whether an estimator has to estimate the momentum.
 
     Raises:
-        InputError: a vector that is not of three finite numbers.
+        InputError: a vector does not consist of three finite numbers.
 
     """
 
@@ -55,7 +55,7 @@ class TotalMomentum:
         """Return a known momentum about the system's centre of mass; see the attributes.
 
         Raises:
-            InputError: a vector that is not of three finite numbers.
+            InputError: a vector does not consist of three finite numbers.
 
         """
         return cls(_vector("L_WScm_W", L_WScm_W, 3), _vector("v_WScm_W", v_WScm_W, 3))

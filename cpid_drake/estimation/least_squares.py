@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 DEFAULT_RANK_TOLERANCE = 1e-9
 """Singular values of column-scaled rows below this share of the largest count as zero.
 
-A simulation that conserves momentum to 1e-10 of its size leaves unobservable directions below it.
-With noisy rows a full rank means little: use the covariance.
+If a simulation conserves momentum to 1e-10 of its size, the singular values of unobservable
+directions are below this tolerance. With noisy rows a full rank proves little: use the covariance.
 """
 
 

@@ -127,9 +127,8 @@ class FilterPrior:
         velocity: σ of an unknown velocity of the centre of mass [m/s].
         L: (3,) mean of the angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) mean of the velocity of the centre of mass, in W [m/s].
-        plausible: (10,) largest plausible deviations of ψ, where `psi_sigma` is real knowledge
-            that counts in the final estimate; None where `psi_sigma` is itself no more than
-            plausible.
+        plausible: (10,) largest plausible deviations of ψ, if `psi_sigma` is information that
+            enters the final estimate; None if `psi_sigma` only says what is plausible.
 
     """
 

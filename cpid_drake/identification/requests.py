@@ -213,7 +213,7 @@ def _window(measurements: Measurements, request: Request) -> tuple[Measurements,
         last = np.inf if request.end is None else request.end
         # A window of a single time is allowed: a result can come from one sample.
         if not first <= last:
-            raise InputError(f"--from {first:g} --to {last:g}: nothing lies between them")
+            raise InputError(f"--from {first:g} --to {last:g}: the interval is empty")
         measurements = measurements.between(first, last)
     parts = dict(measurements.items())
     times = np.concatenate([samples.time for samples in parts.values()])

@@ -1,4 +1,4 @@
-"""Checks of a log before it is identified."""
+"""Checks of a log before the target is identified from it."""
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid

@@ -71,7 +71,7 @@ def check_size(text: str, where: str) -> None:
     """Refuse text that would take long to read: a few aliases can expand to billions of values.
 
     Raises:
-        InputError: more than the limits above, or an alias inside the value that it stands for.
+        InputError: more than the limits above, or an alias inside the value that it refers to.
         yaml.YAMLError: not YAML.
 
     """

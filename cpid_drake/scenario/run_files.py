@@ -39,7 +39,7 @@ def refuse_other_files(folder: Path) -> None:
         for name in RUN_FILES:
             if (folder / name).exists():
                 raise InputError(
-                    f"--out {folder}: has a {name} that is not of an earlier run; give another "
+                    f"--out {folder}: has a {name} that no earlier run has written; give another "
                     "folder"
                 )
 

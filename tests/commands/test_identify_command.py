@@ -164,7 +164,7 @@ class TestIdentify:
             (["--estimator", "magic"], "no estimator 'magic'; choose from least_squares"),
             (["--rows", "magic"], "no row family 'magic'; choose from eq18"),
             (["--sensors", "magic"], "no sensors: magic"),
-            (["--from", "5", "--to", "2"], "nothing lies between them"),
+            (["--from", "5", "--to", "2"], "the interval is empty"),
             (["--from", "1000"], "no samples between --from and --to"),
             (["--json", "nowhere/r.json"], "there is no folder nowhere"),
             (["--package", "robot"], "give NAME=FOLDER"),

@@ -157,7 +157,7 @@ def test_files_that_are_no_runs_are_not_overwritten(folder, short, capsys):
     mine.mkdir()
     (mine / "scenario.yaml").write_text(short("source.yaml").read_text())
     assert run(mine / "scenario.yaml", "--out", mine) == 2
-    assert "has a scenario.yaml that is not of an earlier run" in capsys.readouterr().err
+    assert "has a scenario.yaml that no earlier run has written" in capsys.readouterr().err
     assert [file.name for file in mine.iterdir()] == ["scenario.yaml"]
 
 

@@ -178,7 +178,7 @@ def _compare(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> tuple[flo
 
 
 def _is_motion(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> bool:
-    """Return whether neighbouring intervals agree, as differences of noise do not."""
+    """Return whether neighbouring intervals agree; in mere noise they do not."""
 
     def smooth(values: NDArray[np.float64]) -> bool:
         size = np.sum(values**2)

@@ -148,7 +148,7 @@ def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> 
         if wanted is None and len(there) > 1:
             raise InputError(
                 f"{where}: several topics of type {message_type}: {', '.join(there)}; choose one, "
-                f"as in topics={{'{kind}': '{there[0]}'}} (they are not put together)"
+                f"as in topics={{'{kind}': '{there[0]}'}} (they are not merged)"
             )
         if there and wanted != "":
             chosen[kind] = wanted or there[0]

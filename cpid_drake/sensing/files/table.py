@@ -95,7 +95,7 @@ class TelemetryTable:
 
 
 def known_column(name: str) -> bool:
-    """Return whether a column of this name has a meaning."""
+    """Return whether the format defines a column of this name."""
     if name == "time" or any(name in columns for columns, _ in _base_groups()):
         return True
     return any(name.startswith(prefix) and name != prefix for prefix in _joint_prefixes())
