@@ -256,7 +256,7 @@ RELATIVE_ROWS = RowFamily(
 """Rows in ψ = (μ, μc, I_*), from attitude and joints only: no base position, no linear momentum."""
 
 ROW_FAMILIES = {family.name: family for family in (EQ18_ROWS, STANDARD_ROWS, RELATIVE_ROWS)}
-"""The row families by name. Another one that is added here can be used wherever rows are named."""
+"""The row families by name. A family added here can be used wherever rows are named."""
 
 
 def row_family(name: str, unknown_momentum: bool = False) -> RowFamily:

@@ -209,7 +209,7 @@ def make_simulation(
 ) -> Simulation:
     """Build a scenario's Diagram: motion, controller, plant, identifier, logs, visualization.
 
-    If the scenario has sensors, they are in the Diagram, and logged. The momentum filter reads
+    If the scenario has sensors, the Diagram contains and logs them. The momentum filter reads
     them; least squares reads the plant's exact state.
 
     Args:

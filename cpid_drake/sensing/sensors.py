@@ -60,7 +60,7 @@ class SensorErrors:
 
 @dataclass
 class AttitudeSensor(SensorErrors):
-    """A star tracker, or any other sensor of the base's whole attitude.
+    """A star tracker, or any other sensor that measures all three axes of the base's attitude.
 
     Attributes:
         rate: samples per second [Hz].

@@ -26,7 +26,7 @@ Decimals = Annotated[int, Interval(ge=0, le=15)]
 
 @dataclass
 class SensorSuite:
-    """A spacecraft's sensors; one that is None is absent.
+    """A spacecraft's sensors; None stands for an absent sensor.
 
     `suite[name]` returns any sensor of the table. Suites with registered sensors are of the type
     that `suite_type` returns, which has a field for each.
