@@ -352,6 +352,19 @@ def test_a_clone_is_a_copy_and_an_update_changes_only_its_own(flight):
     assert len(flight.online_state(one).samples) == 5
 
 
+def test_an_update_that_is_not_kept_leaves_the_context_as_it_was(flight):
+    """Drake may calculate an update and discard it; the same update must then be due again."""
+    context = flight.CreateDefaultContext()
+    give(flight, context)
+    for name, sample in {"attitude": [0.0, 1.0, 0, 0, 0], "encoders": np.zeros(13)}.items():
+        flight.GetInputPort(name).FixValue(context, sample)
+    for _ in range(2):
+        flight.CalcForcedUnrestrictedUpdate(context, context.Clone().get_mutable_state())
+        assert flight.online_state(context).filter.used.sum() == 0
+    flight.ExecuteForcedEvents(context)
+    assert flight.online_state(context).filter.used.sum() == 2
+
+
 def test_the_state_that_is_handed_out_is_a_copy(flight):
     context = flight.CreateDefaultContext()
     state = flight.online_state(context)
