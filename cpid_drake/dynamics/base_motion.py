@@ -92,7 +92,7 @@ def known_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> KnownD
 
 
 def target_spatial_inertia(phi: ArrayLike) -> NDArray[np.float64]:
-    """Return G(φ) (..., 6, 6) with [L; P] = G [ω; v] about and in C, of vectors φ (..., 10)."""
+    """Return G(φ) (..., 6, 6) of vectors φ (..., 10): [L; P] = G [ω; v] about C's origin, in C."""
     phi = np.asarray(phi, dtype=float)
     return spatial_inertia(phi[..., 0], phi[..., 1:4], vector_to_tensor(phi[..., 4:]))
 
@@ -109,7 +109,7 @@ def base_twist(
     Args:
         known: N instants of the joint motion.
         phi: (..., 10) standard vectors of one or many targets; zeros for no target.
-        momentum_B: (..., N, 6) total momentum [L; P] about B's origin, in B; default: none.
+        momentum_B: (..., N, 6) total momentum [L; P] about B's origin, in B; default: zero.
 
     """
     M, h = _total(known, phi)
@@ -122,7 +122,8 @@ def base_twist_sensitivity(
 ) -> NDArray[np.float64]:
     """Return ∂V_WB/∂φ (..., N, 6, 10) at a twist from `base_twist`, at fixed momentum in B.
 
-    It is −(M + XᵀGX)⁻¹ Xᵀ Y(V_WC) with Y the target's momentum regressor, the standard rows again.
+    The derivative is −(M + XᵀGX)⁻¹ Xᵀ Y(V_WC), where Y is the target's momentum regressor, as in
+    the standard rows.
     """
     M, _ = _total(known, phi)
     V_WC = rotate(known.X, V_WB) + known.V_BC
@@ -144,7 +145,7 @@ def propagate_base(
     """Propagate the base's pose through a joint motion, for one target or for many at once.
 
     Fourth-order Runge-Kutta on attitude and position; the kinematics are computed once for all
-    targets. With steps of 0.1 s the pose of the paper's motion is exact to 1e-8.
+    targets. With steps of 0.1 s the pose of the paper's motion is accurate to 1e-8.
 
     Args:
         tree: the known spacecraft.
@@ -153,7 +154,7 @@ def propagate_base(
         times: (N,) increasing instants of the result [s]; the motion starts at the first.
         quaternion_WB: (..., 4) attitude at the start (w, x, y, z).
         p_WB: (..., 3) position at the start [m].
-        momentum_W: (..., 6) constant total momentum [L; P] about W's origin, in W; default: none.
+        momentum_W: (..., 6) constant total momentum [L; P] about W's origin, in W; default: zero.
         max_step: longest step [s].
 
     Raises:
@@ -245,7 +246,7 @@ def _pose_rate(pose: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.
 def _momentum_in_base(
     momentum_W: NDArray[np.float64], pose: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """[L; P] about B's origin in B of a constant momentum [L; P] about W's origin in W."""
+    """Return [L; P] about B's origin, in B, of a constant [L; P] about W's origin, in W."""
     L, P = momentum_W[..., :3], momentum_W[..., 3:]
     to_B = pose[..., :4] * [1.0, -1.0, -1.0, -1.0]
     about_B = L - np.cross(pose[..., 4:], P)

@@ -1,7 +1,8 @@
 """The nearest physically consistent inertial parameters, by a semidefinite program.
 
-A rigid body has a standard vector φ exactly when its pseudo-inertia [Σ, h; hᵀ, m] is positive
-semidefinite (Wensing et al. 2018). That condition is convex, so the nearest one is unique.
+A vector φ is the standard vector of a rigid body exactly when its pseudo-inertia [Σ, h; hᵀ, m] is
+positive semidefinite (Wensing et al. 2018). That condition is convex, so the nearest consistent
+vector is unique.
 """
 
 import numpy as np
@@ -20,8 +21,8 @@ def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) 
     Args:
         phi: φ̂, with a mass that is not zero.
         information: (10, 10) information matrix (inverse covariance, up to a factor) of the
-            parameter vector π, carried over to φ at φ̂. Default: mass, m c
-            and J, each divided by its own size, have equal weight.
+            parameter vector π, converted to φ at φ̂. Default: mass, m c and J, each divided by its
+            own size, have equal weight.
 
     Raises:
         InputError: `information` is not a finite, symmetric, positive definite matrix.
@@ -38,9 +39,10 @@ def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) 
     if information is not None:
         root = _information_root(information, standard_jacobian(phi) * scale)
 
-    # A violation of 1e-10 must cost a change of 1e-10, not one of the solver's tolerance: the
-    # change is measured in units of the violation, and the constraint is scaled by congruence
-    # (which keeps definiteness) so that every eigenvalue of the estimate counts as one.
+    # A violation of 1e-10 must be removed by a change of about 1e-10, not by a change as large as
+    # the solver's tolerance. Therefore the change is measured in units of the violation, and the
+    # constraint is scaled by congruence (which keeps definiteness) so that every eigenvalue of the
+    # estimate is scaled to one.
     values, axes = np.linalg.eigh(standard_to_pseudo_inertia(phi / scale))
     violation = max(-values[0], 1e-14 * np.abs(values).max())
     congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
@@ -76,8 +78,8 @@ def _least_change(
 ) -> NDArray[np.float64]:
     """Minimize |root z| over z (10,) with F0 + Σ z_i F_i ⪰ 0 and z_0 ≥ least, by Clarabel.
 
-    The norm is the better scaled cost; where Clarabel cannot reach its tolerance with it, its
-    square has the same minimum.
+    The cost is the norm, which is better scaled than its square. If Clarabel does not reach its
+    tolerance with the norm, the square is minimized instead; it has the same minimizer.
     """
     from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
@@ -100,7 +102,7 @@ def _least_change(
 
 
 def _information_root(information: ArrayLike, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return R (10, 10) with RᵀR = Jᵀ Λ J up to a factor, Λ checked to be positive definite."""
+    """Check that Λ is positive definite; return R (10, 10) with RᵀR = Jᵀ Λ J up to a factor."""
     information = np.asarray(information, dtype=float)
     if information.shape != (10, 10) or not np.isfinite(information).all():
         raise InputError("the information matrix must be finite and of shape (10, 10)")

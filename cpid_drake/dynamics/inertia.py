@@ -1,4 +1,4 @@
-"""The target's ten inertial parameters, and whether they are physically consistent.
+"""The target's ten inertial parameters, and the check of their physical consistency.
 
 `parameterizations` defines the vectors π and φ and every conversion between them.
 """
@@ -32,9 +32,9 @@ _ROUNDING = 1e-14
 class InertialParameters:
     """Mass, centre of mass and inertia of one body, the target, in its capture frame C.
 
-    The parameters need not be physically consistent: an estimate from noisy data may belong to no
-    rigid body. `infeasibilities()` says why, and `nearest_feasible()` returns the nearest ones that
-    a simulator accepts.
+    The parameters need not be physically consistent: no rigid body may have the values that are
+    estimated from noisy data. `infeasibilities()` lists the reasons, and `nearest_feasible()`
+    returns the nearest parameters that a simulator accepts.
 
     Attributes:
         mass: m [kg].
@@ -139,7 +139,7 @@ class InertialParameters:
         return np.linalg.eigvalsh(self.I_TTcm_C).astype(float)
 
     def infeasibilities(self) -> tuple[str, ...]:
-        """Return the reasons why no rigid body has these parameters; empty when one has.
+        """Return the reasons why no rigid body can have these parameters; empty if one can.
 
         The limits are exact up to rounding (1e-14 of the inertia's trace): a flat body, whose
         largest principal moment equals the sum of the other two, is feasible.

@@ -85,7 +85,7 @@ def parameters_to_eq18(parameters: ArrayLike) -> NDArray[np.float64]:
 
 
 def standard_to_parameters(phi: ArrayLike) -> NDArray[np.float64]:
-    """Return π (10,) of a standard vector φ (10,). NaN where an entry it depends on is NaN."""
+    """Return π (10,) of a standard vector φ (10,). An entry of π that depends on a NaN is NaN."""
     phi = np.asarray(phi, dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
         com = phi[1:4] / phi[0]
@@ -111,7 +111,7 @@ def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def pseudo_inertia_to_standard(pseudo: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the standard vector (10,) of a (4, 4) pseudo-inertia; both are linear in the other."""
+    """Return the standard vector (10,) of a (4, 4) pseudo-inertia; each is linear in the other."""
     inertia = inertia_of_second_moment(pseudo[:3, :3])
     return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor_to_vector(inertia)])
 

@@ -1,7 +1,7 @@
 """The base's motion from angular momentum about the system's centre of mass.
 
-With no external force that centre moves on a straight line, and the angular momentum L about it is
-constant. Seen from the base, with ω = w_WB and all in B,
+Without external forces, the system's centre of mass moves on a straight line, and the angular
+momentum L about it is constant. Seen from the base, with ω = w_WB and all in B,
 
     J(ψ) ω + h(ψ) = Rᵀ L,      p_WB = p_Wcm − R ρ(ψ),
 
@@ -10,8 +10,8 @@ any two ψ and ψ', with ω the true angular velocity for ψ, this means
 
     J(ψ') (ω − ω') = Rᵀ(L − L') − Y(ω) (ψ − ψ')
 
-exactly, with Y the relative rows. The attitude does not depend on the position, nor the position
-on a measured velocity.
+exactly, with Y the relative rows. The attitude does not depend on the position, and the position
+does not depend on a measured velocity.
 
 Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
 """

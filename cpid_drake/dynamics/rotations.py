@@ -1,7 +1,7 @@
 """Rotations and cross products: batched over samples, or fast for a single sample.
 
-Rotation vectors r = angle · axis [rad] and quaternions (w, x, y, z) denote rotations R. Whatever
-is not here comes from `scipy.spatial.transform.Rotation`.
+Rotation vectors r = angle · axis [rad] and quaternions (w, x, y, z) denote rotations R. The package
+takes all other operations from `scipy.spatial.transform.Rotation`.
 """
 
 import math

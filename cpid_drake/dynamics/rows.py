@@ -7,11 +7,12 @@ constant and unknown where its columns are added.
 Corrections of the paper (Ning et al. 2016) that these rows contain:
 
 - the sums of Eqs. 10, 14 and 18 start at the base, i = 0;
-- the right-hand side of Eq. 14 takes the velocity of the last *known* link at the capture point
-  (subscript n_i as in Eqs. 7 and 18), v_C, not the target's own;
-- d_no is the capture point, and L is about it;
-- Eqs. 7, 10 and 14 hold c and I in W, where they change as the target turns: they can be solved at
-  one instant only. Eq. 18 holds them in C, and is the form that can be stacked over time;
+- the right-hand side of Eq. 14 contains v_C, the velocity of the last *known* link at the capture
+  point (subscript n_i as in Eqs. 7 and 18), not the velocity of the target's centre of mass;
+- d_no is the capture point, and L is the angular momentum about that point;
+- in Eqs. 7, 10 and 14, c and I are expressed in W and change as the target turns, so these
+  equations can be solved at one instant only. In Eq. 18, c and I are expressed in C and are
+  constant, so its rows can be stacked over time;
 - two samples never suffice: they give rank 9 of 10. With n = ω1 × ω2 in C, I = n nᵀ satisfies
   I ω1 = I ω2 = 0. Three generic samples give rank 10.
 """
@@ -53,27 +54,27 @@ def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
 
 
 def linear_rows(samples: MomentumSamples) -> Rows:
-    """Return [P  ω̃] (1/m, c') = −v_C: rows (N, 3, 4) and right-hand sides (N, 3), in W.
+    """Return rows (N, 3, 4) and right-hand sides (N, 3) of [P  ω̃] (1/m, c') = −v_C, in W.
 
-    c' = `p_CTcm_W` changes as the target turns. Eq. 6 times 1/m, with v_ni + ω_ni × b_ni the
-    velocity of the capture point. Source: Ning et al. 2016, Eqs. 6 and 7.
+    c' = `p_CTcm_W` changes as the target turns. The rows are Eq. 6 times 1/m, where v_ni + ω_ni ×
+    b_ni is the velocity of the capture point. Source: Ning et al. 2016, Eqs. 6 and 7.
     """
     A = np.concatenate([samples.P[:, :, None], skew(samples.motion.w_WC)], axis=2)
     return A, -samples.motion.v_WC
 
 
 def angular_rows(samples: MomentumSamples) -> Rows:
-    """Return [P̃  [#ω]] (c', [I'#]) = −L: rows (N, 3, 9) and right-hand sides (N, 3), in W.
+    """Return rows (N, 3, 9) and right-hand sides (N, 3) of [P̃  [#ω]] (c', [I'#]) = −L, in W.
 
-    L is the known bodies' angular momentum about the capture point. The target's m c' × v_n is
-    P̃ c' because m v_n = −P. Source: Ning et al. 2016, Eq. 10 (sums from i = 0).
+    L is the known bodies' angular momentum about the capture point. The target's term m c' × v_n
+    equals P̃ c' because m v_n = −P. Source: Ning et al. 2016, Eq. 10 (sums from i = 0).
     """
     A = np.concatenate([skew(samples.P), inertia_operator(samples.motion.w_WC)], axis=2)
     return A, -samples.L
 
 
 def instantaneous_rows(samples: MomentumSamples) -> Rows:
-    """Return the rows (N, 6, 10) in (1/m, c', [I'#]), c' and I' in W: for one instant each.
+    """Return the rows (N, 6, 10) in (1/m, c', [I'#]), c' and I' in W, separately for each instant.
 
     Source: Ning et al. 2016, Eq. 14, with two corrections: the sums start at i = 0, and v on
     the right-hand side is that of the capture point.
@@ -160,9 +161,10 @@ def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[n
 def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
     """[Y | −L_K] (3 N, 11), all in C, s = p_C − r_k and Y from `relative_regressor`.
 
-    Angular momentum about the system's centre of mass: with L_K the known bodies' about their own,
-    L_K + μ s × ṡ + μ (s × (ω × c) + c × ṡ) + I_* ω = 0, which does not depend on the
-    base's position or on a constant velocity.
+    The rows are the conservation of angular momentum about the system's centre of mass. L_K is the
+    known bodies' angular momentum about their own centre of mass: L_K + μ s × ṡ + μ (s × (ω × c) +
+    c × ṡ) + I_* ω = 0. This equation does not depend on the base's position or on a constant
+    velocity.
     """
     motion = samples.motion
     s = motion.p_WC - samples.p_WKcm
@@ -192,12 +194,13 @@ def _relative_momentum_columns(samples: MomentumSamples) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class RowFamily:
-    """A way to write momentum conservation as rows, and the unknowns it is linear in.
+    """One form of momentum conservation as rows, and the unknowns in which the rows are linear.
 
     Attributes:
         name: the name in scenarios and on the command line.
         rows_per_sample: 6, or 3 where only angular momentum is used.
-        parameterization: what the ten columns stand for, given the known bodies' mass [kg].
+        parameterization: the unknowns of the ten columns, as a function of the known bodies' mass
+            [kg].
         augmented_rows: [A | b] stacked over the samples, (rows_per_sample · N, 11), in C.
         momentum_size: number of unknowns that a constant total momentum adds; 0 where the rows are
             not linear in it.
@@ -263,8 +266,8 @@ def row_family(name: str, unknown_momentum: bool = False) -> RowFamily:
     """Return the row family of this name.
 
     Raises:
-        InputError: there is none, or its rows are not linear in an unknown momentum that is to be
-            estimated.
+        InputError: no row family has this name, or its rows are not linear in an unknown momentum
+            that is to be estimated.
 
     """
     if name not in ROW_FAMILIES:
@@ -279,7 +282,7 @@ def row_family(name: str, unknown_momentum: bool = False) -> RowFamily:
 def com_position_rows(samples: MomentumSamples) -> Rows:
     """Return rows A (N − 1, 3, 4), b (N − 1, 3) in (m, m c): the centre of mass does not move.
 
-    [p_WC − p_WC(0)   R_WC − R_WC(0)] (m, m c) = −m_k (r_k − r_k(0)), in W, against the first
+    [p_WC − p_WC(0)   R_WC − R_WC(0)] (m, m c) = −m_k (r_k − r_k(0)), in W, relative to the first
     sample. No velocities are used; the total linear momentum must be zero.
     """
     p_WC, R_WC, r = samples.motion.p_WC, samples.motion.R_WC, samples.p_WKcm

@@ -2,7 +2,8 @@
 
 Joint positions and rates come from encoders; masses, centres of mass and inertias of the known
 bodies come from drawings. This module computes, in closed form, the derivatives of the base's
-angular velocity and of the place of the system's centre of mass by each of these quantities.
+angular velocity and of the position of the system's centre of mass with respect to each of these
+quantities.
 
 S_j = [a; o × a] is the screw of joint j. I and Π are the spatial inertia and the momentum about
 B's origin, in B, of all bodies outboard of joint j, and V is the twist of the first of them:

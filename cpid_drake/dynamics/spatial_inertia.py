@@ -17,7 +17,7 @@ def point_mass_inertia(mass: float, p: ArrayLike) -> NDArray[np.float64]:
 
 
 def second_moment(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Σ = ½ tr(I) 1 − I (3, 3), ∫ r rᵀ dm, of an inertia (3, 3) about the same point.
+    """Return Σ = ∫ r rᵀ dm = ½ tr(I) 1 − I (3, 3) of an inertia I (3, 3) about the same point.
 
     Source: Wensing et al. 2018.
     """
@@ -52,7 +52,7 @@ def spatial_inertia(
 def moved_spatial_inertia(
     mass: float, I_cm: NDArray[np.float64], R: NDArray[np.float64], p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the spatial inertia (N, 6, 6) of a body about the origin of another frame, in it.
+    """Return a body's spatial inertia (N, 6, 6) about another frame's origin, in that frame.
 
     Args:
         mass: [kg].

@@ -1,4 +1,4 @@
-"""Motion data from simulations, from sensors and from files: one type for all of them."""
+"""One type for the motion data from simulations, from sensors and from files."""
 
 from dataclasses import dataclass, replace
 
@@ -25,7 +25,8 @@ class Telemetry:
 
     Raises:
         InputError: the shapes do not match, the times do not increase, an entry is not finite, or
-            the norm of a quaternion differs from 1 by more than 1e-3 (less counts as rounding).
+            the norm of a quaternion differs from 1 by more than 1e-3 (a smaller difference is
+            treated as rounding).
 
     """
 
@@ -137,7 +138,7 @@ class Telemetry:
         """Return the samples at these times, each within 1 µs.
 
         Raises:
-            InputError: there is no sample at one of them.
+            InputError: there is no sample at one of these times.
 
         """
         times = np.atleast_1d(np.asarray(times, dtype=float))

@@ -12,7 +12,7 @@ from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
 
 @dataclass(frozen=True)
 class TreeBody:
-    """One body k of the tree and the joint that carries it on its inboard body m.
+    """One body k of the tree and the joint that connects it to its inboard body m.
 
     Attributes:
         name: the body's name.
@@ -103,8 +103,8 @@ class KinematicTree:
     def is_rotor(self, joint: int) -> bool:
         """Return whether a joint's angle has no effect, as for a reaction wheel.
 
-        Such a joint turns a single body that carries no other, with its centre of mass on the axis
-        and an inertia that is symmetric about the axis (to 1e-6 of its size).
+        Such a joint turns a single body, and no other body is attached to that body. Its centre of
+        mass is on the axis, and its inertia is symmetric about the axis (to 1e-6 of its size).
         """
         [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
         body, axis = self.bodies[k], self.bodies[k].axis_F
@@ -126,7 +126,7 @@ class KinematicTree:
 def _joined(
     lump: TreeBody, body: TreeBody, R_LB: NDArray[np.float64], p_LB: NDArray[np.float64]
 ) -> TreeBody:
-    """Return a lump with a body added that is fixed in its frame L."""
+    """Return a lump after the addition of one body that is fixed in the lump's frame L."""
     mass = lump.mass + body.mass
     if not body.mass > 0:
         return lump
