@@ -212,7 +212,7 @@ def propagate_base(
 
 
 def _total(known: KnownDynamics, phi: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Inertia (..., N, 6, 6) and momentum on a base at rest (..., N, 6), target included."""
+    """Return inertia (..., N, 6, 6) and momentum (..., N, 6) at a base at rest, with the target."""
     XtG = np.swapaxes(known.X, -1, -2) @ target_spatial_inertia(phi)[..., None, :, :]
     return known.M + XtG @ known.X, known.h + rotate(XtG, known.V_BC)
 

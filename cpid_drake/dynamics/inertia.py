@@ -32,8 +32,8 @@ _ROUNDING = 1e-14
 class InertialParameters:
     """Mass, centre of mass and inertia of one body, the target, in its capture frame C.
 
-    The parameters need not be physically consistent: no rigid body may have the values that are
-    estimated from noisy data. `infeasibilities()` lists the reasons, and `nearest_feasible()`
+    The parameters need not be physically consistent: an estimate from noisy data can have values
+    that no rigid body has. `infeasibilities()` lists the reasons, and `nearest_feasible()`
     returns the nearest parameters that a simulator accepts.
 
     Attributes:

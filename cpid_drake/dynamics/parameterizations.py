@@ -218,7 +218,7 @@ class LogCholesky:
         self.S = mass * np.diag([length, length, length, 1.0])
 
     def from_psi(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return λ (10,) of a rigid body's ψ (10,); one on the limits is moved inside them."""
+        """Return λ (10,) of a rigid body's ψ (10,). A ψ on the limits is moved inside them."""
         inverse = np.diag(1 / np.diag(self.S))
         P = inverse @ standard_to_pseudo_inertia(psi) @ inverse
         values, axes = np.linalg.eigh((P + P.T) / 2)

@@ -124,7 +124,7 @@ def exp(r: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def log(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vector (3,) of one rotation (3, 3); of half a turn, about any axis."""
+    """Return the rotation vector (3,) of one rotation (3, 3), also if it is half a turn."""
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     x, y, z = (h - f) / 2, (c - g) / 2, (d - b) / 2
     sine, cosine = math.sqrt(x * x + y * y + z * z), (a + e + i - 1) / 2

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 DEFAULT_RANK_TOLERANCE = 1e-9
-"""Singular values of column-scaled rows below this share of the largest count as zero.
+"""Singular values of column-scaled rows are treated as zero below this share of the largest one.
 
 If a simulation conserves momentum to 1e-10 of its size, the singular values of unobservable
-directions are below this tolerance. With noisy rows a full rank proves little: use the covariance.
+directions are below this tolerance. Noisy rows nearly always have full rank: use the covariance
+instead.
 """
 
 
@@ -30,9 +31,10 @@ class LeastSquaresSolution:
         rank: number of independent combinations of the unknowns that the rows determine.
         singular_values: (n,) singular values of the rows with every column scaled to unit length,
             descending.
-        condition_number: ratio of the largest to the smallest of them; infinite below full rank.
+        condition_number: ratio of the largest to the smallest singular value; infinite below full
+            rank.
         unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
-            the unknowns can change without a change of any row.
+            the unknowns can change without a change of A x.
         residual_rms: root mean square of A x − b; NaN without rows.
         row_count: number of scalar rows without rows of zeros.
 
@@ -65,7 +67,7 @@ def solve_compressed(
 
     Args:
         A, b: (M, n) and (M,) the rows themselves, or R and Qᵀb of their QR factors.
-        left_out: residual sum of squares that the compressed rows do not contain.
+        left_out: the part of the residual sum of squares that the compressed rows do not contain.
         row_count: number of rows before compression.
         rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
 
@@ -114,14 +116,16 @@ def solution_of_information(
     residual_sum: float = np.nan,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
-    """Return an estimate of known information as a solution, with what it does not determine.
+    """Return an estimate with known information as a solution, with its undetermined directions.
 
     Args:
         estimate: (n,) unknowns.
         information: (n, n) inverse covariance, of the data alone.
-        scale: (n,) plausible sizes: a combination with a σ above a tenth of its size is taken as
-            not determined, because noise in the regressors looks like information.
-        consider: (n, n) covariance to add for uncertain quantities that were taken as known.
+        scale: (n,) plausible sizes: a combination of unknowns is treated as undetermined if its σ
+            exceeds a tenth of its size, because noise in the regressors has the same effect as
+            information.
+        consider: (n, n) covariance to add for uncertain quantities that the estimator treated as
+            exact.
         residual_sum: sum of the squared residuals of the whitened rows.
         row_count: number of whitened rows.
 

@@ -6,19 +6,20 @@ joint motion through conservation of angular momentum, the second by the gyro. T
 determines ψ. The noise of both is white: encoder errors do not accumulate, because only the latest
 encoder sample's error enters the attitude by momentum.
 
-A thruster's firing is detected in two ways. A strong one makes several innovations in a row fail
-their gates. For a weak one, the filter propagates the effect that a jump of momentum at each of
-some recent instants would have on its errors and innovations, and tests whether a jump explains
-them (the generalized likelihood ratio test of Willsky & Jones 1976). If it does, the filter
-corrects the estimate and its covariance by the effect of that jump.
+A thruster's firing is detected in two ways. After a strong firing, several successive innovations
+fail their gates. To detect a weak firing, the filter assumes a jump of momentum at each of some
+recent instants, propagates the effect of the jump on its errors and innovations, and tests whether
+a jump explains the innovations (the generalized likelihood ratio test of Willsky & Jones 1976). If
+a jump explains them, the filter corrects the estimate and its covariance by the effect of that
+jump.
 
-ψ are the relative unknowns. Conservation is linear in them, whatever the point of linearization
-(see `relative_motion`), as long as the regressor contains the true angular velocity. The gyro
-measures the true one. The filter can therefore start from a prior as vague as desired.
+ψ are the relative unknowns. The conservation of angular momentum is linear in ψ at any point of
+linearization (see `relative_motion`) if the regressor contains the true angular velocity. The gyro
+measures the true angular velocity. The filter can therefore start from an arbitrarily vague prior.
 
 Sources: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass; Willsky & Jones 1976, A
 generalized likelihood ratio approach to the detection and estimation of jumps in linear systems,
-IEEE TAC 21(1). The filter itself is this project's.
+IEEE TAC 21(1). The filter itself was developed in this project.
 """
 
 import math
@@ -61,7 +62,7 @@ GATE = 35.0
 """Largest normalized squared innovation (χ² of 3): good samples exceed it once in 1e7."""
 
 IN_A_ROW = {"agreement": 3, "attitude": 3, "position": 3, "velocity": 3}
-"""Number of rejections in a row that shows that the prediction, not the sensor, is wrong."""
+"""After this number of successive rejections, the prediction is wrong and not the sensor."""
 
 LARGEST = 1e9
 """Largest reading of any sensor, in SI units."""
@@ -70,10 +71,10 @@ LONGEST_GAP = 0.25
 """The filter integrates across gaps between gyro or encoder samples up to this length [s]."""
 
 LONGEST_SILENCE = 1.0
-"""A time later than all earlier ones by more than this must be confirmed by the next [s]."""
+"""A sample later than all earlier ones by more than this [s] must be confirmed by the next one."""
 
 SPIKE = 8.0
-"""A sample that deviates by more than this many σ, and by more than the motion allows, must be
+"""A sample that deviates by more than this number of σ, and by more than the motion allows, must be
 confirmed by the next sample."""
 
 SMOOTHEST = {"gyro": (2.0, 10.0, 30.0), "encoders": (10.0, 10.0, 30.0)}
@@ -84,7 +85,7 @@ FASTEST_JOINT = 20.0
 """Largest joint rate [rad/s]."""
 
 HARDEST_BRAKE = 1.0
-"""Joints that all stop at once with a larger deceleration are a stuck sensor [rad/s²]."""
+"""If all joints stop at once with a larger deceleration, the sensor is stuck [rad/s²]."""
 
 SLOWEST = 200.0
 """Largest number of samples for which a slow joint's rounding error is taken to be constant."""
@@ -128,7 +129,8 @@ class FilterPrior:
         L: (3,) mean of the angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) mean of the velocity of the centre of mass, in W [m/s].
         plausible: (10,) largest plausible deviations of ψ, if `psi_sigma` is information that
-            enters the final estimate; None if `psi_sigma` only says what is plausible.
+            enters the final estimate; None if `psi_sigma` only describes which targets are
+            plausible.
 
     """
 
@@ -186,7 +188,8 @@ def guessed_prior(vague: FilterPrior, psi: NDArray[np.float64], sigma: float) ->
 class FilterState:
     """The filter's complete state: arrays and numpy scalars, each with a `copy` method.
 
-    J is the number of joints, n that of sensors, where the last is the agreement of both attitudes.
+    J is the number of joints and n the number of sensors; the agreement of both attitudes is
+    treated as the last sensor.
 
     Attributes:
         psi: (10,) relative unknowns.
@@ -196,7 +199,7 @@ class FilterState:
         bias: (3,) bias of the gyro [rad/s].
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         v_Wcm: (3,) velocity of the centre of mass [m/s].
-        momentum_known: whether the momentum is still the one known from the start.
+        momentum_known: whether the momentum is known from the start and has not jumped since.
         attitude_known, com_known: whether a sample has initialized them.
         momentum_changes: number of detected jumps of momentum.
         momentum_change_time: time of the latest detection [s]; NaN if there is none.
@@ -217,11 +220,13 @@ class FilterState:
             variance of the attitude by momentum [rad²/s].
         w: (3,) latest angular velocity, in B [rad/s]; `w_before` is the one that momentum predicts.
         gyro: (4, 4) time and value of the latest gyro samples, the newest last; NaN for none.
-        rejoin_time: when the attitude by momentum was last reset to that by gyro [s].
+        rejoin_time: time of the latest reset of the attitude by momentum to the attitude by gyro
+            [s].
         effects: (28, 12 · JUMPS) effect on the error state of unit jumps at the tested instants:
             angular (L, attitude by momentum), then linear (v_Wcm, p_Wcm).
-        jump_information, jump_score: (JUMPS, 12, 12), (JUMPS, 12) information about these
-            jumps in the innovations since, and its product with the most likely jumps.
+        jump_information, jump_score: (JUMPS, 12, 12), (JUMPS, 12) the information about these jumps
+            in the innovations after them, and the product of this information with the most likely
+            jumps.
         jump_times: (JUMPS,) the tested instants [s].
         used, rejected: (n,) number of used and of rejected samples.
         in_a_row: (n,) number of consecutive rejections.
@@ -230,7 +235,7 @@ class FilterState:
         recent_gyro, recent_encoders: (3, 4), (3, 1 + J) latest accepted samples, the newest last.
         doubtful_gyro, doubtful_encoders: (4,), (1 + J,) a sample that must be confirmed.
         late: (2 + max(4, J),) sensor, time and value of a sample whose time must be confirmed.
-        step_time: time of the gyro sample that a jump of angular velocity led to [s].
+        step_time: time of the first gyro sample after a jump of angular velocity [s].
 
     """
 
@@ -288,7 +293,7 @@ class FilterState:
         return np.concatenate([np.ravel(value) for value in vars(self).values()])
 
     def keep_screening(self, other: "FilterState") -> None:
-        """Copy another state's records of samples and of jumps, without its estimates."""
+        """Copy the records of samples and of jumps from another state, but not its estimates."""
         for name in _SCREENING:
             setattr(self, name, getattr(other, name))
 
@@ -301,12 +306,12 @@ _SCREENING = (
 
 
 class MomentumFilter:
-    """The filter's equations for one spacecraft and one sensor suite; without a state of its own.
+    """The filter's equations for one spacecraft and one sensor suite; it contains no state.
 
     Args:
         suite: the sensors.
         joint_count: J.
-        dynamics: function of q (J,) and qdot (N, J) that returns the dynamics seen from the base,
+        dynamics: function of q (J,) and qdot (N, J) that returns the dynamics relative to the base,
             such as `PlantRelativeDynamics`.
         prior: what is known before the first sample.
 
@@ -396,9 +401,9 @@ class MomentumFilter:
         return _INDEX[name]
 
     def process(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
-        """Process one sample of a sensor, in place; count it if it cannot be used.
+        """Process one sample of a sensor and update the state in place; count unusable samples.
 
-        Samples of one instant are best given in `FILTER_ORDER`.
+        The caller should pass samples of the same instant in `FILTER_ORDER`.
 
         Args:
             state: the filter's state; it is changed.
@@ -415,14 +420,15 @@ class MomentumFilter:
     def screen(self, state: FilterState, name: str, time: float, value: NDArray) -> list[Sample]:
         """Screen a sample and return those that can now be processed: none, this one, or two.
 
-        A sample is rejected if it is not finite, no attitude, not later than the sensor's last one,
-        or from a stuck sensor (a noisy sensor that repeats a value, or encoders that all stop from
-        one sample to the next). Two kinds of samples are kept until the next one confirms them:
+        A sample is rejected if it is not finite, is not a valid attitude, is not later than the
+        sensor's last sample, or comes from a stuck sensor (a noisy sensor that repeats a value, or
+        encoders that all stop from one sample to the next). Two kinds of samples are kept until the
+        next one confirms them:
 
-        - one that is later than all others by more than `LONGEST_SILENCE`, also the very first:
-          two such samples in a row are a gap, a single one is an error;
-        - a gyro or encoder sample that no smooth motion leads to (see `SMOOTHEST`): if the next
-          sample continues the earlier motion, it was a spike.
+        - a sample that is later than all others by more than `LONGEST_SILENCE`, and the very first
+          sample: two such samples in a row indicate a gap, a single one is an error;
+        - a gyro or encoder sample that no smooth motion can reach (see `SMOOTHEST`): if the next
+          sample continues the earlier motion, the kept sample was a spike.
         """
         value = np.asarray(value, dtype=float)
         entries = value.tolist()
@@ -486,7 +492,7 @@ class MomentumFilter:
                     state.rejected[k] += 1
                     doubtful[:] = sample
                     return []
-                # A step, or a jerk: the motion continues from there.
+                # The sample was a step or a jerk, not a spike: the motion continues from it.
                 recent[0], recent[1], recent[2] = np.nan, earlier, sample
                 if name == "gyro":
                     state.step_time = np.float64(earlier[0])
@@ -521,7 +527,7 @@ class MomentumFilter:
     def _follows(recent: NDArray, time: float, value: NDArray, sigma: float, bounds: tuple) -> bool:
         """Return whether a sample continues the polynomial through the recent ones (time, value).
 
-        The bounds are those of the first derivative that the polynomial does not have.
+        The bounds are the limits of the lowest derivative that is zero for the polynomial.
         """
         times = [t for t in recent[:, 0].tolist() if t == t]
         order = len(times)
@@ -543,7 +549,7 @@ class MomentumFilter:
     # -- processing of accepted samples -----------------------------------------------------------
 
     def update(self, state: FilterState, name: str, time: float, value: NDArray) -> None:
-        """Update the state by an accepted sample, in place; count outliers."""
+        """Update the state in place with an accepted sample; count outliers."""
         if name == "joint_rates":
             return  # the filter uses encoders only: their noise does not accumulate
         k = _INDEX[name]
@@ -556,7 +562,7 @@ class MomentumFilter:
     def resume(
         self, state: FilterState, time: float, q: NDArray, measurements: Measurements
     ) -> None:
-        """Complete a state for filtering from `time` on, after the last of these measurements."""
+        """Complete a state, so that the filter continues from `time` after these measurements."""
         state.attitude_known = np.True_
         state.com_known = np.bool_(len(measurements.position) > 0)
         state.joints[0, 0], state.joints[0, 1:] = time, q
@@ -570,7 +576,7 @@ class MomentumFilter:
             state.gyro[-count:, 0] = gyro.time[-count:]
             state.gyro[-count:, 1:] = gyro.value[-count:]
             state.w[:] = gyro.value[-1] - state.bias
-            # The attitude is for `time`; the latest gyro sample may be a little older.
+            # The attitude is the one at `time`; the latest gyro sample may be a little older.
             turn = exp(state.w * (gyro.time[-1] - time))
             state.R_by_gyro = state.R_by_gyro @ turn
         self._refresh_joint_noise(state, time, self._look(state))
@@ -581,14 +587,14 @@ class MomentumFilter:
     def well_known(self, state: FilterState) -> bool:
         """Return whether ψ is known well enough for this filter to start from it.
 
-        Encoder errors also enter the regressors. That is harmless once the uncertainty of ψ changes
-        their effect little: here by at most 1 % of its variance.
+        Encoder errors also enter the regressors. They are harmless there when the uncertainty of ψ
+        changes the variance of their effect only a little: here by at most 1 %.
         """
         self._refresh_joint_noise(state, state.joints[0, 0], self._look(state))
         return bool(np.trace(state.unsure_noise) < 0.01 * np.trace(state.joint_noise))
 
     def open_momentum(self, state: FilterState, angular: bool = True) -> None:
-        """Make the momentum unknown, or the linear one only."""
+        """Make the momentum unknown, or only the linear momentum."""
         state.momentum_known = np.False_
         state.P[VELOCITY, VELOCITY] += self.prior.velocity**2 * np.eye(3)
         # The centre of mass may have moved before the change was detected.
@@ -625,7 +631,7 @@ class MomentumFilter:
         return False
 
     def _best_attitude(self, state: FilterState) -> tuple[slice, NDArray, float]:
-        """Return the attitude to compare pose sensors with: its slice, value and time."""
+        """Return the attitude that is compared with pose sensors: its slice, value and time."""
         newest = state.gyro[-1, 0]
         if newest == newest and not state.joints[0, 0] - newest > LONGEST_GAP:
             return BY_GYRO, state.R_by_gyro, newest
@@ -675,7 +681,7 @@ class MomentumFilter:
             return
         state.R_by_gyro = state.R_by_momentum @ exp(state.w * behind)
         self._adopt(state, BY_GYRO, BY_MOMENTUM)
-        # One angular velocity stands for the whole interval: its change is the error.
+        # One angular velocity is used for the whole interval: its change is the error.
         state.P[_BY_GYRO_DIAGONAL] += (SMOOTHEST["gyro"][0] * behind**2) ** 2 / 12
 
     def _propagate_by_gyro(
@@ -686,7 +692,7 @@ class MomentumFilter:
         if stepped or not gap <= LONGEST_GAP:
             mean = (value + w_last) / 2
         else:
-            # The mean over the interval of the parabola through three samples.
+            # This is the mean, over the interval, of the parabola through three samples.
             newest = (elapsed / 3 + gap / 2) / (elapsed + gap)
             oldest = -(elapsed**2) / (6 * gap * (elapsed + gap))
             mean = newest * value + oldest * w_before + (1 - newest - oldest) * w_last
@@ -780,7 +786,7 @@ class MomentumFilter:
         mean = state.w if fresh else state.w_before
         half = exp(mean * (T / 2))
         nodes = np.stack([_EYE, half, half @ half])
-        # For the derivatives the attitude by gyro is the more accurate one.
+        # For the derivatives, the attitude by gyro is more accurate than the attitude by momentum.
         R = state.R_by_gyro @ nodes[2].T if fresh else state.R_by_momentum
         R_nodes = R @ nodes
 
@@ -847,7 +853,7 @@ class MomentumFilter:
         return np.stack([np.interp(times, at, axis) for axis in samples.T], axis=1) - state.bias
 
     def _agree(self, state: FilterState, time: float) -> None:
-        """Update by the agreement of both attitudes, up to the latest encoder sample's error."""
+        """Update by the agreement of both attitudes, except for the latest encoder error."""
         behind = time - state.gyro[-1, 0]
         if not 0 <= behind <= LONGEST_GAP or state.doubtful_gyro[0] == state.doubtful_gyro[0]:
             return
@@ -864,7 +870,7 @@ class MomentumFilter:
         if not self._too_many(state, "agreement"):
             return
         if time - state.rejoin_time > SAME_CAUSE:
-            # The first time, it is an error of gyro or encoders that stays in one attitude.
+            # The first difference is an error of gyro or encoders that remains in one attitude.
             state.P[_BY_GYRO_DIAGONAL] += innovation @ innovation
         else:
             self._momentum_changed(state, time)
@@ -876,7 +882,7 @@ class MomentumFilter:
         self._restart_jump_tests(state, time)
 
     def _rejoin(self, state: FilterState, time: float) -> None:
-        """Reset the attitude by momentum to that by gyro, up to the latest encoder error."""
+        """Reset the attitude by momentum to that by gyro, except for the latest encoder error."""
         behind = time - state.gyro[-1, 0]
         state.R_by_momentum = R = state.R_by_gyro @ exp(state.w * behind)
         self._adopt(state, BY_MOMENTUM, BY_GYRO)
@@ -909,7 +915,7 @@ class MomentumFilter:
             R = R @ exp(state.w * (time - at))
         com_part = state.com_part
         if abs(ahead) > 1e-9:
-            # Joint positions extrapolated a little from the latest samples.
+            # The joint positions are extrapolated a little from the latest samples.
             rates = state.rates
             if middle[0] == middle[0]:
                 rates = (middle[1:] - start[1:]) / (middle[0] - start[0])
@@ -931,7 +937,8 @@ class MomentumFilter:
             predicted = state.v_Wcm - arm
             H[:, VELOCITY] = _EYE
             H[:, :4] = -R @ (W @ by_rho + dynamics.com_rate_regressor()[0])
-            # Rates at the end of a parabola through three encoder samples; the gyro's own noise.
+            # Noise of the joint rates at the end of a parabola through three encoder samples, and
+            # the gyro's own noise.
             period = 1 / self._encoder_errors.rate
             noise = noise + R @ state.com_noise @ R.T * (6.5 / period**2)
             if self._has_gyro:
@@ -958,7 +965,7 @@ class MomentumFilter:
     def _update_by(
         self, state: FilterState, innovation: NDArray, H: NDArray, noise: NDArray
     ) -> bool:
-        """Update by an innovation, unless it fails the gate."""
+        """Update the state by an innovation, unless the innovation fails the gate."""
         P = state.P
         PHt = P @ H.T
         inverse = np.linalg.inv(H @ PHt + noise)
@@ -1101,8 +1108,8 @@ class MomentumFilter:
         step, elapsed = self._encoder_errors.step, time - state.noise_time
         q = state.joints[0, 1:]
         if step:
-            # Rounding errors are white only where every sample is a different step. A slow joint
-            # keeps the same error until the next step.
+            # Rounding errors are white only if every sample is rounded to a different step. A slow
+            # joint keeps the same rounding error until its next step.
             moved = np.abs(q - state.q_before) / max(elapsed * self._encoder_errors.rate, 1.0)
             variance *= np.clip(step / np.maximum(moved, 1e-300), 1.0, SLOWEST)
         # The uncertainty of ψ makes the effect of joint errors uncertain.

@@ -1,4 +1,4 @@
-"""Least squares on momentum rows, of exact samples or of smoothed ones with known covariance."""
+"""Least squares on momentum rows of exact samples, or of smoothed samples with known covariance."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ def momentum_rows(
 
     N holds the k columns of an unknown momentum; see `momentum_columns`. A known momentum enters b:
     in a frame that moves with the centre of mass the linear momentum is zero, so the angular rows
-    of a sample, its last three, sum up to the angular momentum about any point.
+    of a sample (its last three rows) give the angular momentum about any point.
     """
     known = not momentum.is_unknown
     if known and momentum.v_WScm_W.any():
@@ -50,8 +50,9 @@ def accumulate_rows(
 ) -> tuple[NDArray[np.float64], int]:
     """Return the square-root information (k + 11, k + 11) of `momentum_rows`, and their number.
 
-    The rows of a few thousand samples are formed at a time, so that memory does not grow with the
-    number of samples. Rows of zeros (a sample at rest) contain no information and are not counted.
+    The rows are computed for a few thousand samples at a time, so that the memory does not grow
+    with the number of samples. Rows of zeros (a sample at rest) contain no information and are not
+    counted.
     """
     extra = momentum_columns(family, momentum)
     root, count = empty_information(extra + 10), 0
@@ -77,7 +78,7 @@ def row_residuals(
 ) -> NDArray[np.float64]:
     """Return b − A x (N, rows per sample) at an estimate x (10,), in the units of the rows.
 
-    An unknown momentum is fitted to them by least squares.
+    An unknown momentum is fitted to these residuals by least squares.
     """
     rows = momentum_rows(tree, telemetry, family, momentum)
     columns, rest = rows[:, :-11], rows[:, -1] - rows[:, -11:-1] @ estimate
@@ -92,9 +93,9 @@ def solve_smoothed_rows(
     """Solve a row family on smoothed motion; the weight of each sample follows from its errors.
 
     The weights come from linear propagation of the covariance of the smoothed motion into the rows.
-    They depend on the estimate, so the solution is repeated until it changes by less than 1 % of
-    its standard deviation. The covariance includes the correlation between neighbouring samples,
-    but not the bias that errors inside the regressor cause.
+    The weights depend on the estimate, so the solution is repeated until the estimate changes by
+    less than 1 % of its standard deviation. The covariance includes the correlation between
+    neighbouring samples, but not the bias that errors inside the regressor cause.
 
     Args:
         tree: the known bodies.
@@ -147,7 +148,7 @@ def _solve(rows: NDArray[np.float64], extra: int) -> LeastSquaresSolution:
 def _with_momentum(
     rows: NDArray[np.float64], extra: int, estimate: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the solution with the unknown momentum before it: (extra + 10,)."""
+    """Return the solution (extra + 10,): first the unknown momentum, then the ten unknowns."""
     flat = rows.reshape(-1, rows.shape[2])
     rest = flat[:, -1] - flat[:, extra:-1] @ estimate
     momentum = np.linalg.lstsq(flat[:, :extra], rest, rcond=None)[0] if extra else np.empty(0)

@@ -14,7 +14,7 @@ def describe_unobservable(
     Args:
         directions: (k, n) orthonormal directions, in column-scaled unknowns.
         names: the n unknowns.
-        share: unknowns with a smaller share in these directions are called weakly affected.
+        share: unknowns with a smaller share in these directions are described as weakly affected.
 
     """
     if len(directions) == 0:

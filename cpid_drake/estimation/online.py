@@ -1,13 +1,13 @@
 """Online estimation from a vague prior: trajectory fits first, the momentum filter afterwards.
 
 Sensor errors look like effects of the target until enough motion has been observed. A filter that
-processes samples one by one cannot correct wrong conclusions from the first ones. The samples are
-therefore stored at first, and fitted together at growing intervals. Once the target is
-known well enough (`MomentumFilter.well_known`), the filter continues from the last fit, sample by
-sample.
+processes samples one by one cannot correct wrong conclusions from the first samples. Therefore the
+samples are stored at first, and all of them are fitted together at growing intervals. Once the
+target is known well enough (`MomentumFilter.well_known`), the filter continues from the last fit,
+sample by sample.
 
-If no constant momentum explains the stored samples, a thruster has fired. They are discarded, and
-the estimation starts again with the momentum unknown.
+If no constant momentum explains the stored samples, a thruster has fired. The samples are
+discarded, and the estimation starts again with an unknown momentum.
 """
 
 from dataclasses import dataclass, field
@@ -55,9 +55,9 @@ class OnlineState:
     """The filter's state and, while the target is estimated by fits, all samples.
 
     Attributes:
-        filter: the filter's state; its ψ and their covariance are the estimate at any time.
+        filter: the filter's state; its ψ and the covariance of ψ are the estimate at any time.
         samples: (sensor, time, value) so far; empty once the filter runs alone.
-        next_fit: when the next fit is due [s]; NaN once the filter runs alone.
+        next_fit: time of the next fit [s]; NaN once the filter runs alone.
         first_time: time of the first sample [s]; NaN before.
 
     """
@@ -74,7 +74,7 @@ class OnlineState:
 
 
 class OnlineEstimator:
-    """Estimates the target by fits at first, then by the filter; without a state of its own.
+    """Estimates the target by fits at first, then by the filter; it contains no state.
 
     Args:
         tree: the known spacecraft.
@@ -94,7 +94,7 @@ class OnlineEstimator:
         return OnlineState(self.filter.start())
 
     def process(self, state: OnlineState, name: str, time: float, value: NDArray) -> None:
-        """Process one sample of a sensor, in place; see `MomentumFilter.process`."""
+        """Process one sample and update the state in place; see `MomentumFilter.process`."""
         for sample in self.filter.screen(state.filter, name, time, value):
             self._use(state, *sample)
 
@@ -156,7 +156,7 @@ class OnlineEstimator:
             return None
 
     def _begin_anew(self, state: OnlineState, time: float) -> None:
-        """Discard all samples, because the momentum has changed among them."""
+        """Discard all samples, because the momentum has changed between them."""
         start = self.filter.start()
         start.keep_screening(state.filter)
         if start.momentum_known:
@@ -177,7 +177,7 @@ class OnlineEstimator:
             self._drop(state, [k for k, is_bad in zip(mine, bad) if is_bad])
 
     def _drop_outliers(self, state: OnlineState, fit: TrajectoryFit) -> bool:
-        """Reject a few samples that are far off while the others fit; return whether any are."""
+        """Reject a few samples that do not fit while the others do; return whether any exist."""
         model = fit.model
         rows = model.sample_rows()
         of_samples = rows >= 0
@@ -213,7 +213,7 @@ class OnlineEstimator:
         scale = 1 / np.sqrt(np.maximum(np.diag(fit.information), 1e-300))
         scaled = fit.information * scale * scale[:, None]
         covariance = np.linalg.inv(scaled) * scale * scale[:, None] + fit.consider
-        # Derivative of the filter's error state at the end by the fit's unknowns.
+        # The derivative of the filter's error state at the end with respect to the fit's unknowns.
         F = np.zeros((len(state.P), model.size))
         elapsed = model.nodes[-1] - model.nodes[0]
         columns = model.columns
@@ -260,7 +260,7 @@ class OnlineEstimator:
 
 
 def _misfit(fit: TrajectoryFit) -> bool:
-    """Return whether χ² is too large for chance."""
+    """Return whether χ² is larger than noise can explain."""
     return bool(fit.chi_squared > fit.rows + MISFIT * np.sqrt(2 * fit.rows))
 
 

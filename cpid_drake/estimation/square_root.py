@@ -6,9 +6,9 @@ Any number of rows [A | b] in n unknowns is summarized by one upper triangular m
     [R  z]      R x = z    the equations compressed to n rows,
     [0  ρ]      ρ²         the residual sum of squares at their solution.
 
-A new sample costs the QR decomposition of a triangle over six rows. No covariance is propagated
-that could lose its symmetry or definiteness. Source: Bierman 1977, Factorization Methods for
-Discrete Sequential Estimation, ch. IV.
+Each new sample needs one QR decomposition of this triangle with six rows below it. The method
+propagates no covariance, which could lose its symmetry or definiteness. Source: Bierman 1977,
+Factorization Methods for Discrete Sequential Estimation, ch. IV.
 """
 
 import numpy as np
@@ -52,8 +52,8 @@ def solve_information(
     Args:
         information: (n + 1, n + 1) array from `updated_information`.
         row_count: number of scalar rows that were added.
-        eliminated: number of leading unknowns to eliminate: the solution is that of the others,
-            with these at their best values.
+        eliminated: number of leading unknowns to eliminate: the solution contains the other
+            unknowns, for the best values of the eliminated ones.
         rank_tolerance: see `least_squares.DEFAULT_RANK_TOLERANCE`.
 
     """

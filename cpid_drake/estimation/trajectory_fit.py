@@ -1,12 +1,12 @@
 """Trajectory fit: maximum likelihood from all samples of all sensors.
 
-Levenberg-Marquardt on the readings that `likelihood.model` predicts, in two stages. The first stage
-uses the log-Cholesky form of the pseudo-inertia, so that every iterate is a rigid body (Rucker &
-Wensing 2022); it finds a good starting point. The second stage uses the relative unknowns
-themselves and eliminates the errors of the joint motion. Its result is the unconstrained maximum.
-For a target at the limit of physical consistency, such as a flat plate, the maximum may lie beyond
-that limit; this keeps the estimate unbiased and its intervals valid. `Identification.feasible`
-projects the estimate on physically consistent parameters.
+The Levenberg-Marquardt method fits the readings that `likelihood.model` predicts, in two stages.
+The first stage uses the log-Cholesky form of the pseudo-inertia, so that every iterate is a rigid
+body (Rucker & Wensing 2022); it finds a good starting point. The second stage uses the relative
+unknowns themselves and eliminates the errors of the joint motion. Its result is the unconstrained
+maximum. For a target at the limit of physical consistency, such as a flat plate, the maximum may
+lie beyond that limit; this keeps the estimate unbiased and its intervals valid.
+`Identification.feasible` projects the estimate onto physically consistent parameters.
 """
 
 from dataclasses import dataclass, replace
@@ -72,9 +72,10 @@ class TrajectoryFit:
     def data_information(self) -> NDArray[np.float64]:
         """Return the information (10, 10) of the data alone about the relative unknowns.
 
-        Unknowns that the data leave open are fitted to noise, for example to a target that cancels
-        the spacecraft's inertia, where even they seem to be known. If a combination is hardly
-        known, the information is therefore evaluated at a rigid body near the solution.
+        Unknowns that the data do not determine are fitted to noise. The solution can then be, for
+        example, a target that cancels the spacecraft's inertia, and there even these unknowns seem
+        to be known. Therefore, if a combination of unknowns is hardly known, the information is
+        evaluated at a rigid body near the solution.
         """
         information = self.psi_information() - self._prior
         dynamics = self.model.dynamics
@@ -94,7 +95,7 @@ class TrajectoryFit:
         return np.zeros((10, 10)) if prior is None else np.diag(prior[1] ** -2.0)
 
     def own_noise(self) -> dict[str, NDArray[np.float64]]:
-        """Return each sensor's own noise as estimated: residuals (N, 3) in units of σ, by sensor.
+        """Return the estimated noise of each sensor: residuals (N, 3) in units of σ, by sensor.
 
         These residuals exclude the most likely errors of the joint motion, which are correlated
         over many samples.
@@ -118,8 +119,9 @@ def fit_trajectory(
 
     Args:
         model: predicts the readings.
-        psi: (10,) relative unknowns of a rigid body to start from.
-        known_bodies: uncertainty of the known bodies; gives the result's `consider`.
+        psi: (10,) relative unknowns of a rigid body, at which the fit starts.
+        known_bodies: uncertainty of the known bodies, from which the result's `consider` is
+            computed.
         robust: whether to use the Huber loss instead of squares.
         max_iterations: largest number of iterations of each stage.
 
@@ -163,7 +165,7 @@ def state_information(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the information about ψ (10, 10) and the covariance that the known bodies add to it.
 
-    All other unknowns, joint errors included, are eliminated: at the true state, the inverse of the
+    All other unknowns and the joint errors are eliminated. At the true state, the inverse of the
     information is the Cramér-Rao bound.
     """
     weighted = WeightedRows(model.joint_jacobian(trajectory), np.ones(len(model.sample_rows())))
@@ -195,8 +197,9 @@ def _neighbourhood(
 ) -> tuple[Trajectory, int]:
     """Return the best fit without joint errors, and the number of steps that it took.
 
-    The first stage ends as soon as its steps gain little, as they do near a flat body, and the free
-    stage follows. If that one does not converge, the first stage continues.
+    The first stage ends as soon as its steps reduce the cost only a little, as happens near a flat
+    body. Then the free stage follows. If the free stage does not converge, the first stage
+    continues.
     """
     state, iterations = model.start(psi), 0
     for little in (_LITTLE, 1e-3):
@@ -261,7 +264,7 @@ def _log_cholesky_stage(
 def _free_stage(
     model: TrajectoryModel, trajectory: Trajectory, weighted: WeightedRows, max_iterations: int
 ) -> tuple[Trajectory, int, bool]:
-    """Descend in the relative unknowns to the maximum of the likelihood."""
+    """Iterate in the relative unknowns to the maximum of the likelihood."""
     residuals = model.residuals(trajectory)
     cost, damping = weighted.cost(residuals), 0.0
     count = 0
@@ -297,7 +300,7 @@ def _damped(N: NDArray[np.float64], g: NDArray[np.float64], damping: float) -> N
 
 
 def _huber_weights(model: TrajectoryModel, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the square roots of the robust loss's weights, equal in the three rows of a sample.
+    """Return the square roots of the robust loss's weights, equal for the three rows of a sample.
 
     The residuals must not contain the joint motion's errors, which are not errors of the sample.
     """

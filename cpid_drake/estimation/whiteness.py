@@ -13,7 +13,8 @@ class Whiteness:
     Attributes:
         lag_one: correlation of neighbours, −1 to 1; for white residuals within ± `band`.
         band: two σ of `lag_one` for white residuals.
-        correlation_time: number of samples that carry the information of one; 1 if white.
+        correlation_time: number of samples that together have the information of one independent
+            sample; 1 if white.
         count: number of samples.
 
     """
@@ -32,8 +33,9 @@ class Whiteness:
 def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
     """Return the whiteness of residuals (N, channels) at N successive instants.
 
-    Channels are scaled alike. The correlation time is 1 + 2 Σ ρ_k up to where pairs of ρ turn
-    negative (Geyer 1992, "Practical Markov Chain Monte Carlo", initial positive sequence).
+    All channels are scaled to the same size. The correlation time is 1 + 2 Σ ρ_k up to where pairs
+    of ρ turn negative (Geyer 1992, "Practical Markov Chain Monte Carlo", initial positive
+    sequence).
     """
     rho, channels = autocorrelation(residuals)
     count = len(residuals)

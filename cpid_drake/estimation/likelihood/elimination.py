@@ -7,11 +7,11 @@ from scipy.linalg.blas import dsyrk
 
 
 class WeightedRows:
-    """M rows with white noise of their own and with the errors of the joint motion.
+    """M rows that contain independent white noise and the errors of the joint motion.
 
-    With weights W and the joint motion's Jacobian N, the rows' covariance C is 1 + N Nᵀ after
-    multiplication by W. Its inverse is applied by the matrix inversion lemma (Woodbury 1950), which
-    eliminates the joint motion's errors.
+    After multiplication of the rows by the weights W, their covariance is C = 1 + N Nᵀ with the
+    joint motion's Jacobian N. Its inverse is applied by the matrix inversion lemma (Woodbury 1950),
+    which eliminates the joint motion's errors.
 
     Args:
         joint_jacobian: N (M, k), in units of σ of the errors; None without such errors.

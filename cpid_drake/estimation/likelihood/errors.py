@@ -1,6 +1,7 @@
 """Effect of errors of the joint motion and of the known bodies on the predicted motion.
 
-Each function returns the change of the motion by such errors, each in units of its own σ.
+Each function returns the derivative of the motion with respect to such errors, each error in units
+of its own σ.
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ from cpid_drake.estimation.likelihood.motion import BaseMotion, Instants, Trajec
 
 
 def joint_errors(motion: BaseMotion, trajectory: Trajectory, at: Instants) -> MotionSensitivity:
-    """Return the change by the coefficients of the joints' splines, (M, 3, K J).
+    """Return the derivative w.r.t. the coefficients of the joints' splines, (M, 3, K J).
 
     The square root of the coefficients' covariance makes the n errors independent.
     """
@@ -40,7 +41,7 @@ def joint_errors(motion: BaseMotion, trajectory: Trajectory, at: Instants) -> Mo
 def body_errors(
     motion: BaseMotion, trajectory: Trajectory, at: Instants, uncertainty: BodyUncertainty
 ) -> MotionSensitivity:
-    """Return the change by the inertial parameters of the known bodies, (M, 3, 10 bodies)."""
+    """Return the derivative w.r.t. the known bodies' inertial parameters, (M, 3, 10 bodies)."""
     tree, telemetry = _relative_to_base(motion, trajectory, at)
     known, psi = len(motion.tree.bodies), trajectory.state.psi
     change = body_sensitivity(tree, telemetry, psi, at.dynamics, known)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from cpid_drake.sensing.sensors import Gyro
 
 _SMALLEST_SIGMA = 1e-9
-"""Smallest σ of the constant part [rad/s]; it keeps the prior of a gyro without bias finite."""
+"""Smallest σ of the constant part [rad/s]; with it the prior of a gyro without bias is finite."""
 
 
 class GyroBias:
@@ -44,8 +44,8 @@ class GyroBias:
     def prior(self) -> NDArray[np.float64]:
         """Return the square-root information (3 K, 3 K) of the bias.
 
-        The first node has the σ of the constant part. The difference of two neighbours has a σ that
-        grows with the square root of the time between them.
+        The first node has the σ of the constant part. The difference of two neighbouring nodes has
+        a σ that grows with the square root of the time between them.
         """
         K = len(self.nodes)
         matrix = np.zeros((K, K))

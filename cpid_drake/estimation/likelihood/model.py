@@ -93,7 +93,7 @@ class TrajectoryModel:
         return int(self.columns["bias"].stop)
 
     def start(self, psi: NDArray[np.float64]) -> TrajectoryState:
-        """Return a state to start from: the first samples, the given momentum, no bias."""
+        """Return the state at which a fit starts: first samples, given momentum, no bias."""
         first = _first_samples(self.sensors, ATTITUDE)
         position = _first_samples(self.sensors, POSITION)
         assert first is not None
@@ -132,7 +132,7 @@ class TrajectoryModel:
         return np.concatenate([*parts, -self._bias_prior @ trajectory.state.bias.ravel()])
 
     def sample_rows(self) -> NDArray[np.intp]:
-        """Return the number of the sample for every row of the residuals; −1 for priors."""
+        """Return for every row of the residuals the index of its sample; −1 for priors."""
         count = sum(len(sensor.samples) for sensor in self.sensors.values())
         prior = np.full(len(self._bias_prior) + 10 * (self.psi_prior is not None), -1)
         return np.concatenate([np.repeat(np.arange(count), 3), prior])
@@ -157,7 +157,7 @@ class TrajectoryModel:
         return self._change_by_unknowns(trajectory)[0][-1]
 
     def joint_jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative of the same rows as `jacobian` w.r.t. errors of the joint motion.
+        """Return the derivative of the rows of `jacobian` w.r.t. errors of the joint motion.
 
         Each coefficient of the joints' splines has one column, in units of its σ. The errors of
         the coefficients are independent.
@@ -210,7 +210,7 @@ class TrajectoryModel:
 
 
 def _first_samples(sensors: Mapping[str, SensorModel], quantity: Quantity) -> Samples | None:
-    """Return the samples of the sensor of a quantity that measured first."""
+    """Return the samples of one sensor of a quantity: the sensor with the earliest sample."""
     samples = [s.samples for name, s in sensors.items() if SENSORS[name].quantity is quantity]
     return min(samples, key=lambda each: each.time[0], default=None)
 
@@ -218,7 +218,7 @@ def _first_samples(sensors: Mapping[str, SensorModel], quantity: Quantity) -> Sa
 def _layout(
     sensors: Mapping[str, SensorModel], unknown_momentum: bool, biases: int
 ) -> dict[str, slice]:
-    """Return the columns of the unknowns that these sensors can tell."""
+    """Return the columns of the unknowns that these sensors can determine."""
     sizes, quantities = {"psi": 10, "attitude": 3}, {SENSORS[name].quantity for name in sensors}
     if POSITION in quantities:
         sizes["p_Wcm"] = 3

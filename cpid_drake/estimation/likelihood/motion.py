@@ -2,7 +2,8 @@
 
 The joint motion is given; the base's attitude and position follow from conservation of momentum
 (`relative_motion`). Attitude is integrated over a grid of equal steps by the fourth-order Magnus
-formula, with angular velocities from a cubic spline. Small changes ξ of it (rotations in W) obey
+formula, with angular velocities from a cubic spline. Small changes ξ of the attitude (rotations in
+W) obey
 
     ξ̇ = R J⁻¹ (−Y dψ + Rᵀ dL + Rᵀ (L × ξ)),
 
@@ -26,19 +27,19 @@ from cpid_drake.errors import InputError
 from cpid_drake.sensing.splines import JointSpline
 
 _STEPS_PER_PIECE = 3.5
-"""Grid steps per piece of the joint motion's splines, so that errors of rates show on the grid."""
+"""Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryState:
-    """All unknowns from which the base's motion and its sensors' readings follow.
+    """All unknowns that determine the base's motion and the readings of its sensors.
 
     Attributes:
         psi: (10,) relative unknowns (μ, μc, I_*).
         attitude: R_WB at the start.
         p_Wcm: (3,) the system's centre of mass at the start, in W [m].
         v_Wcm: (3,) its velocity [m/s].
-        L: (3,) angular momentum about it, in W [N·m·s].
+        L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         bias: (K, 3) biases of the gyros at K nodes, those of one gyro after the other [rad/s].
 
     """
@@ -114,7 +115,8 @@ class BaseMotion:
 
         Args:
             state: the unknowns.
-            near: a trajectory to iterate from if there is momentum; default: constant attitude.
+            near: the trajectory at which the iteration starts if there is momentum; default:
+                constant attitude.
 
         Raises:
             InputError: the system's inertia is not positive definite for this target.
@@ -156,7 +158,8 @@ class BaseMotion:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ)).
 
-        Cubics through four nodes integrate the first term, the trapezoidal rule the second.
+        The first term is integrated by cubics through four nodes, the second by the trapezoidal
+        rule.
 
         Args:
             trajectory: the trajectory to linearize about.

@@ -1,7 +1,7 @@
 """Sensors of the base: residuals of their samples and derivatives w.r.t. the motion.
 
-`sensor_models` chooses the class by the quantity that a sensor of the table measures, so several
-sensors of one quantity enter the likelihood each with its own samples and noise.
+`sensor_models` chooses the class by the quantity that a sensor measures. If several sensors measure
+one quantity, each of them enters the likelihood with its own samples and noise.
 """
 
 from collections.abc import Callable, Mapping
@@ -67,13 +67,13 @@ class SensorModel:
     def jacobian(
         self, trajectory: Trajectory, change: MotionChange, columns: Mapping[str, slice]
     ) -> NDArray[np.float64]:
-        """Return the derivative (3 M, n) of predicted values in units of σ.
+        """Return the derivative (3 M, n) of the predicted values, which are in units of σ.
 
         Args:
             trajectory: the trajectory to linearize about.
             change: change of the motion by n quantities.
-            columns: of the unknowns that act on sensors directly; empty if the n quantities are
-                not the unknowns.
+            columns: columns of the unknowns that act on sensors directly; empty if the n quantities
+                are not the unknowns.
 
         """
         rows = self._derivative(trajectory, change)
