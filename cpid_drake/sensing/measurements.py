@@ -30,8 +30,8 @@ class Samples:
 class Measurements:
     """The samples of all sensors; those of one sensor are `self[name]`, or the attribute `name`.
 
-    Samples are in SI units and radians, as the sensor's `Quantity` says. A sensor of the table that
-    is absent has no samples: times (0,) and values (0, width).
+    Samples are in SI units and radians, as the sensor's `Quantity` defines. A sensor of the table
+    that is absent has no samples: times (0,) and values (0, width).
 
     Args:
         joint_names: the joints, in the order of columns of joint sensors.
@@ -70,7 +70,7 @@ class Measurements:
         return ((name, self[name]) for name in SENSORS)
 
     def updated(self, samples: Mapping[str, Samples]) -> "Measurements":
-        """Return measurements with other samples of the sensors that `samples` names."""
+        """Return measurements in which `samples` replace those of the same sensors."""
         return Measurements(self.joint_names, {**self.samples, **samples})
 
     def between(self, start: float, end: float) -> "Measurements":

@@ -1,8 +1,9 @@
 """Simulated sensor errors.
 
 Every sensor has its own stream of random numbers. It depends only on the seed, on the sensor's
-number in the table and on the sample's number. The same samples therefore result one by one in a
-Diagram and all at once as arrays, whatever other sensors there are.
+number in the table and on the sample's number. Therefore a Diagram, which computes samples one by
+one, and this module, which computes all samples at once, give the same samples, independent of the
+other sensors.
 """
 
 import numpy as np
@@ -23,7 +24,7 @@ class SensorNoise:
         seed: a whole number >= 0. Streams differ from those of `numpy.random.default_rng(seed)`.
 
     Raises:
-        InputError: another seed.
+        InputError: the seed is not such a number.
 
     """
 

@@ -46,7 +46,8 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
     """Return σ of one entry of a sample (of attitudes: of the rotation about one axis [rad]).
 
     The smallest estimate from differences of several orders is returned, because differences of low
-    order still contain motion. A motion too fast for the samples looks like noise.
+    order still contain motion. A motion that is too fast for the sampling rate has the same effect
+    as noise.
 
     Raises:
         InputError: the samples are too unevenly spaced.

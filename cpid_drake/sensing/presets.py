@@ -24,7 +24,7 @@ def load_sensors(name_or_path: str | Path) -> SensorSuite:
 
     Raises:
         InputError: neither a preset nor a file, not YAML, unknown keys, values of the wrong type,
-            or sensors that cannot be: see `suite.check_sensors`.
+            or impossible sensors: see `suite.check_sensors`.
 
     """
     where, presets = str(name_or_path), sensor_presets()

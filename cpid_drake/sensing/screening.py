@@ -39,12 +39,13 @@ def as_arrays(measurements: Measurements) -> Measurements:
 def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
     """Return the usable samples, and the number of unusable ones by sensor.
 
-    Unusable are
+    These samples are unusable:
 
     - samples with an entry that is not finite;
     - attitudes whose quaternion has a norm that differs from 1 by more than 1e-3;
-    - samples with stamps more than `LONGEST_GAP` from most others, as from a clock that jumped or
-      was not yet set. A single stamp in the far future does not make other samples unusable;
+    - samples whose stamps are more than `LONGEST_GAP` from most others, for example from a clock
+      that jumped or was not yet set. A single stamp in the far future does not make other samples
+      unusable;
     - samples out of order: as few as possible are removed so that the stamps increase; of samples
       with the same stamp the first is kept.
 
@@ -73,7 +74,7 @@ def screen(measurements: Measurements) -> tuple[Measurements, dict[str, int]]:
 
 
 def _together(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the indices, ascending, of the largest group of stamps without a `LONGEST_GAP`."""
+    """Return the indices, ascending, of the largest group of stamps without a too long gap."""
     order = np.argsort(time)
     gaps = np.flatnonzero(time[order][1:] > time[order][:-1] + LONGEST_GAP)
     ends = np.concatenate([[0], gaps + 1, [time.size]])
@@ -88,8 +89,9 @@ def _increasing(time: NDArray[np.float64]) -> NDArray[np.intp]:
     """
     if (time[1:] > time[:-1]).all():
         return np.arange(time.size)
-    # From the end on, for each length: minus the largest first stamp of such a subsequence, and
-    # that stamp's index. `following` links each stamp to its successor.
+    # The loop goes from the last stamp to the first. For each length of a subsequence, the lists
+    # contain minus its largest possible first stamp, and that stamp's index. `following` links each
+    # stamp to its successor.
     first: list[float] = []
     start: list[int] = []
     following = np.full(time.size, -1)

@@ -1,8 +1,8 @@
-"""The table of sensors: what each one measures, how its errors are described, and its names.
+"""The table of sensors: the quantity, the description of errors and the names of each one.
 
 Suites, measurements, simulated noise, telemetry files, estimators and reports all read `SENSORS`.
-`register_sensor` is therefore enough to add a sensor. A second star tracker, for example, is read
-from its own columns and enters the trajectory fit with its own noise.
+`register_sensor` is therefore enough to add a sensor. For example, a second star tracker is then
+read from its own columns and enters the trajectory fit with its own noise.
 """
 
 from collections.abc import Callable
@@ -137,7 +137,7 @@ class Gyro(SensorErrors):
 
     @property
     def bias_growth(self) -> float:
-        """Random walk of the bias: its σ grows by this times the square root of time [rad/s/√s]."""
+        """Random walk of the bias: its σ after a time t is this value times √t [rad/s/√s]."""
         return self.bias_random_walk * DEGREE_PER_HOUR / 60
 
 
@@ -235,8 +235,9 @@ class Sensor:
 
     Attributes:
         name: key in sensor YAML files, in `SensorSuite` and in `Measurements`; an identifier.
-        label: for people.
-        quantity: what it measures; the estimators treat sensors of one quantity alike.
+        label: name in texts for people.
+        quantity: what it measures; the estimators treat all sensors of one quantity in the same
+            way.
         errors: dataclass with the errors' parameters: the keys of the sensor in YAML files.
         columns: names of its columns in telemetry tables; for joints the prefix of all columns.
         stream: number of the random stream of its white noise, unique among all sensors, so that a
@@ -284,9 +285,9 @@ def register_sensor(sensor: Sensor) -> None:
     """Add a sensor to the table.
 
     Raises:
-        InputError: the name is not an identifier; the name, a column or a number of random numbers
-            is already that of another sensor; the number of columns or the class of the errors does
-            not fit the quantity; a gyro or an encoder without a slow stream.
+        InputError: the name is not an identifier; the name, a column or the number of a random
+            stream already belongs to another sensor; the number of columns or the class of the
+            errors does not fit the quantity; a gyro or an encoder without a slow stream.
 
     """
     where, others = f"sensor '{sensor.name}'", list(SENSORS.values())

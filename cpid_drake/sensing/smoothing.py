@@ -1,7 +1,8 @@
 """Converts sensor samples of different rates to motion at common times, with its covariance.
 
-Regression splines: least squares in a B-spline basis whose knots follow the samples; Akaike's
-criterion chooses their number. Rates that no sensor measures are the derivatives of the splines.
+The method is regression splines, that is, least squares in a B-spline basis. Each knot interval
+contains about the same number of samples; Akaike's criterion chooses the number of intervals. Rates
+that no sensor measures are the derivatives of the splines.
 """
 
 from collections.abc import Sequence
@@ -203,8 +204,8 @@ def _smooth_attitude(
 ) -> tuple[Rotation, NDArray[np.float64], ErrorBlock, NDArray[np.float64]]:
     """Return attitude, angular velocity in B, their errors and the gyro bias.
 
-    Gauss-Newton on SO(3), in the rotation vector from a reference path: the base may rotate by any
-    angle.
+    The method is Gauss-Newton on SO(3), in the rotation vector relative to a reference path. The
+    base may therefore rotate by any angle.
     """
     attitude, gyro = measurements.attitude, measurements.gyro
     gyro = gyro.where((gyro.time >= attitude.time[0]) & (gyro.time <= attitude.time[-1]))

@@ -1,7 +1,7 @@
 """Regression splines with known noise: joint motion from the samples of joint sensors.
 
-Least squares in a B-spline basis whose knots follow the samples; Akaike's criterion chooses their
-number.
+The method is least squares in a B-spline basis. Each knot interval contains about the same number
+of samples; Akaike's criterion chooses the number of intervals.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,7 @@ class Basis:
         return cls(knots, degree)
 
     def bridged(self) -> tuple["Basis", NDArray[np.float64]]:
-        """Return a basis with long intervals divided, and the middles of the new ones [s].
+        """Divide long intervals; return the basis and the midpoints of the new intervals [s].
 
         Gaps in the samples make long intervals.
         """
@@ -124,8 +124,8 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
     """Smooth the samples of all joint sensors by a quintic spline.
 
     In a gap of the encoder samples, the spline has as many pieces as elsewhere (`Basis.bridged`),
-    and the prior that its jerk is zero with the σ of the jerk elsewhere. The covariance then covers
-    what is unknown in the gap.
+    and the prior that its jerk is zero with the σ of the jerk elsewhere. The covariance then
+    includes the uncertainty in the gap.
 
     Raises:
         InputError: fewer than eight encoder samples.
@@ -160,7 +160,7 @@ def smooth_joints(measurements: Measurements, suite: SensorSuite) -> JointSpline
 def bridge_gaps(
     basis: Basis, coefficients: NDArray[np.float64]
 ) -> tuple[Basis, list[DerivativeSamples]]:
-    """Return a basis with the gaps of the samples divided, and a prior there, if there are gaps.
+    """Divide the intervals in gaps of the samples; return the basis, and a prior for the gaps.
 
     The prior is a third derivative of zero, with the σ of that derivative outside the gaps.
     """
@@ -213,9 +213,9 @@ def best_fit(
         fit: returns the fit with a given number of intervals.
         samples: number of samples.
         first: number of intervals to try first; larger numbers follow.
-        finer: return the next larger fit. Its error is mostly noise, which the covariance covers,
-            and less misfit, which the covariance does not cover. The noise, and the bias that it
-            causes in rows, are larger.
+        finer: return the next larger fit. It has less misfit, which the covariance does not
+            include, and more noise, which the covariance includes. The noise also causes a larger
+            bias in rows.
 
     """
     fits: list[Fit] = []
@@ -239,6 +239,7 @@ def best_fit(
 def misfit_factor(fit: SplineFit, rows: int) -> float:
     """Return χ² of a fit to `rows` numbers per degree of freedom, or 1 if that is larger.
 
-    Samples too rare for the motion leave more than noise; this factor widens the covariance.
+    If the samples are too sparse for the motion, the residuals are larger than the noise; the
+    covariance is then multiplied by this factor.
     """
     return max(fit.chi_squared / max(rows - fit.coefficients.size, 1), 1.0)

@@ -1,4 +1,4 @@
-"""A spacecraft's sensors: which of the table it has, with their rates and errors."""
+"""The sensors of the table that a spacecraft has, with their rates and errors."""
 
 from dataclasses import dataclass, field, fields, make_dataclass
 from typing import Annotated, Any
@@ -19,14 +19,14 @@ from cpid_drake.sensing.sensors import (
 )
 
 NUMERICAL_SIGMA = 1e-8
-"""Smallest σ that estimators assume of a sensor, for rounding errors [rad, m, rad/s, m/s]."""
+"""Smallest σ that estimators assume for a sensor, due to rounding [rad, m, rad/s, m/s]."""
 
 Decimals = Annotated[int, Interval(ge=0, le=15)]
 
 
 @dataclass
 class SensorSuite:
-    """A spacecraft's sensors; None stands for an absent sensor.
+    """A spacecraft's sensors; an absent sensor is None.
 
     `suite[name]` returns any sensor of the table. Suites with registered sensors are of the type
     that `suite_type` returns, which has a field for each.
@@ -102,11 +102,11 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
 
     Args:
         suite: a suite from a file, from a scenario or made in Python.
-        where: what is being read, for the error message.
+        where: name of the suite in error messages.
 
     Raises:
         InputError: a value is of the wrong type or out of the limits that its class declares; no
-            encoders; both `decimals` and `digits`; a boresight that is not a direction.
+            encoders; both `decimals` and `digits`; a boresight vector that has no direction.
 
     """
     check_values(suite, where, "a sensor suite")

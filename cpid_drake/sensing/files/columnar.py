@@ -96,7 +96,7 @@ def _pyarrow(where: str) -> tuple[Any, Any]:
 def _table(
     names: list[str], kept: list[str], arrays: list[NDArray[np.float64]], where: str
 ) -> TelemetryTable:
-    """Return the arrays of the kept columns, of equal length, as a table; NaN is absent."""
+    """Return the arrays of the kept columns, of equal length, as a table; NaN if absent."""
     lengths = {name: len(values) for name, values in zip(kept, arrays, strict=True)}
     for name, length in lengths.items():
         if length != lengths["time"]:

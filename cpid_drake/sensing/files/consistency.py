@@ -94,12 +94,12 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
     straight, scalar_last = [0, 1, 2, 3], [3, 0, 1, 2]
 
     def attitudes(order: list[int], inverse: bool) -> tuple[Rotation, Rotation]:
-        """Return R_WB before and after, if the quaternions have this convention."""
+        """Return R_WB at the start and end of the intervals, for this convention of quaternions."""
         R = [Rotation.from_quat(q[:, order], scalar_first=True) for q in (first, second)]
         return (R[0].inv(), R[1].inv()) if inverse else (R[0], R[1])
 
     def angular_velocity(before: Rotation, after: Rotation) -> NDArray[np.float64]:
-        """Return the mean angular velocity (n, 3) in between, in B."""
+        """Return the mean angular velocity (n, 3) over each interval, in B."""
         return (before.inv() * after).as_rotvec() / elapsed
 
     as_read = attitudes(straight, False)
@@ -132,7 +132,8 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
         ]
     for moved, w, text in explanations:
         slope, agreement = _compare(moved, w)
-        # Noise is the same in every convention, so a convention that leaves much less is right.
+        # Noise is the same in every convention, so a convention with a much smaller disagreement is
+        # right.
         if agreement > _CLEAR and 0.9 < slope < 1.1 and 1 - agreement < 0.2 * (1 - correlation):
             found.errors.append(text)
             return
@@ -143,7 +144,7 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
 def _pairs(
     positions: Samples, rates: Samples
 ) -> tuple[NDArray, NDArray, NDArray, NDArray[np.float64]] | None:
-    """Return the values before and after n intervals, their lengths (n, 1), and the mean rates.
+    """Return the values at both ends of n intervals, their lengths (n, 1), and the mean rates.
 
     The intervals overlap. They have the length `_STEP` if the sensor is faster than that: over one
     step of a fast sensor, the noise would be larger than the motion. Return None for fewer than

@@ -15,7 +15,7 @@ Topics = Mapping[str, str] | None
 
 
 Reader = Callable[[Path, str, Problems, Topics], TelemetryTable | Measurements]
-"""Reads a file: its path, its name in error messages, where bad samples are added, and topics.
+"""Reads a file, given its path, its name in messages, a list of problems to extend, and topics.
 
 Returns a table, or measurements if each sensor has its own times. Raises an InputError if nothing
 can be read.
@@ -33,7 +33,7 @@ class Format:
         write: writes columns, names and values (N, C) with NaN where a cell is absent; None if the
             format is only read.
         check_head: refuses a file that cannot be telemetry after a look at its beginning.
-        is_bag: whether folders are of this format too, and topics can be chosen.
+        is_bag: whether a folder can have this format too, and topics can be chosen.
 
     """
 

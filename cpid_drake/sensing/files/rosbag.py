@@ -61,8 +61,9 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
 
     Times are the headers' stamps, not the times of recording, and start at zero at the bag's first
     stamp. The subtraction is done in whole nanoseconds, because seconds since 1970 have an error of
-    2e-7 s as floating-point numbers. (Stamps more than ten days from the others, from clocks not
-    yet set, are not taken as the first.) Samples are in the order of stamps, and not yet screened.
+    2e-7 s as floating-point numbers. (A stamp more than ten days from the others is from a clock
+    that was not yet set, and is never used as the first stamp.) Samples are in the order of stamps,
+    and not yet screened.
 
     Args:
         path: the bag's folder, or a single .db3 or .mcap file.
@@ -72,7 +73,7 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     Raises:
         InputError: `rosbags` is not installed; no bag, or a damaged one; several topics of a kind,
             none of joints, or none of the base; messages that contradict each other in frames or
-            joints; stamps that do not move or jump back.
+            joints; stamps that are all equal or jump back.
 
     """
     try:
@@ -196,7 +197,7 @@ class _Log:
             all_numbers.extend(numbers)
 
     def check(self, expected: int) -> None:
-        """Refuse messages that are not what they must be together."""
+        """Refuse messages that are incomplete or contradict each other."""
         if len(self.stamps) < expected:
             raise InputError(
                 f"{self.where}: only {len(self.stamps)} of {expected} messages are present"
