@@ -39,7 +39,7 @@ def converge(
 
     Args:
         evidence: the samples and how they were identified.
-        progress: called before every part with a short description of it.
+        progress: called before every part with a short description of the part.
 
     """
     request, result = evidence.request, evidence.result

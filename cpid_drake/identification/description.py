@@ -23,7 +23,7 @@ def result_of(
     Args:
         found: the identification.
         reference: the spacecraft that was used.
-        source: what the identification was made from.
+        source: the data and options of the identification.
 
     """
     solution, white = found.solution, found.whiteness

@@ -42,8 +42,8 @@ def choose_method(
         has_sensors: whether the sensors' errors are known.
 
     Raises:
-        InputError: no such estimator or rows, or an estimator that has no rows or cannot handle
-            this momentum.
+        InputError: no such estimator or rows, rows for an estimator that uses none, or an estimator
+            that cannot handle this momentum.
 
     """
     if estimator is None:

@@ -1,4 +1,4 @@
-"""The online estimator, trajectory fits and then the momentum filter, as an estimator."""
+"""The online estimator (trajectory fits, then the momentum filter) in the form of an estimator."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -82,8 +82,8 @@ def online_estimator(
             `cpid_drake.estimation.momentum_filter.guessed_prior`.
 
     Raises:
-        InputError: a momentum that is known and not zero; a guess that is not a rigid body, or is
-            a point at C's origin; a standard deviation out of range.
+        InputError: the momentum is known and not zero; the guess is not a rigid body, or is a point
+            mass at C's origin; the standard deviation is out of range.
 
     """
     from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
@@ -104,7 +104,7 @@ def online_estimator(
 
 
 def check_guess(guess: InertialParameters, sigma: float) -> None:
-    """Refuse a guess of the target that the online estimator cannot start from.
+    """Refuse a guess of the target with which the online estimator cannot start.
 
     Raises:
         InputError: for the same reasons as `online_estimator`.
@@ -122,7 +122,7 @@ def check_guess(guess: InertialParameters, sigma: float) -> None:
 def identification_of_filter(
     online: OnlineEstimator, state: OnlineState, consider: NDArray[np.float64] | None = None
 ) -> Identification:
-    """Return the estimate so far, from the samples and the guess, if there is one.
+    """Return the current estimate from the samples and from the guess, if there is one.
 
     Args:
         online: the estimator.
@@ -157,7 +157,7 @@ def consider_covariance(
     measurements: Measurements,
     known_bodies: BodyUncertainty,
 ) -> NDArray[np.float64]:
-    """Return what the uncertainty of the known bodies adds to the covariance of ψ, (10, 10).
+    """Return the covariance (10, 10) of ψ that the uncertainty of the known bodies causes.
 
     It is computed from a trajectory fit to the same samples, which weights them as the filter does.
     """

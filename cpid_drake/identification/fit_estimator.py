@@ -65,7 +65,7 @@ def fit_measurements(
     known_bodies: BodyUncertainty | None = None,
     robust: bool = False,
 ) -> TrajectoryFit:
-    """Fit the target to screened measurements and a vague prior, started from the prior's mean.
+    """Fit the target to screened measurements and a vague prior; start at the prior's mean.
 
     The prior keeps undetermined unknowns within plausible limits. `identification_of_fit` removes
     the prior's information from the result.
@@ -97,7 +97,7 @@ def fit_measurements(
 
 
 def identification_of_fit(fit: TrajectoryFit) -> Identification:
-    """Return a fit as an identification; its information is that of the data without the prior."""
+    """Return a fit as an identification; its information excludes the prior."""
     dynamics, measurements = fit.model.dynamics, fit.model.measurements
     solution = solution_of_information(
         fit.state.psi,
@@ -140,13 +140,13 @@ def cramer_rao_bound(
     Args:
         tree: the known bodies.
         psi: (10,) relative unknowns of the target.
-        measurements: samples of the sensors (of a planned motion: their ideal values); the first
-            attitude and position are taken as true.
+        measurements: samples of the sensors, or ideal samples of a planned motion; the first
+            attitude and position are treated as true.
         sensors: the sensors' errors.
         momentum: the true total momentum, marked as unknown if it is to be estimated; default:
             zero.
         known_bodies: uncertainty of the known bodies: the bound then holds for an estimator that
-            takes them as exact.
+            treats them as exact.
 
     """
     joints = smooth_joints(measurements, sensors)
@@ -161,7 +161,7 @@ def cramer_rao_bound(
 
 
 def needs_of_fit(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
-    """Return the sensors that the fit needs; of each entry, one sensor is enough."""
+    """Return the sensors that the fit needs: at least one sensor of each entry."""
     return (("encoders",), ("attitude",))
 
 

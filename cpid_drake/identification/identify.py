@@ -1,4 +1,4 @@
-"""`identify`: from data and a known spacecraft to a result, whatever the data and the estimator."""
+"""`identify`: the one function that identifies a target from any data with any estimator."""
 
 from collections import Counter
 from dataclasses import replace
@@ -42,8 +42,8 @@ def identify(
     Args:
         spacecraft: the known spacecraft.
         data: exact states at common times, or samples of sensors, each at its own times, as from
-            `read_telemetry`. The joints of measurements may be in any order. Exact states may be of
-            unconnected instants; measurements must be of one motion.
+            `read_telemetry`. The joints of measurements may be in any order. Exact states may
+            belong to unconnected instants; measurements must belong to one motion.
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
             row family, which means least squares on these rows. Default: the trajectory fit if
             sensors are given and no rows, else least squares.
@@ -58,9 +58,9 @@ def identify(
 
     Raises:
         InputError: the estimator or the rows are unknown, or cannot handle this momentum; the data
-            are of other joints than the spacecraft's; a sensor that the estimator needs is missing
-            (the message says which estimators could use the data); rates contradict positions, for
-            example by their unit or frame; there are too few or too many samples.
+            contain other joints than the spacecraft's; a sensor that the estimator needs is missing
+            (the message lists the estimators that could use the data); rates contradict positions,
+            for example by their unit or frame; there are too few or too many samples.
 
     """
     momentum = momentum or TotalMomentum.zero()

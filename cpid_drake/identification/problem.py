@@ -59,12 +59,12 @@ class Estimator:
     """A record of an estimator in the registry `estimators.ESTIMATORS`.
 
     Attributes:
-        name: on the command line, in result files and in scenarios.
+        name: its name on the command line, in result files and in scenarios.
         label: its name in reports.
-        good_for: what to use it for, in one sentence.
+        good_for: its recommended use, in one sentence.
         estimate: its function.
-        needs: returns the sensors that it needs for a row family and a momentum; of each entry, one
-            sensor is enough.
+        needs: returns the sensors that it needs for a row family and a momentum: at least one
+            sensor of each entry.
         default_rows: returns the name of its default row family for some measurements; None if it
             uses no rows.
         momenta: names of the total momenta that it can handle; see `TotalMomentum.name`.

@@ -104,7 +104,7 @@ def identify_file(
 
     Args:
         request: the request.
-        progress: called before every step with a short description of it.
+        progress: called before every step with a short description of the step.
 
     Raises:
         InputError: a model, sensors or telemetry that cannot be read or used; see the functions

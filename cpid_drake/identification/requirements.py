@@ -34,8 +34,9 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
     NaN): the integral of its rates, from zero, replaces them.
 
     Raises:
-        InputError: the joints are not those of the spacecraft; the positions of a joint that is
-            not a rotor are missing, or those of a rotor and its rates; shapes do not match.
+        InputError: the joints are not those of the spacecraft; the positions of a joint that is not
+            a rotor are missing; both the positions and the rates of a rotor are missing; shapes do
+            not match.
 
     """
     have, wanted = measurements.joint_names, spacecraft.joint_names
@@ -85,7 +86,7 @@ def check_log(spacecraft: Spacecraft, measurements: Measurements) -> list[str]:
 
     Raises:
         InputError: positions and rates contradict each other in a way that has a clear cause, or
-            joint positions can only be degrees.
+            the joint positions must be in degrees.
 
     """
     consistency = check_consistency(measurements)
@@ -128,8 +129,8 @@ def require_sensors(
         momentum: the total momentum.
 
     Raises:
-        InputError: a sensor that the estimator needs has no samples, or is none of the given
-            sensors; the message says which estimators could use the measurements.
+        InputError: a sensor that the estimator needs has no samples, or is not one of the given
+            sensors; the message lists the estimators that could use the measurements.
 
     """
     usable_samples = measurements if sensors is None else measured_by(sensors, measurements)

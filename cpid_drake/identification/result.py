@@ -68,7 +68,8 @@ class Identification:
         whiteness: whiteness of the residuals, of the least white sensor if there are several; None
             if there are no residuals.
         residuals: residuals by sensor, or by "linear" and "angular" for rows.
-        rejected: number of samples that could not be used, by sensor; without entries of zero.
+        rejected: number of samples that could not be used, by sensor; sensors without such samples
+            are omitted.
         momentum_changes: changes of momentum that an online estimator detected; None for estimators
             that detect none.
         warnings: sentences for the reader.
@@ -119,8 +120,8 @@ class Identification:
     def intervals(self) -> NDArray[np.float64]:
         """(10, 2) two-sided 95 % intervals of `parameters`; NaN where not observable.
 
-        By Student's t distribution if the noise is estimated from the residuals, else by the normal
-        distribution.
+        The intervals use Student's t distribution if the noise is estimated from the residuals,
+        else the normal distribution.
         """
         freedom = self.solution.row_count - self.solution.rank if self.sensors is None else None
         half = quantile_95(freedom) * np.sqrt(np.diag(self.covariance))
@@ -138,7 +139,7 @@ class Identification:
         return InertialParameters.from_vector(self.parameters)
 
     def feasible(self) -> InertialParameters:
-        """Return the physically consistent parameters nearest to the estimate, in its own metric.
+        """Return the consistent parameters nearest to the estimate, in its information metric.
 
         Raises:
             InputError: the samples do not determine all ten parameters.

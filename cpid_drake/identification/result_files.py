@@ -52,7 +52,7 @@ class Source:
         momentum: name of the total momentum, one of `MOMENTUM_NAMES`.
         topics: topics of a bag, by kind.
         leave_out_bad: whether rows with a problem were left out.
-        command: the command line that asks the same.
+        command: the command line that repeats the identification.
         start, end: first and last time that was used [s].
         cpid_drake: version of this package.
 
@@ -72,7 +72,7 @@ class Source:
 
 @dataclass(frozen=True)
 class WhitenessRecord:
-    """Whiteness of the residuals, as `cpid_drake.estimation.whiteness.Whiteness` states it."""
+    """Whiteness of the residuals; see `cpid_drake.estimation.whiteness.Whiteness`."""
 
     lag_one_correlation: float
     white: bool
@@ -93,13 +93,13 @@ class IdentificationResult:
     """The keys of a result file. Unknown numbers are null in files; here None, NaN in arrays.
 
     Attributes:
-        mass: m [kg] as estimated.
+        mass: estimated m [kg].
         com: (3,) c, in C [m].
         inertia: (6,) Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, in C [kg·m²].
         covariance: (10, 10) covariance of `parameters`.
         feasible: the physically consistent estimate; None unless all ten are known.
         rank: number of parameters, or of combinations of them, that the data determine.
-        condition: condition number of the problem; None where there is none.
+        condition: condition number of the problem; None if it is not known.
         samples_used, samples_rejected: counts of samples.
         warnings: sentences for the reader.
         estimator: its name.
@@ -107,7 +107,7 @@ class IdentificationResult:
         spacecraft: the model that was used.
         names, units: names and units of the ten parameters.
         interval_95: (10, 2) 95 % intervals of `parameters`; None if the file has none.
-        infeasibilities: why no rigid body has `parameters`; empty if one has.
+        infeasibilities: the reasons why no rigid body can have `parameters`; empty if one can.
         principal_moments: (3,) principal moments of `feasible`, ascending [kg·m²]; None if not
             known.
         principal_axes: (3, 3) their axes in C, as columns; None if not known.
@@ -115,7 +115,7 @@ class IdentificationResult:
         singular_values: (10,) singular values of the scaled problem, descending; None if not known.
         residual_whiteness: None if there were no residuals to test.
         samples_rejected_by_sensor: `samples_rejected` by sensor.
-        source: what the result was made from; None if the file does not say.
+        source: the data and options of the result; None if the file does not contain them.
 
     """
 
@@ -146,7 +146,7 @@ class IdentificationResult:
 
     @property
     def parameters(self) -> Array:
-        """(10,) the estimate as it is, in the order of `names`; NaN where not known."""
+        """(10,) the unchanged estimate, in the order of `names`; NaN where not known."""
         mass = np.nan if self.mass is None else self.mass
         return np.concatenate([[mass], self.com, self.inertia])
 
@@ -163,8 +163,8 @@ def read_result(path: str | Path) -> IdentificationResult:
     """Read a result file.
 
     Raises:
-        InputError: no such file, not JSON, a key that is missing, unknown, given twice or of
-            another kind, a number that is not finite, or a feasible estimate that is not physically
+        InputError: the file does not exist or is not JSON; a key is missing, unknown, repeated or
+            of the wrong type; a number is not finite; or the feasible estimate is not physically
             consistent.
 
     """

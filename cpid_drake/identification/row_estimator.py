@@ -1,4 +1,4 @@
-"""Least squares on momentum rows as an estimator: of complete samples, or of smoothed ones."""
+"""Least squares on the momentum rows of complete or smoothed samples, as an estimator."""
 
 from dataclasses import replace
 
@@ -45,7 +45,8 @@ def estimate_by_rows(problem: Problem) -> Identification:
     different sensors have different times, the samples are smoothed and weighted.
 
     Raises:
-        InputError: too few or too many samples, or no attitude and position to smooth.
+        InputError: there are too few or too many samples, or the attitude or position for smoothing
+        is missing.
 
     """
     assert problem.family is not None
@@ -57,13 +58,15 @@ def estimate_by_rows(problem: Problem) -> Identification:
 
 
 def needs_of_rows(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
-    """Return the sensors that rows need; of each entry at least one."""
+    """Return the sensors that rows need: at least one sensor of each entry."""
     assert family is not None
     if not family.uses_base_position:
-        # Angular momentum that is zero is zero in any frame, so B's own attitude is enough.
+        # A zero angular momentum is zero in any frame, so a gyro is enough and no attitude in W is
+        # needed.
         attitude = ("attitude",) if not momentum.is_zero else ("attitude", "gyro")
         return (("encoders",), attitude)
-    # Only an unknown linear momentum has a moment about C that depends on the position.
+    # The position matters only for an unknown linear momentum, because its moment about C depends
+    # on it.
     place = ("position",) if momentum.is_unknown else ("velocity", "position")
     return (("encoders",), ("attitude",), place)
 
@@ -78,7 +81,7 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
     """Return the times at which all quantities of the rows were sampled; None if there are too few.
 
     The times are too few if they are fewer than half of the times of the slowest sensor. Position,
-    velocity and attitude that were not logged are zero, where `needs_of_rows` does not require
+    velocity and attitude that were not logged are set to zero if `needs_of_rows` does not require
     them.
     """
     needed = ["gyro", "encoders", "joint_rates"]
@@ -119,8 +122,8 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
 def _of_complete(problem: Problem, telemetry: Telemetry) -> Identification:
     tree, family, momentum = problem.spacecraft.tree, problem.family, problem.momentum
     assert family is not None
-    # With the columns of a momentum, one triangle gives the solution for zero and for unknown
-    # momentum.
+    # If the rows contain the columns of a momentum, one triangle gives the solutions for zero
+    # momentum and for unknown momentum.
     tested = momentum.is_zero and family.momentum_size > 0
     assumed = TotalMomentum.unknown() if tested else momentum
     extra = momentum_columns(family, assumed)
@@ -134,7 +137,7 @@ def _of_complete(problem: Problem, telemetry: Telemetry) -> Identification:
     if not found.residuals or solution.row_count <= _FEW_ROWS:
         return replace(found, residuals={})
     white = whiteness(np.hstack([series.value for series in found.residuals.values()]))
-    # Errors that are correlated from sample to sample average out more slowly.
+    # The mean of errors that are correlated from sample to sample decreases more slowly.
     wider = white.correlation_time * solution.covariance
     return replace(found, solution=replace(solution, covariance=wider), whiteness=white)
 
