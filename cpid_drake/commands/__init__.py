@@ -1,1 +1,1 @@
-"""The subcommands of `cpid`, one module each; Drake is imported only when one runs."""
+"""The subcommands of `cpid`, one module each; Drake is imported only when a subcommand runs."""

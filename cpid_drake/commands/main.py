@@ -35,7 +35,7 @@ app.command()(report)
 
 
 def main() -> None:
-    """Run `cpid`; bad input or usage ends in one line on stderr and exit code 2."""
+    """Run `cpid`; bad input or usage causes one line on stderr and exit code 2."""
     # The matrices are small: BLAS threads only wait for each other. NumPy, here and in child
     # processes, reads these variables when it is imported, which is later.
     for library in ("OPENBLAS", "MKL"):

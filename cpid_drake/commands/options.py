@@ -96,7 +96,7 @@ def make_folder(path: Path) -> None:
 
 
 def check_output(option: str, path: Path) -> None:
-    """Refuse an output file that could not be written, before the work begins.
+    """Before the work begins, refuse an output file that cannot be written.
 
     Raises:
         InputError: the file's folder does not exist, or the path is that of a folder.
@@ -129,7 +129,7 @@ def check_inputs(telemetry: str, model: str, sensors: str | None) -> None:
 def check_method(
     estimator: str | None, rows: str | None, momentum: str, sensors: str | None
 ) -> None:
-    """Refuse an estimator, rows or a momentum that do not exist or do not go together.
+    """Refuse an estimator, rows or a momentum that do not exist or cannot be combined.
 
     Raises:
         InputError: for the same reasons as `choose_method`.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
 
 LARGE_PAGE = 10_000_000
-"""Size [bytes] of a page above which a warning is printed: it is hard to send."""
+"""Size [bytes] of a page above which a warning is printed, because a large page is hard to send."""
 
 _LOGS = (".csv", ".npz", ".parquet", ".db3", ".mcap")
 

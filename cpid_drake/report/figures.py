@@ -34,7 +34,7 @@ class Picture:
     Attributes:
         name: name of its file, and its id in a page: letters, digits and hyphens.
         label: what the figure shows, for screen readers.
-        draw: draws on the figure that it gets.
+        draw: function that draws on the given figure.
         size: width and height [in].
 
     """
@@ -187,7 +187,7 @@ def _draw_parameter(
         axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center")
     else:
         axes.set_ylim(*limits)
-        # Tick labels that share most digits get an offset instead of repeating them.
+        # If tick labels have most digits in common, an offset replaces these digits.
         long = limits[1] - limits[0] < 1e-5 * max(map(abs, limits))
         axes.ticklabel_format(axis="y", useOffset=long, scilimits=(-4, 5))
         axes.locator_params(axis="y", nbins=5)
@@ -317,7 +317,7 @@ def ellipse(body: InertialParameters, plane: tuple[int, int]) -> NDArray[np.floa
     ellipsoid of semi-axes a are m a²/5.
 
     Args:
-        body: whose ellipsoid.
+        body: the body.
         plane: the two axes of C that are seen.
 
     """

@@ -34,8 +34,8 @@ _POLL_PERIOD = 0.05  # [s] between two readings of the controls
 class LiveView:
     """The controls of a live page, and the loop that reads them.
 
-    Before a run, sliders pose the arms; the run starts from the scenario's pose nevertheless. After
-    the run, the page plays the recording under Meshcat's own controls.
+    Before a run, sliders pose the arms. The sliders do not affect the run, which starts from the
+    scenario's pose. After the run, the page plays the recording under Meshcat's own controls.
 
     Args:
         simulation: a simulation that was made with `meshcat`.
@@ -63,7 +63,7 @@ class LiveView:
                 meshcat.AddSlider(self._sliders[k], *limits, 0.01, self._start[k])
 
     def serve(self, on_frame: Callable[[float, Identification], None]) -> None:
-        """Run simulations as the controls demand until Stop is clicked.
+        """Run simulations, as commanded by the controls, until Stop is clicked.
 
         Call this in the thread that opened the page.
 
@@ -78,7 +78,7 @@ class LiveView:
             pass
 
     def _clicked(self, button: str) -> bool:
-        """Return whether a button has been clicked since the last call for it."""
+        """Return whether a button was clicked since the last call for the same button."""
         clicks = self._meshcat.GetButtonClicks(button)
         new = clicks > self._clicks.get(button, 0)
         self._clicks[button] = clicks

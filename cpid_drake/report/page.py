@@ -20,12 +20,13 @@ from cpid_drake.report.figures import Picture
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of a table: a text, and the exact value behind it.
+    """A cell of a table: a text, and the exact value that the text shows.
 
     Attributes:
         text: the text to show.
         value: the exact value; anything that JSON can hold.
-        key: path of the value in the embedded JSON, such as `com.0`; None if it is not there.
+        key: path of the value in the embedded JSON, such as `com.0`; None if the JSON does not
+            contain it.
         data: name of the embedded JSON text.
 
     """
@@ -96,7 +97,7 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """Its id in the page, for links."""
+        """The section's id in the page, for links."""
         return self.title.lower().replace(" ", "-")
 
 

@@ -53,7 +53,7 @@ def replay_html(
     Args:
         spacecraft: the known spacecraft. Bodies whose shapes cannot be drawn become boxes.
         telemetry: the spacecraft's motion.
-        estimates: times from which estimates are shown [s], rising, and the estimates.
+        estimates: increasing times from which estimates are shown [s], and the estimates.
         truth: the true target, if it is known from a simulation.
         visual_model: model file with the true target's shape; default: an ellipsoid of its inertia.
         title: heading of the page.

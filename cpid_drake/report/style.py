@@ -70,7 +70,7 @@ def inline_svg(
         name: unique in the page; letters, digits and hyphens.
         label: what the drawing shows, for screen readers.
         width, height: size before the page scales it [in].
-        draw: draws on the figure that it gets.
+        draw: function that draws on the given figure.
 
     """
     text = StringIO()

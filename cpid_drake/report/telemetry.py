@@ -1,4 +1,4 @@
-"""What is in a telemetry file, in words."""
+"""A description of a telemetry file in words."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from cpid_drake.sensing.sensors import SENSORS
 
 
 def contents(found: TelemetryFile, where: str) -> list[str]:
-    """Return lines that say what a file holds: sensors, number of samples, times, gaps, joints."""
+    """Return lines on the contents of a file: sensors, number of samples, times, gaps, joints."""
     measurements = found.measurements
     lines = [f"{where}: {found.row_count} rows"]
     for name, samples in measurements.items():

@@ -1,4 +1,4 @@
-"""Limits that concern several values of a scenario; `schema` has those of single values."""
+"""Limits that concern several values of a scenario; `schema` has the limits of single values."""
 
 import numpy as np
 

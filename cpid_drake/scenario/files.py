@@ -17,7 +17,7 @@ UNUSED_KEY = "publish_every_time_step:"
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario from a YAML file; keys it leaves out keep their defaults.
+    """Read a scenario from a YAML file; absent keys have their default values.
 
     Raises:
         InputError: no such file, not YAML, unknown keys, or values of the wrong type or size.

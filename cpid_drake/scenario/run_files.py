@@ -102,7 +102,7 @@ def versions() -> dict[str, str | None]:
 
 
 def target_document(simulation: Simulation) -> dict[str, Any]:
-    """Return the true target: mass [kg], com [m], inertia about it [kg·m²], all in C."""
+    """Return the true target in C: mass [kg], com [m], inertia about the centre of mass [kg·m²]."""
     mass, *rest = simulation.truth.to_vector().tolist()
     return {
         "mass": mass,

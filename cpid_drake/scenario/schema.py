@@ -1,7 +1,7 @@
 """A scenario: everything that a simulated identification needs, as dataclasses and as YAML.
 
-The declarations state the limits of single values; `checks` has those that concern several values.
-`simulation` turns a scenario into a Drake Diagram.
+The declarations state the limits of single values; `checks` has the limits that concern several
+values. `simulation` turns a scenario into a Drake Diagram.
 """
 
 from dataclasses import dataclass, field
@@ -131,8 +131,8 @@ class IdentificationConfig:
     """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
 
     `estimator` is one of `ONLINE_ESTIMATORS`. Rows, period and offset apply to least squares; the
-    momentum filter needs sensors and processes every sample of theirs. `prior` is a guess of the
-    target for the momentum filter; null for none.
+    momentum filter needs sensors and processes all their samples. `prior` is a guess of the target
+    for the momentum filter; null for none.
     """
 
     estimator: str = "least_squares"
@@ -170,8 +170,9 @@ class FiringConfig:
 class AccuracyConfig:
     """Monte Carlo trials with noisy sensors.
 
-    `presets` are sensor suites, named as in `SensorsConfig`. With `momentum_known` the estimators
-    are given the momentum in `SimulationConfig.momentum_W`; otherwise they estimate it.
+    `presets` are sensor suites, named as in `SensorsConfig`. If `momentum_known` is true, the
+    estimators get the momentum in `SimulationConfig.momentum_W`; otherwise they estimate the
+    momentum.
     """
 
     presets: Annotated[list[str], MinLen(1)] = field(
@@ -187,7 +188,7 @@ class AccuracyConfig:
 class IntegratorConfig:
     """Settings of Drake's Simulator, with the keys of `pydrake.systems.analysis.SimulatorConfig`.
 
-    The integration schemes are those error-controlled ones of Drake that conserve momentum well
+    The allowed integration schemes are Drake's error-controlled schemes that conserve momentum well
     enough for identification.
     """
 

@@ -1,4 +1,4 @@
-"""From a scenario to a Drake Diagram, and from a run of it to telemetry."""
+"""The Drake Diagram of a scenario, and the telemetry of its runs."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -95,7 +95,7 @@ class Simulation:
             monitor: called with the root Context after every step.
 
         Raises:
-            InputError: the simulation fails because the motion is too fast.
+            InputError: the motion is too fast for the simulation.
 
         """
         return self._run_to([self.scenario.simulation.duration], monitor)[0]
@@ -173,14 +173,14 @@ def initial_state(
 ) -> NDArray[np.float64]:
     """Return the plant state (nx,) at t = 0 with B at W and the given total momentum.
 
-    Joints that already move at t = 0 push the base. The returned twist of the base gives the system
-    the desired momentum nevertheless.
+    If joints already move at t = 0, they contribute to the momentum. The returned twist of the base
+    takes this into account, so that the system has the desired momentum.
 
     Args:
         spacecraft: the known spacecraft.
         target: the target.
         motion: the motion of the joints.
-        momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: none.
+        momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: zero.
 
     """
     motion_at_start = predicted_motion(spacecraft, target, motion, [0.0], momentum_W)
@@ -194,7 +194,7 @@ def predicted_motion(
     times: ArrayLike,
     momentum_W: ArrayLike | None = None,
 ) -> Telemetry:
-    """Return the motion at times (N,) [s] that conserves momentum, with B at W at first.
+    """Return the motion at times (N,) [s] that conserves momentum; B is at W at the start.
 
     The arguments are those of `initial_state`.
     """

@@ -57,7 +57,7 @@ def add_target_appearance(
     """Add visual geometry to a target's body, before the plant is finalized.
 
     Args:
-        plant: registered with a SceneGraph.
+        plant: a plant that is registered with a SceneGraph.
         body: the target's body, whose frame is C.
         M_TCo_C: the target's spatial inertia about C's origin, in C.
         visual_model: a model file; its root body's frame is placed on C. Without one, the geometry

@@ -54,7 +54,7 @@ def listed(names: Iterable[str]) -> str:
 def _elements(
     plant: MultibodyPlant, indices: Callable, element: Callable[..., _Element]
 ) -> list[_Element]:
-    """Return the elements of all model instances except the world's."""
+    """Return the elements of all model instances except those of the world."""
     instances = map(ModelInstanceIndex, range(1, plant.num_model_instances()))
     return [element(k) for instance in instances for k in indices(instance)]
 

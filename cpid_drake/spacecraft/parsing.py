@@ -1,4 +1,4 @@
-"""Parsing of a model file by Drake; what Drake would repair silently becomes an error."""
+"""Parsing of a model file by Drake; a fault that Drake would repair silently is an error here."""
 
 import logging
 import re
@@ -16,8 +16,8 @@ from cpid_drake.spacecraft.model_checks import check_model
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
-# Texts in warnings after which Drake's parser has read another spacecraft than the file's, and
-# their meaning here.
+# Texts of warnings from Drake's parser that mean that it has read a spacecraft that differs from
+# the file, and the explanations for the user.
 _SILENT_REPAIRS = {
     "While parsing inertia matrix": "a body's inertia is not physically consistent",
     "While re-expressing as central inertia": "a body's mass or inertia is not physically "

@@ -130,7 +130,8 @@ class Spacecraft:
             plant: empty, not finalized, and continuous. A discrete plant does not conserve
                 momentum: it loses 1e-3 N·s or more.
             target: physically consistent inertial parameters.
-            scene_graph: the one that `plant` is registered with, if any. Contact is switched off.
+            scene_graph: the SceneGraph with which `plant` is registered, if any. Contact is
+                switched off.
             target_visual_model: a model file with the target's visual geometry; default: the
                 solid ellipsoid of the same inertia.
 

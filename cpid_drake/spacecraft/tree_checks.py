@@ -19,7 +19,7 @@ def movable_joints(model: ModelFile, plant: MultibodyPlant) -> list[Joint]:
     """Return the revolute and prismatic joints of a finalized plant, in the order of q.
 
     Raises:
-        InputError: there is none.
+        InputError: the plant has no such joint.
 
     """
     movable = [j for j in _joints(plant) if isinstance(j, (RevoluteJoint, PrismaticJoint))]
@@ -31,7 +31,7 @@ def movable_joints(model: ModelFile, plant: MultibodyPlant) -> list[Joint]:
 def require_tree_on_free_base(
     model: ModelFile, plant: MultibodyPlant, base: RigidBody, capture_frame: Frame
 ) -> None:
-    """Check a finalized plant for one free base that carries all other bodies, and C's place.
+    """Check that a finalized plant has one free base with all other bodies, and that C can move.
 
     Raises:
         InputError: the base is welded to the world or does not float, a body is not connected to

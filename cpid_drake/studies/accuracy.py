@@ -51,7 +51,8 @@ def run_accuracy(
         estimators: some of `cpid_drake.identification.estimators.methods`; default: all.
         seed: determines all random numbers.
         jobs: number of processes.
-        progress: called with the preset, the trials done and their number.
+        progress: called with the preset, the number of finished trials and the number of all
+            trials.
 
     Raises:
         InputError: no such estimator or sensors, or a number that is not positive.

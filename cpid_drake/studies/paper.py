@@ -21,7 +21,7 @@ from cpid_drake.scenario.simulation import Simulation, make_simulation
 PAPER_TARGET = InertialParameters(
     100.0, np.array([0.4330127, 0.0, 0.0]), np.diag([20.0, 30.0, 10.0])
 )
-"""The true target of Ning et al. 2016, Table 1; the paper's results are comparable for it only."""
+"""The true target of Ning et al. 2016, Table 1; the paper's results are for this target only."""
 
 PAPER_TABLE_1 = InertialParameters.from_vector(
     [99.897213, 0.434876, 0.001487, -0.000866]

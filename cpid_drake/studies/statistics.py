@@ -21,16 +21,17 @@ class Accuracy:
     Attributes:
         preset, estimator: their names.
         trials: number of trials; `failed` of them gave no estimate.
-        problem: why the first of those failed.
+        problem: the reason of the first failure.
         bias, bias_halfwidth: mean error and half its 95 % interval.
         rmse: root mean square error.
-        crlb: Cramér-Rao bound on it.
+        crlb: Cramér-Rao bound on the root mean square error.
         ratio_interval: (2, 10) 95 % interval of rmse / crlb.
         nees_mean: mean normalized error squared, 10 for a consistent estimator.
-        nees_band: where that mean lies with 95 % probability if it is consistent.
+        nees_band: the interval that contains that mean with 95 % probability if the estimator is
+            consistent.
         coverage: share of trials whose 95 % interval contains the truth.
         coverage_interval: (2, 10) 95 % interval of that share.
-        coverage_all: the same share over all ten parameters.
+        coverage_all: the share over all ten parameters together.
         within_one_percent: share of trials with an error below 1 % (of m, 0.5 m, trace of I).
         infeasible: number of trials whose spatial inertia is not physically consistent.
         detected: share of trials in which an online estimator detected the change of momentum, and

@@ -36,7 +36,7 @@ class Case:
     """Inputs of a trial; they can be sent to another process.
 
     Attributes:
-        spacecraft: the nominal one, which the estimators use.
+        spacecraft: the nominal spacecraft, which the estimators use.
         truth: the target.
         motion: the motion of the joints.
         duration: duration of the motion [s].
@@ -160,7 +160,7 @@ def _true_momentum(
     motion: JointMotion,
     tree: KinematicTree,
 ) -> TotalMomentum:
-    """Return the true momentum, of a base that starts at W."""
+    """Return the true momentum, where the base coincides with W at the start."""
     psi = relative_parameterization(tree.mass).from_parameters(truth.to_vector())
     start = motion.evaluate(np.zeros(1))
     p_WScm = relative_dynamics(tree, start[:, 0], start[:, 1]).com(psi)[0]

@@ -41,7 +41,7 @@ DIAGNOSTICS = ("samples", "rank", "condition", "residual")
 
 
 class Identifier(LeafSystem):
-    """Base class of the identifiers: the output ports of `MomentumIdentifier`, from one `_solve`.
+    """Base class of the identifiers: it computes the outputs of `MomentumIdentifier` from `_solve`.
 
     The identification is computed on demand, once for every state.
     """
@@ -55,7 +55,7 @@ class Identifier(LeafSystem):
         return self._solution.Eval(context)
 
     def _declare_outputs(self, state_ticket: DependencyTicket) -> None:
-        """Declare the ports; the ticket is that of the state on which `_solve` depends."""
+        """Declare the ports; `_solve` depends on the state with this ticket."""
 
         def solve(context: Context, value: AbstractValue) -> None:
             value.set_value(self._solve(context))
@@ -125,7 +125,8 @@ class MomentumIdentifier(Identifier):
       the scaled rows (infinite below rank 10), RMS of the residuals of all rows in their own units
       (Eq. 18: m/s and N·m·s; standard: N·s and N·m·s). See `DIAGNOSTICS`.
 
-    `identification(context)` returns all of it; its `explain()` says in words what is missing.
+    `identification(context)` returns all these quantities; the method `explain()` of its result
+    describes in words which parameters are not determined.
 
     Args:
         spacecraft: the known spacecraft.

@@ -19,7 +19,7 @@ from cpid_drake.systems.ports import add_connected
 
 
 class JointController(LeafSystem):
-    """Drives the joints of a free-floating spacecraft along a motion; the base floats freely.
+    """Drives the joints of a spacecraft along a motion; the base floats freely.
 
     This is computed torque with the base eliminated. The equations of motion are
     M v̇ + C = τ + τ_applied. Without a force on the base its acceleration is

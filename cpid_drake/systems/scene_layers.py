@@ -1,7 +1,7 @@
 """Layers that Meshcat shows besides the bodies, such as momenta and the inertia ellipsoid.
 
-A layer draws one `Moment` at a time; with a time given, it draws into a recording. Each layer is
-below its own path `/cpid/<layer>`, and the viewer decides whether it is visible.
+A layer draws one `Moment` at a time; if a time is given, the layer draws into a recording. Each
+layer is below its own path `/cpid/<layer>`, and the viewer decides whether it is visible.
 """
 
 from abc import ABC, abstractmethod
@@ -42,8 +42,8 @@ class Extent:
         eye: (3,) position of a camera that looks there and sees all bodies, in W [m].
         size: about half the length of the spacecraft without the target [m].
         momentum: the largest linear momentum of the spacecraft [N·s].
-        angular_momentum: the largest one about the system's centre of mass, or the spacecraft's
-            own if the target is not known [N·m·s].
+        angular_momentum: the largest angular momentum about the system's centre of mass, or about
+            the spacecraft's own if the target is not known [N·m·s].
         duration: duration of the motion [s].
 
     """
@@ -99,7 +99,7 @@ class Layer(ABC):
     def _place(
         self, path: str, X_WD: RigidTransform, scale: ArrayLike | None, time: float | None
     ) -> None:
-        """Move an object. The scale is set on the node below, which a transform leaves as it is."""
+        """Move an object. The scale is set on the child node, so a transform does not change it."""
         self._meshcat.SetTransform(f"{self._root}/{path}", X_WD, time)
         if scale is not None:
             values = [float(value) for value in np.asarray(scale)]
@@ -254,8 +254,8 @@ class TrueInertia(Layer):
 class Momentum(Layer):
     """Momentum of the spacecraft and of the target: equal and opposite while their sum is zero.
 
-    The arrows of linear momentum start at the system's centre of mass. Those of angular momentum
-    about it are thinner, and drawn above.
+    The arrows of linear momentum start at the system's centre of mass. The arrows of angular
+    momentum about that point are thinner and start above it.
     """
 
     name = "momentum"
@@ -319,7 +319,7 @@ class Trail(Layer):
         self._start, self._count = 0.0, 0
 
     def draw(self, moment: Moment, time: float) -> None:
-        """Add a dot when it is due; start again when the time goes back."""
+        """Add a dot when it is due; delete all dots if the time has decreased."""
         if self._count == 0 or time < self._start:
             self._meshcat.Delete(self._root)
             self._start, self._count = time, 0
@@ -342,7 +342,7 @@ def make_layers(
     bodies: dict[str, SpatialInertia],
     truth: InertialParameters | None,
 ) -> list[Layer]:
-    """Return all layers; `bodies` are the shapeless ones, and `truth` is the target if known."""
+    """Return all layers; `bodies` have no shapes, and `truth` is the target if known."""
     kinds = (Frames, CentreOfMass, EstimatedCentre, EstimatedInertia, Momentum, Trail)
     layers: list[Layer] = [
         Bodies(meshcat, extent, bodies),

@@ -34,8 +34,8 @@ _VIEW = np.array([0.7, -0.62, 0.42])  # from the scene to the camera, in W
 class SceneVisualizer(LeafSystem):
     """Draws the layers of `scene_layers` of a spacecraft that holds a target, at `/cpid/LAYER`.
 
-    The system's centre of mass and the momentum are those of the true target where it is given,
-    else those of the estimate; the estimate is not drawn until there is one.
+    The system's centre of mass and the momentum are computed with the true target if it is given,
+    else with the estimate. The estimate is not drawn before there is one.
 
     .. pydrake_system::
 
@@ -50,7 +50,7 @@ class SceneVisualizer(LeafSystem):
 
     Args:
         spacecraft: the known spacecraft.
-        meshcat: where to draw.
+        meshcat: the Meshcat instance in which the layers are drawn.
         extent: size, duration and momenta of the motion; see `extent_of`.
         truth: the true target; simulation only.
         shapeless: bodies of the spacecraft to draw as boxes; see `shapeless_bodies`.
@@ -140,7 +140,7 @@ class SceneVisualizer(LeafSystem):
 
 
 def can_be_drawn(spacecraft: Spacecraft) -> bool:
-    """Return whether the geometry of a spacecraft's model can be read; it is not required."""
+    """Return whether the (optional) geometry of a spacecraft's model can be read."""
     plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()  # kept for the plant
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     try:
@@ -177,7 +177,7 @@ def extent_of(
 ) -> Extent:
     """Return the extent of a motion, from about fifty of its samples.
 
-    Every body is taken as a ball with the largest semi-diameter of its inertia ellipsoid.
+    Every body is treated as a ball with the largest semi-diameter of its inertia ellipsoid.
 
     Args:
         spacecraft: the known spacecraft.

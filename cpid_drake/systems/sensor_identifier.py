@@ -67,16 +67,17 @@ class SensorIdentifier(Identifier):
     - one input (1 + width) for each sensor of the suite, as from `SpacecraftSensors`: the time [s]
       of the latest sample, then its value; NaN before the first. Joint rates are not used, because
       the noise of encoders does not accumulate.
-    - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as `MomentumIdentifier`'s, but
-      the covariance follows from the sensors' noise, and there is no residual (NaN).
+    - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
+      `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
+      NaN.
     - `filter_diagnostics` (14): samples used and rejected of every sensor, number of detected
       changes of momentum, and time of the latest [s] (NaN for none); see `FILTER_DIAGNOSTICS`.
       Zero for absent sensors.
 
-    In every period it processes all new samples in order of time. Drake's systems that update at
-    the same instant read each other's earlier state, so a sample of time t is processed one period
-    after t. No sample is missed, because no sensor is faster. The samples at the end of a
-    simulation are not processed yet; `Simulator.AdvancePendingEvents()` and then
+    In every period it processes all new samples in order of time. Drake systems that update at the
+    same instant read each other's state before the update, so a sample of time t is processed one
+    period after t. No sample is missed, because no sensor is faster than this period. The samples
+    at the end of a simulation are not processed yet; `Simulator.AdvancePendingEvents()` and then
     `SensorIdentifier.ExecuteForcedEvents(context)` process them.
 
     The state is one abstract value. Clones of a Context have copies of it.
@@ -181,8 +182,8 @@ class SensorIdentifier(Identifier):
     def _take_settled(self, context: Context, state: State) -> EventStatus:
         """Process all samples before this instant; those of this instant wait for the next update.
 
-        Samples of one instant must be processed in `FILTER_ORDER`, but rounding of the sensors'
-        times may deliver one of them earlier.
+        Samples of one instant must be processed in `FILTER_ORDER`, but one of them may arrive at an
+        earlier update because the sensors' times are rounded.
         """
         return self._take(context, state, _nanoseconds(context.get_time()))
 

@@ -26,7 +26,7 @@ from cpid_drake.systems.ports import add_connected
 class SpacecraftSensors(LeafSystem):
     """Measures a spacecraft's motion, every sensor at its own rate and with its own errors.
 
-    Every sensor takes its sample k at time k / rate and holds it until the next. Its error
+    Every sensor takes its sample k at time k / rate and holds it until the next sample. Its error
     depends on the seed and on k only: replays, other Contexts and `noise.add_noise` give the same
     samples. The latest samples are the discrete state.
 
@@ -158,10 +158,10 @@ def measurements_from_logs(
 
     Args:
         sensors: the sensors of the run.
-        logs: of their outputs, by name, with at least one entry a sample, as from `log_samples`.
-            Sensors without a log have no samples.
-        root_context: the diagram's, after the run. It holds the latest samples, which are not in
-            the logs yet.
+        logs: logs of the sensors' outputs, by name, with at least one entry per sample, as from
+            `log_samples`. Sensors without a log have no samples.
+        root_context: the diagram's Context after the run. It contains the latest samples, which are
+            not in the logs yet.
 
     """
     context = sensors.GetMyContextFromRoot(root_context)

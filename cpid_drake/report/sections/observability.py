@@ -1,4 +1,4 @@
-"""The section that says how well the motion determines the parameters."""
+"""The section that shows how well the motion determines the parameters."""
 
 import numpy as np
 from numpy.typing import NDArray

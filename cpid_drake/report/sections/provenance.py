@@ -1,4 +1,4 @@
-"""The section that says which files and versions a report comes from."""
+"""The section that lists the files and versions from which a report was made."""
 
 from collections.abc import Sequence
 

@@ -39,7 +39,7 @@ def motion_of(evidence: Evidence) -> Telemetry:
     """Return the motion in a log: its complete samples or, if there are none, the smoothed motion.
 
     Raises:
-        InputError: the log has too few samples, or not the sensors that this needs.
+        InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
     measurements, _ = screen(in_joint_order(evidence.measurements, evidence.spacecraft))

@@ -6,7 +6,7 @@ from cpid_drake.report.page import Cell, Section, value_cell
 
 
 def request_section(result: IdentificationResult) -> Section:
-    """Return the section that says what was identified from which data, and how."""
+    """Return the section that shows the target, the data and the options of the identification."""
     source, craft = result.source, result.spacecraft
     how = estimator_label(result.estimator) + (f" ({result.rows})" if result.rows else "")
     facts: list[tuple[str, str | Cell]] = []

@@ -1,4 +1,4 @@
-"""The section that says what was simulated."""
+"""The section that describes the simulated scenario."""
 
 import json
 

@@ -11,7 +11,8 @@ def warnings_section(result: IdentificationResult, again: IdentificationResult |
 
     Args:
         result: the result that is reported.
-        again: the result of the same log, identified again for the report; None if it is not there.
+        again: the result of the same log, identified again for the report; None if the log was not
+            identified again.
 
     """
     texts = list(result.warnings)

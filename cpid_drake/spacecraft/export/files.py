@@ -1,7 +1,7 @@
 """Writes the target as a model file, alone or attached to the user's own spacecraft.
 
-Every number is written with all its digits. Drake reads every file again, and the result is
-compared with the input, before the file appears under its name.
+Every number is written with all its digits. Before a file gets its final name, Drake reads it, and
+the result is compared with the input.
 """
 
 import re
@@ -73,8 +73,8 @@ def export_target(
     Raises:
         InputError: no rigid body has the parameters, the format is unknown, the name is taken or
             not plain, the file exists, the folder cannot be written to, the spacecraft's model has
-            another format or several files, or Drake does not read the file as intended. No file
-            is written then.
+            another format or several files, or Drake does not read the file as intended. In all
+            these cases no file is written.
 
     """
     path = Path(path)
@@ -244,6 +244,6 @@ def _check_attached(
 
 
 def _same(old: TreeBody, new: TreeBody, target: int) -> bool:
-    """Return whether a body is unchanged, apart from its parent's index beyond the target."""
+    """Return whether a body is unchanged; parent indices after the target's are shifted by one."""
     changed = replace(new, parent=new.parent - (new.parent > target))
     return all(np.array_equal(value, getattr(changed, key)) for key, value in vars(old).items())

@@ -20,8 +20,8 @@ def attribute_text(value: str) -> str:
 class Element:
     """An XML element: tag, attributes, parent element, and its range of bytes.
 
-    The start tag is data[start:inside], the content data[inside:end]; both are empty after `start`
-    where an element has no end tag, `<like this/>`.
+    The start tag is data[start:inside], and the content is data[inside:end]. An element without an
+    end tag, `<like this/>`, has no content: `end` equals `inside`.
     """
 
     tag: str
