@@ -82,6 +82,14 @@ def test_same_seed_same_numbers_in_any_number_of_processes(scenario):
     assert (one.rmse != other.rmse).all()
 
 
+def test_every_trial_draws_noise_of_its_own(scenario):
+    """Equal trials would have errors without any spread about their mean."""
+    options = {"presets": ["servicer"], "estimators": ["relative"], "seed": 5}
+    result = run_accuracy(scenario, trials=3, **options).results[0]
+    spread = np.sqrt(result.rmse**2 - result.bias**2)
+    assert (spread > 0.01 * result.rmse).all()
+
+
 def test_figures_are_written(study, tmp_path):
     files = write_figures(study, tmp_path)
     assert [file.name for file in files] == ["accuracy_servicer.png"]
@@ -157,6 +165,7 @@ def test_bias_shows(case, covariance):
     bound = np.sqrt(np.diag(covariance))
     r = statistics_of(case, "p", "e", bound, drawn(case, covariance, 500, shift=2 * bound))
     np.testing.assert_allclose(r.bias, 2 * bound, rtol=0.1)
+    np.testing.assert_allclose(r.ratio, np.sqrt(1 + 2**2), rtol=0.1)  # of spread and bias together
     assert (np.abs(r.bias) > r.bias_halfwidth).all()
 
 
