@@ -1,4 +1,4 @@
-"""The exception that bad input raises, and texts of its messages."""
+"""The exception for bad input, and texts of its messages."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -6,10 +6,10 @@ from difflib import get_close_matches
 
 
 class InputError(ValueError):
-    """Something the caller supplied (model, scenario, data, option) cannot be used.
+    """An input of the caller (model, scenario, data or option) cannot be used.
 
-    The message is one line that says what was wrong, where, and what to do. The command line
-    prints it unchanged and exits with code 2.
+    The message is one line with the problem, its place and the remedy. The command line prints it
+    unchanged and exits with code 2.
     """
 
     def __init__(self, message: str) -> None:
@@ -31,7 +31,7 @@ def prefix_errors(where: str) -> Iterator[None]:
 
 
 def choose_from(name: object, choices: Iterable[str]) -> str:
-    """Return the end of an error message on a wrong name: the closest choice, and all choices."""
+    """Return the last part of the message for a wrong name: the closest choice, and all choices."""
     choices = list(choices)
     near = get_close_matches(str(name), choices, n=1)
     return (

@@ -46,7 +46,7 @@ def package_folders(packages: Mapping[str, str | Path] | None = None) -> dict[st
 def package_folder(name: str, folders: Mapping[str, Path]) -> Path | None:
     """Return the folder of a package, Drake's own included, or None for an unknown package.
 
-    Drake's package of models counts as unknown, because Drake would download it.
+    Drake's package of models is treated as unknown, because Drake would download it.
     """
     if name == _DRAKE:
         from pydrake.multibody.parsing import PackageMap

@@ -96,7 +96,7 @@ def target_momentum(
 
 
 def momentum_samples(tree: KinematicTree, telemetry: Telemetry) -> MomentumSamples:
-    """Return the momentum samples of N telemetry samples; welded bodies count as one."""
+    """Return the momentum samples of N telemetry samples; welded bodies are treated as one body."""
     tree = tree.lumped
     bodies, capture = propagate(tree, telemetry)
     return MomentumSamples(

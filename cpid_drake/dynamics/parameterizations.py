@@ -71,7 +71,7 @@ def parameter_scale(
 
 
 def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
-    """Return π (10,) of an Eq. 18 vector θ (10,). NaN stays NaN, entry by entry."""
+    """Return π (10,) of an Eq. 18 vector θ (10,). An entry that is NaN remains NaN."""
     theta = np.asarray(theta, dtype=float)
     with np.errstate(divide="ignore"):
         return np.concatenate([1.0 / theta[:1], theta[1:4], theta[4:][REPORT_ORDER]])

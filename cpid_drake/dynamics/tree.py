@@ -60,7 +60,7 @@ class KinematicTree:
     def lumped(self) -> "KinematicTree":
         """The same tree with welded bodies joined into one: the same momentum with less work."""
         lumps: list[TreeBody] = []
-        where: list[tuple[int, NDArray, NDArray]] = []  # each body: its lump, its pose there
+        where: list[tuple[int, NDArray, NDArray]] = []  # lump and pose of each body
         for body in self.bodies:
             R_PB, p_PB = body.R_PF @ body.R_MB, body.p_PF + body.R_PF @ body.p_MB
             if body.parent < 0:

@@ -26,8 +26,8 @@ HUBER = 2.5
 """Residual of a sample, in σ over its three axes, above which the robust loss grows linearly."""
 
 _WELL_KNOWN = 0.01  # σ as a share of the plausible size of ψ
-_LITTLE = 0.1  # a smaller share of the cost gained by a step ends the first stage
-_STEP_TOLERANCE = 1e-4  # of a step in units of σ: far below the accuracy of the data
+_LITTLE = 0.1  # a step that reduces the cost by a smaller share ends the first stage
+_STEP_TOLERANCE = 1e-4  # size of a step in units of σ: far below the accuracy of the data
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,1 @@
-"""YAML and JSON files into dataclasses, with every key, type and limit checked."""
+"""Conversion of YAML and JSON files to dataclasses, with a check of every key, type and limit."""

@@ -1,8 +1,9 @@
-"""YAML and JSON into dataclasses: every key, type and limit is checked against the declarations.
+"""Conversion of YAML and JSON to dataclasses; their declarations define keys, types and limits.
 
 A dataclass states its limits where it declares its members, with `annotated_types` (such as
 `Annotated[float, Gt(0)]`) and with the two annotations of this module. pydantic checks them; this
-module reads the files, bounds their size and says in one line what is wrong, where, and what to do.
+module reads the files, limits their size, and writes error messages of one line with the problem,
+its place and the remedy.
 """
 
 import json
@@ -36,7 +37,7 @@ LARGEST_FILE = 1_000_000
 class Numbers:
     """Annotation of an array: finite numbers of this shape, or of any shape if none is given.
 
-    If `unknown` is true, null stands for a number that is not known: NaN in the array.
+    If `unknown` is true, null is allowed for a number that is not known, and becomes NaN.
     """
 
     def __init__(self, *shape: int, unknown: bool = False) -> None:
@@ -108,7 +109,7 @@ def tag_of(kind: type) -> str:
 def load_yaml(
     schema: type[Schema], file: Path, where: str, whole: str, tags: tuple[str, ...] = ()
 ) -> Schema:
-    """Read a dataclass from a YAML file; keys that the file leaves out keep their defaults.
+    """Read a dataclass from a YAML file; absent keys have their default values.
 
     Args:
         schema: the dataclass.

@@ -1,4 +1,4 @@
-"""YAML text to trees of mappings, lists and values, and back; stricter than YAML itself."""
+"""Conversion between YAML text and trees of mappings, lists and values; stricter than YAML."""
 
 import re
 from collections.abc import Hashable, Iterator
@@ -103,7 +103,7 @@ def check_size(text: str, where: str) -> None:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Refuses repeated keys, of which YAML would take the last, and unknown tags."""
+    """Refuses unknown tags, and repeated keys, for which other readers use the last value."""
 
     def __init__(self, text: str, tags: tuple[str, ...]) -> None:
         super().__init__(text)

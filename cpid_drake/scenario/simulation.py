@@ -89,7 +89,7 @@ class Simulation:
         return simulator
 
     def run(self, monitor: Callable[[Context], None] = lambda context: None) -> Context:
-        """Simulate the scenario's duration; the root Context returned holds logs and estimate.
+        """Simulate the scenario's duration; return the root Context with the logs and the estimate.
 
         Args:
             monitor: called with the root Context after every step.

@@ -16,8 +16,8 @@ def sensor_presets() -> tuple[str, ...]:
 def load_sensors(name_or_path: str | Path) -> SensorSuite:
     """Return a shipped sensor suite, or one from a YAML file.
 
-    A sensor that the file does not name, or gives as null, is absent. Keys that the file omits keep
-    their defaults.
+    A sensor that the file does not name, or gives as null, is absent. Absent keys have their
+    default values.
 
     Args:
         name_or_path: one of `sensor_presets()`, else a path or a package:// URI.

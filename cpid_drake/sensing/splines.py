@@ -36,7 +36,7 @@ class Basis:
 
     @classmethod
     def through(cls, times: NDArray[np.float64], intervals: int, degree: int) -> "Basis":
-        """Return a basis whose intervals hold about equally many of the sample times (N,)."""
+        """Return a basis whose intervals contain about the same number of sample times (N,)."""
         breaks = np.quantile(times, np.linspace(0.0, 1.0, intervals + 1))
         knots = np.concatenate([degree * [breaks[0]], breaks, degree * [breaks[-1]]])
         return cls(knots, degree)

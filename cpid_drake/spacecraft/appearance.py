@@ -65,7 +65,7 @@ def add_target_appearance(
         folders: folders of the packages that its URIs may refer to, by name.
 
     Raises:
-        InputError: the model file cannot be read, or its bodies can move against each other.
+        InputError: the model file cannot be read, or its bodies can move relative to each other.
 
     """
     if visual_model is None:

@@ -28,7 +28,7 @@ TARGET_NAME = "captured_target"
 
 
 class Spacecraft:
-    """The known spacecraft without the target: all that an identifier knows in advance.
+    """The known spacecraft without the target: the only prior knowledge of an identifier.
 
     The model may be any tree of revolute, prismatic and fixed joints on a free base, from URDF,
     SDF, MJCF or Drake model directives. There is no gravity. `plant` is shared; a caller that

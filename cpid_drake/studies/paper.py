@@ -140,7 +140,7 @@ def _scale(truth: InertialParameters) -> NDArray[np.float64]:
 def parameter_errors(
     parameters: NDArray[np.float64], truth: InertialParameters
 ) -> NDArray[np.float64]:
-    """Return (10,) errors of π against the truth, relative to m, |c| and the trace of I."""
+    """Return (10,) errors (π minus truth), relative to m, |c| and the trace of I."""
     return (parameters - truth.to_vector()) / _scale(truth)
 
 

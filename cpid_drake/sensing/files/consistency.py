@@ -35,7 +35,7 @@ _STEP = 0.5
 
 @dataclass(frozen=True)
 class Findings:
-    """Contradictions in a log: `errors` have a known cause and remedy, `warnings` have not."""
+    """Contradictions in a log: `errors` have a known cause and remedy; `warnings` do not."""
 
     errors: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)

@@ -168,7 +168,7 @@ def _attach(
 
 
 def _carrier(edits: XmlEdits, tag: str, spacecraft: Spacecraft) -> Element:
-    """Return the element of the body that carries C."""
+    """Return the element of the body on which C is fixed."""
     body = spacecraft.capture_frame.body()
     named = [e for e in edits.elements if e.tag == tag and e.attributes.get("name") == body.name()]
     if len(named) > 1:
