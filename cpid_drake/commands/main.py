@@ -52,7 +52,7 @@ def main() -> None:
         # Usage errors: their class is Typer's or Click's, depending on Typer's version.
         if not hasattr(error, "format_message"):
             raise
-        message = error.format_message()  # empty if the help has been printed instead
+        message = error.format_message()  # the message is empty if the help has been printed
         code = _fail(message) if message else 2
     sys.exit(code or 0)
 

@@ -90,7 +90,7 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
-            pass  # finds a folder that cannot be written to before the work begins
+            pass  # refuses a read-only folder before the work begins
     except OSError as error:
         raise InputError(f"--out {path}: cannot write there: {error.strerror}") from error
 

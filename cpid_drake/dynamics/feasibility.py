@@ -67,7 +67,7 @@ def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np
 
     """
     values, axes = np.linalg.eigh(second_moment(inertia))
-    # Drake checks about other points too, where m|c|² adds to the rounding.
+    # Drake also checks the inertia about other points, where m|c|² adds to the rounding error.
     size = np.abs(values).max() + mass * com @ com
     inertia = inertia_of_second_moment(axes @ np.diag(np.maximum(values, 1e-12 * size)) @ axes.T)
     return (inertia + inertia.T) / 2

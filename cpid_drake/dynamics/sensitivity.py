@@ -93,7 +93,7 @@ def joint_sensitivity(
     inertia = np.stack([moved_spatial_inertia(b.mass, b.I_BBcm, R, r) for b, R, r in moved])
     L, P = angular_momenta(tree, bodies, np.zeros(3)), linear_momenta(tree, bodies)
     momentum = np.concatenate([np.stack(list(L)), P], axis=-1)
-    for k in range(len(tree.bodies) - 1, 0, -1):  # outboard before inboard
+    for k in range(len(tree.bodies) - 1, 0, -1):  # outboard bodies first
         parent = tree.bodies[k].parent
         inertia[parent] += inertia[k]
         momentum[parent] += momentum[k]
@@ -199,7 +199,7 @@ def _motion_sensitivity(
 
     """
     rho = skew(dynamics.com(psi))
-    total = dynamics.mass**2 / (dynamics.mass - psi[0])  # m_k + m, of μ = m_k m/(m_k + m)
+    total = dynamics.mass**2 / (dynamics.mass - psi[0])  # m_k + m, because μ = m_k m/(m_k + m)
     dL, dP = momentum[:, :3], momentum[:, 3:]
     w = -np.asarray(np.linalg.solve(dynamics.inertia(psi), dL - rho @ dP), dtype=float)
     return MotionSensitivity(w, com, rho @ w - dP / total)

@@ -113,7 +113,7 @@ class Telemetry:
         return np.unwrap(self._rotations().as_euler("ZYX"), axis=0)
 
     def _rotations(self) -> "scipy.spatial.transform.Rotation":
-        # SciPy imports scipy.spatial here, at its first use: that takes a quarter of a second.
+        # SciPy imports scipy.spatial here, at its first use; the import takes 0.25 s.
         return scipy.spatial.transform.Rotation.from_quat(self.quaternion_WB, scalar_first=True)
 
     def select(self, samples: ArrayLike | slice) -> "Telemetry":

@@ -676,7 +676,7 @@ class MomentumFilter:
         """Set the attitude by gyro to the attitude by momentum."""
         behind = time - state.joints[0, 0]
         if behind > LONGEST_GAP:
-            state.attitude_known = np.False_  # it is too old: wait for a sample
+            state.attitude_known = np.False_  # the attitude is too old: wait for a sample
         if not (state.attitude_known and behind > 0):
             return
         state.R_by_gyro = state.R_by_momentum @ exp(state.w * behind)

@@ -20,7 +20,7 @@ from cpid_drake.estimation.square_root import (
 )
 from cpid_drake.sensing.smoothing import SmoothedMotion
 
-_SAMPLES_AT_ONCE = 2048  # samples at a time: their arrays fit into a processor's cache
+_SAMPLES_AT_ONCE = 2048  # samples per block, whose arrays fit into a processor's cache
 _MOST_REWEIGHTINGS = 20
 
 

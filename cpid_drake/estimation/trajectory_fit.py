@@ -135,7 +135,7 @@ def fit_trajectory(
     weighted = WeightedRows(joint_jacobian, weights)
     for k in range(8 if robust else 1):
         if robust:
-            if k == 1:  # outliers have falsified the first stage, and so its derivatives
+            if k == 1:  # outliers have falsified the first stage and its derivatives
                 joint_jacobian = model.joint_jacobian(trajectory)
             weights = _huber_weights(model, weighted.own_noise(model.residuals(trajectory)))
             weighted = WeightedRows(joint_jacobian, weights)

@@ -91,5 +91,5 @@ def identify(
             f"{record.name} cannot calculate with these samples: they contradict each other, or "
             "are too large or too small; plot them, and compare units"
         ) from error
-    everything = dict(Counter(rejected) + Counter(found.rejected))  # without zeros
+    everything = dict(Counter(rejected) + Counter(found.rejected))  # without entries of zero
     return replace(found, rejected=everything, warnings=(*warnings, *found.warnings))

@@ -173,7 +173,7 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
         try:
             if "://" in place or Path(place).exists():
                 break
-        except (OSError, ValueError):  # a name that no file can have
+        except (OSError, ValueError):  # no file can have this name
             continue
     else:
         raise InputError(f"{source.telemetry} does not exist any more")

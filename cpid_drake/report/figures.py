@@ -23,7 +23,7 @@ from cpid_drake.sensing.measurements import Measurements, Samples
 
 _TIME = "time [s]"
 _SMALL = (3.7, 2.3)
-_MOST_POINTS = 1500  # of a line in a page; lines of more points become an image
+_MOST_POINTS = 1500  # points of a line in a page; a line of more points becomes an image
 _LAGS = 25
 
 

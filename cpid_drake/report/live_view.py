@@ -129,7 +129,7 @@ class LiveView:
             self._toggle_layers()
             if paused:
                 time.sleep(_POLL_PERIOD)
-                simulator.ResetStatistics()  # do not catch up on the pause
+                simulator.ResetStatistics()  # do not make up for the time of the pause
                 continue
             self._advance(simulator, duration)
             now = simulator.get_context()

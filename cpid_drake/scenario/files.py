@@ -52,7 +52,7 @@ def _from_folder(folder: Path, path: str) -> str:
     """Resolve a path that a scenario's file contains; relative paths start at the file's folder."""
     try:
         return path if "://" in path else str(folder / Path(path).expanduser())
-    except RuntimeError as error:  # there is no such user
+    except RuntimeError as error:  # the user in ~user does not exist
         raise InputError(f"{path:.200}: {error}") from error
 
 

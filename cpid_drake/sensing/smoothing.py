@@ -188,7 +188,7 @@ class _AttitudeFit(SplineFit):
         before, w_before = self.reference(times)
         added = Rotation.from_rotvec(r)
         w = added.inv().apply(w_before) + rotate(turn, rdot)
-        # The rate of the right Jacobian, by finite differences over a millisecond.
+        # The rate of the right Jacobian is computed by finite differences over a millisecond.
         ahead, behind = (right_jacobian(r + e * rdot) for e in (5e-4, -5e-4))
         by_rate = skew(w) @ turn + (ahead - behind) / 1e-3
         columns = np.zeros((len(r), 6, B.shape[1], 3))
@@ -211,7 +211,7 @@ def _smooth_attitude(
     gyro = gyro.where((gyro.time >= attitude.time[0]) & (gyro.time <= attitude.time[-1]))
     measured = Rotation.from_quat(attitude.value, scalar_first=True)
     tracker = suite.attitude
-    assert tracker is not None  # sensors that the suite lacks have no samples
+    assert tracker is not None  # absent sensors have no samples
     whiten = tracker.R_BS.T / suite.sigmas("attitude")[:, None]
     sigma_rate, bias_rows = 1.0, np.eye(3)
     if suite.gyro is not None and len(gyro):
@@ -264,7 +264,7 @@ def _smooth_attitude(
         )
 
     def fit(intervals: int) -> _AttitudeFit:
-        # One step from the previous fit is enough; from the reference path it takes three.
+        # One step from the previous fit is enough; three are needed from the reference path.
         nonlocal latest
         for _ in range(3 if latest is rough else 1):
             latest = refined(latest, Basis.through(knot_times, intervals, 5))

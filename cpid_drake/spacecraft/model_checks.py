@@ -263,7 +263,7 @@ class _XmlReader:
                 problem = "is not a finite number; write numbers with a decimal point and no unit"
             elif key not in _LIMITS and abs(value) > LARGEST_NUMBER:
                 problem = f"is out of range: its size is over {LARGEST_NUMBER:g}"
-            elif key in _NOT_NEGATIVE and value < -1e-12:  # rounded zeros are in some models
+            elif key in _NOT_NEGATIVE and value < -1e-12:  # some models contain rounded zeros
                 problem = "must not be negative"
             if problem:
                 problem = f"{word:.40} {problem}"

@@ -94,7 +94,7 @@ class Spacecraft:
             "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
             "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
-        for warning in warnings:  # only for an accepted model: an error comes before warnings
+        for warning in warnings:  # warn for an accepted model only; an error has priority
             logging.getLogger("drake").warning(warning)
 
     @property

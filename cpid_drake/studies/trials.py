@@ -229,7 +229,7 @@ def _prepare(case: Case, ideal: Measurements) -> None:
 
 
 def _prepare_process(case: Case, ideal: Measurements) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles an interruption
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles an interrupt
     _prepare(case, ideal)
 
 

@@ -26,7 +26,7 @@ class WeightedRows:
         self._N = np.empty((len(weights), 0))
         if joint_jacobian is not None:
             self._N = joint_jacobian * weights[:, None]
-        normal = dsyrk(1.0, self._N.T) if self._N.size else np.empty((0, 0))  # its upper half
+        normal = dsyrk(1.0, self._N.T) if self._N.size else np.empty((0, 0))  # only its upper half
         normal[np.diag_indices(len(normal))] += 1.0
         self._factor = cho_factor(normal, overwrite_a=True, check_finite=False)
 

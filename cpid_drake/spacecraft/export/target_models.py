@@ -29,7 +29,7 @@ def joint_name(name: str) -> str:
 
 def _numbers(values: ArrayLike) -> str:
     values = np.ravel(np.asarray(values, dtype=float))
-    # Some readers refuse numbers below the smallest normal one.
+    # Some readers refuse numbers below the smallest normal number.
     values = np.where(np.abs(values) < sys.float_info.min, 0.0, values)
     return " ".join(repr(value) for value in values.tolist())
 

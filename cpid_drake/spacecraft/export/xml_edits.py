@@ -48,7 +48,7 @@ class XmlEdits:
         self._data = data
         self._edits: list[tuple[int, int, bytes]] = []
         open_elements: list[Element] = []
-        parser = ParserCreate("utf-8")  # whatever the file declares, as readers of models do
+        parser = ParserCreate("utf-8")  # as readers of models do, for any declared encoding
 
         def start(tag: str, attributes: dict[str, str]) -> None:
             at = parser.CurrentByteIndex
