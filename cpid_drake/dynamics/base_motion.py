@@ -6,10 +6,10 @@ twists V = [ω; v] and momenta Π = [L; P] about B's origin, all in B, conservat
     (M + XᵀG(φ)X) V_WB + h + XᵀG(φ)V_BC = Π.
 
 M and h are the known bodies' inertia and their momentum with the base at rest, X maps the base's
-twist to that of the capture frame C, V_BC is the twist of C relative to B in C, and G(φ) is the
-target's spatial inertia in C, linear in its standard vector φ. V_WB and its derivative w.r.t. φ
-therefore have closed forms. Integrating V_WB gives the base's pose for many
-targets at once, without a simulation of the dynamics.
+twist to the twist of the capture frame C, V_BC is the twist of C relative to B in C, and G(φ) is
+the target's spatial inertia in C, linear in its standard vector φ. V_WB and its derivative w.r.t. φ
+therefore have closed forms. Integrating V_WB gives the base's pose for many targets at once,
+without a simulation of the dynamics.
 
 Source: Ning et al. 2016, Eqs. 5 and 9, solved for the motion of the base.
 """

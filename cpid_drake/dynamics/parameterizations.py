@@ -204,7 +204,7 @@ class LogCholesky:
     Every point λ of R¹⁰ is a rigid body.
 
     Args:
-        scale: (10,) magnitudes of the unknowns. S is computed from those of m and I.
+        scale: (10,) magnitudes of the unknowns. S is computed from the magnitudes of m and I.
 
     Source: Rucker & Wensing 2022, log-Cholesky parameterization.
 

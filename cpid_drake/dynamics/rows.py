@@ -1,6 +1,6 @@
 """Row families: momentum conservation as equations that are linear in the target's ten unknowns.
 
-Each family turns momentum samples into rows A θ = b, for batch and online identification alike. All
+Each family turns momentum samples into rows A θ = b, for batch and for online identification. All
 assume a rigid grasp (ω_n = ω_C) and no external force, and a total momentum that is zero, or
 constant and unknown where its columns are added.
 

@@ -189,7 +189,7 @@ def _motion_sensitivity(
     psi: NDArray[np.float64],
     dynamics: RelativeDynamics,
 ) -> MotionSensitivity:
-    """Return the derivatives of the motion from those of momentum and centre of mass.
+    """Return the derivatives of the motion from the derivatives of momentum and centre of mass.
 
     Args:
         momentum: (N, 6, n) derivatives of [L; P] about B's origin, at constant base twist.

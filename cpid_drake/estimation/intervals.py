@@ -7,8 +7,8 @@ def quantile_95(degrees_of_freedom: int | None = None) -> float:
     """Return half the width of a two-sided 95 % interval, in standard deviations.
 
     Args:
-        degrees_of_freedom: those of the residuals from which the standard deviation is estimated
-            (Student's t distribution); None or 0 if it is known (normal distribution).
+        degrees_of_freedom: degrees of freedom of the residuals from which the standard deviation is
+            estimated (Student's t distribution); None or 0 if it is known (normal distribution).
 
     """
     if degrees_of_freedom is not None and degrees_of_freedom > 0:

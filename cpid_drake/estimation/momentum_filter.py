@@ -149,8 +149,8 @@ def vague_prior(
 ) -> FilterPrior:
     """Return a vague prior: the target is about as large as the spacecraft, or smaller.
 
-    Its mean is a solid sphere of a tenth of the spacecraft's mass about C's origin; σ is that of a
-    target as heavy as the spacecraft, with its radius of gyration.
+    Its mean is a solid sphere of a tenth of the spacecraft's mass about C's origin; σ corresponds
+    to a target with the mass and the radius of gyration of the spacecraft.
 
     Args:
         known_mass: mass of the known bodies [kg].

@@ -40,7 +40,7 @@ class TrajectoryState:
         p_Wcm: (3,) the system's centre of mass at the start, in W [m].
         v_Wcm: (3,) its velocity [m/s].
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
-        bias: (K, 3) biases of the gyros at K nodes, those of one gyro after the other [rad/s].
+        bias: (K, 3) biases of the gyros at K nodes, gyro after gyro [rad/s].
 
     """
 

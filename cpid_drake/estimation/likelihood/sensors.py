@@ -35,7 +35,7 @@ class MotionChange:
         xi: (N, 3, n) change of the attitude at the grid's nodes, a rotation in W.
         w: (N, 3, n) change of the angular velocity at the nodes, in B.
         com: returns for M instants the change (M, 3, n) of the centre of mass ρ from B's origin,
-            and that of its rate as seen from B, both in B.
+            and the change of its rate as seen from B, both in B.
 
     """
 

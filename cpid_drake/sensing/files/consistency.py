@@ -1,8 +1,9 @@
 """Compares a log's positions with its rates, to find wrong units and conventions.
 
-Differences of positions over half a second are compared with the mean of the rates in between. A
-wrong unit shows as a factor between them, such as 180/π for degrees. A wrong convention, such as
-another order of the quaternion's entries, shows as a much better agreement in that convention.
+Differences of positions over half a second are compared with the mean of the rates in the same half
+second. A wrong unit shows as a factor between them, such as 180/π for degrees. A wrong convention,
+such as another order of the quaternion's entries, shows as a much better agreement in that
+convention.
 """
 
 from dataclasses import dataclass, field

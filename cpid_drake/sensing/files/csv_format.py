@@ -111,7 +111,7 @@ def _split(line: str) -> list[str]:
     """Return the cells of a line.
 
     Raises:
-        csv.Error: its quotes are not those of CSV.
+        csv.Error: its quotes are not valid in CSV.
 
     """
     return next(csv.reader([line], strict=True)) if '"' in line else line.split(",")
