@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
+from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.accuracy import write_figures
@@ -198,6 +199,21 @@ def test_a_firing_changes_the_momentum_and_not_the_place(scenario, case):
     turned = Rotation.from_quat(base.quaternion_WB, scalar_first=True)
     calm = Rotation.from_quat(quiet.quaternion_WB, scalar_first=True)
     assert (turned[-1] * calm[-1].inv()).magnitude() > 0.01
+
+
+def test_a_firing_adds_to_the_momentum_that_was_there(scenario, case):
+    """The total momentum about W's origin is constant before and after, and their difference is it.
+
+    The motion of spacecraft and target together, by the sums over all bodies.
+    """
+    before, added = np.array([3.0, -2.0, 2.5, 2.0, 1.0, -1.5]), np.array([6.0, -4, 5, 3, -2, 2])
+    fired = replace(case, momentum_W=before, firing=(5.0, added))
+    spacecraft, times = scenario.spacecraft.make(), np.array([0.0, 2.0, 4.0, 6.0, 8.0])
+    base = base_trajectory(fired, spacecraft.tree, times)
+    telemetry = base.to_telemetry(spacecraft.joint_names, times, case.motion)
+    P, L = total_momentum(spacecraft.tree, case.truth, telemetry)
+    expected = np.where(times[:, None] < 5.0, before, before + added)
+    np.testing.assert_allclose(np.hstack([L, P]), expected, atol=1e-6)
 
 
 def test_filter_sees_a_firing_and_the_study_says_when(scenario):

@@ -105,7 +105,7 @@ def test_the_papers_own_error_is_reproduced(paper_target):
 
 def test_peak_relative_error_takes_the_worst_axis():
     time = np.linspace(0, 1, 5)
-    reference = np.stack([time, 10 * time, 2 + 100 * time], axis=1)
+    reference = np.stack([time, 7 + 10 * time, 2 + 100 * time], axis=1)  # motion, not place
     error = np.array([[0.0, 0.0, 0.0]] * 4 + [[0.01, -0.5, 1.0]])
     assert peak_relative_error(error, reference) == pytest.approx(0.05)
 
