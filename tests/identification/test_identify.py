@@ -171,7 +171,7 @@ class TestNoisyLogs:
                 craft.tree, craft.joint_names, motion, skewed_target, times, momentum
             )
             noise = 1e-5 * np.random.default_rng(seed).normal(size=(len(true), 6))
-            noisy = true.with_base_twist(true.w_WB + noise[:, :3], true.v_WB + noise[:, 3:])
+            noisy = replace(true, w_WB=true.w_WB + noise[:, :3], v_WB=true.v_WB + noise[:, 3:])
             found = identify(craft, log_of(noisy), rows="standard")
             warned.append(any("--momentum unknown" in warning for warning in found.warnings))
         assert warned == [True, False]
