@@ -79,8 +79,11 @@ class Simulation:
     def make_simulator(self) -> Simulator:
         """Return an initialized Simulator at t = 0, with the scenario's motion and momentum."""
         simulator = Simulator(self.diagram)
-        settings = vars(self.scenario.simulation.simulator)
-        ApplySimulatorConfig(SimulatorConfig(**settings), simulator)
+        config = SimulatorConfig()
+        for name, value in vars(self.scenario.simulation.simulator).items():
+            if hasattr(config, name):  # newer versions of Drake have no publish_every_time_step
+                setattr(config, name, value)
+        ApplySimulatorConfig(config, simulator)
         context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         momentum_W = self.scenario.simulation.momentum_W
         state = initial_state(self.spacecraft, self.truth, self.joint_motion, momentum_W)

@@ -1,10 +1,13 @@
 """Commands are run in the tests' own process: a start of Python for each would take far longer."""
 
 import sys
+from dataclasses import replace
 
 import pytest
 
 from cpid_drake.commands.main import main
+from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.report.sections import replay
 
 
 @pytest.fixture
@@ -18,3 +21,11 @@ def run_cpid(monkeypatch, capsys):
         return ended.value.code, *capsys.readouterr()
 
     return run
+
+
+@pytest.fixture
+def short_reports(monkeypatch):
+    """Reports have two estimates over time and no replay: both are tested elsewhere."""
+    for name, record in ESTIMATORS.items():
+        monkeypatch.setitem(ESTIMATORS, name, replace(record, reports=2))
+    monkeypatch.setattr(replay, "replay_html", lambda *arguments, **options: "<p>replay</p>")
