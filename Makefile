@@ -24,7 +24,7 @@ docs: $(VENV)/installed-dev
 
 benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmarks/identifier_update.py
-	$(VENV)/bin/python tests/benchmarks/filter_update.py
+	$(VENV)/bin/python tests/benchmarks/recursive_fit.py
 	$(VENV)/bin/python tests/benchmarks/base_motion.py
 	$(VENV)/bin/python tests/benchmarks/recording.py
 	$(VENV)/bin/python tests/benchmarks/start_up.py

@@ -6,12 +6,15 @@ The public names, in order of their dependencies:
 - `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;
 - `Telemetry`: samples of base and joint motion;
 - `identify`: from `Telemetry` or `Measurements` to an `Identification`, by any estimator;
+- `identify_together`: the same from several logs of one target, and a test whether they agree;
+- `TargetPrior`: what is known about a target before its log;
+- `validate`: predicts a log that was not used to identify a target;
 - `TotalMomentum`: zero, unknown or known;
 - `SensorSuite`, `load_sensors`, `Measurements`: sensors and their samples, each at its own rate;
 - `read_telemetry`, `write_telemetry`: logs as files;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
-  `JointMotionSource`, `SceneVisualizer`: Drake systems;
-- `HalfCosine`, `MultiSine`: joint motions;
+  `AdaptiveJointController`, `JointMotionSource`, `SceneVisualizer`: Drake systems;
+- `HalfCosine`, `MultiSine`, `Waypoints`, `Spline`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
 - `export_target`: the target as URDF, SDF, MJCF or directives, alone or on the spacecraft;
 - `InputError`: the exception for bad input.

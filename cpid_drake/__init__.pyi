@@ -1,11 +1,14 @@
 from .dynamics.inertia import InertialParameters
 from .dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
+from .dynamics.linear_motion import Spline, Waypoints
 from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from .dynamics.telemetry import Telemetry
 from .dynamics.total_momentum import TotalMomentum
 from .errors import InputError
-from .identification.identify import identify
+from .identification.identify import identify, identify_together
 from .identification.result import Identification
+from .identification.target_prior import TargetPrior
+from .identification.validation import validate
 from .resources import shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
@@ -16,6 +19,7 @@ from .sensing.presets import load_sensors
 from .sensing.suite import SensorSuite
 from .spacecraft.export.files import export_target
 from .spacecraft.spacecraft import Spacecraft
+from .systems.adaptive_joint_controller import AdaptiveJointController
 from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
 from .systems.joint_motion_source import JointMotionSource
@@ -26,6 +30,7 @@ from .systems.spacecraft_sensors import SpacecraftSensors
 __all__ = [
     "PARAMETER_NAMES",
     "PARAMETER_UNITS",
+    "AdaptiveJointController",
     "HalfCosine",
     "Identification",
     "InertialParameters",
@@ -43,15 +48,20 @@ __all__ = [
     "Simulation",
     "Spacecraft",
     "SpacecraftSensors",
+    "Spline",
+    "TargetPrior",
     "Telemetry",
     "TotalMomentum",
+    "Waypoints",
     "export_target",
     "identify",
+    "identify_together",
     "initial_state",
     "load_scenario",
     "load_sensors",
     "make_simulation",
     "read_telemetry",
     "shipped_scenario",
+    "validate",
     "write_telemetry",
 ]

@@ -4,6 +4,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 
+MANY = 25
+"""Number of choices that a message lists at most if one of them is close."""
+
 
 class InputError(ValueError):
     """An input of the caller (model, scenario, data or option) cannot be used.
@@ -31,9 +34,14 @@ def prefix_errors(where: str) -> Iterator[None]:
 
 
 def choose_from(name: object, choices: Iterable[str]) -> str:
-    """Return the last part of the message for a wrong name: the closest choice, and all choices."""
+    """Return the last part of the message for a wrong name: the closest choice, and all choices.
+
+    If there are more than `MANY` choices, those that are not close are left out.
+    """
     choices = list(choices)
     near = get_close_matches(str(name), choices, n=1)
+    if near and len(choices) > MANY:
+        return f"did you mean '{near[0]}'?"
     return (
         "".join(f"did you mean '{word}'? " for word in near) + f"choose from {', '.join(choices)}"
     )

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Identify from noisy sensors, each at its own rate, and watch the estimate and its σ converge.
 
-joint motion -> joint controller -> plant (zero gravity) -> sensors -> identifier, one by one.
+joint motion -> joint controller -> plant (zero gravity) -> sensors -> identifier.
 Spacecraft, target and joint motion are those of the shipped scenario exciting_motion.yaml.
 """
 
@@ -74,12 +74,13 @@ def main() -> None:
     context = identifier.GetMyMutableContextFromRoot(root_context)
 
     print("time [s]  samples            m [kg]             c_x [m]         Ixx [kg·m²]")
-    for time in np.arange(0.5, motion.duration + 1e-9, 0.5):
+    for time in np.arange(0.5, motion.duration, 1.0):  # the identifier solves blocks of a second
         simulator.AdvanceTo(time)
         result = identifier.identification(context)
         sigma = np.sqrt(np.diag(result.covariance))
         columns = (f"{result.parameters[k]:10.5f} ± {sigma[k]:<7.2g}" for k in SHOWN)
         print(f"{time:8.2f} {result.sample_count:8d}", *columns)
+    simulator.AdvanceTo(motion.duration)
     simulator.AdvancePendingEvents()  # process the sensors' last samples,
     identifier.ExecuteForcedEvents(context)  # then the identifier
 

@@ -25,7 +25,7 @@ from cpid_drake.studies import paper
 LONG = (
     "paper_run",
     "test_diagrams",
-    "test_momentum_filter",
+    "test_recursive_fit",
     "test_trajectory_fit",
     "test_accuracy",
     "test_estimators",

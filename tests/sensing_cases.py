@@ -10,8 +10,15 @@ from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.sensing.measurements import Measurements, ideal_measurements
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.measurements import Measurements, Samples, ideal_measurements
+from cpid_drake.sensing.sensors import (
+    SENSORS,
+    STANDARD_SENSORS,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    VectorSensor,
+)
 from cpid_drake.sensing.suite import SensorSuite
 
 MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])
@@ -150,3 +157,14 @@ def coarse_suite(**changes) -> SensorSuite:
         "encoders": JointSensor(20.0, 1e-5),
     }
     return SensorSuite("coarse", **(sensors | changes))
+
+
+def log_of(telemetry, decimals=None) -> Measurements:
+    """Return a log of all quantities at common times, rounded to a number of decimals."""
+    samples = {}
+    for name in STANDARD_SENSORS:
+        value = SENSORS[name].quantity.ideal(telemetry)
+        samples[name] = Samples(
+            telemetry.time, value if decimals is None else np.round(value, decimals)
+        )
+    return Measurements(telemetry.joint_names, samples)

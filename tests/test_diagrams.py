@@ -6,6 +6,7 @@ import subprocess
 import sys
 from base64 import b64decode
 
+import matplotlib.image
 import numpy as np
 import pytest
 from processes import ROOT, finish, start
@@ -42,6 +43,8 @@ def runs(tmp_path_factory):
         "online_identification.py": [],
         "sensor_identification.py": [],
         "own_spacecraft.py": [],
+        "adaptive_control.py": ["--figure", "errors.png", "--html", "adaptive.html"],
+        "plan_identify_replan.py": ["--figure", "loop.png"],
         "meshcat_view.py": ["--html", "view.html"],
     }
     processes = {
@@ -103,16 +106,54 @@ def test_the_estimate_from_sensors_converges_to_the_target(runs):
     """σ falls from NaN to below a gram and a half; at the end the truth is within 5 σ."""
     stdout = runs[1]["sensor_identification.py"].stdout
     rows = re.findall(r"^ +(\d+\.\d+) +(\d+) +(\S+) ± (\S+) ", stdout, re.M)
-    assert [float(time) for time, *_ in rows] == [0.5 * k for k in range(1, 21)]
+    assert [float(time) for time, *_ in rows] == [0.5 + k for k in range(10)]
     counts = [int(count) for _, count, _, _ in rows]
     assert counts == sorted(set(counts))
     sigmas = [float(sigma) for *_, sigma in rows]
     assert np.isnan(sigmas[0])
-    assert sigmas[-1] < 0.0015 < sigmas[4]
+    assert sigmas[-1] < 0.0015 < sigmas[2]
     final = re.findall(r"^(\S+) \[\S+\] +(\S+) +(\S+) +(\S+)$", stdout, re.M)
     assert len(final) == 10
     for name, estimate, deviation, truth in final:
         assert abs(float(estimate) - float(truth)) < 5 * float(deviation) + 1e-5, name
+
+
+def test_the_estimate_makes_the_tracking_error_vanish(runs):
+    """1000 times smaller with exact data, 20 times with sensors; without an estimate it stays."""
+    stdout = runs[1]["adaptive_control.py"].stdout
+    before, after = re.search(r"^initial model, always +(\S+) +(\S+)$", stdout, re.M).groups()
+    assert float(after) >= 0.5 * float(before) > 0.1
+    for name, least in (("exact state", 1e3), ("flight sensors", 20.0)):
+        row = re.search(rf"^{name}, used from (\S+) s +(\S+) +(\S+) +(\S+)$", stdout, re.M)
+        start, before, after, ratio = map(float, row.groups())
+        assert 1.0 < start < 5.0
+        assert before > 0.1
+        assert before / after == pytest.approx(ratio, rel=0.1)
+        assert ratio > least
+    picture = matplotlib.image.imread(runs[0] / "errors.png")
+    assert picture.std() > 0.05
+
+
+def test_planned_motions_reach_the_asked_precision(runs):
+    """With the second motion; the estimate makes the transfer ten times more exact at least."""
+    stdout = runs[1]["plan_identify_replan.py"].stdout
+    found = re.findall(r"^motion (\d): planned in \S+ s, worst σ (\S+) %$", stdout, re.M)
+    sigmas = [float(sigma) for _, sigma in found]
+    assert len(sigmas) == 2
+    assert sigmas[0] > 0.25 >= sigmas[1]
+    error = float(re.search(r"^largest error: (\S+) % of scale$", stdout, re.M)[1])
+    assert error < 4 * sigmas[1]
+    before, after = map(float, re.findall(r"estimate: (\S+) rad$", stdout, re.M))
+    assert before > 10 * after
+    assert matplotlib.image.imread(runs[0] / "loop.png").std() > 0.05
+
+
+def test_the_adaptive_controllers_recording_has_the_estimate(runs):
+    text = (runs[0] / "adaptive.html").read_text(encoding="utf-8")
+    commands = b"".join(map(b64decode, re.findall(r"base64,([A-Za-z0-9+/=]{100,})", text)))
+    assert b"captured_target" in commands
+    assert b"/cpid/" in commands
+    assert b"set_animation" in commands
 
 
 def test_the_sample_log_tells_the_bag_that_it_was_made_with(runs):
@@ -165,6 +206,13 @@ def test_a_bad_scenario_is_one_line_and_exit_code_2(script, text, run_script, tm
         ("online_identification.py", ["--period", "inf"]),
         ("sensor_identification.py", ["--sensors", "nothing"]),
         ("own_spacecraft.py", ["nothing.csv"]),
+        ("adaptive_control.py", ["--sensors", "nothing"]),
+        ("plan_identify_replan.py", ["--sensors", "nothing"]),
+        ("plan_identify_replan.py", ["--precision", "0"]),
+        ("plan_identify_replan.py", ["--seed", "-1"]),
+        ("plan_identify_replan.py", ["--figure", "nowhere/loop.png"]),
+        ("adaptive_control.py", ["--guess", "-3"]),
+        ("adaptive_control.py", ["--figure", "nowhere/errors.png"]),
         ("sensor_identification.py", ["--seed", "-1"]),
     ],
 )

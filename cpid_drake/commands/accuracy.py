@@ -1,6 +1,5 @@
 """`cpid accuracy`."""
 
-import json
 import os
 import time
 from typing import Annotated
@@ -9,6 +8,10 @@ import typer
 from rich.console import Console
 
 from cpid_drake.commands import options
+from cpid_drake.commands.forecast import Forecast
+from cpid_drake.errors import prefix_errors
+from cpid_drake.output_files.drafts import draft_folder
+from cpid_drake.output_files.overwriting import PNG, check_folder
 from cpid_drake.resources import find_scenario
 
 
@@ -34,6 +37,7 @@ def accuracy(
     jobs: Annotated[
         int | None, typer.Option(help="Number of processes. Default: one for each processor.")
     ] = None,
+    force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> None:
     """Compare the estimators on many simulated logs with sensor noise.
@@ -41,6 +45,7 @@ def accuracy(
     Reports the error, the Cramér-Rao bound, the bias and the coverage of the 95 % intervals.
     """
     start = time.perf_counter()
+    check_folder("--out", out, [])
     path = find_scenario(scenario)
     if preset:
         from cpid_drake.sensing.presets import load_sensors
@@ -56,22 +61,35 @@ def accuracy(
         TimeRemainingColumn,
     )
 
-    from cpid_drake.report.accuracy import print_table, write_figures
-    from cpid_drake.report.pages.study import accuracy_report
-    from cpid_drake.scenario.files import load_scenario
+    from cpid_drake.report.accuracy import figure_name, figures, print_table
+    from cpid_drake.report.pages.study import STUDY_FILES, accuracy_report, write_study
+    from cpid_drake.scenario.files import files_of, load_scenario
+    from cpid_drake.scenario.limits import check_limits
+    from cpid_drake.scenario.simulation import make_simulation
     from cpid_drake.studies.accuracy import run_accuracy, summarize
 
     loaded = load_scenario(path)
-    options.make_folder(out)
+    presets = preset or loaded.accuracy.presets
+    outputs = [*((figure_name(name), PNG) for name in presets), *STUDY_FILES]
+    check_folder("--out", out, outputs, [path, *files_of(loaded), *presets], force=force)
+    with prefix_errors(scenario):
+        options.print_warnings(check_limits(make_simulation(loaded)).exceeded)
     log = options.log_console(quiet)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
         tasks: dict[str, TaskID] = {}
+        processes = (os.cpu_count() or 1) if jobs is None else jobs
+        count = loaded.accuracy.trials if trials is None else trials
+        each = f" for each of {len(presets)} sensor suites" if len(presets) > 1 else ""
+        forecast = Forecast(
+            f"{count} trials{each} take", count * len(presets), log.print, processes
+        )
 
         def progress(name: str, done: int, total: int) -> None:
             if name not in tasks:
                 tasks[name] = bar.add_task(name, total=total)
             bar.update(tasks[name], completed=done)
+            forecast.update(done + total * (len(tasks) - 1))
 
         study = run_accuracy(
             loaded,
@@ -79,14 +97,13 @@ def accuracy(
             presets=preset or (),
             estimators=estimator or (),
             seed=seed,
-            jobs=(os.cpu_count() or 1) if jobs is None else jobs,
+            jobs=processes,
             progress=progress,
         )
-    figures = write_figures(study, out)
-    files = [*figures, out / "report.html", out / "summary.json"]
     summary = {"scenario": scenario} | summarize(study, time.perf_counter() - start)
-    accuracy_report(study, figures, summary, scenario).write(files[-2])
-    files[-1].write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with draft_folder(out) as draft:
+        drawn = figures(study)
+        write_study(draft, accuracy_report(study, drawn, summary, scenario), drawn)
     if not quiet:
         print_table(study, Console(markup=False))
-    log.print(f"\n{len(files)} files in {out}, {summary['wall_seconds']:.1f} s")
+    log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cpid_drake.commands.options import log_console
+from cpid_drake.commands.options import ForceOption, log_console
 from cpid_drake.errors import InputError
+from cpid_drake.output_files.overwriting import MODEL, Output, check_outputs
 from cpid_drake.resources import resolve_model
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def export(
             "--raw", help="Export the raw estimate, not the nearest physically consistent one."
         ),
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
+    force: ForceOption = False,
 ) -> None:
     """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
     resolve_model(result)
@@ -47,6 +48,11 @@ def export(
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
     found = read_result(result)
+    if found.doubts and not force:
+        raise InputError(
+            f"{result}: nothing exported, because the result is not trustworthy: "
+            f"{found.doubts[0]}; --force exports it all the same"
+        )
     parameters = _parameters(found, raw, result)
     spacecraft = None
     if with_spacecraft:
@@ -57,6 +63,8 @@ def export(
             capture_frame=source.capture_frame,
             packages=source.packages,
         )
+    inputs = [result, *found.files()]
+    check_outputs([Output("--out", out, MODEL)], inputs, force=force)
     written = export_target(
         parameters, out, format=format, spacecraft=spacecraft, name=name, overwrite=force
     )

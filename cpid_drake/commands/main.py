@@ -1,62 +1,88 @@
-"""The `cpid` command: its subcommands and exit codes."""
+"""The `cpid` command: its end, also after an interrupt."""
 
+import gc
 import os
+import signal
 import sys
+import threading
+import time
+from functools import cache
+from types import FrameType
+from typing import NoReturn
 
-import typer
+INTERRUPTED = 130
 
-from cpid_drake.commands.accuracy import accuracy
-from cpid_drake.commands.export import export
-from cpid_drake.commands.identify import identify
-from cpid_drake.commands.paper import paper
-from cpid_drake.commands.report import report
-from cpid_drake.commands.scenario import scenario
-from cpid_drake.commands.simulate import simulate
-from cpid_drake.commands.telemetry import telemetry
-from cpid_drake.commands.view import view
-from cpid_drake.errors import InputError
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-app = typer.Typer(
-    name="cpid",
-    help="Identify a captured target's inertial parameters from momentum conservation.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-app.command()(paper)
-app.command()(identify)
-app.add_typer(telemetry, name="telemetry")
-app.command()(simulate)
-app.add_typer(scenario, name="scenario")
-app.command()(accuracy)
-app.command()(export)
-app.command()(view)
-app.command()(report)
+_GRACE = 1.5  # [s] for a tidy end, after which the process ends in any case
 
 
 def main() -> None:
-    """Run `cpid`; bad input or usage causes one line on stderr and exit code 2."""
-    # The matrices are small: BLAS threads only wait for each other. NumPy, here and in child
-    # processes, reads these variables when it is imported, which is later.
-    for library in ("OPENBLAS", "MKL"):
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    """Run `cpid` and exit; an error, an interrupt or a former name causes one line on stderr.
+
+    A process that is asked to terminate ends in the same way as after Ctrl-C.
+    """
+    is_interrupted = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal is_interrupted
+        is_interrupted = True
+        _silence_libraries()
+        raise KeyboardInterrupt
+
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
     try:
-        code = app(standalone_mode=False)
-    except InputError as error:
-        code = _fail(str(error))
-    except OSError as error:
-        code = _fail(f"{error.filename or 'file'}: {error.strerror or error}")
-    except KeyboardInterrupt:
-        code = 130
-    except Exception as error:
-        # Usage errors: their class is Typer's or Click's, depending on Typer's version.
-        if not hasattr(error, "format_message"):
+        for number in _SIGNALS:
+            if before[number] is not signal.SIG_IGN:
+                signal.signal(number, interrupt)
+        signal.set_wakeup_fd(_watch(), warn_on_full_buffer=False)
+        from cpid_drake.commands.app import run
+
+        code = run()
+    except BaseException:  # libraries turn an interrupt into other errors, such as ImportError
+        if not is_interrupted:
             raise
-        message = error.format_message()  # the message is empty if the help has been printed
-        code = _fail(message) if message else 2
-    sys.exit(code or 0)
+    finally:
+        signal.set_wakeup_fd(-1)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if is_interrupted:
+        gc.collect()  # removes semaphores of process pools
+        _end()
+    sys.exit(code)
 
 
-def _fail(message: str) -> int:
-    print(f"cpid: error: {' '.join(message.split())}", file=sys.stderr)
-    return 2
+@cache
+def _watch() -> int:
+    """Start a thread that ends the process soon after an interrupt; return the file to notify it.
+
+    Python handles an interrupt only between its own instructions, and a library may run long.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+
+    def watch() -> None:
+        while os.read(reading, 1)[0] not in _SIGNALS:
+            pass
+        time.sleep(_GRACE)
+        _end()
+
+    threading.Thread(target=watch, daemon=True).start()
+    return writing
+
+
+@cache
+def _silence_libraries() -> int:
+    """Send standard error nowhere, and return another file for the last line.
+
+    Libraries write lines of their own about an interrupt, for example Drake while it is imported.
+    """
+    error = os.dup(sys.stderr.fileno())
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+    return error
+
+
+def _end() -> NoReturn:
+    """End the process without waiting for threads of libraries."""
+    os.write(_silence_libraries(), b"cpid: interrupted\n")
+    os._exit(INTERRUPTED)

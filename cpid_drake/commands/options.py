@@ -3,7 +3,11 @@
 The checks import neither Drake nor SciPy: a wrong path or name is reported at once.
 """
 
-import tempfile
+import os
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -11,11 +15,12 @@ import typer
 from rich.console import Console
 
 from cpid_drake.errors import InputError
+from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.resources import MODELS_PACKAGE, resolve_model
 
 T = TypeVar("T")
 
-LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
+LOG_KINDS = "CSV, NPZ, Parquet, MATLAB, JSON lines or ROS 2 bag."
 
 ScenarioArgument = Annotated[
     str,
@@ -52,7 +57,18 @@ MomentumOption = Annotated[
     typer.Option(
         "--momentum",
         metavar="zero|unknown",
-        help="Total momentum of spacecraft and target: zero (default), or an unknown constant.",
+        help="Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero "
+        "if the log agrees with that, else unknown.",
+    ),
+]
+KnownBodiesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--known-bodies",
+        metavar="KEY=NUMBER,...|YAML",
+        help="Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and inertia "
+        "(relative), com \\[m], joint_position_mm, joint_axis_mrad, grasp_mm, grasp_mrad. Default: "
+        "the model is exact.",
     ),
 ]
 PackageOption = Annotated[
@@ -68,8 +84,25 @@ TopicOption = Annotated[
     typer.Option(
         "--topic",
         metavar="KIND=/NAME",
-        help="Topic of a bag that has several of a kind (odometry, pose, imu, joints); may be "
-        "repeated.",
+        help="Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of "
+        "thrust; may be repeated.",
+    ),
+]
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--columns",
+        metavar="YAML",
+        help="Map of the log's columns: names, units and conventions; `cpid telemetry map` writes "
+        "one. Default: the columns of models/telemetry/README.md.",
+    ),
+]
+ForceOption = Annotated[
+    bool,
+    typer.Option(
+        "--force",
+        help="Replace files of another kind too, and YAML files and models. Inputs are never "
+        "replaced.",
     ),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors.")]
@@ -80,56 +113,76 @@ def log_console(quiet: bool = False) -> Console:
     return Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
 
 
-def make_folder(path: Path) -> None:
-    """Create the folder that --out names.
+def line_width() -> int | None:
+    """Return the width of the terminal; None where the output is a file or a pipe."""
+    is_known = sys.stdout.isatty() or "COLUMNS" in os.environ
+    return shutil.get_terminal_size().columns if is_known else None
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Print lines; those that are longer than the terminal's are broken between words."""
+    width = line_width()
+    for line in lines:
+        if width is None or len(line) <= width:
+            print(line)
+        else:
+            indent = " " * (len(line) - len(line.lstrip()) + 2)
+            print(textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False))
+
+
+def print_warnings(texts: Iterable[str]) -> None:
+    """Print warnings on stderr, one line each."""
+    for text in texts:
+        print(f"warning: {text}", file=sys.stderr)
+
+
+def check_inputs(
+    telemetry: str,
+    model: str,
+    sensors: str | None,
+    columns: str | None = None,
+    prior: str | None = None,
+) -> None:
+    """Refuse inputs that do not exist or are of another kind.
 
     Raises:
-        InputError: it cannot be created or written to.
-
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass  # refuses a read-only folder before the work begins
-    except OSError as error:
-        raise InputError(f"--out {path}: cannot write there: {error.strerror}") from error
-
-
-def check_output(option: str, path: Path) -> None:
-    """Before the work begins, refuse an output file that cannot be written.
-
-    Raises:
-        InputError: the file's folder does not exist, or the path is that of a folder.
-
-    """
-    if not path.parent.is_dir():
-        raise InputError(f"{option} {path}: there is no folder {path.parent}")
-    if path.is_dir():
-        raise InputError(f"{option} {path}: is a folder; name a file")
-
-
-def check_inputs(telemetry: str, model: str, sensors: str | None) -> None:
-    """Refuse a log, a model or sensors that do not exist or are of another kind.
-
-    Raises:
-        InputError: for the same reasons as `check_telemetry`, `resolve_model` and `load_sensors`.
+        InputError: for the same reasons as `check_telemetry`, `refuse_unfinished`, `resolve_model`
+            and `load_sensors`.
 
     """
     from cpid_drake.sensing.files.telemetry_files import check_telemetry
 
-    check_telemetry(telemetry)
+    check_telemetry(telemetry, columns)
+    refuse_unfinished(Path(telemetry).parent)
     if "://" not in model or model.startswith(f"package://{MODELS_PACKAGE}/"):
         resolve_model(model)
     if sensors is not None:
         from cpid_drake.sensing.presets import load_sensors
 
         load_sensors(sensors)
+    if prior is not None and not Path(prior).is_file():
+        raise InputError(f"--prior {prior}: no such file")
+
+
+def check_uncertainty(known_bodies: str | None) -> None:
+    """Refuse an uncertainty of the spacecraft that cannot be read.
+
+    Raises:
+        InputError: for the same reasons as `read_uncertainty`.
+
+    """
+    if known_bodies is not None:
+        from cpid_drake.dynamics.uncertainty import read_uncertainty
+
+        read_uncertainty(known_bodies)
 
 
 def check_method(
-    estimator: str | None, rows: str | None, momentum: str, sensors: str | None
-) -> None:
-    """Refuse an estimator, rows or a momentum that do not exist or cannot be combined.
+    estimator: str | None, rows: str | None, momentum: str, has_sensors: bool
+) -> str | None:
+    """Return the current name of an estimator, after a check of rows and momentum with it.
+
+    Arguments as for `choose_method`.
 
     Raises:
         InputError: for the same reasons as `choose_method`.
@@ -137,8 +190,12 @@ def check_method(
     """
     from cpid_drake.dynamics.total_momentum import TotalMomentum
     from cpid_drake.identification.estimators import choose_method
+    from cpid_drake.identification.former_names import current_estimator
 
-    choose_method(estimator, rows, TotalMomentum.named(momentum), has_sensors=sensors is not None)
+    if estimator is not None:
+        estimator = current_estimator(estimator)
+    choose_method(estimator, rows, TotalMomentum.named(momentum), has_sensors=has_sensors)
+    return estimator
 
 
 def absolute_model(model: str) -> str:

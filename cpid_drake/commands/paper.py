@@ -1,14 +1,21 @@
 """`cpid paper`."""
 
-import json
 import time
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from cpid_drake.commands.options import FolderOption, QuietOption, log_console, make_folder
+from cpid_drake.commands.options import (
+    FolderOption,
+    ForceOption,
+    QuietOption,
+    log_console,
+    print_warnings,
+)
 from cpid_drake.errors import prefix_errors
+from cpid_drake.output_files.drafts import draft_folder
+from cpid_drake.output_files.overwriting import PNG, check_folder
 from cpid_drake.resources import find_scenario
 
 
@@ -20,30 +27,36 @@ def paper(
             metavar="SCENARIO", help="A scenario file, or the name of a shipped scenario."
         ),
     ] = "paper",
+    force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Reproduce the study of Ning et al. 2016: simulate, identify, print tables, draw figures."""
     start = time.perf_counter()
-    make_folder(out)
+    check_folder("--out", out, [])
     path = find_scenario(scenario)
-    from cpid_drake.scenario.files import load_scenario
+    from cpid_drake.scenario.files import files_of, load_scenario
 
     log = log_console(quiet)
     with log.status("reading the scenario") as status:
         loaded = load_scenario(path)
-        from cpid_drake.report.pages.study import paper_report
-        from cpid_drake.report.paper import print_tables, write_figures
+        from cpid_drake.report.pages.study import STUDY_FILES, paper_report, write_study
+        from cpid_drake.report.paper import FIGURES, figures, print_tables
+        from cpid_drake.scenario.limits import check_limits
         from cpid_drake.studies.paper import run_paper_study, summarize
+        from cpid_drake.studies.paper_values import LIVELIER
 
+        livelier = load_scenario(find_scenario(LIVELIER))
+
+        outputs = [*((name, PNG) for name in FIGURES), *STUDY_FILES]
+        check_folder("--out", out, outputs, [path, *files_of(loaded)], force=force)
         with prefix_errors(scenario):
-            study = run_paper_study(loaded, status.update)
+            study = run_paper_study(loaded, status.update, livelier)
+            print_warnings(check_limits(study.simulation).exceeded)
         status.update("drawing the figures")
-        figures = write_figures(study, out)
         summary = summarize(study, time.perf_counter() - start)
-        page = out / "report.html"
-        paper_report(study, figures, summary, scenario).write(page)
-    files = [*figures, page, out / "summary.json"]
-    files[-1].write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        with draft_folder(out) as draft:
+            drawn = figures(study)
+            write_study(draft, paper_report(study, drawn, summary, scenario), drawn)
     if not quiet:
         print_tables(study, Console(markup=False))
-    log.print(f"\n{len(files)} files in {out}, {summary['wall_seconds']:.1f} s")
+    log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")

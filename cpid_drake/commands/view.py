@@ -7,27 +7,33 @@ import typer
 from rich.console import Console
 
 from cpid_drake.commands import options
+from cpid_drake.commands.forecast import Forecast
+from cpid_drake.commands.log_options import LogOptions, with_log_options
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.output_files.drafts import write_text
+from cpid_drake.output_files.overwriting import PAGE, Output, check_outputs
 from cpid_drake.resources import find_scenario
 
 if TYPE_CHECKING:
     from cpid_drake.identification.requests import Request
     from cpid_drake.identification.result import Identification
+    from cpid_drake.scenario.schema import Scenario
 
 LARGE_PAGE = 10_000_000
 """Size [bytes] of a page above which a warning is printed, because a large page is hard to send."""
 
-_LOGS = (".csv", ".npz", ".parquet", ".db3", ".mcap")
 
-
+@with_log_options
 def view(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="SCENARIO|TELEMETRY",
-            help="A scenario file, the name of a shipped scenario, or a log.",
+            metavar="SCENARIO|RUN|TELEMETRY",
+            help="A scenario file, the name of a shipped scenario, an output folder of "
+            "`cpid simulate`, or a log.",
         ),
     ],
+    log: LogOptions,
     html: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write a replay, one HTML file that plays offline."),
@@ -38,49 +44,48 @@ def view(
     rate: Annotated[
         float, typer.Option(help="Initial ratio of simulated to real time in the live view.")
     ] = 1.0,
-    spacecraft: options.ModelOption[str | None] = None,
-    base: options.BaseOption[str | None] = None,
-    capture_frame: options.CaptureFrameOption[str | None] = None,
-    sensors: options.SensorsOption = None,
-    momentum: options.MomentumOption = None,
-    package: options.PackageOption = None,
+    force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> None:
-    """Show a scenario live in the browser, or write the replay of a scenario or of a log.
+    """Show a scenario live in the browser, or write the replay of a scenario, a run or a log.
 
-    The options from --spacecraft to --package are for logs.
+    A log needs the options from --spacecraft to --capture-frame. The options from --estimator to
+    --leave-out-bad are for logs and runs.
 
     In the live view, sliders pose the arms before a run; the run starts from the scenario's pose.
     """
-    if html is not None:
-        options.check_output("--html", html)
+    outputs = [] if html is None else [Output("--html", html, PAGE)]
+    inputs: list[str | Path] = [source, *log.files()]
+    check_outputs(outputs, inputs, force=force)
     if not 0.1 <= rate <= 5:
         raise InputError(f"--rate {rate:g}: must be from 0.1 to 5")
     console = options.log_console(quiet)
-    craft = {"--spacecraft": spacecraft, "--base": base, "--capture-frame": capture_frame}
-    missing = [option for option, value in craft.items() if value is None]
     page: str | None
-    if source.lower().endswith(_LOGS) or len(missing) < len(craft):
-        if spacecraft is None or base is None or capture_frame is None:
-            raise InputError(f"{source}: a log needs a spacecraft: give {missing[0]}")
+    is_log, is_run = log.is_log(source), Path(source).is_dir()
+    if is_log or is_run:
+        if is_log:
+            request = log.request(source)
         if html is None or live:
             raise InputError(f"{source}: a log has no live view: give --html FILE, not --live")
-        packages, model = options.packages_of(package), options.absolute_model(spacecraft)
-        options.check_inputs(source, model, sensors)
-        from cpid_drake.identification.requests import Request
-        from cpid_drake.identification.result_files import SpacecraftReference
+        if not is_log:
+            from cpid_drake.report.run_folder import read_run
+            from cpid_drake.scenario.run_files import request_of_run
 
-        reference = SpacecraftReference(model, base, capture_frame, packages)
-        request = Request(source, reference, sensors=sensors, momentum=momentum or "zero")
+            request = log.applied_to(request_of_run(read_run(Path(source)).scenario, Path(source)))
         page, text = _replay_log(request, console)
     else:
-        for_logs = {"--sensors": sensors, "--momentum": momentum}
-        for option, value in (for_logs | {"--package": package}).items():
-            if value:
-                raise InputError(f"{option} is for logs; a scenario file has its own setting")
-        page, text = _show_scenario(source, html is not None, html is None or live, rate, console)
+        if log.given():
+            raise InputError(f"{log.given()[0]} is for logs; a scenario file has its own setting")
+        path = find_scenario(source)
+        from cpid_drake.scenario.files import files_of, load_scenario
+
+        scenario = load_scenario(path)
+        check_outputs(outputs, [path, *files_of(scenario)], force=force)
+        page, text = _show_scenario(
+            scenario, source, html is not None, html is None or live, rate, console
+        )
     if html is not None and page is not None:
-        html.write_text(page, encoding="utf-8")
+        write_text(html, page)
         size = html.stat().st_size
         console.print(f"{html}, {size / 1e6:.1f} MB")
         if size > LARGE_PAGE:
@@ -108,28 +113,34 @@ def _replay_log(request: "Request", console: Console) -> tuple[str, str]:
 
 
 def _show_scenario(
-    source: str, as_page: bool, as_live: bool, rate: float, console: Console
+    scenario: "Scenario", source: str, as_page: bool, as_live: bool, rate: float, console: Console
 ) -> tuple[str | None, str]:
     """Return the page of a scenario, if it is wanted, and the estimate as text."""
-    path = find_scenario(source)
-    from cpid_drake.scenario.files import load_scenario
-
     page, text = None, "no run"
     with console.status("reading the scenario") as status:
-        scenario = load_scenario(path)
         from cpid_drake.report.live_view import LiveView
         from cpid_drake.report.replay import estimate_text, replay_simulation
+        from cpid_drake.scenario.limits import check_limits
         from cpid_drake.scenario.simulation import make_simulation
         from cpid_drake.systems.scene_visualizer import open_meshcat
 
         with prefix_errors(source):
             simulation = make_simulation(scenario)  # finds errors before a page is opened
+            options.print_warnings(check_limits(simulation).exceeded)
         duration = scenario.simulation.duration
         if as_live:
             meshcat = open_meshcat("*")
-            live = LiveView(make_simulation(scenario, meshcat=meshcat), meshcat, rate)
+            live = LiveView(
+                make_simulation(scenario, meshcat=meshcat),
+                meshcat,
+                rate,
+                title=Path(source).stem,
+                host="*",
+            )
             typer.echo(
-                f"Open {meshcat.web_url()} and use Start and Stop in Open Controls", err=True
+                f"Open {live.url} and use Start and Stop in Open Controls (the page shows the "
+                f"scene of {meshcat.web_url()}; from another machine, both ports must be open)",
+                err=True,
             )
             status.update("waiting for Start; until then the sliders only pose the arms")
 
@@ -141,9 +152,15 @@ def _show_scenario(
 
             live.serve(on_frame)
         if as_page:
+            forecast = Forecast(f"{duration:g} s of motion take", duration, console.print)
+
+            def progress(time: float) -> None:
+                status.update(f"simulated {time:.1f} of {duration:g} s")
+                forecast.update(time)
+
             page, last = replay_simulation(
                 simulation,
-                lambda time: status.update(f"simulated {time:.1f} of {duration:g} s"),
+                progress,
                 title=Path(source).stem,
             )
             text = estimate_text(last, simulation.truth)

@@ -9,7 +9,8 @@ M and h are the known bodies' inertia and their momentum with the base at rest, 
 twist to the twist of the capture frame C, V_BC is the twist of C relative to B in C, and G(φ) is
 the target's spatial inertia in C, linear in its standard vector φ. V_WB and its derivative w.r.t. φ
 therefore have closed forms. Integrating V_WB gives the base's pose for many targets at once,
-without a simulation of the dynamics.
+without a simulation of the dynamics. A base on a table has twists S u only (`plane.freedom`), and
+the three equations Sᵀ (…) determine u; the others contain the reactions of the table.
 
 Source: Ning et al. 2016, Eqs. 5 and 9, solved for the motion of the base.
 """
@@ -24,6 +25,7 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.parameterizations import vector_to_tensor
+from cpid_drake.dynamics.plane import freedom
 from cpid_drake.dynamics.rotations import quaternion_rate, rotate, rotate_by_quaternion, skew
 from cpid_drake.dynamics.spatial_inertia import moved_spatial_inertia, spatial_inertia
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -40,6 +42,7 @@ class KnownDynamics:
         h: (N, 6) momentum [L; P] of the known bodies about B's origin, in B, with the base at rest.
         X: (N, 6, 6) maps the base's twist, in B, to the twist of C, in C, with the joints at rest.
         V_BC: (N, 6) twist of C relative to B, in C.
+        normal_B: (3,) normal in B of a table that carries the base; None without one.
 
     """
 
@@ -47,6 +50,14 @@ class KnownDynamics:
     h: NDArray[np.float64]
     X: NDArray[np.float64]
     V_BC: NDArray[np.float64]
+    normal_B: NDArray[np.float64] | None = None
+
+    def mobility(self, M: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ∂V/∂Π (..., N, 6, 6) of the base's twist for an inertia M: M⁻¹ if it is free."""
+        if self.normal_B is None:
+            return np.asarray(np.linalg.inv(M), dtype=float)
+        S = freedom(self.normal_B)
+        return np.asarray(S @ np.linalg.inv(S.T @ M @ S) @ S.T)
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,7 @@ class BaseTrajectory:
 def known_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> KnownDynamics:
     """Return the known bodies' inertia and momentum at joint positions and rates, (N, J) each."""
     bodies, capture = propagate(tree, Telemetry.seen_from_base(q, qdot))
-    M = np.zeros((bodies.r.shape[1], 6, 6))
+    M = np.zeros((bodies.r.shape[1], 6, 6), bodies.r.dtype)
     for body, R, r in zip(tree.bodies, bodies.R, bodies.r, strict=True):
         M += moved_spatial_inertia(body.mass, body.I_BBcm, R, r)
     L = angular_momentum(tree, bodies, np.zeros(3))
@@ -88,7 +99,7 @@ def known_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> KnownD
     X[:, :3, :3] = X[:, 3:, 3:] = R_CB
     X[:, 3:, :3] = -R_CB @ skew(capture.p_WC)
     V_BC = np.hstack([rotate(R_CB, capture.w_WC), rotate(R_CB, capture.v_WC)])
-    return KnownDynamics(M, np.hstack([L, P]), X, V_BC)
+    return KnownDynamics(M, np.hstack([L, P]), X, V_BC, tree.normal_B)
 
 
 def target_spatial_inertia(phi: ArrayLike) -> NDArray[np.float64]:
@@ -114,6 +125,8 @@ def base_twist(
     """
     M, h = _total(known, phi)
     rest = -h if momentum_B is None else np.asarray(momentum_B) - h
+    if known.normal_B is not None:
+        return rotate(known.mobility(M), rest)
     return np.asarray(np.linalg.solve(M, rest[..., None])[..., 0], dtype=float)
 
 
@@ -128,7 +141,7 @@ def base_twist_sensitivity(
     M, _ = _total(known, phi)
     V_WC = rotate(known.X, V_WB) + known.V_BC
     Y = np.einsum("kij,...j->...ik", _G_BY_PHI, V_WC)
-    return -np.linalg.solve(M, np.swapaxes(known.X, -1, -2) @ Y)
+    return -known.mobility(M) @ np.swapaxes(known.X, -1, -2) @ Y
 
 
 def propagate_base(
@@ -139,7 +152,7 @@ def propagate_base(
     *,
     quaternion_WB: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     p_WB: ArrayLike = (0.0, 0.0, 0.0),
-    momentum_W: ArrayLike | None = None,
+    momentum_W: ArrayLike | Callable[[float], ArrayLike] | None = None,
     max_step: float = 0.1,
 ) -> BaseTrajectory:
     """Propagate the base's pose through a joint motion, for one target or for many at once.
@@ -154,7 +167,9 @@ def propagate_base(
         times: (N,) increasing instants of the result [s]; the motion starts at the first.
         quaternion_WB: (..., 4) attitude at the start (w, x, y, z).
         p_WB: (..., 3) position at the start [m].
-        momentum_W: (..., 6) constant total momentum [L; P] about W's origin, in W; default: zero.
+        momentum_W: (..., 6) total momentum [L; P] about W's origin, in W [N·m·s, N·s]; default:
+            zero. If external forces change it, a function that returns it at a time [s] in the
+            range of `times`.
         max_step: longest step [s].
 
     Raises:
@@ -167,11 +182,16 @@ def propagate_base(
     if not max_step > 0:
         raise InputError(f"max_step must be > 0 s, not {max_step}")
     phi = np.asarray(phi, dtype=float)
+
+    def momentum_at(time: float) -> NDArray[np.float64]:
+        total = momentum_W(time) if callable(momentum_W) else momentum_W
+        return np.asarray(total, dtype=float)
+
     batch = np.broadcast_shapes(
         phi.shape[:-1],
         np.shape(quaternion_WB)[:-1],
         np.shape(p_WB)[:-1],
-        () if momentum_W is None else np.shape(momentum_W)[:-1],
+        () if momentum_W is None else np.shape(momentum_at(times[0]))[:-1],
     )
     steps = np.maximum(np.ceil(np.diff(times) / max_step - 1e-9).astype(int), 1)
     starts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(times, times[1:], steps)]
@@ -185,14 +205,14 @@ def propagate_base(
         still = base_twist(known, phi)
     else:
         M, h = _total(known, phi)
-        inverse = np.linalg.inv(M)
+        inverse = known.mobility(M)
         still = -rotate(inverse, h)
     twists = np.broadcast_to(still, (*batch, *still.shape[-2:]))
 
     def twist(node: int, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         if inverse is None:
             return twists[..., node, :]
-        momentum = _momentum_in_base(np.asarray(momentum_W, dtype=float), pose)
+        momentum = _momentum_in_base(momentum_at(grid[node]), pose)
         return twists[..., node, :] + rotate(inverse[..., node, :, :], momentum)
 
     pose = np.empty((*batch, 7))

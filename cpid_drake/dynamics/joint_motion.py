@@ -1,12 +1,14 @@
 """Joint motions as functions of time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.errors import InputError
+
+_POINTS_PER_CYCLE = 64
 
 
 class JointMotion(Protocol):
@@ -19,6 +21,10 @@ class JointMotion(Protocol):
 
     def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
+        ...
+
+    def instants(self) -> NDArray[np.float64]:
+        """Return times (N,) from 0 to the end that resolve the motion [s]."""
         ...
 
 
@@ -64,22 +70,22 @@ class HalfCosine:
         qddot = half * rate**2 * np.cos(phase) * moving
         return np.stack([q, qdot, qddot], axis=-2)
 
-    def peak_rates(self) -> NDArray[np.float64]:
-        """Return the (J,) largest joint speeds, reached at T/2 [rad/s or m/s]."""
-        return np.pi / self.duration * np.abs(self.q_final - self.q_initial) / 2
+    def instants(self) -> NDArray[np.float64]:
+        """Return times (N,) from 0 to T that resolve the motion, T/2 included [s]."""
+        return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE + 1)
 
 
 _MOST_CYCLES = 1000
-_POINTS_PER_CYCLE = 200
 
 
 @dataclass(frozen=True, eq=False)
 class MultiSine:
-    """q(t) = centre + r(t) Σ_k a_k sin(2π f_k t + φ_k): a bounded motion of all joints.
+    """q(t) = centre + s(t/T) Δ + r(t) Σ_k a_k sin(2π f_k t + φ_k): a bounded motion of all joints.
 
-    r rises from 0 to 1 over the first `ramp` seconds and falls back over the last, by the
-    polynomial of degree 9 whose first four derivatives vanish at both ends. The joints are at rest
-    at the centre, without acceleration or jerk, until t = 0 and from t = T on.
+    s is the polynomial of degree 9 that rises from 0 to 1 and whose first four derivatives vanish
+    at both ends. r rises in the same way over the first `ramp` seconds and falls back over the
+    last. The joints are at rest at the centre until t = 0 and at centre + Δ from t = T on, without
+    acceleration or jerk. Source: Swevers et al. 1997 (sums of sines that excite a robot well).
 
     Attributes:
         centre: (J,) positions about which the joints move [rad or m].
@@ -88,6 +94,7 @@ class MultiSine:
         phases: (K, J) φ_k [rad].
         ramp: time to rise, and to fall [s].
         duration: T [s].
+        displacement: (J,) Δ [rad or m]; default: zero.
 
     Raises:
         InputError: shapes do not match, an entry is not finite, a frequency or time is not
@@ -101,9 +108,18 @@ class MultiSine:
     phases: NDArray[np.float64]
     ramp: float
     duration: float
+    displacement: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        dimensions = {"centre": 1, "frequencies": 1, "amplitudes": 2, "phases": 2}
+        if not np.size(self.displacement):
+            object.__setattr__(self, "displacement", np.zeros(np.shape(self.centre)))
+        dimensions = {
+            "centre": 1,
+            "displacement": 1,
+            "frequencies": 1,
+            "amplitudes": 2,
+            "phases": 2,
+        }
         for name, count in dimensions.items():
             try:
                 values = np.array(getattr(self, name), dtype=float)
@@ -121,6 +137,8 @@ class MultiSine:
                 f"and phases must be of shape {shape}, not {self.amplitudes.shape} and "
                 f"{self.phases.shape}"
             )
+        if np.shape(self.displacement) != self.centre.shape:
+            raise InputError("multi-sine motion: displacement and centre must be of equal length")
         if not self.frequencies.size or not (self.frequencies > 0).all():
             raise InputError("multi-sine motion: frequencies must be > 0 Hz, at least one")
         if not (np.isfinite(self.duration) and self.duration > 0):
@@ -141,9 +159,8 @@ class MultiSine:
         t = np.clip(np.asarray(time, dtype=float)[..., None], 0.0, self.duration)
         x = np.minimum(np.minimum(t, self.duration - t) / self.ramp, 1.0)
         direction = np.where(t < self.duration / 2, 1.0, -1.0)
-        r = x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4)
-        rdot = direction * 630 * (x * (1 - x)) ** 4 / self.ramp
-        rddot = 2520 * (x * (1 - x)) ** 3 * (1 - 2 * x) / self.ramp**2
+        r, rdot, rddot = _smooth_step(x)
+        rdot, rddot = direction * rdot / self.ramp, rddot / self.ramp**2
 
         w = 2 * np.pi * self.frequencies[:, None]
         angle = w * t[..., None] + self.phases
@@ -152,20 +169,23 @@ class MultiSine:
         q = self.centre + r * s
         qdot = rdot * s + r * sdot
         qddot = rddot * s + 2 * rdot * sdot + r * sddot
-        return np.stack([q, qdot, qddot], axis=-2)
+        moved = np.stack([q, qdot, qddot], axis=-2)
+        scales = self.duration ** -np.arange(3.0)[:, None]
+        shift = np.stack(_smooth_step(t / self.duration), axis=-2) * scales * self.displacement
+        return np.asarray(moved + shift)
 
-    def position_range(self) -> NDArray[np.float64]:
-        """Return the lowest and highest positions (2, J), accurate to about 1e-4 of the motion."""
-        q = self._fine_samples()[:, 0]
-        return np.stack([q.min(axis=0), q.max(axis=0)])
+    def instants(self) -> NDArray[np.float64]:
+        """Return times (N,) from 0 to T that resolve every cycle and both ramps [s].
 
-    def peak_rates(self) -> NDArray[np.float64]:
-        """Return the (J,) largest joint speeds, accurate to about 1e-4 [rad/s or m/s]."""
-        return np.abs(self._fine_samples()[:, 1]).max(axis=0)
-
-    def _fine_samples(self) -> NDArray[np.float64]:
-        """Return the motion (N, 3, J) at instants that resolve every cycle and both ramps."""
+        Extremes at these instants are accurate to about 1e-3.
+        """
         count = _POINTS_PER_CYCLE * max(1.0, self.frequencies.max() * self.duration)
         start = np.linspace(0.0, self.ramp, _POINTS_PER_CYCLE + 1)
         whole = np.linspace(0.0, self.duration, int(np.ceil(count)) + 1)
-        return self.evaluate(np.concatenate([start, whole, self.duration - start]))
+        return np.unique(np.concatenate([start, whole, self.duration - start]))
+
+
+def _smooth_step(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return the polynomial of degree 9 from 0 at x = 0 to 1 at x = 1, and two derivatives."""
+    step = x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4)
+    return step, 630 * (x * (1 - x)) ** 4, 2520 * (x * (1 - x)) ** 3 * (1 - 2 * x)

@@ -89,12 +89,13 @@ def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, Ca
     """Return the motion of every body and of C, computed from the base outwards.
 
     Sliding joints are an extension of the paper: axis · q is added to
-    b_m, and axis · q̇ to v_k.
+    b_m, and axis · q̇ to v_k. Complex motions are allowed, for derivatives by complex steps.
 
     Source: Ning et al. 2016, Eqs. 1-3.
     """
     K, N = len(tree.bodies), len(telemetry)
-    R, r, w, v = np.empty((K, N, 3, 3)), *(np.empty((K, N, 3)) for _ in range(3))
+    dtype = np.result_type(float, telemetry.q, telemetry.qdot, telemetry.w_WB, telemetry.v_WB)
+    R, r, w, v = np.empty((K, N, 3, 3), dtype), *np.empty((3, K, N, 3), dtype)
     for k, body in enumerate(tree.bodies):
         m = body.parent
         if m < 0:

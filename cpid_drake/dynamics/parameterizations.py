@@ -30,6 +30,9 @@ PARAMETER_NAMES = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iy
 PARAMETER_UNITS = ("kg", "m", "m", "m") + 6 * ("kg·m²",)
 """Units of the entries of the parameter vector π, in its order."""
 
+SCALE_LENGTH = 0.5
+"""Length to which errors of the centre of mass are compared in studies and plans [m]."""
+
 _ROW, _COLUMN = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
 REPORT_ORDER = np.array([0, 3, 5, 1, 2, 4])  # (11, 12, 13, 22, 23, 33) -> (xx, yy, zz, xy, xz, yz)
 TENSOR_ORDER = np.argsort(REPORT_ORDER)
@@ -136,8 +139,10 @@ def standard_jacobian(phi: ArrayLike) -> NDArray[np.float64]:
     jacobian[1:4, 1:4] = np.eye(3) / mass
     # I = J − (|h|² 1 − h hᵀ)/m
     jacobian[4:, 0] = tensor_to_vector(point_mass_inertia(1.0, h) / mass**2)[REPORT_ORDER]
-    for k, unit in enumerate(np.eye(3)):
-        derivative = 2 * h[k] * np.eye(3) - np.outer(unit, h) - np.outer(h, unit)
+    for k in range(3):
+        derivative = np.diag(np.where(np.arange(3) == k, 0.0, 2 * h[k]))
+        for j in {0, 1, 2} - {k}:
+            derivative[k, j] = derivative[j, k] = -h[j]
         jacobian[4:, 1 + k] = tensor_to_vector(-derivative / mass)[REPORT_ORDER]
     jacobian[4 + np.arange(6), 4 + REPORT_ORDER] = 1.0
     return jacobian

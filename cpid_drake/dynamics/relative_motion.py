@@ -16,16 +16,17 @@ does not depend on a measured velocity.
 Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.base_motion import KnownDynamics, known_dynamics
 from cpid_drake.dynamics.parameterizations import vector_to_tensor
-from cpid_drake.dynamics.rotations import rotate, skew, unskew
+from cpid_drake.dynamics.rotations import cross, rotate, skew, unskew
 from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class RelativeDynamics:
         w_BC: (N, 3) angular velocity of C relative to B, in C [rad/s].
         s: (N, 3) vector from K to C's origin, in C [m].
         sdot: (N, 3) its rate as seen from B, in C [m/s].
+        normal_B: (3,) normal in B of a table that carries the base; None without one.
 
     """
 
@@ -54,6 +56,7 @@ class RelativeDynamics:
     w_BC: NDArray[np.float64]
     s: NDArray[np.float64]
     sdot: NDArray[np.float64]
+    normal_B: NDArray[np.float64] | None = None
 
     @classmethod
     def from_known(cls, known: KnownDynamics, mass: float) -> "RelativeDynamics":
@@ -74,7 +77,17 @@ class RelativeDynamics:
             w_BC=known.V_BC[:, :3],
             s=rotate(R_CB, p_BC - p_BK),
             sdot=known.V_BC[:, 3:] - rotate(R_CB, v_BK),
+            normal_B=known.normal_B,
         )
+
+    def part(self, rows: slice) -> "RelativeDynamics":
+        """Return some of the instants."""
+        arrays = {
+            name: value[rows]
+            for name, value in vars(self).items()
+            if name not in ("mass", "normal_B")
+        }
+        return replace(self, **arrays)
 
     def regressor(self, w_B: ArrayLike) -> NDArray[np.float64]:
         """Return Y (N, 3, 10) in B at angular velocities w_B (N, 3): the relative rows."""
@@ -90,6 +103,26 @@ class RelativeDynamics:
         moment = moment - cross - np.swapaxes(cross, -1, -2)
         moment += (2 * s @ first)[:, None, None] * np.eye(3)
         return self.I_K + self.R_BC @ moment @ np.swapaxes(self.R_BC, -1, -2)
+
+    def mobility(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ∂ω/∂L (N, 3, 3) in B: the inverse of J(ψ); on a table n nᵀ / (nᵀ J n).
+
+        Raises:
+            InputError: the inertia is not positive definite for this target.
+
+        """
+        J, n = self.inertia(psi), self.normal_B
+        if n is None:
+            if np.isfinite(J).all() and (np.linalg.eigvalsh(J.real)[:, 0] > 0).all():
+                return np.asarray(np.linalg.inv(J))
+        elif ((about := n @ J @ n).real > 0).all():
+            return np.asarray(np.outer(n, n) / about[:, None, None])
+        raise InputError("the system's inertia is not positive definite for this target")
+
+    def inertia_regressor(self, vectors_B: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivative (N, 3, 10) of J(ψ) x with respect to ψ, for x (N, 3), in B."""
+        x = rotate(np.swapaxes(self.R_BC, -1, -2), vectors_B)
+        return self.R_BC @ relative_regressor(self.s, cross(x, self.s), x)
 
     def momentum_at_rest(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return h(ψ) (N, 3), in B: the angular momentum while the base does not turn."""

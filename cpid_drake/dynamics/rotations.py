@@ -36,7 +36,7 @@ def skew(v: ArrayLike) -> NDArray[np.float64]:
 
     Source: Ning et al. 2016, Eq. 8.
     """
-    v = np.asarray(v, dtype=float)
+    v = np.asarray(v)
     return (v @ _SKEW).reshape(*v.shape, 3)
 
 
@@ -51,7 +51,7 @@ def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArra
     The axis is expressed in the frame that R rotates from. Source: Rodrigues' formula.
     """
     K = skew(axis)
-    R, angle = np.asarray(R, dtype=float), np.asarray(angle, dtype=float)[:, None, None]
+    R, angle = np.asarray(R), np.asarray(angle)[:, None, None]
     by_sine, by_cosine = product(R, K), product(R, K @ K)
     by_sine *= np.sin(angle)
     by_cosine *= 1 - np.cos(angle)

@@ -46,7 +46,7 @@ def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
 
     Source: Ning et al. 2016, Eq. 11.
     """
-    v = np.asarray(v, dtype=float)
+    v = np.asarray(v)
     return (v @ _INERTIA_OPERATOR).reshape(*v.shape, 6)
 
 
@@ -207,6 +207,7 @@ class RowFamily:
         momentum_columns: columns of these unknowns (rows_per_sample · N, momentum_size), or None.
         uses_base_position: whether the rows depend on the base's position and velocity.
         linear_unit: unit of the linear rows, those before the last three of a sample.
+        good_for: its recommended use, in a few words.
 
     """
 
@@ -218,6 +219,7 @@ class RowFamily:
     momentum_columns: Callable[[MomentumSamples], NDArray[np.float64]] | None = None
     uses_base_position: bool = True
     linear_unit: str = "N·s"
+    good_for: str = ""
 
     def rows(self, samples: MomentumSamples) -> Rows:
         """Return A (N, rows_per_sample, 10) and b (N, rows_per_sample), expressed in C."""
@@ -238,12 +240,52 @@ class RowFamily:
             raise InputError(f"{self.name} rows are not linear in an unknown total momentum")
         return np.hstack([self.momentum_columns(samples), rows])
 
+    def momenta_in_plane(self) -> NDArray[np.intp]:
+        """Return the places of the unknowns of a constant momentum that count on a table."""
+        return np.array([2, 3, 4][: self.momentum_size // 2] or [], dtype=np.intp)
 
-EQ18_ROWS = RowFamily("eq18", 6, lambda known_mass: EQ18, _constant_block(_eq18), linear_unit="m/s")
+    def rows_in_plane(
+        self, rows: NDArray[np.float64], R_WC: NDArray[np.float64], unknowns: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Return the rows of P_x, P_y and L_z in W from rows of all components in C.
+
+        Args:
+            rows: (rows_per_sample · N, k + 11), as from `full_rows`.
+            R_WC: (N, 3, 3) attitude of C.
+            unknowns: places (u,) of the target's unknowns to keep; see `KinematicTree.unknowns`.
+
+        Returns:
+            (3 N, l + u + 1), or (N, l + u + 1) without linear rows, with the l columns of
+            `momenta_in_plane`.
+
+        """
+        k = rows.shape[1] - 11
+        by_sample = rows.reshape(len(R_WC), -1, 3, rows.shape[1])
+        in_W = (R_WC[:, None] @ by_sample).reshape(len(R_WC), -1, rows.shape[1])
+        momenta = self.momenta_in_plane() if k else np.empty(0, dtype=np.intp)
+        columns = np.concatenate([momenta, k + unknowns, [k + 10]])
+        conserved = [0, 1, 5] if self.rows_per_sample == 6 else [2]
+        return in_W[:, conserved][:, :, columns].reshape(-1, len(columns))
+
+
+EQ18_ROWS = RowFamily(
+    "eq18",
+    6,
+    lambda known_mass: EQ18,
+    _constant_block(_eq18),
+    linear_unit="m/s",
+    good_for="the paper's own equations, for exact logs without momentum",
+)
 """Ning et al. 2016, Eq. 18, in θ = (1/m, c, [I#]); its top rows are rotated from W to C."""
 
 STANDARD_ROWS = RowFamily(
-    "standard", 6, lambda known_mass: STANDARD, _constant_block(_standard), 6, _momentum_columns
+    "standard",
+    6,
+    lambda known_mass: STANDARD,
+    _constant_block(_standard),
+    6,
+    _momentum_columns,
+    good_for="logs of the base's attitude and position",
 )
 """The same physics in φ = (m, m c, J): the measured momentum is on the right-hand side only."""
 
@@ -255,6 +297,7 @@ RELATIVE_ROWS = RowFamily(
     3,
     _relative_momentum_columns,
     uses_base_position=False,
+    good_for="logs without the base's position, or with an unknown linear momentum",
 )
 """Rows in ψ = (μ, μc, I_*), from attitude and joints only: no base position, no linear momentum."""
 

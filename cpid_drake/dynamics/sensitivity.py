@@ -1,16 +1,19 @@
 """First-order effects of errors in the joint motion and in the known bodies on the base's motion.
 
 Joint positions and rates come from encoders; masses, centres of mass and inertias of the known
-bodies come from drawings. This module computes, in closed form, the derivatives of the base's
-angular velocity and of the position of the system's centre of mass with respect to each of these
-quantities.
+bodies, and the geometry of the arm, come from drawings. This module computes, in closed form, the
+derivatives of the base's angular velocity and of the position of the system's centre of mass with
+respect to each of these quantities.
 
 S_j = [a; o × a] is the screw of joint j. I and Π are the spatial inertia and the momentum about
-B's origin, in B, of all bodies outboard of joint j, and V is the twist of the first of them:
+B's origin, in B, of all bodies outboard of joint j, and V is the twist of the body inboard of it:
 
     ∂Π/∂q̇_j = I S_j,      ∂Π/∂q_j = S_j ×* Π − I (S_j × V),
 
-with × and ×* the cross products of twists and of momenta (Featherstone 2008, ch. 2).
+with × and ×* the cross products of twists and of momenta (Featherstone 2008, ch. 2). An error of
+the joint's place or direction on its inboard body displaces the same bodies by another small screw
+S, for which the second equation holds unchanged. An error of the capture frame's pose displaces the
+target alone.
 """
 
 from dataclasses import dataclass, replace
@@ -19,17 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.kinematics import propagate
-from cpid_drake.dynamics.momentum import angular_momenta, linear_momenta
+from cpid_drake.dynamics.outboard import Outboard, frame_screws, joined_bodies, joint_screw
 from cpid_drake.dynamics.parameterizations import REPORT_ORDER, vector_to_tensor
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
-from cpid_drake.dynamics.rotations import rotate, skew
-from cpid_drake.dynamics.spatial_inertia import (
-    inertia_of_second_moment,
-    moved_spatial_inertia,
-    second_moment,
-)
+from cpid_drake.dynamics.rotations import cross, exp, rotate, skew
+from cpid_drake.dynamics.spatial_inertia import inertia_of_second_moment, second_moment
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 
 # The six symmetric unit stretches (6, 3, 3): xx, yy, zz, xy, xz, yz.
 _STRETCHES = vector_to_tensor(np.eye(6))[REPORT_ORDER]
@@ -51,29 +51,6 @@ class MotionSensitivity:
     v: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class BodyUncertainty:
-    """Uncertainty of the known bodies' inertial parameters; the same σ for every body.
-
-    Attributes:
-        mass: relative σ of the mass.
-        com: σ of each coordinate of the centre of mass [m].
-        inertia: relative σ of the principal second moments, and σ of the directions of the
-            principal axes [rad].
-
-    """
-
-    mass: float = 0.0
-    com: float = 0.0
-    inertia: float = 0.0
-
-    @property
-    def sigmas(self) -> NDArray[np.float64]:
-        """(10,) σ of one body's relative mass (1), centre of mass (3) [m] and stretch (6)."""
-        stretch = self.inertia / 2  # the second moment grows by twice the stretch
-        return np.array([self.mass, *3 * [self.com], *6 * [stretch]])
-
-
 def joint_sensitivity(
     tree: KinematicTree, telemetry: Telemetry, psi: NDArray[np.float64], dynamics: RelativeDynamics
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
@@ -88,34 +65,41 @@ def joint_sensitivity(
     Source: Featherstone 2008, ch. 2.
 
     """
-    bodies, _ = propagate(tree, telemetry)
-    moved = zip(tree.bodies, bodies.R, bodies.r, strict=True)
-    inertia = np.stack([moved_spatial_inertia(b.mass, b.I_BBcm, R, r) for b, R, r in moved])
-    L, P = angular_momenta(tree, bodies, np.zeros(3)), linear_momenta(tree, bodies)
-    momentum = np.concatenate([np.stack(list(L)), P], axis=-1)
-    for k in range(len(tree.bodies) - 1, 0, -1):  # outboard bodies first
-        parent = tree.bodies[k].parent
-        inertia[parent] += inertia[k]
-        momentum[parent] += momentum[k]
+    outboard = Outboard.of(tree, telemetry)
+    bodies, moving = outboard.bodies, joined_bodies(tree)
+    places = [tree.bodies[k].joint for k in moving]
+    S = np.stack([joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k]) for k in moving], axis=-1)
+    change, by_rates = outboard.displaced(moving, S)
     N, J = len(telemetry), len(telemetry.joint_names)
-    by_position, by_rate = np.zeros((2, N, 6, J))
-    com_shift = np.zeros((N, 3, J))
-    for k, body in enumerate(tree.bodies):
-        if body.joint < 0:
-            continue
-        S, j = _screw(body, bodies.R[k], bodies.r[k]), body.joint
-        w = bodies.w[k]
-        V = np.concatenate([w, bodies.v[k] - np.cross(w, bodies.r[k])], axis=-1)
-        by_rate[:, :, j] = rotate(inertia[k], S)
-        by_position[:, :, j] = _cross_force(S, momentum[k]) - rotate(
-            inertia[k], _cross_motion(S, V)
-        )
-        com_shift[:, :, j] = by_rate[:, 3:, j] / inertia[0, :, 5, 5][:, None]
+    by_position, by_rate = np.zeros((2, N, 6, J), change.dtype)
+    by_position[:, :, places], by_rate[:, :, places] = change, by_rates
+    com_shift = by_rate[:, 3:] / tree.mass
     still = np.zeros_like(com_shift)
     return (
         _motion_sensitivity(by_position, com_shift, psi, dynamics),
         _motion_sensitivity(by_rate, still, psi, dynamics),
     )
+
+
+def geometry_sensitivity(
+    tree: KinematicTree, telemetry: Telemetry, psi: NDArray[np.float64], dynamics: RelativeDynamics
+) -> MotionSensitivity:
+    """Return the derivatives with respect to the geometry of the arm and to the pose of C.
+
+    Each joint has five quantities, in the order of `BodyUncertainty.joint_sigmas`: its place on its
+    inboard body, in this body's frame, and small turns about the two `axis_normals`, in the joint's
+    inboard frame. C has six: its place and a small turn, both in C. The target remains unchanged in
+    C. Arguments as for `joint_sensitivity`; the target is the last body of the tree.
+    """
+    outboard = Outboard.of(tree, telemetry)
+    moving, target = joined_bodies(tree), len(tree.bodies) - 1
+    S = [frame_screws(tree, k, outboard.bodies, axis_normals(tree.bodies[k])) for k in moving]
+    grasp = frame_screws(tree, target, outboard.bodies, np.eye(3))
+    R_BC = tree.bodies[target].R_PF
+    grasp[:, 3:, :3] = grasp[:, 3:, :3] @ R_BC
+    which = [*np.repeat(moving, 5).tolist(), *6 * [target]]
+    change, moved = outboard.displaced(which, np.concatenate([*S, grasp], axis=-1))
+    return _motion_sensitivity(change, moved[:, 3:] / tree.mass, psi, dynamics)
 
 
 def body_sensitivity(
@@ -139,11 +123,11 @@ def body_sensitivity(
     for k, body in enumerate(tree.bodies[:count]):
         R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
         dP = [body.mass * v]
-        dL = [np.cross(r, dP[0])]
+        dL = [cross(r, dP[0])]
         shift = [body.mass / total * (r - rho)]
         for axis in np.moveaxis(R, -1, 0):
-            dP.append(body.mass * np.cross(w, axis))
-            dL.append(body.mass * np.cross(axis, v) + np.cross(r, dP[-1]))
+            dP.append(body.mass * cross(w, axis))
+            dL.append(body.mass * cross(axis, v) + cross(r, dP[-1]))
             shift.append(body.mass / total * axis)
         for stretch in _STRETCHES:
             change = stretched_inertia_rate(body.I_BBcm, stretch)
@@ -157,10 +141,42 @@ def body_sensitivity(
     )
 
 
+def uncertain_sensitivity(
+    tree: KinematicTree,
+    telemetry: Telemetry,
+    psi: NDArray[np.float64],
+    dynamics: RelativeDynamics,
+    uncertainty: BodyUncertainty,
+) -> MotionSensitivity:
+    """Return the derivatives with respect to all uncertain quantities, each in units of its σ.
+
+    They are the quantities of `BodyUncertainty.all_sigmas` whose σ is not zero. Other arguments as
+    for `geometry_sensitivity`.
+    """
+    count = len(tree.bodies) - 1
+    sigmas = uncertainty.all_sigmas(count, len(joined_bodies(tree)))
+    of_bodies, of_geometry = np.split(sigmas, [10 * count])
+    parts = []
+    if of_bodies.any() or not of_geometry.any():
+        parts.append(_scaled(body_sensitivity(tree, telemetry, psi, dynamics, count), of_bodies))
+    if of_geometry.any():
+        parts.append(_scaled(geometry_sensitivity(tree, telemetry, psi, dynamics), of_geometry))
+    values = zip(*((part.w, part.com, part.v) for part in parts))
+    return MotionSensitivity(*(np.concatenate(each, axis=-1) for each in values))
+
+
+def axis_normals(body: TreeBody) -> NDArray[np.float64]:
+    """Return (3, 2) two unit vectors perpendicular to the axis of a body's joint, in F."""
+    axis = body.axis_F
+    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first)], axis=-1)
+
+
 def perturbed(
     tree: KinematicTree, uncertainty: BodyUncertainty, rng: np.random.Generator
 ) -> KinematicTree:
-    """Return a tree whose bodies' parameters are drawn at random around those of `tree`.
+    """Return a tree whose bodies and geometry are drawn at random around those of `tree`.
 
     The inertias remain physically consistent.
     """
@@ -172,7 +188,36 @@ def perturbed(
         inertia = inertia_of_second_moment(stretch @ second_moment(body.I_BBcm) @ stretch.T)
         mass = body.mass * (1 + draw[0])
         bodies.append(replace(body, mass=mass, p_BBcm=body.p_BBcm + draw[1:4], I_BBcm=inertia))
-    return replace(tree, bodies=tuple(bodies))
+    tree = replace(tree, bodies=tuple(bodies))
+    joints = joined_bodies(tree)
+    if not uncertainty.joint_sigmas.any() and not uncertainty.grasp_sigmas.any():
+        return tree
+    return displaced(
+        tree,
+        uncertainty.joint_sigmas * rng.standard_normal((len(joints), 5)),
+        uncertainty.grasp_sigmas * rng.standard_normal(6),
+    )
+
+
+def displaced(
+    tree: KinematicTree, joints: NDArray[np.float64], grasp: NDArray[np.float64]
+) -> KinematicTree:
+    """Return a tree with errors of its geometry, which may be large.
+
+    Args:
+        tree: the known bodies.
+        joints: (J, 5) errors of each joint's place [m] and axis [rad], in the order of the bodies;
+            see `geometry_sensitivity`.
+        grasp: (6,) errors of C's place [m] and attitude [rad], in C.
+
+    """
+    bodies = list(tree.bodies)
+    for k, error in zip(joined_bodies(tree), joints, strict=True):
+        body = bodies[k]
+        turn = exp(axis_normals(body) @ error[3:])
+        bodies[k] = replace(body, p_PF=body.p_PF + error[:3], R_PF=body.R_PF @ turn)
+    p_BC, R_BC = tree.p_BC + tree.R_BC @ grasp[:3], tree.R_BC @ exp(grasp[3:])
+    return replace(tree, bodies=tuple(bodies), p_BC=p_BC, R_BC=R_BC)
 
 
 def stretched_inertia_rate(
@@ -181,6 +226,12 @@ def stretched_inertia_rate(
     """Return dI (3, 3) for the change EΣ + ΣEᵀ of the second moment Σ = ½tr(I)1 − I."""
     sigma = second_moment(inertia)
     return inertia_of_second_moment(E @ sigma + sigma @ E.T)
+
+
+def _scaled(by: MotionSensitivity, sigmas: NDArray[np.float64]) -> MotionSensitivity:
+    """Return derivatives in units of σ (n,), without those whose σ is zero."""
+    used = sigmas > 0
+    return MotionSensitivity(*(value[..., used] * sigmas[used] for value in (by.w, by.com, by.v)))
 
 
 def _motion_sensitivity(
@@ -201,31 +252,5 @@ def _motion_sensitivity(
     rho = skew(dynamics.com(psi))
     total = dynamics.mass**2 / (dynamics.mass - psi[0])  # m_k + m, because μ = m_k m/(m_k + m)
     dL, dP = momentum[:, :3], momentum[:, 3:]
-    w = -np.asarray(np.linalg.solve(dynamics.inertia(psi), dL - rho @ dP), dtype=float)
+    w = -dynamics.mobility(psi) @ (dL - rho @ dP)
     return MotionSensitivity(w, com, rho @ w - dP / total)
-
-
-def _screw(body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the twist (N, 6) of a joint at unit rate, from its outboard body's R and r."""
-    R_WM = R @ body.R_MB.T
-    axis = rotate(R_WM, body.axis_F)
-    if body.prismatic:
-        return np.concatenate([np.zeros_like(axis), axis], axis=-1)
-    origin = r - rotate(R, body.p_BBcm) - rotate(R_WM, body.p_MB)
-    return np.concatenate([axis, np.cross(origin, axis)], axis=-1)
-
-
-def _cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S × V of twists [ω; v] (N, 6)."""
-    w, v = S[..., :3], S[..., 3:]
-    return np.concatenate(
-        [np.cross(w, V[..., :3]), np.cross(v, V[..., :3]) + np.cross(w, V[..., 3:])], axis=-1
-    )
-
-
-def _cross_force(S: NDArray[np.float64], F: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S ×* F of a twist [ω; v] and a momentum [L; P] (N, 6)."""
-    w, v = S[..., :3], S[..., 3:]
-    return np.concatenate(
-        [np.cross(w, F[..., :3]) + np.cross(v, F[..., 3:]), np.cross(w, F[..., 3:])], axis=-1
-    )

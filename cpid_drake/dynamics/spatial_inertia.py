@@ -10,10 +10,16 @@ def point_mass_inertia(mass: float, p: ArrayLike) -> NDArray[np.float64]:
     """Return m (|p|² 1 − p pᵀ): the (3, 3) inertia about the origin of a mass [kg] at p (3,) [m].
 
     By the parallel-axis theorem it is also the change of a body's inertia from its centre of mass
-    to a point that is p away.
+    to a point that is p away. Entries that do not depend on an unknown coordinate (NaN) are known.
     """
-    p = np.asarray(p, dtype=float)
-    return mass * (p @ p * np.eye(3) - np.outer(p, p))
+    x, y, z = np.asarray(p, dtype=float).tolist()
+    return mass * np.array(
+        [
+            [y * y + z * z, -x * y, -x * z],
+            [-x * y, x * x + z * z, -y * z],
+            [-x * z, -y * z, x * x + y * y],
+        ]
+    )
 
 
 def second_moment(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -41,7 +47,7 @@ def spatial_inertia(
 
     """
     h = skew(moment)
-    G = np.zeros((*h.shape[:-2], 6, 6))
+    G = np.zeros((*h.shape[:-2], 6, 6), np.result_type(h, inertia))
     G[..., :3, :3] = inertia
     G[..., :3, 3:] = h
     G[..., 3:, :3] = -h
@@ -50,17 +56,17 @@ def spatial_inertia(
 
 
 def moved_spatial_inertia(
-    mass: float, I_cm: NDArray[np.float64], R: NDArray[np.float64], p: NDArray[np.float64]
+    mass: ArrayLike, I_cm: NDArray[np.float64], R: NDArray[np.float64], p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return a body's spatial inertia (N, 6, 6) about another frame's origin, in that frame.
+    """Return spatial inertias (..., 6, 6) of bodies about another frame's origin, in that frame.
 
     Args:
-        mass: [kg].
-        I_cm: (3, 3) inertia about the centre of mass, in the body's frame [kg·m²].
-        R: (N, 3, 3) attitude of the body's frame in the other.
-        p: (N, 3) centre of mass from the other frame's origin [m].
+        mass: (...) [kg].
+        I_cm: (..., 3, 3) inertia about the centre of mass, in the body's frame [kg·m²].
+        R: (..., 3, 3) attitude of the body's frame in the other.
+        p: (..., 3) centre of mass from the other frame's origin [m].
 
     """
-    moment = mass * p
+    moment = np.asarray(mass)[..., None] * p
     inertia = R @ I_cm @ np.swapaxes(R, -1, -2) - skew(moment) @ skew(p)
     return spatial_inertia(mass, moment, inertia)

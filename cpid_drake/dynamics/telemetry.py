@@ -1,6 +1,7 @@
 """One type for the motion data from simulations, from sensors and from files."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -85,19 +86,29 @@ class Telemetry:
             q, qdot: (N, J) joint positions and rates; the joints are named by their number.
             w_WB, v_WB: (N, 3) velocities of the base, in B; default: a base at rest.
 
+        The arrays may be complex, for derivatives by complex steps.
+
         """
-        q = np.asarray(q, dtype=float)
+        q, qdot = (np.asarray(values) for values in (q, qdot))
         count, joints = q.shape
-        return cls(
-            tuple(f"joint {j}" for j in range(joints)),
-            np.arange(count, dtype=float),
+        return cls._checked(
+            joint_names=tuple(f"joint {j}" for j in range(joints)),
+            time=np.arange(count, dtype=float),
             quaternion_WB=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
             p_WB=np.zeros((count, 3)),
             w_WB=np.broadcast_to(w_WB, (count, 3)),
             v_WB=np.broadcast_to(v_WB, (count, 3)),
             q=q,
-            qdot=np.asarray(qdot, dtype=float),
+            qdot=qdot,
         )
+
+    @classmethod
+    def _checked(cls, **members: Any) -> "Telemetry":
+        """Return telemetry with these members, without copies and without the checks."""
+        telemetry = object.__new__(cls)
+        for name, value in members.items():
+            object.__setattr__(telemetry, name, value)
+        return telemetry
 
     def __len__(self) -> int:
         return self.time.size
@@ -129,10 +140,7 @@ class Telemetry:
         if not isinstance(samples, slice) or (samples.step or 1) < 0:
             return replace(self, **parts)
         # These samples are already checked; a long log is cut into many pieces.
-        piece = object.__new__(Telemetry)
-        for name, values in {"joint_names": self.joint_names, **parts}.items():
-            object.__setattr__(piece, name, values)
-        return piece
+        return self._checked(joint_names=self.joint_names, **parts)
 
     def at(self, times: ArrayLike) -> "Telemetry":
         """Return the samples at these times, each within 1 µs.

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import vector_to_tensor
+from cpid_drake.dynamics.plane import ALONG, parallel_axis, unknowns_in_plane
 from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
 
 
@@ -44,12 +45,22 @@ class TreeBody:
 
 @dataclass(frozen=True)
 class KinematicTree:
-    """The known bodies, inboard before outboard, and the capture frame C on one of them."""
+    """The known bodies, inboard before outboard, and the capture frame C on one of them.
+
+    Attributes:
+        bodies: the known bodies.
+        capture_body: the body that C is fixed on.
+        R_BC, p_BC: pose of C in this body's frame.
+        normal_B: (3,) unit normal, in the base's frame, of a table that carries the base, which
+            then moves in a plane; None for a base that floats freely. See `dynamics.plane`.
+
+    """
 
     bodies: tuple[TreeBody, ...]
     capture_body: int
     R_BC: NDArray[np.float64]
     p_BC: NDArray[np.float64]
+    normal_B: NDArray[np.float64] | None = None
 
     @property
     def mass(self) -> float:
@@ -76,7 +87,47 @@ class KinematicTree:
             p_LF = p_LP + R_LP @ body.p_PF
             lumps.append(replace(body, parent=lump, R_PF=R_LP @ body.R_PF, p_PF=p_LF))
         lump, R_LB, p_LB = where[self.capture_body]
-        return KinematicTree(tuple(lumps), lump, R_LB @ self.R_BC, p_LB + R_LB @ self.p_BC)
+        return replace(
+            self,
+            bodies=tuple(lumps),
+            capture_body=lump,
+            R_BC=R_LB @ self.R_BC,
+            p_BC=p_LB + R_LB @ self.p_BC,
+        )
+
+    @cached_property
+    def normal_C(self) -> NDArray[np.float64] | None:
+        """(3,) the table's normal in C; None without a table, or if joints turn C out of it."""
+        if self.normal_B is None:
+            return None
+        normal = self.normal_B
+        for body in (self.bodies[k] for k in reversed(self.carrying)):
+            if body.parent >= 0:
+                normal = body.R_PF.T @ normal
+                turns = body.joint >= 0 and not body.prismatic
+                if turns and np.linalg.norm(np.cross(body.axis_F, normal)) > ALONG:
+                    return None
+                normal = body.R_MB.T @ normal
+        return np.asarray(self.R_BC.T @ normal)
+
+    @property
+    def carrying(self) -> list[int]:
+        """The bodies that carry the target, from the one that C is fixed on to the base."""
+        chain, k = [], self.capture_body
+        while k >= 0:
+            chain.append(k)
+            k = self.bodies[k].parent
+        return chain
+
+    @property
+    def plane_axis(self) -> int:
+        """Number of C's axis that is always the table's normal; −1 if there is none."""
+        return -1 if self.normal_C is None else parallel_axis(self.normal_C)
+
+    @property
+    def unknowns(self) -> NDArray[np.intp]:
+        """Places of the target's unknowns on which the motion depends: all ten, or four."""
+        return np.arange(10) if self.plane_axis < 0 else unknowns_in_plane(self.plane_axis)
 
     def with_target(self, phi: NDArray[np.float64]) -> "KinematicTree":
         """Return the tree with a target of standard vector φ (10,) welded on C, as its last body.

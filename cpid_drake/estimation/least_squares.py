@@ -1,6 +1,6 @@
 """Batch least squares, with a measure of how well the data determine each unknown."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,13 @@ instead.
 
 KNOWN = 0.1
 """Largest σ of a determined combination of unknowns, as a share of its plausible size."""
+
+
+ABOVE_NOISE = 10.0
+"""Least ratio of the information about a combination of unknowns to the part of it that is noise.
+
+Noise in the regressors reduces an estimate by the inverse of this ratio: here by at most a tenth.
+"""
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,9 @@ class LeastSquaresSolution:
             the unknowns can change without a change of A x.
         residual_rms: root mean square of A x − b; NaN without rows.
         row_count: number of scalar rows without rows of zeros.
+        values: (n,) as `estimate`, with an arbitrary value of each undetermined combination in
+            place of NaN.
+        unit: (n,) the unit of each unknown in `unobservable`: unknown = unit × column-scaled one.
 
     """
 
@@ -49,11 +59,64 @@ class LeastSquaresSolution:
     unobservable: NDArray[np.float64]
     residual_rms: float
     row_count: int
+    values: NDArray[np.float64]
+    unit: NDArray[np.float64]
 
     @property
     def is_observable(self) -> bool:
         """Whether the rows determine every unknown."""
         return self.rank == self.estimate.size
+
+
+def widened(solution: LeastSquaresSolution, added: NDArray[np.float64]) -> LeastSquaresSolution:
+    """Return a solution whose errors have further, independent parts.
+
+    Args:
+        solution: of any rank.
+        added: (n, n) covariance of these parts.
+
+    """
+    sizes, axes = np.linalg.eigh(added / solution.unit / solution.unit[:, None])
+    root = solution.unit[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
+    known = solution.information @ root
+    less = known @ np.linalg.solve(np.eye(len(root)) + root.T @ known, known.T)
+    return replace(
+        solution,
+        covariance=solution.covariance + root @ root.T,
+        information=solution.information - less,
+    )
+
+
+def among_ten(solution: LeastSquaresSolution, places: NDArray[np.intp]) -> LeastSquaresSolution:
+    """Return the solution of some of the target's ten unknowns as one of all ten.
+
+    Args:
+        solution: in u unknowns.
+        places: (u,) their places among the ten; all others have no effect on the samples.
+
+    """
+    if len(places) == 10:
+        return solution
+    others = np.setdiff1d(np.arange(10), places)
+    estimate, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
+    information, values, unit = np.zeros((10, 10)), np.zeros(10), np.ones(10)
+    block = np.ix_(places, places)
+    estimate[places], covariance[block] = solution.estimate, solution.covariance
+    information[block] = solution.information
+    values[places], unit[places] = solution.values, solution.unit
+    unobservable = np.zeros((10 - solution.rank, 10))
+    unobservable[: len(places) - solution.rank, places] = solution.unobservable
+    unobservable[len(places) - solution.rank + np.arange(len(others)), others] = 1.0
+    return replace(
+        solution,
+        estimate=estimate,
+        covariance=covariance,
+        information=information,
+        singular_values=np.append(solution.singular_values, np.zeros(len(others))),
+        unobservable=unobservable,
+        values=values,
+        unit=unit,
+    )
 
 
 def solve_compressed(
@@ -62,6 +125,7 @@ def solve_compressed(
     left_out: float,
     row_count: int,
     rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
+    noise: NDArray[np.float64] | None = None,
 ) -> LeastSquaresSolution:
     """Solve rows that may be an orthogonal compression of more rows.
 
@@ -70,6 +134,7 @@ def solve_compressed(
         left_out: the part of the residual sum of squares that the compressed rows do not contain.
         row_count: number of rows before compression.
         rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
+        noise: (n, n) expectation of δAᵀ δA for the errors δA of the rows; default: zero.
 
     """
     n = A.shape[1]
@@ -80,9 +145,13 @@ def solve_compressed(
     if len(A) < n:
         A, b = np.vstack([A, np.zeros((n - len(A), n))]), np.append(b, np.zeros(n - len(b)))
     U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-    rank = int((s > rank_tolerance * s[0]).sum()) if s[0] > 0 else 0
-    y = Vt[:rank].T @ ((U.T @ b)[:rank] / s[:rank])
-    unobservable = Vt[rank:]
+    seen = (s > rank_tolerance * s[0]) & (s[0] > 0)
+    if noise is not None:
+        errors = np.einsum("ki,ij,kj->k", Vt, noise / scale / scale[:, None], Vt)
+        seen &= s**2 > ABOVE_NOISE * errors
+    rank = int(seen.sum())
+    y = Vt[seen].T @ ((U.T @ b)[seen] / s[seen])
+    unobservable = Vt[~seen]
     is_open = np.linalg.norm(unobservable, axis=0) > 1e-6
 
     residual = A @ (y / scale) - b
@@ -90,7 +159,7 @@ def solve_compressed(
     freedom = row_count - rank
     variance = residual_sum / freedom if freedom > 0 else np.nan
     with np.errstate(over="ignore", invalid="ignore"):  # rows of extreme size
-        root = (Vt[:rank].T / s[:rank]) / scale[:, None]
+        root = (Vt[seen].T / s[seen]) / scale[:, None]
         covariance = variance * root @ root.T
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -104,6 +173,8 @@ def solve_compressed(
             unobservable=unobservable,
             residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
             row_count=row_count,
+            values=y / scale,
+            unit=1 / scale,
         )
 
 
@@ -132,17 +203,53 @@ def solution_of_information(
     """
     scaled = information * scale * scale[:, None]
     values, axes = np.linalg.eigh((scaled + scaled.T) / 2)
-    values, axes = values[::-1], axes[:, ::-1]
-    seen = values > KNOWN**-2
+    sizes = np.sqrt(np.maximum(values[::-1], 0.0))
+    return solution_of_combinations(
+        estimate,
+        information,
+        scale,
+        sizes,
+        axes[:, ::-1],
+        sizes > 1 / KNOWN,
+        consider=consider,
+        residual_sum=residual_sum,
+        row_count=row_count,
+    )
+
+
+def solution_of_combinations(
+    estimate: NDArray[np.float64],
+    information: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    seen: NDArray[np.bool_],
+    *,
+    consider: NDArray[np.float64] | None = None,
+    residual_sum: float = np.nan,
+    row_count: int = 0,
+) -> LeastSquaresSolution:
+    """Return a solution from independent combinations of the scaled unknowns.
+
+    Args:
+        estimate, information, scale, consider, residual_sum, row_count: see
+            `solution_of_information`.
+        sizes: (n,) the inverse σ of each combination, descending.
+        axes: (n, n) the combinations, as orthonormal columns in unknowns divided by `scale`.
+        seen: (n,) whether each combination is determined.
+
+    """
     rank = int(seen.sum())
     unobservable = axes[:, ~seen].T
     is_open = np.linalg.norm(unobservable, axis=0) > 1e-3
-    root = scale[:, None] * axes[:, seen] / np.sqrt(values[seen])
+    root = scale[:, None] * axes[:, seen] / sizes[seen]
     covariance = root @ root.T
+    # The others have their plausible size as σ; entries that are known contain little of them.
+    root = scale[:, None] * axes[:, ~seen] / np.sqrt(sizes[~seen] ** 2 + 1.0)
+    covariance += root @ root.T
     if consider is not None:
         covariance = covariance + consider
     covariance[is_open, :] = covariance[:, is_open] = np.nan
-    singular_values = np.sqrt(np.maximum(values, 0.0))
     full = rank == len(scale)
     with np.errstate(divide="ignore", invalid="ignore"):
         return LeastSquaresSolution(
@@ -150,9 +257,11 @@ def solution_of_information(
             covariance=covariance,
             information=information,
             rank=rank,
-            singular_values=singular_values,
-            condition_number=singular_values[0] / singular_values[-1] if full else np.inf,
+            singular_values=sizes,
+            condition_number=sizes[0] / sizes[-1] if full else np.inf,
             unobservable=unobservable,
             residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
             row_count=row_count,
+            values=estimate,
+            unit=scale,
         )

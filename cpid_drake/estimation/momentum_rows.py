@@ -1,26 +1,29 @@
 """Least squares on momentum rows of exact samples, or of smoothed samples with known covariance."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.plane import in_plane
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.regressor_noise import DRAWS, changed, changes, with_bias
 from cpid_drake.estimation.square_root import (
     empty_information,
     solve_information,
     updated_information,
 )
-from cpid_drake.sensing.smoothing import SmoothedMotion
+from cpid_drake.sensing.smoothed_motion import SmoothedMotion
 
 _SAMPLES_AT_ONCE = 2048  # samples per block, whose arrays fit into a processor's cache
+_SAMPLES_MOVED = 64  # samples whose quantities are varied at once
 _MOST_REWEIGHTINGS = 20
 
 
@@ -32,7 +35,12 @@ def momentum_rows(
     N holds the k columns of an unknown momentum; see `momentum_columns`. A known momentum enters b:
     in a frame that moves with the centre of mass the linear momentum is zero, so the angular rows
     of a sample (its last three rows) give the angular momentum about any point.
+
+    If a table carries the base, the rows are those of the plane, with the columns of
+    `KinematicTree.unknowns`; see `RowFamily.rows_in_plane`.
     """
+    if tree.normal_B is not None:
+        telemetry = in_plane(telemetry, tree.normal_B)
     known = not momentum.is_unknown
     if known and momentum.v_WScm_W.any():
         telemetry = replace(telemetry, v_WB=telemetry.v_WB - momentum.v_WScm_W)
@@ -42,7 +50,22 @@ def momentum_rows(
         by_sample = rows.reshape(len(samples), family.rows_per_sample, -1)
         R_CW = np.swapaxes(samples.motion.R_WC, -1, -2)
         by_sample[:, -3:, -1] += rotate(R_CW, momentum.L_WScm_W)
+    if tree.normal_B is not None:
+        return family.rows_in_plane(rows, samples.motion.R_WC, tree.unknowns)
     return rows
+
+
+def row_blocks(
+    tree: KinematicTree, telemetry: Telemetry, family: RowFamily, momentum: TotalMomentum
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Yield times (n,) and `momentum_rows` (n, rows per sample, k + 11), some thousands at a time.
+
+    The memory therefore does not grow with the number of samples.
+    """
+    for start in range(0, len(telemetry), _SAMPLES_AT_ONCE):
+        part = telemetry.select(slice(start, start + _SAMPLES_AT_ONCE))
+        rows = momentum_rows(tree, part, family, momentum)
+        yield part.time, rows.reshape(len(part), -1, rows.shape[1])
 
 
 def accumulate_rows(
@@ -50,52 +73,159 @@ def accumulate_rows(
 ) -> tuple[NDArray[np.float64], int]:
     """Return the square-root information (k + 11, k + 11) of `momentum_rows`, and their number.
 
-    The rows are computed for a few thousand samples at a time, so that the memory does not grow
-    with the number of samples. Rows of zeros (a sample at rest) contain no information and are not
-    counted.
+    Rows of zeros (a sample at rest) contain no information and are not counted.
     """
-    extra = momentum_columns(family, momentum)
-    root, count = empty_information(extra + 10), 0
-    for start in range(0, len(telemetry), _SAMPLES_AT_ONCE):
-        part = telemetry.select(slice(start, start + _SAMPLES_AT_ONCE))
-        rows = momentum_rows(tree, part, family, momentum)
-        root = updated_information(root, rows)
-        count += int(rows[:, extra:].any(axis=1).sum())
-    return root, count
+    sums = RowSums.of(tree, family, momentum)
+    for _, rows in row_blocks(tree, telemetry, family, momentum):
+        sums.add(rows)
+    return sums.root, sums.count
 
 
-def momentum_columns(family: RowFamily, momentum: TotalMomentum) -> int:
+class RowSums:
+    """The square-root information of rows that are added block by block.
+
+    Args:
+        extra: number k of columns of an unknown momentum.
+        size: number u of the target's unknowns.
+
+    Attributes:
+        root: (k + u + 1, k + u + 1) square-root information.
+        count: number of scalar rows without rows of zeros.
+
+    """
+
+    def __init__(self, extra: int, size: int = 10) -> None:
+        self.extra, self.size = extra, size
+        self.root = empty_information(extra + size)
+        self.count = 0
+
+    @classmethod
+    def of(cls, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum) -> "RowSums":
+        """Return empty sums for the rows of `momentum_rows`."""
+        return cls(momentum_columns(tree, family, momentum), len(tree.unknowns))
+
+    def add(self, rows: NDArray[np.float64]) -> None:
+        """Add rows [N | A | b] (n, rows per sample, k + u + 1)."""
+        flat = rows.reshape(-1, rows.shape[-1])
+        self.root = updated_information(self.root, flat)
+        self.count += int(flat[:, self.extra :].any(axis=1).sum())
+
+    def solution(self) -> LeastSquaresSolution:
+        """Return the least-squares solution of the target's unknowns."""
+        return solve_information(self.root, self.count, eliminated=self.extra)
+
+    def with_momentum(self, estimate: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (k + u,) the momentum that fits best to an estimate (u,), and the estimate."""
+        k = self.extra
+        rest = self.root[:k, -1] - self.root[:k, k:-1] @ estimate
+        momentum = np.linalg.lstsq(self.root[:k, :k], rest, rcond=None)[0] if k else np.empty(0)
+        return np.concatenate([momentum, estimate])
+
+
+def momentum_columns(tree: KinematicTree, family: RowFamily, momentum: TotalMomentum) -> int:
     """Return the number of columns that a momentum adds to the rows of a family."""
-    return family.momentum_size if momentum.is_unknown else 0
+    if not momentum.is_unknown:
+        return 0
+    return family.momentum_size if tree.normal_B is None else len(family.momenta_in_plane())
 
 
-def row_residuals(
-    tree: KinematicTree,
-    telemetry: Telemetry,
-    family: RowFamily,
-    momentum: TotalMomentum,
-    estimate: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return b − A x (N, rows per sample) at an estimate x (10,), in the units of the rows.
+class SmoothedRows:
+    """Least squares on a row family of smoothed motion, window by window.
 
-    An unknown momentum is fitted to these residuals by least squares.
+    The weight of each sample follows from its errors, by linear propagation of the covariance of
+    the smoothed motion into the rows. The weights depend on the estimate: in each window they are
+    computed from all samples so far, and again until the estimate changes by less than 1 % of its
+    standard deviation. The covariance includes the correlation between neighbouring samples of a
+    window, and the bias that errors inside the regressor cause; see `regressor_noise`.
+
+    Args:
+        tree: the known bodies.
+        family: the row family.
+        momentum: the total momentum of spacecraft and target.
+
     """
-    rows = momentum_rows(tree, telemetry, family, momentum)
-    columns, rest = rows[:, :-11], rows[:, -1] - rows[:, -11:-1] @ estimate
-    if columns.shape[1]:
-        rest = rest - columns @ np.linalg.lstsq(columns, rest, rcond=None)[0]
-    return rest.reshape(len(telemetry), -1)
+
+    def __init__(self, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum) -> None:
+        self._tree, self._family, self._momentum = tree, family, momentum
+        self.sums = RowSums.of(tree, family, momentum)
+        # Covariance of Aᵀ W e, where e are the errors of the rows and W their weights.
+        size = self.sums.root.shape[0] - 1
+        self._spread = np.zeros((size, size))
+        self._noise = np.zeros((size + 1, size + 1))
+
+    def add(self, motion: SmoothedMotion) -> NDArray[np.float64]:
+        """Add the rows of the next window; return them without weights (n, rows, k + u + 1)."""
+        rows = momentum_rows(self._tree, motion.telemetry, self._family, self._momentum)
+        rows = rows.reshape(len(motion.telemetry), -1, rows.shape[1])
+        count = rows.shape[1]
+        before = self.sums
+        solution, sums = before.solution(), before
+        if not solution.is_observable:
+            sums = _sum_of(before, rows)
+            solution = sums.solution()
+        covariance = motion.covariance()
+        for _ in range(_MOST_REWEIGHTINGS):
+            # What is not known yet is zero: the weights are then those of the spacecraft alone.
+            estimate = np.nan_to_num(solution.estimate)
+            jacobian = self._jacobian(motion, sums.with_momentum(estimate))
+            S = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+            S += 1e-9 * np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(count) / count
+            S += 1e-300 * np.eye(count)
+            whiten = np.linalg.inv(np.linalg.cholesky(S))
+            white, effect = whiten @ rows, whiten @ jacobian
+            sums = _sum_of(before, white)
+            previous, solution = solution, sums.solution()
+            change = solution.estimate - previous.estimate
+            if not solution.is_observable:
+                break
+            if np.all(np.abs(change) < 0.01 * np.sqrt(np.diag(solution.covariance))):
+                break
+        self.sums = sums
+        # The error of one spline coefficient enters many samples: sum its effects before squaring.
+        A = white[:, :, :-1]
+        for block in motion.errors:
+            part = effect[:, :, block.columns] @ block.basis
+            gain = np.zeros((len(block.covariance), A.shape[2]))
+            np.add.at(gain, block.support, np.swapaxes(part, -1, -2) @ A)
+            self._spread += gain.T @ block.covariance @ gain
+        for telemetry in changes(motion.telemetry, covariance):
+            moved = momentum_rows(self._tree, telemetry, self._family, self._momentum)
+            errors = (whiten @ (moved.reshape(rows.shape) - rows)).reshape(-1, rows.shape[2])
+            self._noise += errors.T @ errors / DRAWS
+        return rows
+
+    def solution(self) -> LeastSquaresSolution:
+        """Return the solution of the target's unknowns from all windows."""
+        solution, extra = self.sums.solution(), self.sums.extra
+        if not solution.is_observable:
+            return solution
+        root = self.sums.root[:-1, :-1]
+        normal = root.T @ root
+        scale = 1 / np.sqrt(np.diag(normal))
+        inverse = scale[:, None] * np.linalg.inv(normal * scale * scale[:, None]) * scale
+        total = inverse @ self._spread @ inverse.T
+        solution = replace(solution, covariance=total[extra:, extra:])
+        return with_bias(solution, self.sums.root, self._noise)
+
+    def _jacobian(
+        self, motion: SmoothedMotion, solution: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the derivative (N, rows, quantities) of A x − b w.r.t. the smoothed quantities."""
+        problem = self._tree, self._family, self._momentum
+        return np.concatenate(
+            [
+                row_jacobian(
+                    motion.telemetry.select(slice(k, k + _SAMPLES_MOVED)), *problem, solution
+                )
+                for k in range(0, len(motion.telemetry), _SAMPLES_MOVED)
+            ]
+        )
 
 
 def solve_smoothed_rows(
     tree: KinematicTree, motion: SmoothedMotion, family: RowFamily, momentum: TotalMomentum
 ) -> LeastSquaresSolution:
-    """Solve a row family on smoothed motion; the weight of each sample follows from its errors.
-
-    The weights come from linear propagation of the covariance of the smoothed motion into the rows.
-    The weights depend on the estimate, so the solution is repeated until the estimate changes by
-    less than 1 % of its standard deviation. The covariance includes the correlation between
-    neighbouring samples, but not the bias that errors inside the regressor cause.
+    """Solve a row family on the smoothed motion of one window; see `SmoothedRows`.
 
     Args:
         tree: the known bodies.
@@ -104,87 +234,32 @@ def solve_smoothed_rows(
         momentum: the total momentum of spacecraft and target.
 
     """
-    extra, count = momentum_columns(family, momentum), family.rows_per_sample
-    rows = momentum_rows(tree, motion.telemetry, family, momentum)
-    rows = rows.reshape(-1, count, rows.shape[1])
-    covariance = motion.covariance()
-    solution = _solve(rows, extra)
-    for _ in range(_MOST_REWEIGHTINGS):
-        if not solution.is_observable:
-            return solution
-        full = _with_momentum(rows, extra, solution.estimate)
-        jacobian = _row_jacobian(tree, motion, family, momentum, full)
-        S = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
-        S += 1e-9 * np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(count) / count
-        S += 1e-300 * np.eye(count)
-        whiten = np.linalg.inv(np.linalg.cholesky(S))
-        white = whiten @ rows
-        before, solution = solution, _solve(white, extra)
-        change = solution.estimate - before.estimate
-        if np.all(np.abs(change) < 0.01 * np.sqrt(np.diag(solution.covariance))):
-            break
-    if not solution.is_observable:
-        return solution
-    # The error of one spline coefficient enters many samples: sum its effects before squaring.
-    A = white[:, :, :-1]
-    normal = np.einsum("nri,nrj->ij", A, A)
-    scale = 1 / np.sqrt(np.diag(normal))
-    inverse = scale[:, None] * np.linalg.inv(normal * scale * scale[:, None]) * scale
-    white_jacobian = whiten @ jacobian
-    total = np.zeros_like(normal)
-    for block in motion.errors:
-        part = white_jacobian[:, :, block.columns] @ block.basis
-        gain = inverse @ np.einsum("nri,nrk->ik", A, part)
-        total += gain @ block.covariance @ gain.T
-    return replace(solution, covariance=total[extra:, extra:])
+    smoothed = SmoothedRows(tree, family, momentum)
+    smoothed.add(motion)
+    return smoothed.solution()
 
 
-def _solve(rows: NDArray[np.float64], extra: int) -> LeastSquaresSolution:
-    rows = rows.reshape(-1, rows.shape[2])
-    root = updated_information(empty_information(rows.shape[1] - 1), rows)
-    return solve_information(root, len(rows), eliminated=extra)
+def _sum_of(before: RowSums, rows: NDArray[np.float64]) -> RowSums:
+    """Return the sums after adding rows; those before do not change."""
+    after = RowSums(before.extra, before.size)
+    after.root, after.count = before.root, before.count
+    after.add(rows)
+    return after
 
 
-def _with_momentum(
-    rows: NDArray[np.float64], extra: int, estimate: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the solution (extra + 10,): first the unknown momentum, then the ten unknowns."""
-    flat = rows.reshape(-1, rows.shape[2])
-    rest = flat[:, -1] - flat[:, extra:-1] @ estimate
-    momentum = np.linalg.lstsq(flat[:, :extra], rest, rcond=None)[0] if extra else np.empty(0)
-    return np.concatenate([momentum, estimate])
-
-
-def _row_jacobian(
+def row_jacobian(
+    telemetry: Telemetry,
     tree: KinematicTree,
-    motion: SmoothedMotion,
     family: RowFamily,
     momentum: TotalMomentum,
     solution: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the derivative (N, rows, quantities) of A x − b w.r.t. the smoothed quantities."""
-    telemetry, step = motion.telemetry, 1e-6
-    N, J = len(telemetry), len(telemetry.joint_names)
-    count = 12 + 2 * J
+    step = 1e-6
+    N, count = len(telemetry), 12 + 2 * len(telemetry.joint_names)
     shift = step * np.eye(count)[:, None, :] * np.ones((1, N, 1))
     shift = np.concatenate([np.zeros((1, N, count)), shift]).reshape(-1, count)
-    tiled = {
-        name: np.tile(getattr(telemetry, name), (count + 1, 1))
-        for name in ("quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
-    }
-    attitude = Rotation.from_quat(tiled["quaternion_WB"], scalar_first=True)
-    w_B = attitude.inv().apply(tiled["w_WB"]) + shift[:, 3:6]
-    attitude = attitude * Rotation.from_rotvec(shift[:, :3])
-    moved = Telemetry(
-        telemetry.joint_names,
-        np.arange(len(shift), dtype=float),
-        quaternion_WB=attitude.as_quat(scalar_first=True),
-        p_WB=tiled["p_WB"] + shift[:, 6:9],
-        w_WB=attitude.apply(w_B),
-        v_WB=tiled["v_WB"] + shift[:, 9:12],
-        q=tiled["q"] + shift[:, 12 : 12 + J],
-        qdot=tiled["qdot"] + shift[:, 12 + J :],
-    )
+    moved = changed(telemetry, shift)
     rows = momentum_rows(tree, moved, family, momentum)
     residuals = (rows[:, :-1] @ solution - rows[:, -1]).reshape(count + 1, N, -1)
     return np.moveaxis((residuals[1:] - residuals[0]) / step, 0, -1)

@@ -38,6 +38,15 @@ def updated_information(
     return np.asarray(updated)
 
 
+def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n."""
+    m, n = rows.shape
+    if m < n:
+        rows = np.vstack([rows, np.zeros((n - m, n))])
+    work = int(lapack.dgeqrf_lwork(*rows.shape)[0])
+    return np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
+
+
 def solve_information(
     information: NDArray[np.float64],
     row_count: int,

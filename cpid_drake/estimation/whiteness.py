@@ -1,9 +1,13 @@
 """Whiteness of residuals: a correct model leaves residuals that are not correlated in time."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+BAND = 3.3
+"""Band of white residuals in σ. A report tests several sensors, so the band is a wide one."""
 
 
 @dataclass(frozen=True)
@@ -12,10 +16,11 @@ class Whiteness:
 
     Attributes:
         lag_one: correlation of neighbours, −1 to 1; for white residuals within ± `band`.
-        band: two σ of `lag_one` for white residuals.
+        band: 3.3 σ of `lag_one`: 99.9 % of white residuals are within it.
         correlation_time: number of samples that together have the information of one independent
             sample; 1 if white.
         count: number of samples.
+        rms: size of the residuals, in their unit.
 
     """
 
@@ -23,11 +28,17 @@ class Whiteness:
     band: float
     correlation_time: float
     count: int
+    rms: float = 1.0
 
     @property
     def is_white(self) -> bool:
         """Whether the correlation is small: one of 0.1, which changes σ by a tenth, is ignored."""
         return bool(abs(self.lag_one) <= max(self.band, 0.1))
+
+
+def least_white(tests: Iterable[Whiteness]) -> Whiteness | None:
+    """Return the test that is farthest from white; None without tests."""
+    return max(tests, key=lambda each: abs(each.lag_one) / max(each.band, 0.1), default=None)
 
 
 def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
@@ -37,14 +48,15 @@ def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
     of ρ turn negative (Geyer 1992, "Practical Markov Chain Monte Carlo", initial positive
     sequence).
     """
-    rho, channels = autocorrelation(residuals)
     count = len(residuals)
+    rho, channels = autocorrelation(residuals) if count else (np.zeros(0), 0)
     if count < 4 or not channels:
-        return Whiteness(0.0, np.inf, 1.0, count)
+        return Whiteness(0.0, np.inf, 1.0, count, 0.0)
     pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     time = 2 * float(pairs[:end].sum()) - 1
-    return Whiteness(float(rho[1]), float(2 / np.sqrt(count * channels)), max(time, 1.0), count)
+    band, rms = BAND / np.sqrt(count * channels), np.sqrt(np.mean(residuals**2))
+    return Whiteness(float(rho[1]), float(band), max(time, 1.0), count, float(rms))
 
 
 def autocorrelation(residuals: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
@@ -61,3 +73,53 @@ def autocorrelation(residuals: NDArray[np.float64]) -> tuple[NDArray[np.float64]
     spectrum = np.abs(np.fft.rfft(scaled, 2 * count, axis=0)) ** 2
     covariance = np.fft.irfft(spectrum, axis=0)[: count // 2].sum(axis=1)
     return covariance / covariance[:1], channels
+
+
+@dataclass(frozen=True)
+class LagSums:
+    """Sums over residuals that are added block by block: the whiteness in constant memory.
+
+    The mean is taken as zero, and the correlation is that of the first-order process with the same
+    correlation of neighbours.
+
+    Attributes:
+        count: number of samples.
+        channels: number of entries of a sample.
+        square: sum of squares.
+        pairs: number of pairs of neighbours.
+        product: sum of their products.
+
+    """
+
+    count: int = 0
+    channels: int = 0
+    square: float = 0.0
+    pairs: int = 0
+    product: float = 0.0
+
+    def added(self, residuals: NDArray[np.float64]) -> "LagSums":
+        """Return the sums after adding successive residuals (N, channels).
+
+        Outliers are reduced to six times the usual size.
+        """
+        usual = float(np.median(np.abs(residuals))) if len(residuals) else 0.0
+        limit = 6 * max(1.0, 1.5 * usual)
+        rest = np.clip(residuals, -limit, limit)
+        return LagSums(
+            self.count + len(rest),
+            rest.shape[1],
+            self.square + float(np.sum(rest**2)),
+            self.pairs + max(len(rest) - 1, 0),
+            self.product + float(np.sum(rest[1:] * rest[:-1])),
+        )
+
+    @property
+    def whiteness(self) -> Whiteness:
+        """The whiteness of all residuals so far."""
+        if self.pairs < 4 or self.square == 0:
+            return Whiteness(0.0, np.inf, 1.0, self.count, 0.0)
+        lag_one = float(np.clip(self.product / self.pairs * self.count / self.square, -1, 1))
+        band = BAND / np.sqrt(self.pairs * self.channels)
+        time = min((1 + lag_one) / max(1 - lag_one, 1e-9), self.count)
+        rms = np.sqrt(self.square / self.count / self.channels)
+        return Whiteness(lag_one, float(band), max(time, 1.0), self.count, float(rms))

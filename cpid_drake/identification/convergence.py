@@ -1,6 +1,6 @@
 """Convergence: estimates from growing parts of a log."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,11 @@ from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.requests import Evidence
 from cpid_drake.identification.result import Identification
+from cpid_drake.sensing.measurement_stream import MeasurementStream, Stream, time_interval
+from cpid_drake.sensing.measurements import Measurements
+
+_SHORTEST_PART = 10.0
+"""Shortest part of a long log from which the target is identified [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +47,16 @@ def converge(
         progress: called before every part with a short description of the part.
 
     """
-    request, result = evidence.request, evidence.result
-    parts = [samples.time for _, samples in evidence.measurements.items()]
+    result, data = evidence.found, evidence.data
+    parts = [samples.time for _, samples in evidence.excerpt.measurements.items()]
     end = max(float(time[-1]) for time in parts if time.size)
     count = ESTIMATORS[result.estimator].reports
-    times = end * np.arange(1, count + 1) / count
+    times: NDArray[np.float64] = end * np.arange(1, count + 1) / count
+    if not isinstance(data, Measurements):
+        # Each part of a long log is half of the next, so all of them take as long as the whole log.
+        halves = [end * 0.5**k for k in reversed(range(count))]
+        times = np.array([time for time in halves if time >= min(_SHORTEST_PART, end)])
+        count = len(times)
     parameters, bands = np.full((count, 10), np.nan), np.full((count, 10, 2), np.nan)
     estimates = []
     for k, time in enumerate(times):
@@ -56,11 +66,14 @@ def converge(
             if k < count - 1:
                 found = identify(
                     evidence.spacecraft,
-                    evidence.measurements.between(0.0, float(time)),
+                    beginning_of(data, float(time)),
                     estimator=result.estimator,
                     rows=result.rows,
                     sensors=evidence.sensors,
-                    momentum=TotalMomentum.named(request.momentum),
+                    momentum=TotalMomentum.named(result.momentum),
+                    prior=evidence.prior,
+                    planar=result.table is not None,
+                    is_final=False,
                 )
         except InputError:  # too few samples, or nothing moves yet
             continue
@@ -68,3 +81,20 @@ def converge(
         bands[k] = found.intervals
         estimates.append((float(time), found))
     return Convergence(times, parameters, bands, tuple(estimates))
+
+
+def beginning_of(
+    data: Measurements | MeasurementStream, end: float
+) -> Measurements | MeasurementStream:
+    """Return the samples up to the time `end` [s] of a log that starts at zero."""
+    if isinstance(data, Measurements):
+        return data.between(0.0, end)
+
+    def read() -> Iterator[Measurements]:
+        for chunk in data:
+            interval = time_interval(chunk)
+            if interval is not None and interval[0] > end:
+                return
+            yield chunk.between(0.0, end)
+
+    return Stream(data.joint_names, read)

@@ -7,13 +7,13 @@ its record here.
 from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily, row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.identification.filter_estimator import MOMENTUM_FILTER
-from cpid_drake.identification.fit_estimator import TRAJECTORY_FIT
+from cpid_drake.identification.fit_estimator import RECURSIVE_FIT, TRAJECTORY_FIT
+from cpid_drake.identification.former_names import current_estimator
 from cpid_drake.identification.problem import Estimator
 from cpid_drake.identification.row_estimator import LEAST_SQUARES
 
 ESTIMATORS: dict[str, Estimator] = {
-    record.name: record for record in (LEAST_SQUARES, MOMENTUM_FILTER, TRAJECTORY_FIT)
+    record.name: record for record in (LEAST_SQUARES, RECURSIVE_FIT, TRAJECTORY_FIT)
 }
 """The estimators by name."""
 
@@ -30,7 +30,11 @@ def methods() -> tuple[str, ...]:
 
 
 def choose_method(
-    estimator: str | None, rows: str | None, momentum: TotalMomentum, has_sensors: bool
+    estimator: str | None,
+    rows: str | None,
+    momentum: TotalMomentum,
+    has_sensors: bool,
+    has_thrust: bool = False,
 ) -> tuple[Estimator, RowFamily | None]:
     """Return the record of an estimator, and the row family if one is named.
 
@@ -40,6 +44,7 @@ def choose_method(
         rows: name of a row family; None for the estimator's default.
         momentum: the total momentum.
         has_sensors: whether the sensors' errors are known.
+        has_thrust: whether the log says that thrusters fired.
 
     Raises:
         InputError: no such estimator or rows, rows for an estimator that uses none, or an estimator
@@ -48,7 +53,9 @@ def choose_method(
     """
     if estimator is None:
         best = [name for name, record in ESTIMATORS.items() if record.prefers_sensors]
-        estimator = best[0] if has_sensors and rows is None else LEAST_SQUARES.name
+        is_fit = (has_sensors or has_thrust) and rows is None
+        estimator = best[0] if is_fit else LEAST_SQUARES.name
+    estimator = current_estimator(estimator)
     if estimator in ROW_FAMILIES:
         if rows not in (None, estimator):
             raise InputError(

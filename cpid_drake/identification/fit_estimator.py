@@ -1,30 +1,52 @@
-"""The trajectory fit as an estimator, and the Cramér-Rao bound on unbiased estimators."""
+"""The trajectory fit and the recursive fit as estimators."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rows import RowFamily
-from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.least_squares import solution_of_information
-from cpid_drake.estimation.likelihood.model import TrajectoryModel
-from cpid_drake.estimation.likelihood.priors import psi_scale
-from cpid_drake.estimation.momentum_filter import PSI, vague_prior
-from cpid_drake.estimation.trajectory_fit import TrajectoryFit, fit_trajectory, state_information
-from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.problem import Estimator, Problem
-from cpid_drake.identification.result import Identification, ResidualSeries
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.splines import smooth_joints
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.block_state import BlockState
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.recursive_fit import RecursiveFit, RecursiveState
+from cpid_drake.estimation.trajectory_fit import (
+    Residuals,
+    fit_trajectory,
+    pass_about,
+)
+from cpid_drake.estimation.whiteness import least_white, whiteness
+from cpid_drake.identification.fit_results import identification_at, nothing_known
+from cpid_drake.identification.fit_setup import estimator_of
+from cpid_drake.identification.problem import LARGEST_NOISE, Estimator, Problem
+from cpid_drake.identification.result import (
+    Identification,
+    ResidualSeries,
+)
+from cpid_drake.identification.seen_noise import (
+    SeenNoise,
+    residual_factors,
+    with_larger_noise,
+    with_seen_noise,
+)
+from cpid_drake.sensing.sensors import SENSORS
+
+if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    pass
 
 NOT_CONVERGED = "the trajectory fit did not converge: its result is not the best fit"
 """The warning if the fit stopped before it converged."""
+
+NEGLIGIBLE = 0.5
+"""Size of residuals, in units of the assumed noise, below which their correlation is ignored."""
+
+NOT_STARTED = (
+    "the target was not known well enough before the end to solve the blocks one after the other; "
+    "the result is a fit of all samples together"
+)
+"""The warning of the recursive fit if it ends with a fit of its window."""
 
 
 def estimate_by_fit(problem: Problem) -> Identification:
@@ -34,130 +56,168 @@ def estimate_by_fit(problem: Problem) -> Identification:
         InputError: too few samples.
 
     """
-    problem, sensors, noise_warnings = problem.with_sensors()
-    fit = fit_measurements(
-        problem.spacecraft.tree,
-        problem.measurements,
-        sensors,
-        momentum=problem.momentum,
-        known_bodies=problem.known_bodies,
-        robust=problem.robust,
-    )
-    warnings = list(noise_warnings)
+    seen = with_seen_noise(problem)
+    problem = seen.problem
+    estimator = estimator_of(problem, seen.sensors)
+    fit = fit_trajectory(estimator, problem.stream)
+    if fit.known is None:
+        return nothing_known(estimator, fit.recursive, TRAJECTORY_FIT.name)
+    warnings = list(seen.warnings)
     if not fit.converged:
         warnings.append(NOT_CONVERGED)
-    misfit = fit.chi_squared / max(fit.rows, 1)
-    if misfit > 1 + 5 * np.sqrt(2 / max(fit.rows, 1)):
-        warnings.append(
-            f"the fit misses the samples by {np.sqrt(misfit):.2g} times the sensors' noise: the "
-            "noise is larger than given, the momentum is not zero, or the spacecraft differs from "
-            "its model; the intervals are too narrow by that factor at least"
-        )
-    return replace(identification_of_fit(fit), warnings=tuple(warnings))
+    found = _of_residuals(problem, estimator, fit.known, fit.recursive, fit.residuals)
+    if not problem.known_bodies:
+        found = _repeated(seen, found, fit.known.nominal)
+    return replace(
+        found,
+        converged=fit.converged,
+        warnings=(*warnings, *found.warnings),
+        doubts=(*seen.doubts, *found.doubts),
+    )
 
 
-def fit_measurements(
-    tree: KinematicTree,
-    measurements: Measurements,
-    sensors: SensorSuite,
-    *,
-    momentum: TotalMomentum | None = None,
-    known_bodies: BodyUncertainty | None = None,
-    robust: bool = False,
-) -> TrajectoryFit:
-    """Fit the target to screened measurements and a vague prior; start at the prior's mean.
+def _repeated(seen: SeenNoise, found: Identification, about: TrajectoryState) -> Identification:
+    """Return the fit with the noise that its residuals show, if they show more than assumed."""
+    tests = {name: whiteness(series.neighbours) for name, series in found.residuals.items()}
+    factors = residual_factors(tests)
+    if not factors:
+        return found
+    if found.misfit > LARGEST_NOISE:  # no noise, and the gate doubts it
+        return _widened(found)
+    again = with_larger_noise(seen.problem, seen.sensors, factors)
+    estimator = estimator_of(again.problem, again.sensors)
+    changes = found.momentum_changes
+    has_faults = bool(changes is not None and changes.count) or bool(found.rejected)
+    try:
+        if has_faults:  # with larger noise there may be none
+            fit = fit_trajectory(estimator, again.problem.stream)
+            if fit.known is None or not fit.converged:
+                return _widened(found)
+            known, state = fit.known, fit.recursive
+        else:
+            known, state = pass_about(
+                estimator, again.problem.stream, about.psi, Residuals(), 1.0, about.constants
+            )
+    except (InputError, np.linalg.LinAlgError):
+        return _widened(found)
+    repeated = identification_at(estimator, known, state, TRAJECTORY_FIT.name)
+    parts = [f"the {SENSORS[name].label} {factor:.2g} times" for name, factor in factors.items()]
+    text = (
+        f"residuals are larger than the noise, or correlated from sample to sample "
+        f"({found.whiteness.lag_one if found.whiteness else 0:+.2f}): {', '.join(parts)} the given "
+        "σ was assumed, which makes the intervals wider"
+    )
+    return replace(
+        found,
+        solution=repeated.solution,
+        momentum_changes=repeated.momentum_changes,
+        momentum_estimate=repeated.momentum_estimate,
+        warnings=(*(repeated if has_faults else found).warnings, text),
+    )
 
-    The prior keeps undetermined unknowns within plausible limits. `identification_of_fit` removes
-    the prior's information from the result.
+
+def fit_about(problem: Problem, psi: NDArray[np.float64], misfit: float) -> Identification:
+    """Return what the samples tell about a target near ψ, in the form of an identification.
+
+    All blocks are linearized about ψ, as those of the other logs of the same target.
 
     Args:
-        tree: the known bodies.
-        measurements: screened samples of the sensors.
-        sensors: the sensors' errors.
-        momentum: the total momentum; default: zero.
-        known_bodies: uncertainty of the known bodies, whose effect the covariance includes.
-        robust: whether to use the Huber loss instead of squares.
+        problem: the problem, with the sensors.
+        psi: (10,) relative unknowns of the target.
+        misfit: size of the residuals relative to the assumed noise.
 
     Raises:
         InputError: too few samples.
 
     """
-    still = np.zeros((1, len(measurements.joint_names)))
-    known = relative_dynamics(tree, still, still)
-    prior = vague_prior(known.mass, known.I_K[0])
-    model = TrajectoryModel(
-        tree,
-        smooth_joints(measurements, sensors),
-        measurements,
-        sensors,
-        momentum=momentum,
-        psi_prior=(prior.psi, prior.psi_sigma),
-    )
-    return fit_trajectory(model, prior.psi, known_bodies=known_bodies, robust=robust)
+    seen = with_seen_noise(problem)
+    estimator, residuals = estimator_of(seen.problem, seen.sensors), Residuals()
+    known, state = pass_about(estimator, problem.stream, psi, residuals, misfit**2)
+    about = known.nominal.constants
+    if not estimator.solver.constants.agree(np.zeros_like(about), about):
+        residuals = Residuals()
+        known, state = pass_about(estimator, problem.stream, psi, residuals, misfit**2, about)
+    found = _of_residuals(seen.problem, estimator, known, state, residuals)
+    return found if problem.known_bodies else _widened(found)
 
 
-def identification_of_fit(fit: TrajectoryFit) -> Identification:
-    """Return a fit as an identification; its information excludes the prior."""
-    dynamics, measurements = fit.model.dynamics, fit.model.measurements
-    solution = solution_of_information(
-        fit.state.psi,
-        fit.data_information(),
-        psi_scale(dynamics.mass, dynamics.I_K[0]),
-        consider=fit.consider[PSI, PSI],
-        residual_sum=fit.chi_squared,
-        row_count=fit.rows,
-    )
-    own_noise = fit.own_noise()
-    return Identification(
-        relative_parameterization(dynamics.mass),
-        solution,
-        sum(len(getattr(measurements, name)) for name in fit.model.sensors),
-        TRAJECTORY_FIT.name,
-        sensors=fit.model.suite,
-        converged=fit.converged,
-        whiteness=max(map(whiteness, own_noise.values()), key=lambda white: abs(white.lag_one)),
-        residuals={
-            name: ResidualSeries(getattr(measurements, name).time, rest, "σ")
-            for name, rest in own_noise.items()
-        },
-    )
+def _of_residuals(
+    problem: Problem,
+    estimator: RecursiveFit,
+    known: BlockState,
+    state: RecursiveState,
+    residuals: Residuals,
+) -> Identification:
+    """Return the identification of a trajectory fit with its residuals."""
+    series = {}
+    for name, selection in residuals.selections.items():
+        kept, every = selection.samples(), selection.every
+        if kept is not None:
+            beginning = residuals.beginning(name) if every > 1 else None
+            series[name] = ResidualSeries(kept.time, kept.value, "σ", every, beginning)
+    found = identification_at(estimator, known, state, TRAJECTORY_FIT.name)
+    white = least_white(whiteness(rest.neighbours) for rest in series.values())
+    unexplained = _unexplained(problem, state)
+    return replace(found, residuals=series, whiteness=white, unexplained=unexplained)
 
 
-def cramer_rao_bound(
-    tree: KinematicTree,
-    psi: NDArray[np.float64],
-    measurements: Measurements,
-    sensors: SensorSuite,
-    *,
-    momentum: TotalMomentum | None = None,
-    known_bodies: BodyUncertainty | None = None,
-) -> NDArray[np.float64]:
-    """Return the Cramér-Rao bound (10, 10) on the covariance of the parameters π.
+def estimate_recursively(problem: Problem) -> Identification:
+    """Run the recursive fit over all samples, in order of time.
 
-    Attitude and position at the start, gyro bias, an unknown momentum and all errors of the joint
-    motion are estimated as well. The bound holds for unbiased estimators.
-
-    Args:
-        tree: the known bodies.
-        psi: (10,) relative unknowns of the target.
-        measurements: samples of the sensors, or ideal samples of a planned motion; the first
-            attitude and position are treated as true.
-        sensors: the sensors' errors.
-        momentum: the true total momentum, marked as unknown if it is to be estimated; default:
-            zero.
-        known_bodies: uncertainty of the known bodies: the bound then holds for an estimator that
-            treats them as exact.
+    Raises:
+        InputError: too few samples.
 
     """
-    joints = smooth_joints(measurements, sensors)
-    model = TrajectoryModel(tree, joints, measurements, sensors, momentum=momentum)
-    trajectory = model.trajectory(model.start(psi))
-    information, consider = state_information(model, trajectory, known_bodies)
-    dynamics = model.dynamics
-    scale = psi_scale(dynamics.mass, dynamics.I_K[0])
-    solution = solution_of_information(psi, information, scale, consider=consider)
-    jacobian = relative_parameterization(dynamics.mass).jacobian(psi)
-    return jacobian @ solution.covariance @ jacobian.T
+    seen = with_seen_noise(problem)
+    problem = seen.problem
+    estimator = estimator_of(problem, seen.sensors)
+    state = estimator.run(problem.stream)
+    found = identification_of_state(estimator, state)
+    warnings = [*seen.warnings, *found.warnings]
+    if state.initializing:
+        warnings.append(NOT_STARTED)
+    found = replace(
+        found,
+        unexplained=_unexplained(problem, state),
+        whiteness=least_white(sums.whiteness for sums in state.lags.values()),
+        warnings=tuple(warnings),
+        doubts=seen.doubts,
+    )
+    # Errors of the known bodies cause correlated residuals, and are in the covariance already.
+    return found if problem.known_bodies else _widened(found)
+
+
+def _unexplained(problem: Problem, state: RecursiveState) -> float:
+    """Return the share of the log that was bridged."""
+    if state.known is None:
+        return 0.0
+    start = float(problem.log.head.encoders.time[0])
+    return state.bridged_time / max(state.known.time - start, 1e-9)
+
+
+def _widened(found: Identification) -> Identification:
+    """Return the identification with wider intervals if residuals are correlated in time.
+
+    Residuals that are much smaller than the assumed noise do not matter.
+    """
+    white = found.whiteness
+    if white is None or white.is_white or white.rms < NEGLIGIBLE:
+        return found
+    text = f"residuals are correlated from sample to sample ({white.lag_one:+.2f})"
+    if white.correlation_time > 1.05:
+        text += (
+            f"; the intervals are wider by a factor of {np.sqrt(white.correlation_time):.2g}, as "
+            f"if {white.correlation_time:.2g} samples were one"
+        )
+    wider = replace(found.solution, covariance=white.correlation_time * found.solution.covariance)
+    return replace(found, solution=wider, warnings=(*found.warnings, text))
+
+
+def identification_of_state(estimator: RecursiveFit, state: RecursiveState) -> Identification:
+    """Return the current estimate of the recursive fit."""
+    if state.known is None:
+        return nothing_known(estimator, state, RECURSIVE_FIT.name)
+    return identification_at(estimator, state.known, state, RECURSIVE_FIT.name)
 
 
 def needs_of_fit(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
@@ -165,13 +225,32 @@ def needs_of_fit(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tup
     return (("encoders",), ("attitude",))
 
 
+RECURSIVE_FIT = Estimator(
+    name="recursive_fit",
+    label="recursive fit (maximum likelihood, online)",
+    good_for="an estimate online from noisy sensors; finds firings of thrusters",
+    estimate=estimate_recursively,
+    needs=needs_of_fit,
+    estimate_about=fit_about,
+    streams=True,
+    uses_added_sensors=True,
+    uses_thrust=True,
+    estimates_errors=True,
+    uses_known_bodies=True,
+    reports=8,
+)
+
 TRAJECTORY_FIT = Estimator(
     name="trajectory_fit",
     label="trajectory fit (maximum likelihood)",
-    good_for="the best estimate from noisy sensors, after the motion",
+    good_for="the best estimate from noisy sensors, after the motion; finds firings of thrusters",
     estimate=estimate_by_fit,
     needs=needs_of_fit,
-    most_samples=6_000,  # the time grows with the cube of their number
+    estimate_about=fit_about,
+    streams=True,
     prefers_sensors=True,
     uses_added_sensors=True,
+    uses_thrust=True,
+    estimates_errors=True,
+    uses_known_bodies=True,
 )

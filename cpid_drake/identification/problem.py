@@ -1,24 +1,31 @@
 """The inputs of an estimator, and the record of an estimator in the registry."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cpid_drake.dynamics.rows import RowFamily
-from cpid_drake.dynamics.sensitivity import BodyUncertainty
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.errors import InputError
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.result import Identification
+from cpid_drake.sensing.measurement_stream import MeasurementStream, stream_of
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.identification.checked_log import CheckedLog
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 NOISE_ESTIMATED = "the sensors' noise was estimated from the log; give the sensors if you know them"
 """The warning of an estimator that needs the sensors' noise when no sensors were given."""
+
+LARGEST_NOISE = 10.0
+"""Ratio of residuals to the assumed noise that larger noise may explain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,30 +34,45 @@ class Problem:
 
     Attributes:
         spacecraft: the known spacecraft.
-        measurements: screened samples, joints in the spacecraft's order.
+        log: screened samples, joints in the spacecraft's order.
         states: the caller's exact states, which were not sampled by sensors; else None.
         sensors: the sensors' errors; None if unknown.
         momentum: the total momentum of spacecraft and target.
         family: the row family, for estimators that use rows.
         known_bodies: uncertainty of the known bodies; None if they are exact.
-        robust: whether to use a robust loss, where the estimator has one.
 
     """
 
     spacecraft: "Spacecraft"
-    measurements: Measurements
+    log: "CheckedLog"
     states: Telemetry | None
     sensors: SensorSuite | None
     momentum: TotalMomentum
     family: RowFamily | None = None
     known_bodies: BodyUncertainty | None = None
-    robust: bool = False
+
+    @property
+    def stream(self) -> MeasurementStream:
+        """All samples, a chunk at a time; see `MeasurementStream`."""
+        return self.log.stream
+
+    @property
+    def measurements(self) -> Measurements:
+        """All samples in memory; for a long log, an estimator should use `stream` instead."""
+        return self.log.measurements
+
+    def with_measurements(self, measurements: Measurements) -> "Problem":
+        """Return the problem with other samples, in memory."""
+        counts = {name: len(samples) for name, samples in measurements.items()}
+        stream = stream_of(measurements)
+        log = replace(self.log, head=measurements, stream=stream, is_long=False, counts=counts)
+        return replace(self, log=log)
 
     def with_sensors(self) -> tuple["Problem", SensorSuite, tuple[str, ...]]:
         """Return the problem with sensors, the sensors, and a warning if they are estimated."""
         if self.sensors is not None:
             return self, self.sensors, ()
-        sensors = estimate_suite(self.measurements)
+        sensors = estimate_suite(self.log.head)
         return replace(self, sensors=sensors), sensors, (NOISE_ESTIMATED,)
 
 
@@ -65,12 +87,18 @@ class Estimator:
         estimate: its function.
         needs: returns the sensors that it needs for a row family and a momentum: at least one
             sensor of each entry.
-        default_rows: returns the name of its default row family for some measurements; None if it
-            uses no rows.
+        estimate_about: returns what a log tells about a target near given relative unknowns (10,),
+            for the misfit of the log's own estimate; None if the estimator's equations are linear
+            in the unknowns.
+        default_rows: returns the name of its default row family for the number of samples by
+            sensor; None if it uses no rows.
         momenta: names of the total momenta that it can handle; see `TotalMomentum.name`.
-        most_samples: the largest number of samples of one sensor that it accepts; None for any.
+        streams: whether it reads `Problem.stream` and so needs no more memory for a longer log.
         prefers_sensors: whether it is the default where sensors are given.
         uses_added_sensors: whether it uses sensors that `register_sensor` added to the table.
+        uses_known_bodies: whether its covariance includes the uncertainty of the known bodies.
+        uses_thrust: whether it uses the log of thrust.
+        estimates_errors: whether it estimates the constant errors that sensors declare.
         reports: number of estimates over time in a report; smaller for slow estimators.
 
     """
@@ -80,24 +108,13 @@ class Estimator:
     good_for: str
     estimate: Callable[[Problem], Identification]
     needs: Callable[[RowFamily | None, TotalMomentum], tuple[tuple[str, ...], ...]]
-    default_rows: Callable[[Measurements], str] | None = None
+    estimate_about: Callable[[Problem, NDArray[np.float64], float], Identification] | None = None
+    default_rows: Callable[[Mapping[str, int]], str] | None = None
     momenta: tuple[str, ...] = ("zero", "unknown", "known")
-    most_samples: int | None = None
+    streams: bool = False
     prefers_sensors: bool = False
     uses_added_sensors: bool = False
+    uses_known_bodies: bool = False
+    uses_thrust: bool = False
+    estimates_errors: bool = False
     reports: int = 14
-
-
-def refuse_long(measurements: Measurements, most: int, what: str) -> None:
-    """Refuse more samples of one sensor than an estimator can handle in reasonable time.
-
-    Raises:
-        InputError: a sensor has more than `most` samples.
-
-    """
-    for name, samples in measurements.items():
-        if len(samples) > most:
-            raise InputError(
-                f"{len(samples)} samples of {name} are too many for {what}; use a part of the log "
-                f"with at most {most} (cpid identify: --from and --to)"
-            )

@@ -3,23 +3,38 @@
 import hashlib
 import shlex
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty, read_uncertainty
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.identification.checked_log import LONGEST_HEAD
 from cpid_drake.identification.description import result_of
+from cpid_drake.identification.former_names import FORMER_NAMES
 from cpid_drake.identification.identify import identify
+from cpid_drake.identification.prior_files import load_prior
+from cpid_drake.identification.requirements import left_out_warning
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import IdentificationResult, Source, SpacecraftReference
+from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.resources import resolve_model, version_of
-from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.files.telemetry_files import TelemetryStream, open_telemetry
+from cpid_drake.sensing.measurement_stream import (
+    FromZero,
+    MeasurementStream,
+    head_of,
+    moved,
+    time_interval,
+)
+from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensing.thinning import Excerpt, excerpt_of
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -32,10 +47,16 @@ class Request:
         spacecraft: the known spacecraft.
         estimator, rows: see `cpid_drake.identification.identify.identify`.
         sensors: name of a preset or a YAML file; None if they are unknown.
-        momentum: name of the total momentum; see `TotalMomentum.named`.
+        momentum: name of the total momentum, see `TotalMomentum.named`; None to test whether it is
+            zero, and to estimate it if it is not.
         start, end: first and last time to use [s]; None for all.
         topics: topics of a bag, by kind.
         leave_out_bad: whether to leave out rows that have a problem.
+        columns: the YAML file of a map of the telemetry's columns; None for the package's own.
+        planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
+        known_bodies: uncertainty of the spacecraft, see `uncertainty.read_uncertainty`; None if the
+            spacecraft is known exactly.
+        prior: the file of a prior of the target; None without one.
 
     """
 
@@ -44,23 +65,31 @@ class Request:
     estimator: str | None = None
     rows: str | None = None
     sensors: str | None = None
-    momentum: str = "zero"
+    momentum: str | None = None
     start: float | None = None
     end: float | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
     leave_out_bad: bool = False
+    columns: str | None = None
+    planar: bool | None = None
+    known_bodies: str | None = None
+    prior: str | None = None
 
-    def command(self) -> str:
-        """Return the command line of this request."""
+    def command(self, others: Sequence[str] = ()) -> str:
+        """Return the command line of this request, with other logs of the same target."""
         craft = self.spacecraft
-        words = ["cpid", "identify", self.telemetry, "--spacecraft", craft.model]
+        words = ["cpid", "identify", self.telemetry, *others, "--spacecraft", craft.model]
         words += ["--base", craft.base, "--capture-frame", craft.capture_frame]
         options = {
+            "--columns": self.columns,
             "--estimator": self.estimator,
             "--rows": self.rows,
             "--sensors": self.sensors,
             "--from": self.start,
             "--to": self.end,
+            "--momentum": self.momentum,
+            "--known-bodies": self.known_bodies,
+            "--prior": self.prior,
         }
         for option, value in options.items():
             words += [] if value is None else [option, str(value)]
@@ -68,8 +97,8 @@ class Request:
             words += ["--package", f"{name}={folder}"]
         for kind, name in self.topics.items():
             words += ["--topic", f"{kind}={name}"]
-        words += [] if self.momentum == "zero" else ["--momentum", self.momentum]
         words += ["--leave-out-bad"] if self.leave_out_bad else []
+        words += [] if self.planar is None else ["--planar" if self.planar else "--no-planar"]
         return shlex.join(words)
 
 
@@ -80,21 +109,82 @@ class Evidence:
     Attributes:
         request: the request.
         spacecraft: the known spacecraft.
-        measurements: the samples in the window; their time starts at the first.
+        data: the samples in the window; a stream if they are many. Their time starts at the first.
         sensors: the sensors that were given, if any.
         found: the identification.
         result: the same in the form of a result file.
         ignored: columns of the file with unknown names.
+        prior: the prior that was used; None without one.
 
     """
 
     request: Request
     spacecraft: Spacecraft
-    measurements: Measurements
+    data: Measurements | MeasurementStream
     sensors: SensorSuite | None
     found: Identification
     result: IdentificationResult
     ignored: tuple[str, ...]
+    prior: TargetPrior | None = None
+
+    @cached_property
+    def excerpt(self) -> Excerpt:
+        """All samples, or an even selection if they are many."""
+        return excerpt_of(self.data)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenLog:
+    """A log that is being read.
+
+    Attributes:
+        request: the request.
+        file: the telemetry file.
+        data: the samples in the window.
+        interval: returns first and last time, when all samples have been read [s].
+
+    """
+
+    request: Request
+    file: TelemetryStream
+    data: Measurements | MeasurementStream
+    interval: Callable[[], tuple[float, float]]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the file."""
+        left_out = self.file.left_out_joints
+        return (left_out_warning(left_out),) if left_out else ()
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Number of samples that were not used because of the file, by sensor."""
+        rejected = Counter(self.file.partial)
+        if self.file.problems.count:
+            rejected["rows"] = self.file.problems.count
+        return rejected
+
+    def source(self, momentum: str, command: str) -> Source:
+        """Return the record of the log for a result file."""
+        request, (start, end) = self.request, self.interval()
+        return Source(
+            telemetry=request.telemetry,
+            sha256=file_hash(request.telemetry),
+            sensors=request.sensors,
+            momentum=momentum,
+            topics=dict(request.topics),
+            leave_out_bad=request.leave_out_bad,
+            columns=request.columns,
+            columns_sha256=None if request.columns is None else file_hash(request.columns),
+            prior=request.prior,
+            prior_sha256=None if request.prior is None else file_hash(request.prior),
+            command=command,
+            start=start,
+            end=end,
+            cpid_drake=version_of("cpid-drake") or "not installed",
+            known_bodies=request.known_bodies,
+            planar=request.planar,
+        )
 
 
 def identify_file(
@@ -107,50 +197,80 @@ def identify_file(
         progress: called before every step with a short description of the step.
 
     Raises:
-        InputError: a model, sensors or telemetry that cannot be read or used; see the functions
-            that read them.
+        InputError: a model, sensors, telemetry or a prior that cannot be read or used; see the
+            functions that read them.
 
     """
-    craft, where = request.spacecraft, request.telemetry
+    inputs = opened_inputs(request, progress)
+    spacecraft = inputs.spacecraft
+    log = open_log(request, spacecraft.joint_names)
+    progress("identifying")
+    with prefix_errors(request.telemetry):
+        found = identify(
+            spacecraft,
+            log.data,
+            estimator=request.estimator,
+            rows=request.rows,
+            sensors=inputs.sensors,
+            momentum=inputs.momentum,
+            known_bodies=inputs.known_bodies,
+            planar=request.planar,
+            prior=inputs.prior,
+        )
+    rejected = dict(Counter(found.rejected) + log.rejected)
+    found = replace(found, rejected=rejected, warnings=(*log.warnings, *found.warnings))
+    source = log.source(found.momentum, request.command())
+    result = result_of(found, request.spacecraft, [source], spacecraft.mass)
+    ignored = log.file.ignored
+    return Evidence(
+        request, spacecraft, log.data, inputs.sensors, found, result, ignored, inputs.prior
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """The inputs of a request besides its telemetry.
+
+    Attributes:
+        spacecraft: the known spacecraft.
+        momentum: the total momentum; None if it is to be tested.
+        sensors: the sensors' errors; None if they are unknown.
+        known_bodies: uncertainty of the spacecraft; None if it is exact.
+        prior: what is known about the target; None for nothing.
+
+    """
+
+    spacecraft: Spacecraft
+    momentum: TotalMomentum | None
+    sensors: SensorSuite | None
+    known_bodies: BodyUncertainty | None
+    prior: TargetPrior | None
+
+
+def opened_inputs(request: Request, progress: Callable[[str], None]) -> Inputs:
+    """Return the inputs of a request besides its telemetry.
+
+    Args:
+        request: the request.
+        progress: called before every step with a short description of the step.
+
+    Raises:
+        InputError: one of them cannot be read or used.
+
+    """
+    craft = request.spacecraft
     progress("reading the model")
     spacecraft = Spacecraft(
         craft.model, base=craft.base, capture_frame=craft.capture_frame, packages=craft.packages
     )
-    momentum = TotalMomentum.named(request.momentum)
+    momentum = None if request.momentum is None else TotalMomentum.named(request.momentum)
     sensors = load_sensors(request.sensors) if request.sensors is not None else None
+    bodies = None if request.known_bodies is None else read_uncertainty(request.known_bodies)
+    prior = None
+    if request.prior is not None:
+        prior = load_prior(request.prior, spacecraft, craft.capture_frame)
     progress("reading the telemetry")
-    file = inspect_telemetry(where, topics=request.topics)
-    if not request.leave_out_bad:
-        refuse_problems(file, where)
-    measurements, start, end = _window(file.measurements, request)
-    progress("identifying")
-    with prefix_errors(where):
-        found = identify(
-            spacecraft,
-            measurements,
-            estimator=request.estimator,
-            rows=request.rows,
-            sensors=sensors,
-            momentum=momentum,
-        )
-    rejected = dict(Counter(found.rejected) + Counter(file.partial))
-    if file.problems.count:
-        rejected["rows"] = file.problems.count
-    found = replace(found, rejected=rejected)
-    source = Source(
-        telemetry=where,
-        sha256=file_hash(where),
-        sensors=request.sensors,
-        momentum=request.momentum,
-        topics=dict(request.topics),
-        leave_out_bad=request.leave_out_bad,
-        command=request.command(),
-        start=start,
-        end=end,
-        cpid_drake=version_of("cpid-drake") or "not installed",
-    )
-    result = result_of(found, craft, source)
-    return Evidence(request, spacecraft, measurements, sensors, found, result, file.ignored)
+    return Inputs(spacecraft, momentum, sensors, bodies, prior)
 
 
 def request_of_result(result: IdentificationResult, where: str) -> Request:
@@ -169,20 +289,18 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
     source = result.source
     if source is None:
         raise InputError("the result does not name its telemetry")
-    for place in (source.telemetry, str(Path(where).parent / source.telemetry)):
-        try:
-            if "://" in place or Path(place).exists():
-                break
-        except (OSError, ValueError):  # no file can have this name
-            continue
-    else:
-        raise InputError(f"{source.telemetry} does not exist any more")
-    if file_hash(place) != source.sha256:
-        raise InputError(f"{source.telemetry} has changed since: its SHA-256 differs")
+    folder = Path(where).parent
+    telemetry = _unchanged(source.telemetry, source.sha256, folder)
+    columns = None
+    if source.columns is not None:
+        columns = _unchanged(source.columns, source.columns_sha256, folder)
+    prior = None
+    if source.prior is not None:
+        prior = _unchanged(source.prior, source.prior_sha256, folder)
     return Request(
-        place,
+        telemetry,
         result.spacecraft,
-        estimator=result.estimator,
+        estimator=FORMER_NAMES.get(result.estimator, result.estimator),
         rows=result.rows,
         sensors=source.sensors,
         momentum=source.momentum,
@@ -190,7 +308,26 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
         end=source.end,
         topics=source.topics,
         leave_out_bad=source.leave_out_bad,
+        columns=columns,
+        planar=source.planar,
+        known_bodies=source.known_bodies,
+        prior=prior,
     )
+
+
+def _unchanged(path: str, sha256: str | None, folder: Path) -> str:
+    """Return the place of a recorded file, which may be beside the result file in `folder`."""
+    for place in (path, str(folder / path)):
+        try:
+            if "://" in place or Path(place).exists():
+                break
+        except (OSError, ValueError):  # no file can have this name
+            continue
+    else:
+        raise InputError(f"{path} does not exist any more")
+    if file_hash(place) != sha256:
+        raise InputError(f"{path} has changed since: its SHA-256 differs")
+    return place
 
 
 def file_hash(path: str | Path) -> str | None:
@@ -202,26 +339,43 @@ def file_hash(path: str | Path) -> str | None:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _window(measurements: Measurements, request: Request) -> tuple[Measurements, float, float]:
-    """Return the samples in the window, and the times of the first and the last one [s].
+def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
+    """Return the log of a request; a short one is read into memory.
 
-    The time of the samples returned starts at zero: seconds since 1970 would lose digits.
+    Args:
+        request: the request.
+        joints: names of the spacecraft's joints.
+
+    Raises:
+        InputError: the window is empty, has no samples, or the file cannot be read.
+
     """
-    limited = request.start is not None or request.end is not None
-    if limited:
-        first = -np.inf if request.start is None else request.start
-        last = np.inf if request.end is None else request.end
-        # A window of a single time is allowed: a result can come from one sample.
-        if not first <= last:
-            raise InputError(f"--from {first:g} --to {last:g}: the interval is empty")
-        measurements = measurements.between(first, last)
-    parts = dict(measurements.items())
-    times = np.concatenate([samples.time for samples in parts.values()])
-    if not times.size:
+    first = -np.inf if request.start is None else request.start
+    last = np.inf if request.end is None else request.end
+    # A window of a single time is allowed: a result can come from one sample.
+    if not first <= last:
+        raise InputError(f"--from {first:g} --to {last:g}: the interval is empty")
+    file = open_telemetry(
+        request.telemetry,
+        leave_out_bad=request.leave_out_bad,
+        topics=request.topics,
+        columns=request.columns,
+        joints=joints,
+        start=first,
+        end=last,
+    )
+    try:
+        head, is_all = head_of(file, LONGEST_HEAD)
+    except MemoryError as error:
+        raise InputError(f"{request.telemetry}: the file does not fit into memory") from error
+    interval = None if head is None else time_interval(head)
+    if head is None or interval is None:
+        limited = request.start is not None or request.end is not None
         raise InputError(
             f"{request.telemetry}: there are no samples"
             + (" between --from and --to" if limited else "")
         )
-    zero = times.min()
-    moved = {name: Samples(samples.time - zero, samples.value) for name, samples in parts.items()}
-    return measurements.updated(moved), float(zero), float(times.max())
+    if is_all:
+        return OpenLog(request, file, moved(head, interval[0]), lambda: interval)
+    stream = FromZero(file, interval[0])
+    return OpenLog(request, file, stream, lambda: stream.interval)

@@ -1,128 +1,162 @@
-"""Checks of a log before the target is identified from it."""
+"""What the estimators require of a log: its joints, their positions, and its sensors."""
+
+from collections.abc import Iterable, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.problem import Estimator
-from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.screening import as_arrays, screen
-from cpid_drake.sensing.sensors import SENSORS, STANDARD_SENSORS
-from cpid_drake.sensing.splines import measured_by
+from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
-def measurements_of_states(telemetry: Telemetry) -> Measurements:
-    """Return exact states as the samples of ideal sensors, all at the same times."""
-    samples = {
-        name: Samples(telemetry.time, SENSORS[name].quantity.ideal(telemetry))
-        for name in STANDARD_SENSORS
-    }
-    return Measurements(telemetry.joint_names, samples)
+def other_joints(names: Iterable[str], spacecraft: Spacecraft) -> list[str]:
+    """Return the names of joints that the spacecraft does not have."""
+    return [name for name in names if name not in spacecraft.joint_names]
 
 
-def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measurements:
-    """Return measurements with their joints in the spacecraft's order.
+def left_out_warning(joints: Iterable[str]) -> str:
+    """Return the warning about joints of a log that the spacecraft does not have."""
+    return f"left out joints that the spacecraft does not have: {', '.join(joints)}"
+
+
+class JointOrder:
+    """Puts the joints of measurements into the spacecraft's order, and leaves out other joints.
 
     The angle of a rotor (a balanced wheel) has no effect, so its positions may be missing (all
-    NaN): the integral of its rates, from zero, replaces them.
+    NaN): the integral of its rates, from zero, replaces them. The integrals continue from one chunk
+    of a log to the next.
 
-    Raises:
-        InputError: the joints are not those of the spacecraft; the positions of a joint that is not
-            a rotor are missing; both the positions and the rates of a rotor are missing; shapes do
-            not match.
+    Args:
+        spacecraft: the known spacecraft.
 
     """
-    have, wanted = measurements.joint_names, spacecraft.joint_names
-    missing = [name for name in wanted if name not in have]
-    unknown = [name for name in have if name not in wanted]
-    if missing or unknown:
-        parts = []
+
+    def __init__(self, spacecraft: Spacecraft) -> None:
+        self._spacecraft = spacecraft
+        self._rotors: dict[int, tuple[float, float, float]] = {}  # time, rate and angle at the end
+
+    def __call__(self, measurements: Measurements) -> Measurements:
+        """Return the next chunk with its joints in the spacecraft's order.
+
+        Raises:
+            InputError: a joint of the spacecraft is missing; the positions of a joint that is not a
+                rotor are missing; both the positions and the rates of a rotor are missing; shapes
+                do not match.
+
+        """
+        have, wanted = measurements.joint_names, self._spacecraft.joint_names
+        missing = [name for name in wanted if name not in have]
         if missing:
-            parts.append(f"there is no column 'q:{missing[0]}'")
-        if unknown:
-            parts.append(f"the spacecraft has no joint '{unknown[0]}'")
-        raise InputError(f"{', and '.join(parts)}; its joints are {', '.join(wanted)}")
-    measurements = as_arrays(measurements)
-    order = [have.index(name) for name in wanted]
-    of_joints = {
-        name: Samples(samples.time, samples.value[:, order])
-        for name, samples in measurements.samples.items()
-        if SENSORS[name].quantity.width is None
-    }
-    measurements = Measurements(wanted, {**measurements.samples, **of_joints})
-    positions = measurements.encoders
-    value = positions.value
-    missing_angles = np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0))
-    if missing_angles.size:
-        value = value.copy()
-    for k in missing_angles.tolist():
-        if not spacecraft.tree.is_rotor(k):
             raise InputError(
-                f"there is no column 'q:{wanted[k]}'; positions are optional for rotors only: "
+                f"there is no column 'q:{missing[0]}'; the spacecraft's joints are "
+                f"{', '.join(wanted)}, the log's are {', '.join(map(repr, have))}; if the log "
+                "has other names for its columns, give --columns (`cpid telemetry map` writes such "
+                "a file)"
+            )
+        measurements = as_arrays(measurements)
+        order = [have.index(name) for name in wanted]
+        of_joints = {
+            name: Samples(samples.time, samples.value[:, order])
+            for name, samples in measurements.items()
+            if name in measurements.samples and SENSORS[name].quantity.width is None
+        }
+        measurements = Measurements(wanted, {**measurements.samples, **of_joints})
+        positions = measurements.encoders
+        value = positions.value
+        missing_angles = np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0))
+        if missing_angles.size:
+            value = value.copy()
+        for k in missing_angles.tolist():
+            value[:, k] = self._angle(k, measurements)
+        return measurements.updated({"encoders": Samples(positions.time, value)})
+
+    def _angle(self, k: int, measurements: Measurements) -> NDArray[np.float64]:
+        """Return a rotor's angle at the times of the encoders, the integral of its rates."""
+        name = self._spacecraft.joint_names[k]
+        if not self._spacecraft.tree.is_rotor(k):
+            raise InputError(
+                f"there is no column 'q:{name}'; positions are optional for rotors only: "
                 "wheels that are balanced about their axis and carry nothing"
             )
         all_rates = measurements.joint_rates
         of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
-        rates = screen(Measurements((wanted[k],), joint_rates=of_rotor))[0].joint_rates
-        if not len(rates):
+        rates = screen(Measurements((name,), joint_rates=of_rotor)).measurements.joint_rates
+        time, rate, before = rates.time, rates.value[:, 0], 0.0
+        if k in self._rotors:
+            latest, latest_rate, before = self._rotors[k]
+            time, rate = np.append(latest, time), np.append(latest_rate, rate)
+        if not len(time):
             raise InputError(
-                f"there is neither a column 'q:{wanted[k]}' nor rates 'qd:{wanted[k]}' to integrate"
+                f"there is neither a column 'q:{name}' nor rates 'qd:{name}' to integrate"
             )
-        turned = cumulative_trapezoid(rates.value[:, 0], rates.time, initial=0.0)
-        value[:, k] = np.interp(positions.time, rates.time, turned)
-    encoders = Samples(positions.time, value)
-    return measurements.updated({"encoders": encoders})
+        turned = before + cumulative_trapezoid(rate, time, initial=0.0)
+        self._rotors[k] = float(time[-1]), float(rate[-1]), float(turned[-1])
+        wanted = measurements.encoders.time
+        later = np.maximum(wanted - time[-1], 0.0)  # at a constant rate after the last sample
+        return np.interp(wanted, time, turned) + later * rate[-1]
 
 
-def check_log(spacecraft: Spacecraft, measurements: Measurements) -> list[str]:
-    """Return warnings about a log: contradictions, and positions beyond the joints' limits.
+def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measurements:
+    """Return measurements with their joints in the spacecraft's order; see `JointOrder`.
 
     Raises:
-        InputError: positions and rates contradict each other in a way that has a clear cause, or
-            the joint positions must be in degrees.
+        InputError: for the same reasons as `JointOrder`.
 
     """
-    consistency = check_consistency(measurements)
-    if consistency.errors:
-        raise InputError(consistency.errors[0])
-    warnings = list(consistency.warnings)
-    value = measurements.encoders.value
-    if len(value):
-        low, high = spacecraft.position_limits
-        lowest, highest = value.min(axis=0), value.max(axis=0)
-        beyond = (lowest < low - 0.1) | (highest > high + 0.1)
-        for k in np.flatnonzero(beyond):
-            joint, extreme = spacecraft.joint_names[k], max(lowest[k], highest[k], key=abs)
-            if abs(extreme) > 4 * np.pi and low[k] <= np.radians(extreme) <= high[k]:
-                raise InputError(
-                    f"q:{joint} goes to {extreme:.4g}, beyond its limits {low[k]:.3g} to "
-                    f"{high[k]:.3g} rad: is it in degrees?"
-                )
-            warnings.append(
-                f"q:{joint} goes to {extreme:.4g}, beyond the model's limits {low[k]:.3g} to "
-                f"{high[k]:.3g}"
+    return JointOrder(spacecraft)(measurements)
+
+
+def limit_warnings(
+    spacecraft: Spacecraft, lowest: NDArray[np.float64], highest: NDArray[np.float64]
+) -> list[str]:
+    """Return warnings about joint positions beyond the joints' limits.
+
+    Args:
+        spacecraft: the known spacecraft.
+        lowest, highest: (J,) extreme positions; infinite without samples.
+
+    Raises:
+        InputError: the joint positions must be in degrees.
+
+    """
+    warnings = []
+    low, high = spacecraft.limits.lowest, spacecraft.limits.highest
+    sampled = lowest <= highest
+    beyond = sampled & ((lowest < low - 0.1) | (highest > high + 0.1))
+    for k in np.flatnonzero(beyond):
+        joint, extreme = spacecraft.joint_names[k], max(lowest[k], highest[k], key=abs)
+        if abs(extreme) > 4 * np.pi and low[k] <= np.radians(extreme) <= high[k]:
+            raise InputError(
+                f"q:{joint} goes to {extreme:.4g}, beyond its limits {low[k]:.3g} to "
+                f"{high[k]:.3g} rad: is it in degrees?"
             )
+        warnings.append(
+            f"q:{joint} goes to {extreme:.4g}, beyond the model's limits {low[k]:.3g} to "
+            f"{high[k]:.3g}"
+        )
     return warnings
 
 
 def require_sensors(
-    measurements: Measurements,
+    counts: Mapping[str, int],
     sensors: SensorSuite | None,
     estimator: Estimator,
     family: RowFamily | None,
     momentum: TotalMomentum,
 ) -> None:
-    """Refuse measurements that lack what an estimator needs.
+    """Refuse a log that lacks what an estimator needs.
 
     Args:
-        measurements: the samples.
+        counts: number of samples by sensor.
         sensors: the sensors' errors, if they are known; samples of other sensors cannot be used.
         estimator: its record.
         family: its row family, if it uses rows.
@@ -133,11 +167,13 @@ def require_sensors(
             sensors; the message lists the estimators that could use the measurements.
 
     """
-    usable_samples = measurements if sensors is None else measured_by(sensors, measurements)
+    present = counts.keys() if sensors is None else sensors.present().keys()
 
     def missing(record: Estimator, rows: RowFamily | None) -> list[tuple[str, ...]]:
         needs = record.needs(rows, momentum)
-        return [choice for choice in needs if not any(len(usable_samples[n]) for n in choice)]
+        return [
+            choice for choice in needs if not any(counts.get(n) and n in present for n in choice)
+        ]
 
     lacking = missing(estimator, family)
     if not lacking:
@@ -152,7 +188,7 @@ def require_sensors(
             if fits and not missing(record, rows):
                 usable.append(_called(record, rows))
     text = " or ".join(SENSORS[name].description for name in lacking[0])
-    is_logged = any(len(measurements[name]) for name in lacking[0])
+    is_logged = any(counts.get(name) for name in lacking[0])
     reason = "is not one of the given sensors" if is_logged else "the log has no samples of"
     would = (
         f"these estimators can use the log: {', '.join(usable)}"

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import Parameterization
@@ -14,6 +16,9 @@ from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.observability import describe_unobservable
 from cpid_drake.estimation.whiteness import Whiteness
+from cpid_drake.identification.consistency import Consistency
+from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
+from cpid_drake.identification.table_setting import TableSetting
 from cpid_drake.sensing.suite import SensorSuite
 
 if TYPE_CHECKING:  # Drake takes half a second to import
@@ -34,15 +39,25 @@ class ResidualSeries:
         time: (N,) [s].
         value: (N, channels) measured minus predicted.
         unit: unit of `value`; "σ" where residuals are divided by the sensor's noise.
+        every: of a long log, `time` and `value` are an even selection: every k-th residual.
+        beginning: (M, channels) the first residuals without selection, for tests that need
+            neighbours; None if `value` contains all residuals.
 
     """
 
     time: NDArray[np.float64]
     value: NDArray[np.float64]
     unit: str
+    every: int = 1
+    beginning: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return self.time.size
+
+    @property
+    def neighbours(self) -> NDArray[np.float64]:
+        """(M, channels) residuals of successive samples: all, or the first ones of a long log."""
+        return self.value if self.beginning is None else self.beginning
 
 
 @dataclass(frozen=True)
@@ -51,6 +66,77 @@ class MomentumChanges:
 
     count: int
     last_time: float
+
+
+@dataclass(frozen=True, eq=False)
+class MomentumEstimate:
+    """The estimate of a constant momentum.
+
+    Attributes:
+        value: (k,) the angular momentum, and further entries if the estimator has them.
+        covariance: (k, k).
+
+    """
+
+    value: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    @property
+    def probability_of_zero(self) -> float:
+        """Probability of an estimate at least as far from zero if the momentum is zero."""
+        scale = np.sqrt(np.diag(self.covariance))
+        if not (np.isfinite(scale).all() and (scale > 0).all()):
+            return 1.0
+        unit = self.value / scale
+        distance = unit @ np.linalg.pinv(self.covariance / scale / scale[:, None]) @ unit
+        return float(chdtrc(len(self.value), distance))
+
+
+@dataclass(frozen=True, eq=False)
+class SeparateEstimate:
+    """The estimate from one log or from the prior alone, beside a joint estimate.
+
+    Attributes:
+        name: the log or the prior.
+        parameters: (10,) π; NaN where not determined.
+        intervals: (10, 2) their 95 % intervals; NaN where not determined.
+        rank: number of determined combinations of the ten unknowns.
+        sample_count: number of samples used; 0 for a prior.
+        probability: of so large a difference from all others if all have the same target.
+        doubts: reasons not to trust this estimate.
+
+    """
+
+    name: str
+    parameters: NDArray[np.float64]
+    intervals: NDArray[np.float64]
+    rank: int
+    sample_count: int
+    probability: float
+    doubts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class JointEstimate:
+    """The logs and the prior of a joint estimate, and whether they agree.
+
+    Attributes:
+        logs: the estimates from each log alone.
+        prior: the prior alone; None without one.
+        chi_squared, freedom: of the test whether the logs agree.
+        probability: of so large a χ² if all logs have the same target; 1 for one log.
+        widening: factor by which the differences between logs widen the intervals.
+        dominated: names of the parameters that the prior determines more than the logs do.
+
+    """
+
+    logs: tuple[SeparateEstimate, ...]
+    prior: SeparateEstimate | None = None
+    chi_squared: float = 0.0
+    freedom: int = 0
+    probability: float = 1.0
+    widening: float = 1.0
+    dominated: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +159,20 @@ class Identification:
         momentum_changes: changes of momentum that an online estimator detected; None for estimators
             that detect none.
         warnings: sentences for the reader.
+        doubts: reasons not to trust the estimate; see `cpid_drake.identification.trust`.
+        momentum: the total momentum that was assumed: "zero", "unknown" or "known".
+        misfit: size of the residuals relative to the assumed noise, or 1 if the noise explains it.
+        unexplained: share of the log whose samples were not used because nothing explains them.
+        momentum_estimate: the estimate of an unknown momentum; None without one.
+        contradicts_zero: whether the samples contradict the assumed momentum of zero; None if this
+            was not tested.
+        joint: the separate estimates, if several logs or a prior were used; else None.
+        shared: (10, c) error of the unknowns for errors of one σ that all logs of the spacecraft
+            share: those of its bodies and the constant errors of its sensors; None without any.
+        effects: estimates of the constant errors that the sensors declare.
+        consistency: what rigid bodies can have of the estimate; None if it was not computed.
+        undeclared: errors beyond these that the samples show; None if they were not looked for.
+        table: what a table that carries the spacecraft leaves to be known; None without a table.
 
     """
 
@@ -88,6 +188,30 @@ class Identification:
     rejected: Mapping[str, int] = field(default_factory=dict)
     momentum_changes: MomentumChanges | None = None
     warnings: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    momentum: str = "zero"
+    misfit: float = 1.0
+    unexplained: float = 0.0
+    momentum_estimate: MomentumEstimate | None = None
+    contradicts_zero: bool | None = None
+    table: TableSetting | None = None
+    consistency: Consistency | None = None
+    joint: JointEstimate | None = None
+    shared: NDArray[np.float64] | None = None
+    effects: tuple[EffectEstimate, ...] = ()
+    undeclared: UndeclaredErrors | None = None
+
+    @property
+    def is_trustworthy(self) -> bool:
+        """Whether nothing contradicts the assumptions behind the estimate and its intervals."""
+        return not self.doubts
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether everything is known that can act on the motion: ten numbers, on a table four."""
+        return self.is_observable or (
+            self.table is not None and self.solution.rank >= self.table.size
+        )
 
     @property
     def is_observable(self) -> bool:
@@ -142,26 +266,39 @@ class Identification:
         """Return the consistent parameters nearest to the estimate, in its information metric.
 
         Raises:
-            InputError: the samples do not determine all ten parameters.
+            InputError: the samples do not determine all ten parameters, or no rigid body is near
+                the estimate.
 
         """
         raw = self.raw()
-        inverse = np.linalg.inv(self.parameterization.jacobian(self.solution.estimate))
-        return raw.nearest_feasible(inverse.T @ self.solution.information @ inverse)
+        try:
+            inverse = np.linalg.inv(self.parameterization.jacobian(self.solution.estimate))
+            return raw.nearest_feasible(inverse.T @ self.solution.information @ inverse)
+        except (InputError, RuntimeError, np.linalg.LinAlgError) as error:
+            raise InputError(f"no rigid body was found near the estimate: {error}") from error
+
+    @cached_property
+    def consistent(self) -> InertialParameters | None:
+        """The result of `feasible`, or None where it raises an error."""
+        try:
+            return self.feasible()
+        except InputError:
+            return None
 
     def spatial_inertia(self) -> "SpatialInertia":
-        """Return the feasible estimate about C's origin, in C; all NaN until observable."""
+        """Return the consistent estimate about C's origin, in C; all NaN if there is none."""
         from pydrake.multibody.tree import SpatialInertia
 
-        if not self.is_observable:
-            return SpatialInertia.NaN()
-        return self.feasible().to_spatial_inertia()
+        target = self.consistent
+        return SpatialInertia.NaN() if target is None else target.to_spatial_inertia()
 
     def explain(self) -> str:
         """Return a sentence on what the samples determine."""
         known = f"{self.sample_count} samples determine {self.solution.rank} of 10"
         if self.is_observable:
             return f"{known} parameters (condition {self.solution.condition_number:.3g})"
+        if self.table is not None:
+            return f"{known}; {' '.join(self.table.sentences())}"
         gap = self.describe_gap()
         return f"{known}: {gap}; turn the target about further axes, or wait for more samples"
 
@@ -169,5 +306,7 @@ class Identification:
         """Return a sentence on what the samples do not determine; empty if they determine all."""
         if self.is_observable:
             return ""
+        if self.table is not None and self.is_complete:
+            return "what has no effect on a motion in the plane of the table"
         entries = self.parameterization.entries
         return describe_unobservable(self.solution.unobservable, entries) or "no motion was seen"

@@ -206,6 +206,8 @@ def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
     def plain(data: Any) -> object:
         if isinstance(data, dict):
             return {name: plain(item) for name, item in data.items()}
+        if isinstance(data, list):
+            return [plain(item) for item in data]
         if not is_dataclass(data):
             return data.item() if isinstance(data, np.generic) else data
         members = {entry.name: plain(getattr(data, entry.name)) for entry in fields(data)}

@@ -1,16 +1,19 @@
 """The tables and figures of an accuracy study."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-from cpid_drake.report.style import COLORS, saved_figure
+from cpid_drake.report.pictures import Picture, PictureGroup
+from cpid_drake.report.style import COLORS, INK
+from cpid_drake.report.terminal import light_table, print_in_parts
 from cpid_drake.studies.accuracy import AccuracyStudy
 from cpid_drake.studies.statistics import Accuracy
 
@@ -22,20 +25,16 @@ LEGEND = (
 )
 """The explanation of the tables."""
 
+_FEW = 50  # trials; the RMS error of fewer is uncertain by over a tenth
+_SIZE = (8.0, 3.4)  # of the figures [in]
+
 
 def tables(study: AccuracyStudy) -> list[Table]:
     """Return error over bound, NEES and coverage of every estimator, one table for each preset."""
     result = []
     for preset, results in by_preset(study).items():
-        table = Table(
-            title=f"{preset}: RMS error over Cramér-Rao bound, {study.trials} trials, seed "
-            f"{study.seed}",
-            title_justify="left",
-            title_style="bold",
-            header_style="bold",
-            box=SIMPLE_HEAD,
-            padding=(0, 1, 0, 0),
-            pad_edge=False,
+        table = light_table(
+            f"{preset}: RMS error over Cramér-Rao bound, {study.trials} trials, seed {study.seed}"
         )
         table.add_column("", no_wrap=True)
         table.add_column("bound, %\nof scale", justify="right")
@@ -56,6 +55,48 @@ def tables(study: AccuracyStudy) -> list[Table]:
     return result
 
 
+def conclusions(study: AccuracyStudy) -> list[str]:
+    """Return what the tables show, as sentences: two for each preset."""
+    sentences = []
+    for preset, results in by_preset(study).items():
+        compared = [r for r in results if np.isfinite(r.ratio).all()]
+        if not compared:
+            sentences.append(f"With the sensors “{preset}”, no estimator determines the target.")
+            continue
+        order = sorted(compared, key=lambda r: float(np.median(r.ratio)))
+        text = f"With the sensors “{preset}”, {_error_in_words(order[0])}"
+        if len(order) > 1:
+            text += f", the smallest of {len(order)} estimators; {_error_in_words(order[-1])}"
+        honest = [r.estimator for r in compared if _nees_is_right(r)]
+        others = [r for r in compared if not _nees_is_right(r)]
+        if honest:
+            texts = [f"the covariance of {_listed(honest)} agrees with the errors"]
+        else:
+            texts = ["no estimator's covariance agrees with its errors"]
+        for word, is_high in (("larger", True), ("smaller", False)):
+            wrong = [r.estimator for r in others if (r.nees_mean > r.nees_band[1]) == is_high]
+            if wrong:
+                texts.append(f"the errors of {_listed(wrong)} are {word} than the covariance says")
+        verdict = "; ".join(texts)
+        sentences += [f"{text}.", f"{verdict[0].upper()}{verdict[1:]} (NEES)."]
+    if study.trials < _FEW:
+        sentences.append(f"These are {study.trials} trials only: the ratios are uncertain.")
+    return sentences
+
+
+def _error_in_words(r: Accuracy) -> str:
+    low, high = _ratio(r.ratio.min()), _ratio(r.ratio.max())
+    return f"{r.estimator} has an RMS error of {low} to {high} times the Cramér-Rao bound"
+
+
+def _nees_is_right(r: Accuracy) -> bool:
+    return bool(r.nees_band[0] <= r.nees_mean <= r.nees_band[1])
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
 def notes(study: AccuracyStudy) -> list[str]:
     """Return further findings as sentences."""
     lines = []
@@ -68,32 +109,33 @@ def notes(study: AccuracyStudy) -> list[str]:
 
 
 def print_table(study: AccuracyStudy, console: Console) -> None:
-    """Print the tables and their explanation."""
+    """Print the tables, their explanation and what they show."""
     for table in tables(study):
-        console.print(table)
-    for line in (LEGEND, *notes(study)):
+        print_in_parts(console, table)
+    for line in (LEGEND, *notes(study), *conclusions(study)):
         console.print(line)
 
 
-def write_figures(study: AccuracyStudy, folder: Path) -> list[Path]:
-    """Write a figure for each preset into a folder: errors with their bound, and coverage."""
-    files = []
+def figures(study: AccuracyStudy) -> dict[str, PictureGroup]:
+    """Return the figures of each preset, by file name: errors with their bound, and coverage."""
+    groups = {}
     for preset, results in by_preset(study).items():
-        path = folder / f"accuracy_{Path(preset).stem}.png"
         shown = [r for r in results if r.failed < r.trials]
-        with saved_figure(path, 8.0, 6.2) as figure:
-            figure.suptitle(
-                f"Sensors “{preset}”, {study.trials} trials", x=0.01, ha="left", weight="bold"
-            )
-            errors, coverage = figure.subplots(2, 1, height_ratios=[1.7, 1])
-            _draw_errors(errors, shown, results[0].crlb / study.scale, study)
-            _draw_coverage(coverage, shown)
-            for axes in (errors, coverage):
-                axes.set_xticks(np.arange(10), PARAMETER_NAMES)
-                axes.grid(axis="x", visible=False)
-                axes.set_xlim(-0.6, 9.6)
-        files.append(path)
-    return files
+        name = Path(preset).stem
+        bound = results[0].crlb / study.scale
+        errors = partial(_draw_errors, shown, bound, study)
+        what = f"sensors “{name}”, {study.trials} trials"
+        pictures = [
+            Picture(f"errors-{name}", f"Errors: {what}", errors, _SIZE),
+            Picture(f"coverage-{name}", f"Coverage: {what}", partial(_draw_coverage, shown), _SIZE),
+        ]
+        groups[figure_name(preset)] = PictureGroup(what.capitalize(), pictures, 1)
+    return groups
+
+
+def figure_name(preset: str) -> str:
+    """Return the file name of a preset's figure."""
+    return f"accuracy_{Path(preset).stem}.png"
 
 
 def by_preset(study: AccuracyStudy) -> dict[str, list[Accuracy]]:
@@ -115,11 +157,10 @@ def _percent(share: float) -> str:
 
 
 def _nees(r: Accuracy) -> str:
-    low, high = r.nees_band
     if not np.isfinite(r.nees_mean):
         return "–"
     number = f"{r.nees_mean:.3g}" if r.nees_mean < 1000 else f"{r.nees_mean:.0e}"
-    return number + ("" if low <= r.nees_mean <= high else " !")
+    return number + ("" if _nees_is_right(r) else " !")
 
 
 def _largest_bias(r: Accuracy) -> str:
@@ -145,37 +186,52 @@ def _draw_shares(
     """
     x = np.arange(10) - 0.4 + (k + 0.5) * 0.8 / count
     bars = 100 * np.abs(interval - share)
-    style = {"markersize": 4, "color": COLORS[k], "elinewidth": 1, "label": label}
+    style = {"markersize": 4, "color": COLORS[k % 6], "elinewidth": 1, "label": label}
     axes.errorbar(x, 100 * share, yerr=bars, fmt="o", **style)
     return x
 
 
 def _draw_errors(
-    axes: Axes, results: list[Accuracy], bound: NDArray[np.float64], study: AccuracyStudy
+    results: list[Accuracy], bound: NDArray[np.float64], study: AccuracyStudy, figure: Figure
 ) -> None:
+    axes = figure.subplots()
     bias_style = {"markersize": 7, "markeredgewidth": 1.6}
+    is_biased = False
     for k, r in enumerate(results):
         interval = r.ratio_interval * r.crlb / study.scale
         x = _draw_shares(axes, k, len(results), r.rmse / study.scale, interval, r.estimator)
         biased = np.abs(r.bias) > r.bias_halfwidth
         bias = 100 * np.abs(r.bias / study.scale)[biased]
-        axes.plot(x[biased], bias, "_", color=COLORS[k], **bias_style)
+        axes.plot(x[biased], bias, "_", color=COLORS[k % 6], **bias_style)
+        is_biased |= bool(biased.any())
     for i, value in enumerate(100 * bound):
-        axes.plot([i - 0.42, i + 0.42], 2 * [value], color="black", linewidth=1.2)
-    axes.plot([], [], color="black", linewidth=1.2, label="Cramér-Rao bound")
-    axes.plot([], [], "_", color="#555555", label="significant |bias|", **bias_style)
+        axes.plot([i - 0.42, i + 0.42], 2 * [value], color=INK, linewidth=1.2)
+    axes.plot([], [], color=INK, linewidth=1.2, label="Cramér-Rao bound")
+    if is_biased:
+        axes.plot([], [], "_", color=INK, label="significant |bias|", **bias_style)
     axes.set_yscale("log")
     axes.set_ylabel("% of scale")
     axes.set_title("Root mean square error (scale: m, 0.5 m, trace of I)")
-    axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.1))
+    _finish(axes, figure)
 
 
-def _draw_coverage(axes: Axes, results: list[Accuracy]) -> None:
-    axes.axhspan(92, 98, color="#dddddd", zorder=0)
-    axes.axhline(95, color="black", linewidth=0.8)
+def _draw_coverage(results: list[Accuracy], figure: Figure) -> None:
+    axes = figure.subplots()
+    axes.axhspan(92, 98, color=INK, alpha=0.12, linewidth=0, zorder=0)
+    axes.axhline(95, color=INK, linewidth=0.8)
     for k, r in enumerate(results):
-        _draw_shares(axes, k, len(results), r.coverage, r.coverage_interval)
+        _draw_shares(axes, k, len(results), r.coverage, r.coverage_interval, r.estimator)
     lowest = min((100 * r.coverage_interval[0].min() for r in results), default=0.0)
     axes.set_ylim(max(lowest - 5, -3), 103)
     axes.set_ylabel("trials [%]")
     axes.set_title("Share of 95 % intervals that contain the true value (grey: 92–98 %)")
+    _finish(axes, figure)
+
+
+def _finish(axes: Axes, figure: Figure) -> None:
+    """Name the parameters, and put the legend below."""
+    axes.set_xticks(np.arange(10), PARAMETER_NAMES)
+    axes.grid(axis="x", visible=False)
+    axes.set_xlim(-0.6, 9.6)
+    if axes.get_legend_handles_labels()[0]:
+        figure.legend(loc="outside lower center", ncols=4)

@@ -1,7 +1,6 @@
 """Figures of an identification, for a page or as files."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -18,42 +17,20 @@ from cpid_drake.estimation.whiteness import autocorrelation
 from cpid_drake.identification.convergence import Convergence
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.report.findings import IdentifiedLog
-from cpid_drake.report.style import COLORS, INK, inline_svg, label_axes, saved_figure
+from cpid_drake.report.pictures import Picture, together
+from cpid_drake.report.style import COLORS, INK, label_axes
 from cpid_drake.sensing.measurements import Measurements, Samples
 
 _TIME = "time [s]"
-_SMALL = (3.7, 2.3)
 _MOST_POINTS = 1500  # points of a line in a page; a line of more points becomes an image
 _LAGS = 25
 
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure that can be drawn into a page or a file.
-
-    Attributes:
-        name: name of its file, and its id in a page: letters, digits and hyphens.
-        label: what the figure shows, for screen readers.
-        draw: function that draws on the given figure.
-        size: width and height [in].
-
-    """
-
-    name: str
-    label: str
-    draw: Callable[[Figure], None]
-    size: tuple[float, float] = _SMALL
-
-    def svg(self) -> str:
-        """Return the figure as an SVG element for a page."""
-        return inline_svg(self.name, self.label, *self.size, self.draw)
-
-    def save(self, folder: Path, ending: str) -> Path:
-        """Write the figure to a file whose name ends in `.png` or `.svg`; return the file."""
-        path = folder / f"{self.name}.{ending}"
-        with saved_figure(path, *self.size) as figure:
-            self.draw(figure)
-        return path
+FIGURE_FILES = tuple(
+    f"{name}.{ending}"
+    for name in ("convergence", "residuals", "singular-values", "base-motion", "ellipsoid")
+    for ending in ("png", "svg")
+)
+"""Names of the files that `write_figures` writes."""
 
 
 def convergence_pictures(
@@ -136,33 +113,19 @@ def write_figures(
     evidence, convergence = log.evidence, log.convergence
     result, found = evidence.result, evidence.found
     pictures = [
-        _together("convergence", convergence_pictures(convergence, truth), 2),
-        _together("residuals", residual_pictures(found), 2),
+        together("convergence", convergence_pictures(convergence, truth), 2),
+        together("residuals", residual_pictures(found), 2),
         singular_value_picture(found.solution.singular_values),
-        _together("base-motion", motion_pictures(evidence.measurements), 2),
+        together("base-motion", motion_pictures(evidence.excerpt.measurements), 2),
     ]
     if result.target is not None:
-        pictures.append(_together("ellipsoid", ellipsoid_pictures(result.target, truth), 3))
+        pictures.append(together("ellipsoid", ellipsoid_pictures(result.target, truth), 3))
     return [
         picture.save(folder, ending)
         for picture in pictures
         if picture is not None
         for ending in ("png", "svg")
     ]
-
-
-def _together(name: str, pictures: list[Picture], columns: int) -> Picture | None:
-    if not pictures:
-        return None
-    rows = -(-len(pictures) // columns)
-    width, height = pictures[0].size
-
-    def draw(figure: Figure) -> None:
-        parts = np.ravel(figure.subfigures(rows, columns, squeeze=False))
-        for part, picture in zip(parts, pictures):
-            picture.draw(part)
-
-    return Picture(name, name, draw, (columns * width, rows * height))
 
 
 # -- drawing --------------------------------------------------------------------------------------
@@ -256,10 +219,10 @@ def _draw_autocorrelation(residuals: Mapping[str, ResidualSeries], figure: Figur
     axes = figure.subplots()
     widest = 0.0
     for (name, samples), color in zip(residuals.items(), COLORS):
-        rho, channels = autocorrelation(samples.value)
+        rho, channels = autocorrelation(samples.neighbours)
         if len(rho) < 4 or not channels:
             continue
-        widest = max(widest, 2 / np.sqrt(len(samples) * channels))
+        widest = max(widest, 2 / np.sqrt(len(samples.neighbours) * channels))
         lags = np.arange(1, min(_LAGS + 1, len(rho)))
         axes.plot(lags, rho[lags], ".-", color=color, linewidth=0.9, markersize=4, label=name)
     axes.axhline(0.0, color=INK, linewidth=0.6)

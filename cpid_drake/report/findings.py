@@ -7,6 +7,7 @@ from pathlib import Path
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.identification.convergence import Convergence, converge
+from cpid_drake.identification.joint_requests import JointEvidence
 from cpid_drake.identification.requests import Evidence, identify_file, request_of_result
 from cpid_drake.identification.result_files import IdentificationResult, read_result, result_text
 
@@ -33,7 +34,7 @@ class Findings:
     Attributes:
         result: the result that is reported.
         text: the result as JSON text.
-        log: the log, identified again; None if it cannot be read.
+        log: the log, identified again; None if it cannot be read, and for several logs.
         missing: why the log cannot be read; empty if it can.
         truth: the true target, if it is known from a simulation.
         visual_model: model file with the target's shape, if there is one.
@@ -47,9 +48,19 @@ class Findings:
     truth: InertialParameters | None = None
     visual_model: str | None = None
 
+    def files(self) -> list[Path]:
+        """Return the files that the report was made from, as far as they exist."""
+        found = self.result.files()
+        if self.log is not None:
+            found.append(Path(self.log.evidence.request.telemetry))
+        return found if self.visual_model is None else [*found, Path(self.visual_model)]
 
-def findings_of(evidence: Evidence, progress: Progress = no_progress) -> Findings:
-    """Return the contents of a report on a log that has just been identified."""
+
+def findings_of(evidence: Evidence | JointEvidence, progress: Progress = no_progress) -> Findings:
+    """Return the contents of a report on logs that have just been identified."""
+    if isinstance(evidence, JointEvidence):
+        text = result_text(evidence.result, evidence.requests[0].telemetry)
+        return Findings(evidence.result, text, None)
     text = result_text(evidence.result, evidence.request.telemetry)
     return Findings(evidence.result, text, IdentifiedLog(evidence, converge(evidence, progress)))
 
@@ -63,6 +74,8 @@ def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Find
     """
     result = read_result(path)
     text = result_text(result, str(path))
+    if result.joint is not None and len(result.joint.logs) > 1:
+        return Findings(result, text, None)
     try:
         evidence = identify_file(request_of_result(result, str(path)), progress)
     except InputError as error:

@@ -4,7 +4,6 @@ Jinja escapes all text of the user. An element with a rounded number has the exa
 attribute `data-value`, and the number's path in the page's embedded JSON in `data-key`.
 """
 
-import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,8 +13,8 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from cpid_drake.errors import InputError
-from cpid_drake.report.figures import Picture
+from cpid_drake.output_files.drafts import write_text
+from cpid_drake.report.pictures import Picture, PictureGroup
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class Section:
         tables: tables with captions and notes.
         pictures_title: the heading of `pictures`.
         pictures: figures to draw into the page.
-        files: PNG files with labels, to embed.
+        groups: further figures, below headings of their own.
         command: a command line.
         inner_page: an HTML page as escaped JSON, which a button opens in the page.
 
@@ -91,7 +90,7 @@ class Section:
     tables: Sequence[Table] = ()
     pictures_title: str = ""
     pictures: Sequence[Picture] = ()
-    files: Sequence[tuple[Path, str]] = ()
+    groups: Sequence[PictureGroup] = ()
     command: str = ""
     inner_page: Markup | None = None
 
@@ -129,11 +128,7 @@ class Report:
             InputError: the file cannot be written.
 
         """
-        text = self.html()
-        try:
-            Path(path).write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{path}: cannot write there: {error.strerror}") from error
+        write_text(path, self.html())
 
 
 def embedded_json(text: str) -> Markup:
@@ -151,14 +146,9 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters |= {"svg": _svg, "png": _png}
+    environment.filters["svg"] = _svg
     return environment
 
 
 def _svg(picture: Picture) -> Markup:
     return Markup(picture.svg())
-
-
-def _png(path: Path) -> Markup:
-    data = base64.b64encode(path.read_bytes()).decode()
-    return Markup(f"data:image/png;base64,{data}")

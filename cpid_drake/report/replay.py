@@ -18,8 +18,10 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result import Identification
+from cpid_drake.report.scene_legend import BODIES, LegendLayer, all_layers, legend
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.systems.scene_layers import scale_length
 from cpid_drake.systems.scene_visualizer import (
     FRAME_PERIOD,
     SceneVisualizer,
@@ -69,8 +71,8 @@ def replay_html(
     zero = telemetry.time[0]
 
     meshcat = open_meshcat()
-    last = [found.feasible() for _, found in estimates if found.is_observable][-1:]
-    extent = extent_of(spacecraft, telemetry, truth or (last[0] if last else None))
+    targets = (found.consistent for _, found in reversed(estimates))
+    extent = extent_of(spacecraft, telemetry, truth or next(filter(None, targets), None))
     prepare_meshcat(meshcat, extent)
     builder, plant, shapeless = _start_diagram(meshcat, spacecraft, truth, visual_model)
     scene = builder.AddSystem(
@@ -101,36 +103,18 @@ def replay_html(
     meshcat.StopRecording()
     meshcat.PublishRecording()
     steps = [(at - zero, estimate_text(found, truth)) for at, found in estimates]
-    return _page(meshcat.StaticHtml(), title, steps, zero, truth is not None)
-
-
-# Meshcat path of each layer, its colours and their labels. `_page` fills in `{whose}`, `{held}`.
-_LAYERS = (
-    ("drake", (("#bbbbbb", "spacecraft{held}"),)),
-    ("cpid/estimated_centre", (("#ff730d", "estimated centre of mass of the target, 3 σ"),)),
-    (
-        "cpid/estimated_inertia",
-        (("#ff730d", "estimated inertia, as the ellipsoid of equal inertia"),),
-    ),
-    ("cpid/true_inertia", (("#1ad9bf", "true inertia"),)),
-    (
-        "cpid/centre_of_mass",
-        (("#ffffff", "centre of mass of the whole system{whose}; ring: initial position"),),
-    ),
-    (
-        "cpid/momentum",
-        (
-            ("#57b3e8", "linear momentum of the spacecraft; above it: angular"),
-            ("#f0e342", "linear momentum of the target{whose}; above it: angular"),
-        ),
-    ),
-    ("cpid/trail", (("#cc78a6", "path of the capture point"),)),
-    ("cpid/frames", (("#bbbbbb", "axes of W (thin), B and C: x red, y green, z blue"),)),
-)
+    drawn = scene.drawn | ({BODIES} if plant is not None else set())
+    layers = legend(all_layers(extent.size, with_truth=truth is not None), drawn)
+    return _page(meshcat.StaticHtml(), title, steps, zero, layers, scale_length(extent.size))
 
 
 def _page(
-    static_html: str, title: str, steps: Sequence[tuple[float, str]], start: float, with_truth: bool
+    static_html: str,
+    title: str,
+    steps: Sequence[tuple[float, str]],
+    start: float,
+    layers: Sequence[LegendLayer],
+    scale: float,
 ) -> str:
     """Return Meshcat's page with a title, the estimates, layer toggles and playback controls.
 
@@ -139,23 +123,22 @@ def _page(
         title: any text; it is escaped.
         steps: times from which texts are shown, since the start of the replay [s], and the texts.
         start: time at which the replay starts [s].
-        with_truth: whether the scene shows the true target.
+        layers: the layers of the scene.
+        scale: length of the scene's scale [m].
 
     """
-    whose, held = ("", " and target") if with_truth else (", as estimated", "")
     rows = []
-    for path, colors in _LAYERS:
-        if path != "cpid/true_inertia" or with_truth:
-            names = (
-                f'<i style="color:{color}">●</i> {escape(name.format(whose=whose, held=held))}'
-                for color, name in colors
-            )
-            rows.append(f'<label><input type="checkbox" value="{path}"> {" ".join(names)}</label>')
+    for layer in layers:
+        names = (f'<i style="color:{m.color}">●</i> {escape(m.meaning)}' for m in layer.marks)
+        rows.append(
+            f'<label><input type="checkbox" value="{layer.path}"> {" ".join(names)}</label>'
+        )
     overlay = Template(_OVERLAY.read_text(encoding="utf-8")).substitute(
         title=escape(title),
         layers="\n".join(rows),
         steps=json.dumps(steps).replace("<", "\\u003c"),
         zero=json.dumps(start),
+        scale=f"{scale:g} m",
     )
     before, end_of_body, after = static_html.rpartition("</body>")
     return f"{before}{overlay}{end_of_body}{after}".replace(
@@ -180,8 +163,11 @@ def estimate_text(identification: Identification, truth: InertialParameters | No
         lines.append(line)
         if truth is not None:
             lines.append(f"  true {_numbers(truth.to_vector()[part])}")
-    moved = np.abs(identification.feasible().to_vector() - values).max()
-    if moved > 0.01 * np.abs(values).max():
+    lines += [f"not trustworthy: {doubt}" for doubt in identification.doubts]
+    target = identification.consistent
+    if target is None:
+        lines.append("physically inconsistent: no rigid body is near the estimate")
+    elif np.abs(target.to_vector() - values).max() > 0.01 * np.abs(values).max():
         lines.append("physically inconsistent: the nearest consistent estimate is drawn")
     return "\n".join(lines)
 

@@ -41,6 +41,7 @@ _INK, _GRID = "#010203", "#0405f6"
 _PAGE_COLORS = {
     _INK: "var(--ink)",
     _GRID: "var(--grid)",
+    COLORS[-1]: "var(--ink)",
     **{color.lower(): f"var(--color-{k})" for k, color in enumerate(COLORS[:-1])},
 }
 _IN_PAGE = {

@@ -13,12 +13,13 @@ def contents(found: TelemetryFile, where: str) -> list[str]:
     lines = [f"{where}: {found.row_count} rows"]
     for name, samples in measurements.items():
         lines.append(f"  {SENSORS[name].label:18} {_timing(samples)}")
+    if len(measurements.thrust):
+        lines.append(f"  {'thrust':18} {_timing(measurements.thrust)}")
     joints = measurements.joint_names
     lines.append(f"  {'joints':18} {len(joints)}: {', '.join(joints)}")
     for name, count in found.partial.items():
-        lines.append(
-            f"  {count} samples of {SENSORS[name].label} are there in part only, and not used"
-        )
+        label = SENSORS[name].label if name in SENSORS else name
+        lines.append(f"  {count} samples of {label} are there in part only, and not used")
     if found.ignored:
         lines.append(f"  ignored columns: {', '.join(found.ignored[:20])}")
     return lines

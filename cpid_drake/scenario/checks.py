@@ -6,7 +6,7 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.scenario.schema import PriorConfig, Scenario, TargetConfig
 from cpid_drake.sensing.suite import check_sensors
 
-ONLINE_ESTIMATORS = ("least_squares", "momentum_filter")
+ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
 """Estimators that can run in a Diagram."""
 
 LONGEST_LENGTH = 100.0
@@ -52,6 +52,11 @@ def _check_body(body: TargetConfig | PriorConfig, where: str) -> None:
 
 def _check_controller(scenario: Scenario) -> None:
     config = scenario.controller
+    if scenario.simulation.wrist is not None and not config.knows_target:
+        raise InputError(
+            "controller.knows_target must be true with simulation.wrist: a controller without the "
+            "springs of the wrist cannot hold a light last link"
+        )
     if not (config.knows_target or config.nominal_mass > 0):
         raise InputError(
             "controller.nominal_mass must be a number > 0 where knows_target is false, not "
@@ -75,7 +80,7 @@ def _check_steps(scenario: Scenario) -> None:
 
 
 def _check_sensors_and_estimator(scenario: Scenario) -> None:
-    sensors, estimator = scenario.sensors, scenario.identification.estimator
+    sensors, estimator = scenario.sensors, scenario.online_estimator
     if sensors.explicit is not None:
         if sensors.suite:
             raise InputError("sensors.suite and sensors.explicit: give one of the two")
@@ -85,20 +90,20 @@ def _check_sensors_and_estimator(scenario: Scenario) -> None:
             f"identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}, "
             f"not '{estimator:.60}'"
         )
-    if estimator == "momentum_filter" and not sensors.present:
+    if estimator == "recursive_fit" and not sensors.present:
         raise InputError(
-            "identification.estimator: momentum_filter needs sensors; give sensors.suite or "
+            "identification.estimator: recursive_fit needs sensors; give sensors.suite or "
             "sensors.explicit"
         )
     prior = scenario.identification.prior
     if prior is not None:
-        if estimator != "momentum_filter":
+        if estimator != "recursive_fit":
             raise InputError(
                 f"identification.prior: {estimator} uses no prior; give estimator: "
-                "momentum_filter, or leave prior out"
+                "recursive_fit, or leave prior out"
             )
         _check_body(prior, "identification.prior")
-        from cpid_drake.identification.filter_estimator import check_guess
+        from cpid_drake.identification.fit_setup import check_guess
 
         with prefix_errors("identification.prior"):
             check_guess(prior.guess(), prior.sigma)
@@ -106,6 +111,12 @@ def _check_sensors_and_estimator(scenario: Scenario) -> None:
 
 def _check_firing(scenario: Scenario) -> None:
     firing, duration = scenario.accuracy.firing, scenario.simulation.duration
+    for k, burn in enumerate(scenario.simulation.burns):
+        if not burn.time < duration:
+            raise InputError(
+                f"simulation.burns[{k}].time must be before the simulation's end, {duration:g} s, "
+                f"not {burn.time}"
+            )
     if firing is not None and not 0 < firing.time < duration:
         raise InputError(
             "accuracy.firing.time must be within the simulation's duration, "

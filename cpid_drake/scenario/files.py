@@ -3,15 +3,13 @@
 from pathlib import Path
 
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.input_files.validation import dump_yaml, load_yaml, tag_of
-from cpid_drake.resources import resolve_model
+from cpid_drake.identification.former_names import current_estimator
+from cpid_drake.input_files.validation import dump_yaml, load_yaml
+from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import check_scenario
-from cpid_drake.scenario.joint_motions import MultiSineMotion
+from cpid_drake.scenario.joint_motions import MOTION_TAGS, MotionFile, load_motion
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.presets import load_sensors, sensor_presets
-
-TAGS = (tag_of(MultiSineMotion),)
-"""The YAML tags of a scenario."""
 
 UNUSED_KEY = "publish_every_time_step:"
 
@@ -24,7 +22,9 @@ def load_scenario(path: str | Path) -> Scenario:
 
     """
     file = resolve_model(path)
-    scenario = load_yaml(Scenario, file, str(path), "a scenario", TAGS)
+    scenario = load_yaml(Scenario, file, str(path), "a scenario", MOTION_TAGS)
+    if scenario.identification.estimator is not None:
+        scenario.identification.estimator = current_estimator(scenario.identification.estimator)
     check_scenario(scenario, str(path))
     spacecraft, target = scenario.spacecraft, scenario.target
     with prefix_errors(str(path)):
@@ -34,6 +34,9 @@ def load_scenario(path: str | Path) -> Scenario:
         }
         if target.visual_model is not None:
             target.visual_model = _from_folder(file.parent, target.visual_model)
+        if isinstance(scenario.joint_motion, MotionFile):
+            scenario.joint_motion.file = _from_folder(file.parent, scenario.joint_motion.file)
+            load_motion(scenario.joint_motion.file)
     _find_suites(scenario, file.parent, str(path))
     return scenario
 
@@ -43,7 +46,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
     Files that a scenario names are written as absolute paths, as `load_scenario` returns them.
     """
-    text = dump_yaml(scenario, TAGS)
+    text = dump_yaml(scenario, MOTION_TAGS)
     # Not every version of Drake knows this key, and a simulation here does not depend on it.
     return "".join(line for line in text.splitlines(True) if UNUSED_KEY not in line)
 
@@ -73,3 +76,19 @@ def _find_suites(scenario: Scenario, folder: Path, where: str) -> None:
         scenario.sensors.suite = find(scenario.sensors.suite, "sensors.suite")
     presets = scenario.accuracy.presets
     presets[:] = [find(suite, f"accuracy.presets[{k}]") for k, suite in enumerate(presets)]
+
+
+def files_of(scenario: Scenario) -> list[Path]:
+    """Return the files that a scenario names and that exist; packages' folders are left out."""
+    presets = [scenario.sensors.suite, *scenario.accuracy.presets]
+    names = [scenario.spacecraft.model, scenario.target.visual_model, *presets]
+    if isinstance(scenario.joint_motion, MotionFile):
+        names.append(scenario.joint_motion.file)
+    folders = package_folders(scenario.spacecraft.packages)
+    found = []
+    for name in filter(None, names):
+        try:
+            found.append(resolve_model(name, folders))
+        except InputError:  # a shipped preset
+            continue
+    return found

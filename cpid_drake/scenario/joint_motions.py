@@ -1,16 +1,25 @@
-"""The joint motions of scenarios."""
+"""The joint motions of scenarios, and joint motions in files of their own."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from annotated_types import Gt
+from annotated_types import Gt, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.joint_motion import HalfCosine, MultiSine
-from cpid_drake.errors import InputError, choose_from
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.dynamics.linear_motion import SPLINE_DEGREE, Spline, Waypoints
+from cpid_drake.errors import InputError, choose_from, prefix_errors
+from cpid_drake.input_files.validation import (
+    FirstUnlessTagged,
+    Numbers,
+    dump_yaml,
+    load_yaml,
+    tag_of,
+)
+from cpid_drake.resources import resolve_model
 
 if TYPE_CHECKING:  # it imports Drake, which reading a scenario does not need
     from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -42,13 +51,11 @@ class HalfCosineMotion:
             default: positions of joints that the motion does not name [rad or m by joint name].
 
         """
-        motion = HalfCosine(
+        return HalfCosine(
             spacecraft.configuration({**default, **self.initial}, "joint_motion.initial"),
             spacecraft.configuration({**default, **self.final}, "joint_motion.final"),
             self.duration,
         )
-        _check_rates(motion, spacecraft, "give a longer duration")
-        return motion
 
 
 @dataclass
@@ -58,7 +65,8 @@ class MultiSineMotion:
     `centre` [rad or m], `amplitudes` [rad or m] and `phases` [rad] are by joint name; the latter
     two are lists with one entry for each of the frequencies [Hz]. A joint that is not named has
     its centre from `SpacecraftConfig.configuration`, and zero amplitudes and phases. The amplitudes
-    rise from zero over the first `ramp` [s] and fall to zero over the last.
+    rise from zero over the first `ramp` [s] and fall to zero over the last. Joints in `final` [rad
+    or m] move from their centre to this position during the motion; the others end at the centre.
     """
 
     duration: Annotated[float, Gt(0)] = 10.0
@@ -67,48 +75,145 @@ class MultiSineMotion:
     centre: dict[str, float] = field(default_factory=dict)
     amplitudes: dict[str, Array] = field(default_factory=dict)
     phases: dict[str, Array] = field(default_factory=dict)
+    final: dict[str, float] = field(default_factory=dict)
 
     def make(self, spacecraft: "Spacecraft", default: Configuration) -> MultiSine:
         """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
         if 0 < self.ramp < SHORTEST_RAMP:
             raise InputError(f"joint_motion.ramp must be at least {SHORTEST_RAMP:g} s")
-        motion = MultiSine(
-            centre=spacecraft.configuration({**default, **self.centre}, "joint_motion.centre"),
-            amplitudes=self._table(spacecraft, "amplitudes"),
+        centre = {**default, **self.centre}
+        start = spacecraft.configuration(centre, "joint_motion.centre")
+        end = spacecraft.configuration({**centre, **self.final}, "joint_motion.final")
+        still, count = np.zeros(len(spacecraft.joint_names)), np.size(self.frequencies)
+        each = f"one for each of the {count} frequencies"
+        return MultiSine(
+            centre=start,
+            amplitudes=_table(spacecraft, self.amplitudes, "amplitudes", still, count, each),
             frequencies=self.frequencies,
-            phases=self._table(spacecraft, "phases"),
+            phases=_table(spacecraft, self.phases, "phases", still, count, each),
             ramp=self.ramp,
             duration=self.duration,
+            displacement=end - start,
         )
-        for extreme in motion.position_range():
-            angles = dict(zip(spacecraft.joint_names, extreme, strict=True))
-            spacecraft.configuration(angles, "joint_motion")
-        _check_rates(motion, spacecraft, "give smaller amplitudes or frequencies")
-        return motion
-
-    def _table(self, spacecraft: "Spacecraft", key: str) -> NDArray[np.float64]:
-        """Return amplitudes or phases as (K, J)."""
-        names, count = spacecraft.joint_names, np.size(self.frequencies)
-        table = np.zeros((count, len(names)))
-        for name, values in getattr(self, key).items():
-            if name not in names:
-                raise InputError(
-                    f"joint_motion.{key}: no joint '{name}'; {choose_from(name, names)}"
-                )
-            if np.shape(values) != (count,) or not np.isfinite(values).all():
-                raise InputError(
-                    f"joint_motion.{key}: {name} needs finite numbers, one for each of the "
-                    f"{count} frequencies"
-                )
-            table[:, names.index(name)] = values
-        return table
 
 
-def _check_rates(motion: HalfCosine | MultiSine, spacecraft: "Spacecraft", remedy: str) -> None:
-    rates, limits = motion.peak_rates(), spacecraft.velocity_limits
-    if (rates > limits).any():
-        k = int((rates > limits).argmax())
-        raise InputError(
-            f"joint_motion: {spacecraft.joint_names[k]} would reach {rates[k]:.3g}, above its "
-            f"limit {limits[k]:.3g} rad/s; {remedy}"
-        )
+@dataclass
+class WaypointMotion:
+    """Half-cosine motions from waypoint to waypoint, tagged `!WaypointMotion` in YAML.
+
+    `waypoints` are the positions of each joint [rad or m by joint name], equally many for all
+    joints, start and end included. A joint that is not named keeps its position in
+    `SpacecraftConfig.configuration`.
+    """
+
+    duration: Annotated[float, Gt(0)] = 10.0
+    waypoints: dict[str, Array] = field(default_factory=dict)
+
+    def make(self, spacecraft: "Spacecraft", default: Configuration) -> Waypoints:
+        """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
+        still = spacecraft.configuration(default, "spacecraft.configuration")
+        return Waypoints(_columns(spacecraft, self.waypoints, "waypoints", still, 2), self.duration)
+
+
+@dataclass
+class SplineMotion:
+    """Splines of degree 5, tagged `!SplineMotion` in YAML; see `dynamics.linear_motion.Spline`.
+
+    `coefficients` are those of each joint [rad or m by joint name], equally many for all joints. A
+    joint that is not named keeps its position in `SpacecraftConfig.configuration`.
+    """
+
+    duration: Annotated[float, Gt(0)] = 10.0
+    coefficients: dict[str, Array] = field(default_factory=dict)
+
+    def make(self, spacecraft: "Spacecraft", default: Configuration) -> Spline:
+        """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
+        still = spacecraft.configuration(default, "spacecraft.configuration")
+        table = _columns(spacecraft, self.coefficients, "coefficients", still, SPLINE_DEGREE + 1)
+        return Spline(table, self.duration)
+
+
+def _columns(
+    spacecraft: "Spacecraft",
+    entries: dict[str, NDArray[np.float64]],
+    key: str,
+    still: NDArray[np.float64],
+    least: int,
+) -> NDArray[np.float64]:
+    """Return entries of equal length by joint as (K, J); `still` (J,) for the other joints."""
+    first = next(iter(entries), "")
+    count = np.size(entries[first]) if entries else least
+    return _table(spacecraft, entries, key, still, count, f"as many as {first}, {count}")
+
+
+def _table(
+    spacecraft: "Spacecraft",
+    entries: dict[str, NDArray[np.float64]],
+    key: str,
+    still: NDArray[np.float64],
+    count: int,
+    each: str,
+) -> NDArray[np.float64]:
+    """Return entries by joint as (count, J); `still` (J,) for joints without entries."""
+    names = spacecraft.joint_names
+    table = np.tile(still, (count, 1))
+    for name, values in entries.items():
+        if name not in names:
+            raise InputError(f"joint_motion.{key}: no joint '{name}'; {choose_from(name, names)}")
+        if np.shape(values) != (count,) or not np.isfinite(values).all():
+            raise InputError(f"joint_motion.{key}: {name} needs finite numbers, {each}")
+        table[:, names.index(name)] = values
+    return table
+
+
+@dataclass
+class MotionFile:
+    """The joint motion in a file, tagged `!MotionFile` in YAML; see `load_motion`.
+
+    `file` is a package:// URI or a path relative to the scenario's folder.
+    """
+
+    file: Annotated[str, MinLen(1)]
+
+    def make(self, spacecraft: "Spacecraft", default: Configuration) -> "AnyMotion":
+        """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`.
+
+        Raises:
+            InputError: for the same reasons as `load_motion` and the motion in the file.
+
+        """
+        with prefix_errors(self.file):
+            return load_motion(self.file).make(spacecraft, default)
+
+
+AnyMotion = HalfCosine | MultiSine | Waypoints | Spline
+"""A joint motion of a scenario."""
+
+Motion = HalfCosineMotion | MultiSineMotion | WaypointMotion | SplineMotion
+"""The declaration of a joint motion in a file."""
+
+MOTION_TAGS = tuple(map(tag_of, (MultiSineMotion, WaypointMotion, SplineMotion, MotionFile)))
+"""The YAML tags of joint motions."""
+
+
+@dataclass
+class MotionDocument:
+    """A file with a joint motion alone, under the key that it has in a scenario."""
+
+    joint_motion: Annotated[Motion, FirstUnlessTagged()]
+
+
+def load_motion(path: str | Path) -> Motion:
+    """Read a joint motion from a YAML file with the key `joint_motion`.
+
+    Raises:
+        InputError: no such file, not YAML, unknown keys, or values of the wrong type or size.
+
+    """
+    file = resolve_model(path)
+    return load_yaml(MotionDocument, file, str(path), "a joint motion", MOTION_TAGS).joint_motion
+
+
+def dump_motion(motion: Motion) -> str:
+    """Return a joint motion as YAML; `load_motion` reads it without loss."""
+    return dump_yaml(MotionDocument(motion), MOTION_TAGS)

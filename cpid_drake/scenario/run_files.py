@@ -2,6 +2,7 @@
 
 import json
 import platform
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,88 +12,104 @@ from pydrake.systems.framework import Context
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.errors import InputError
 from cpid_drake.identification.requests import Request
 from cpid_drake.identification.result_files import SpacecraftReference
 from cpid_drake.input_files.validation import dump_yaml, nulls
+from cpid_drake.output_files.drafts import UNFINISHED, draft_folder
+from cpid_drake.output_files.overwriting import CSV_LOG, SUMMARY, TRUTH, YAML, Kind
 from cpid_drake.resources import version_of
 from cpid_drake.scenario.files import dump_scenario
+from cpid_drake.scenario.limits import LimitCheck
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.sensing.files.telemetry_files import write_telemetry
 
-RUN_FILES = (
-    *("telemetry.csv", "truth.csv", "truth.json"),
-    *("scenario.yaml", "sensors.yaml", "run.json"),
-)
-"""Names of the files of a run."""
+_RUN_FILE = Kind("a file of a run", (".yaml",))
+
+RUN_FILES = {
+    "telemetry.csv": CSV_LOG,
+    "truth.csv": CSV_LOG,
+    "truth.json": TRUTH,
+    "scenario.yaml": _RUN_FILE,
+    "sensors.yaml": _RUN_FILE,
+    "run.json": SUMMARY,
+}
+"""Names and kinds of the files of a run."""
 
 
-def refuse_other_files(folder: Path) -> None:
-    """Refuse a folder with files of these names that no earlier run has written.
+def run_outputs(folder: Path) -> list[tuple[str, Kind]]:
+    """Return the names and kinds of the files of a run, for `check_folder`.
 
-    Raises:
-        InputError: such files would be overwritten; one may be the scenario that is simulated.
-
+    YAML files that no earlier run has written have the kind that is not replaced.
     """
-    if not (folder / "run.json").is_file():
-        for name in RUN_FILES:
-            if (folder / name).exists():
-                raise InputError(
-                    f"--out {folder}: has a {name} that no earlier run has written; give another "
-                    "folder"
-                )
+    has_run = (folder / "run.json").is_file() or (folder / UNFINISHED).is_file()
+    return [
+        (name, YAML if kind is _RUN_FILE and not has_run else kind)
+        for name, kind in RUN_FILES.items()
+    ]
 
 
 def write_run(
-    simulation: Simulation, root_context: Context, folder: Path, wall_seconds: float
+    simulation: Simulation,
+    root_context: Context,
+    folder: Path,
+    wall_seconds: float,
+    limits: LimitCheck,
 ) -> list[Path]:
-    """Write a run into an existing folder, and replace the files of an earlier run.
+    """Write a run into a folder, and replace the files of an earlier run together.
 
     - `telemetry.csv`: the samples of the sensors; without sensors the exact motion;
     - `sensors.yaml`: the sensors' errors, if there are sensors;
     - `truth.csv`: the exact motion, every `SimulationConfig.log_period`;
     - `truth.json`: the target's true parameters, with the keys of a result file;
     - `scenario.yaml`: the complete scenario;
-    - `run.json`: versions, seed, momentum drift, and the online estimate.
+    - `run.json`: versions, seed, momentum drift, exceeded limits, the online estimate, and the
+      sizes of the logs.
 
     Args:
         simulation: the simulation that was run.
         root_context: the Context that its `run` returned.
-        folder: an existing folder.
+        folder: the folder; created if it does not exist.
         wall_seconds: duration of the run [s].
+        limits: the comparison of the motion with the limits of the spacecraft.
 
     Returns:
         The files, telemetry first.
 
+    Raises:
+        InputError: a file cannot be written; the files of an earlier run are then unchanged.
+
     """
-    truth = simulation.telemetry(root_context)
-    files = [folder / "telemetry.csv", folder / "truth.csv"]
-    sensors = simulation.sensors
-    write_telemetry(files[0], simulation.measurements(root_context) if sensors else truth)
-    write_telemetry(files[1], truth)
+    truth, sensors = simulation.telemetry(root_context), simulation.sensors
     scenario = simulation.scenario
     texts = {"truth.json": _json(target_document(simulation))}
-    (folder / "sensors.yaml").unlink(missing_ok=True)
     if sensors:
         texts["sensors.yaml"] = dump_yaml(sensors.suite)
     texts["scenario.yaml"] = dump_scenario(scenario)
-    names = [*(file.name for file in files), *texts, "run.json"]
-    texts["run.json"] = _json(
-        {
-            "versions": versions(),
-            "simulated_seconds": scenario.simulation.duration,
-            "wall_seconds": round(wall_seconds, 3),
-            "sensor_seed": scenario.sensors.seed if sensors else None,
-            "momentum_drift": momentum_drift(simulation, truth),
-            "files": names,
-            "online_identification": online_document(simulation, root_context),
-        }
-    )
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-        files.append(folder / name)
-    return files
+    logs = {
+        "telemetry.csv": simulation.measurements(root_context) if sensors else truth,
+        "truth.csv": truth,
+    }
+    names = [*logs, *texts, "run.json"]
+    about = {
+        "versions": versions(),
+        "simulated_seconds": scenario.simulation.duration,
+        "wall_seconds": round(wall_seconds, 3),
+        "sensor_seed": scenario.sensors.seed if sensors else None,
+        "momentum_drift": momentum_drift(simulation, root_context, truth),
+        "limits": asdict(limits),
+        "files": names,
+        "online_identification": online_document(simulation, root_context),
+    }
+    with draft_folder(folder, tuple(RUN_FILES)) as draft:
+        for name, log in logs.items():
+            write_telemetry(draft / name, log)
+        for name, text in texts.items():
+            (draft / name).write_text(text, encoding="utf-8")
+        # A log that was cut off when the folder was copied still looks like a log.
+        sizes = {name: (draft / name).stat().st_size for name in logs}
+        (draft / "run.json").write_text(_json({**about, "bytes": sizes}), encoding="utf-8")
+    return [folder / name for name in names]
 
 
 def versions() -> dict[str, str | None]:
@@ -112,10 +129,21 @@ def target_document(simulation: Simulation) -> dict[str, Any]:
     }
 
 
-def momentum_drift(simulation: Simulation, truth: Telemetry) -> dict[str, float]:
-    """Return the largest change of the total momentum since the start, about W's origin."""
+def momentum_drift(
+    simulation: Simulation, root_context: Context, truth: Telemetry
+) -> dict[str, float]:
+    """Return the largest error of the total momentum about W's origin, in the logged motion.
+
+    Without external forces and sprung masses the momentum has to be constant. On a table only its
+    components in the plane count.
+    """
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, truth)
-    drift = {"linear_N_s": P - P[0], "angular_N_m_s": L - L[0]}
+    expected = simulation.expected_momentum(truth, root_context)
+    expected -= expected[0]
+    linear, angular = P - P[0] - expected[:, 3:], L - L[0] - expected[:, :3]
+    if simulation.spacecraft.tree.normal_B is not None:
+        linear, angular = linear[:, :2], angular[:, 2:]
+    drift = {"linear_N_s": linear, "angular_N_m_s": angular}
     return {name: float(np.linalg.norm(each, axis=1).max()) for name, each in drift.items()}
 
 
@@ -124,7 +152,8 @@ def online_document(simulation: Simulation, root_context: Context) -> dict[str, 
     result = simulation.identification(root_context)
     found = {"estimate": result.parameters, "sigma": np.sqrt(np.diag(result.covariance))}
     return {
-        "estimator": simulation.scenario.identification.estimator,
+        "estimator": simulation.scenario.online_estimator,
+        "doubts": list(result.doubts),
         "says": result.explain(),
         **{
             key: dict(zip(PARAMETER_NAMES, nulls(values), strict=True))
@@ -141,6 +170,7 @@ def request_of_run(scenario: Scenario, folder: Path) -> Request:
         SpacecraftReference(craft.model, craft.base, craft.capture_frame, craft.packages),
         sensors=str(sensors) if sensors.is_file() else None,
         momentum="unknown" if scenario.identification.unknown_momentum else "zero",
+        planar=True if craft.on_table else None,
     )
 
 

@@ -11,16 +11,19 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval, Le, MinLen
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
+from cpid_drake.identification.former_names import current_estimator
 from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
-from cpid_drake.scenario.joint_motions import HalfCosineMotion, MultiSineMotion
+from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, Motion, MotionFile
+from cpid_drake.sensing.burns import Burn
+from cpid_drake.sensing.disturbances import SimulatedDisturbance
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
 
 if TYPE_CHECKING:  # these import Drake or SciPy, which reading a scenario does not need
     from cpid_drake.dynamics.inertia import InertialParameters
-    from cpid_drake.dynamics.joint_motion import JointMotion
-    from cpid_drake.dynamics.sensitivity import BodyUncertainty
+    from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Name = Annotated[str, MinLen(1)]
@@ -41,7 +44,8 @@ class SpacecraftConfig:
 
     Files are package:// URIs or paths relative to the scenario's folder; `packages` gives the
     folders of further packages by name. `configuration` is the default position of joints that the
-    motion does not name [rad or m by joint name]; other joints are at zero.
+    motion does not name [rad or m by joint name]; other joints are at zero. With `on_table` the
+    spacecraft floats on a table, whose normal is the z axis of W and of the base.
     """
 
     model: Name
@@ -49,6 +53,7 @@ class SpacecraftConfig:
     capture_frame: Name
     packages: dict[str, str] = field(default_factory=dict)
     configuration: dict[str, float] = field(default_factory=dict)
+    on_table: bool = False
 
     def make(self) -> "Spacecraft":
         """Return the known spacecraft.
@@ -59,9 +64,10 @@ class SpacecraftConfig:
         """
         from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-        return Spacecraft(
+        spacecraft = Spacecraft(
             self.model, base=self.base, capture_frame=self.capture_frame, packages=self.packages
         )
+        return spacecraft.on_table() if self.on_table else spacecraft
 
 
 @dataclass
@@ -130,29 +136,18 @@ class PriorConfig:
 class IdentificationConfig:
     """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
 
-    `estimator` is one of `ONLINE_ESTIMATORS`. Rows, period and offset apply to least squares; the
-    momentum filter needs sensors and processes all their samples. `prior` is a guess of the target
-    for the momentum filter; null for none.
+    `estimator` is one of `ONLINE_ESTIMATORS`; null for the recursive fit if the scenario has
+    sensors and names no rows, else least squares. Rows, period and offset apply to least squares,
+    which uses the exact state; null for standard rows. The recursive fit processes all samples of
+    the sensors. `prior` is a guess of the target for the recursive fit; null for none.
     """
 
-    estimator: str = "least_squares"
-    rows: str = "eq18"
+    estimator: str | None = None
+    rows: str | None = None
     unknown_momentum: bool = False
     period: Positive = 1.0
     offset: NotNegative = 1.0
     prior: PriorConfig | None = None
-
-
-@dataclass
-class KnownBodiesConfig:
-    """Uncertainty of the spacecraft: σ of its bodies' masses, centres of mass and inertias.
-
-    Mass and inertia are relative, `com` is in metres; see `sensitivity.BodyUncertainty`.
-    """
-
-    mass: NotNegative = 0.0
-    com: NotNegative = 0.0
-    inertia: NotNegative = 0.0
 
 
 @dataclass
@@ -204,15 +199,97 @@ class IntegratorConfig:
 
 
 @dataclass
+class DisturbanceConfig:
+    """Constant torque about the system's centre of mass, and acceleration of this centre, in W.
+
+    Units: N·m and m/s². Null for the random value that the seed gives with the σ in
+    `SensorSuite.disturbances`; zero without such a σ.
+    """
+
+    acceleration_W: Vector | None = None
+    torque_W: Vector | None = None
+
+
+@dataclass
+class SprungMassConfig:
+    """A part of a body's mass that moves on a spring, such as propellant or the tip of a wing.
+
+    `body` is a body of the spacecraft, or captured_target. `p_BS` is the place of the mass at rest
+    in the body's frame [m], `frequency` that of its oscillation [Hz]. See
+    `cpid_drake.systems.sprung_mass.SprungMass`.
+    """
+
+    body: Name
+    p_BS: Vector
+    mass: Positive
+    frequency: Positive
+    damping_ratio: NotNegative = 0.01
+
+
+@dataclass
+class WristConfig:
+    """A spring and a damper between the capture frame C and the target.
+
+    `stiffness` [N·m/rad] and `damping` [N·m·s/rad] are those of the rotation about the axes of C.
+    With `translational_stiffness` [N/m] the target also moves along these axes, with
+    `translational_damping` [N·s/m]; null if its origin stays at that of C. See
+    `cpid_drake.spacecraft.compliant_wrist.CompliantWrist`.
+    """
+
+    stiffness: Vector
+    damping: Vector = field(default_factory=lambda: np.zeros(3))
+    translational_stiffness: Vector | None = None
+    translational_damping: Vector = field(default_factory=lambda: np.zeros(3))
+
+    def make(self) -> "CompliantWrist":
+        """Return the wrist.
+
+        Raises:
+            InputError: a stiffness is not greater than zero, or a damping is negative.
+
+        """
+        from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
+
+        return CompliantWrist(**vars(self))
+
+
+@dataclass
+class BurnConfig:
+    """A burn of thrusters on the base: start and duration [s], and constant thrust in B.
+
+    `force_B` acts at the point `p_BF_B` of the base; `torque_B` acts besides. Units: N, N·m, m.
+    """
+
+    time: NotNegative
+    duration: Positive
+    force_B: Vector = field(default_factory=lambda: np.zeros(3))
+    p_BF_B: Vector = field(default_factory=lambda: np.zeros(3))
+    torque_B: Vector = field(default_factory=lambda: np.zeros(3))
+
+    def make(self) -> Burn:
+        """Return the burn, with its torque about B's origin."""
+        torque = self.torque_B + np.cross(self.p_BF_B, self.force_B)
+        return Burn(self.time, self.duration, np.concatenate([torque, self.force_B]))
+
+
+@dataclass
 class SimulationConfig:
     """Duration of the simulation and logging period [s], and the settings of Drake's Simulator.
 
-    `momentum_W` is the total momentum [L; P] about W's origin, in W; not zero if the target was
-    tumbling at capture.
+    `momentum_W` is the total momentum [L; P] about W's origin, in W, at the start; not zero if the
+    target was tumbling at capture. `disturbance` and `burns` act in the Diagram and in the trials
+    of `AccuracyConfig`. The estimators read a log of the burns if `burns_logged` is true; it has
+    the error of scale that the seed gives with the σ in `SensorSuite.disturbances`. `wrist` is
+    null for a rigid grasp.
     """
 
     duration: Positive = 10.0
     momentum_W: Momentum = field(default_factory=lambda: np.zeros(6))
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    sprung_masses: list[SprungMassConfig] = field(default_factory=list)
+    wrist: WristConfig | None = None
+    burns: list[BurnConfig] = field(default_factory=list)
+    burns_logged: bool = True
     log_period: Positive = 0.0625
     simulator: IntegratorConfig = field(default_factory=IntegratorConfig)
 
@@ -223,15 +300,29 @@ class Scenario:
 
     spacecraft: SpacecraftConfig
     target: TargetConfig
-    joint_motion: Annotated[HalfCosineMotion | MultiSineMotion, FirstUnlessTagged()] = field(
+    joint_motion: Annotated[Motion | MotionFile, FirstUnlessTagged()] = field(
         default_factory=HalfCosineMotion
     )
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     sensors: SensorsConfig = field(default_factory=SensorsConfig)
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)
-    known_bodies: KnownBodiesConfig = field(default_factory=KnownBodiesConfig)
+    known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
+
+    @property
+    def online_estimator(self) -> str:
+        """Name of the online estimator: the given one, or the best for the scenario's sensors."""
+        config = self.identification
+        if config.estimator is not None:
+            return current_estimator(config.estimator)
+        by_sensors = self.sensors.present and config.rows is None
+        return "recursive_fit" if by_sensors else "least_squares"
+
+    @property
+    def online_rows(self) -> str:
+        """Name of the row family of least squares."""
+        return self.identification.rows or "standard"
 
     def target_truth(self) -> "InertialParameters":
         """Return the true target.
@@ -246,12 +337,12 @@ class Scenario:
             raise InputError(f"target: not a rigid body: {'; '.join(problems)}")
         return truth
 
-    def make_joint_motion(self, spacecraft: "Spacecraft") -> "JointMotion":
+    def make_joint_motion(self, spacecraft: "Spacecraft") -> AnyMotion:
         """Return the joint motion of this spacecraft's joints.
 
         Raises:
-            InputError: a joint is unknown; a position or rate exceeds the model's limits; also the
-                errors of the motion's class.
+            InputError: a joint is unknown or an angle is in degrees; also the errors of the
+                motion's class.
 
         """
         default = self.spacecraft.configuration
@@ -269,14 +360,27 @@ class Scenario:
             return self.sensors.explicit
         return load_sensors(self.sensors.suite) if self.sensors.suite else None
 
-    def body_uncertainty(self) -> "BodyUncertainty | None":
-        """Return the uncertainty of the spacecraft, or None if it is known exactly."""
-        from cpid_drake.dynamics.sensitivity import BodyUncertainty
+    def make_disturbance(self) -> SimulatedDisturbance:
+        """Return the external forces and torques of the simulation; see `DisturbanceConfig`.
 
-        config = self.known_bodies
-        if not (config.mass or config.com or config.inertia):
-            return None
-        return BodyUncertainty(config.mass, config.com, config.inertia)
+        Raises:
+            InputError: for the same reasons as `presets.load_sensors`.
+
+        """
+        suite = self.make_suite()
+        return SimulatedDisturbance(
+            None if suite is None else suite.disturbances,
+            self.sensors.seed,
+            **vars(self.simulation.disturbance),
+        )
+
+    def make_burns(self) -> tuple[Burn, ...]:
+        """Return the burns of thrusters."""
+        return tuple(burn.make() for burn in self.simulation.burns)
+
+    def body_uncertainty(self) -> BodyUncertainty | None:
+        """Return the uncertainty of the spacecraft, or None if it is known exactly."""
+        return None if self.known_bodies.is_zero else self.known_bodies
 
 
 def _inertial_parameters(body: TargetConfig | PriorConfig) -> "InertialParameters":

@@ -1,7 +1,7 @@
 """The Drake Diagram of a scenario, and the telemetry of its runs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,20 +12,25 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventSta
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
+from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.trust import gated
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import ONLINE_ESTIMATORS
+from cpid_drake.scenario.external_forces import ExternalForces, add_external_forces
 from cpid_drake.scenario.schema import Scenario
-from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.measurements import THRUST, Measurements
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
+from cpid_drake.systems.ports import spacecraft_state
 from cpid_drake.systems.scene_visualizer import (
     FRAME_PERIOD,
     SceneVisualizer,
@@ -40,6 +45,7 @@ from cpid_drake.systems.spacecraft_sensors import (
     log_samples,
     measurements_from_logs,
 )
+from cpid_drake.systems.thruster_source import ThrusterSource
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +61,12 @@ class Simulation:
         joint_motion: the prescribed motion.
         diagram: the whole diagram.
         plant: spacecraft and target, in zero gravity.
+        state_columns: columns of the plant's x = [q; v] that are the state of the spacecraft.
         identifier: the online identifier: a `MomentumIdentifier` on the plant's exact state, or a
             `SensorIdentifier` on the sensors.
-        state_log: logs the plant's state.
+        state_log: logs the state of the spacecraft.
         parameter_log: logs the identifier's parameters.
+        forces: disturbances, sprung masses and a compliant wrist.
         sensors: the scenario's sensors, if it has any.
         sensor_logs: log the sensors' samples, by name.
 
@@ -70,9 +78,11 @@ class Simulation:
     joint_motion: JointMotion
     diagram: Diagram
     plant: MultibodyPlant
+    state_columns: NDArray[np.intp]
     identifier: Identifier
     state_log: VectorLogSink
     parameter_log: VectorLogSink
+    forces: ExternalForces
     sensors: SpacecraftSensors | None = None
     sensor_logs: dict[str, VectorLogSink] = field(default_factory=dict)
 
@@ -86,8 +96,12 @@ class Simulation:
         ApplySimulatorConfig(config, simulator)
         context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         momentum_W = self.scenario.simulation.momentum_W
-        state = initial_state(self.spacecraft, self.truth, self.joint_motion, momentum_W)
+        state = self.plant.GetPositionsAndVelocities(context).copy()  # with relaxed springs
+        state[self.state_columns] = initial_state(
+            self.spacecraft, self.truth, self.joint_motion, momentum_W
+        )
         self.plant.SetPositionsAndVelocities(context, state)
+        self.forces.start(simulator.get_mutable_context())
         simulator.Initialize()
         return simulator
 
@@ -121,7 +135,7 @@ class Simulation:
         states = []
         for time in times:
             advance(simulator, time)
-            states.append(self.plant.GetPositionsAndVelocities(context).copy())
+            states.append(self.plant.GetPositionsAndVelocities(context)[self.state_columns])
         simulator.AdvancePendingEvents()  # the samples that are due at the end
         if isinstance(self.identifier, SensorIdentifier):
             root_context = simulator.get_mutable_context()
@@ -130,8 +144,13 @@ class Simulation:
         return simulator.get_context().Clone(), states
 
     def identification(self, root_context: Context) -> Identification:
-        """Return the identification in a run's Context."""
-        return self.identifier.identification(self.identifier.GetMyContextFromRoot(root_context))
+        """Return the identification in a run's Context, with doubts about it; see `trust`."""
+        context = self.identifier.GetMyContextFromRoot(root_context)
+        found = gated(self.identifier.identification(context))
+        if self.forces.thrusters is None or isinstance(self.identifier, SensorIdentifier):
+            return found
+        text = THRUST_NOT_USED.format(f"{self.forces.thrust.time[0]:.4g}", found.estimator)
+        return replace(found, doubts=(text, *found.doubts))
 
     def telemetry(self, root_context: Context) -> Telemetry:
         """Return the logged motion of a run."""
@@ -139,8 +158,23 @@ class Simulation:
         times, first = np.unique(log.sample_times(), return_index=True)
         return self.spacecraft.to_telemetry(times, log.data()[:, first].T)
 
+    def expected_momentum(self, telemetry: Telemetry, root_context: Context) -> NDArray[np.float64]:
+        """Return the momentum [L; P] of the rigid model about W's origin, in W, (N, 6).
+
+        It follows from the momentum at t = 0 and from the forces; see `ExternalForces`.
+
+        Args:
+            telemetry: the logged motion at N times.
+            root_context: Context of the run.
+
+        """
+        q, momentum_W = self.joint_motion.evaluate(0.0)[0], self.scenario.simulation.momentum_W
+        start = SystemMomentum.with_base_at_origin(self.spacecraft.tree, self.truth, q, momentum_W)
+        full = self.spacecraft.tree.with_target(self.truth.to_standard_vector())
+        return self.forces.expected_momentum(start, full, telemetry, root_context)
+
     def measurements(self, root_context: Context) -> Measurements:
-        """Return the samples of the sensors in a run.
+        """Return the samples of the sensors in a run, and the log of thrust if there is one.
 
         Raises:
             InputError: the scenario has no sensors.
@@ -151,7 +185,10 @@ class Simulation:
                 "this simulation has no sensors; give sensors.suite or sensors.explicit in its "
                 "scenario"
             )
-        return measurements_from_logs(self.sensors, self.sensor_logs, root_context)
+        found = measurements_from_logs(self.sensors, self.sensor_logs, root_context)
+        if self.forces.thrusters is None or not self.scenario.simulation.burns_logged:
+            return found
+        return found.updated({THRUST: self.forces.thrust})
 
 
 def advance(simulator: Simulator, time: float) -> None:
@@ -212,7 +249,7 @@ def make_simulation(
 ) -> Simulation:
     """Build a scenario's Diagram: motion, controller, plant, identifier, logs, visualization.
 
-    If the scenario has sensors, the Diagram contains and logs them. The momentum filter reads
+    If the scenario has sensors, the Diagram contains and logs them. The recursive fit reads
     them; least squares reads the plant's exact state.
 
     Args:
@@ -238,30 +275,38 @@ def make_simulation(
         _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
     else:
         builder.AddSystem(plant)
-    spacecraft.add_to(
-        plant, truth, scene_graph=scene_graph, target_visual_model=scenario.target.visual_model
+    wrist = scenario.simulation.wrist
+    connect = MultibodyPlant.WeldFrames if wrist is None else wrist.make().connect
+    body = spacecraft.add_to(
+        plant,
+        truth,
+        scene_graph=scene_graph,
+        target_visual_model=scenario.target.visual_model,
+        connect=connect,
     )
-    state = plant.get_state_output_port()
+    state = spacecraft_state(builder, spacecraft, plant)
 
     source = builder.AddSystem(JointMotionSource(motion))
     JointController.AddToBuilder(
         builder,
         spacecraft,
-        state=state,
+        state=plant.get_state_output_port(),
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        plant=spacecraft.make_simulation_plant(_controllers_target(scenario, truth)),
+        plant=spacecraft.make_simulation_plant(_controllers_target(scenario, truth), connect),
         natural_frequency=scenario.controller.natural_frequency,
         damping_ratio=scenario.controller.damping_ratio,
     )
 
     sensors, sensor_logs, suite = None, {}, scenario.make_suite()
+    forces = add_external_forces(builder, scenario, spacecraft, plant, body, truth)
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(
             builder, spacecraft, spacecraft_state=state, suite=suite, seed=scenario.sensors.seed
         )
         sensor_logs = log_samples(builder, sensors)
-    identifier = _add_identifier(builder, scenario, spacecraft, state, sensors)
+    thrusters = forces.thrusters if scenario.simulation.burns_logged else None
+    identifier = _add_identifier(builder, scenario, spacecraft, state, sensors, thrusters)
     state_log = LogVectorOutput(state, builder, scenario.simulation.log_period)
     parameter_log = LogVectorOutput(
         identifier.GetOutputPort("parameters"), builder, scenario.simulation.log_period
@@ -298,9 +343,11 @@ def make_simulation(
         motion,
         diagram,
         plant,
+        spacecraft.columns_in(plant),
         identifier,
         state_log,
         parameter_log,
+        forces,
         sensors,
         sensor_logs,
     )
@@ -312,32 +359,35 @@ def _add_identifier(
     spacecraft: Spacecraft,
     state: OutputPort,
     sensors: SpacecraftSensors | None,
+    thrusters: ThrusterSource | None,
 ) -> Identifier:
     config = scenario.identification
     momentum = TotalMomentum(is_unknown=config.unknown_momentum)
-    if config.estimator not in ONLINE_ESTIMATORS:
+    estimator = scenario.online_estimator
+    if estimator not in ONLINE_ESTIMATORS:
         raise InputError(
-            f"no online estimator '{config.estimator}'; choose from {', '.join(ONLINE_ESTIMATORS)}"
+            f"no online estimator '{estimator}'; choose from {', '.join(ONLINE_ESTIMATORS)}"
         )
-    if config.estimator == "least_squares":
+    if estimator == "least_squares":
         return MomentumIdentifier.AddToBuilder(
             builder,
             spacecraft,
             spacecraft_state=state,
-            rows=config.rows,
+            rows=scenario.online_rows,
             momentum=momentum,
             period=config.period,
             offset=config.offset,
         )
     if sensors is None:
-        raise InputError("identification.estimator: momentum_filter needs sensors.suite")
+        raise InputError("identification.estimator: recursive_fit needs sensors.suite")
+    thrust = {} if thrusters is None else {THRUST: thrusters.GetOutputPort("thrust")}
     prior = {}
     if config.prior is not None:
         prior = {"guess": config.prior.guess(), "guess_sigma": config.prior.sigma}
     return SensorIdentifier.AddToBuilder(
         builder,
         spacecraft,
-        samples=sensors.sample_ports(),
+        samples=sensors.sample_ports() | thrust,
         suite=sensors.suite,
         momentum=momentum,
         **prior,

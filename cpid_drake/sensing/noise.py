@@ -3,17 +3,32 @@
 Every sensor has its own stream of random numbers. It depends only on the seed, on the sensor's
 number in the table and on the sample's number. Therefore a Diagram, which computes samples one by
 one, and this module, which computes all samples at once, give the same samples, independent of the
-other sensors.
+other sensors. The errors that are the same in all samples are in `constant_errors`.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro
+from cpid_drake.sensing.constant_errors import ConstantErrors, draw_constant_errors
+from cpid_drake.sensing.disturbances import SimulatedDisturbance
+from cpid_drake.sensing.measurements import (
+    THRUST,
+    IdealMeasurements,
+    Measurements,
+    Samples,
+    first_sample,
+)
+from cpid_drake.sensing.random_streams import random_stream
+from cpid_drake.sensing.sensors import JOINT_RATES, SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensing.suite import SensorSuite
+
+_DROPOUTS = 6
+"""Second number of the key of a random stream; see `constant_errors` for the others."""
 
 
 class SensorNoise:
@@ -35,18 +50,70 @@ class SensorNoise:
         self.seed = int(seed)
         self._tables: dict[int, NDArray[np.float64]] = {}
         self._biases: dict[str, NDArray[np.float64]] = {}
+        self._constants: dict[tuple[str, int], ConstantErrors] = {}
+        self._lost: dict[str, NDArray[np.bool_]] = {}
 
-    def apply(self, name: str, ideal: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:
+    def constants(self, name: str, joint_count: int = 0) -> ConstantErrors:
+        """Return the values of a sensor's constant errors.
+
+        Joint rates have the delay of the encoders, to whose clock they belong.
+
+        Args:
+            name: name of the sensor.
+            joint_count: number of joints; only the zeros of joints depend on it.
+
+        Raises:
+            KeyError: the sensor is absent.
+
+        """
+        key = name, joint_count
+        if key not in self._constants:
+            drawn = draw_constant_errors(SENSORS[name], self.suite[name], self.seed, joint_count)
+            if SENSORS[name].quantity is JOINT_RATES and self.suite.encoders is not None:
+                drawn = replace(drawn, delay=self.constants("encoders").delay)
+            self._constants[key] = drawn
+        return self._constants[key]
+
+    def true_constants(self, joint_count: int) -> dict[str, NDArray[np.float64]]:
+        """Return all constant errors and disturbances that are not zero, by name.
+
+        The names are those of the unknowns of the estimators, such as "attitude.delay" or
+        "acceleration"; shapes and units: see `ConstantErrors.by_kind`. Disturbances are in W
+        [N·m, m/s²], with their values at the start.
+        """
+        disturbance = SimulatedDisturbance(self.suite.disturbances, self.seed)
+        now, scale = disturbance.at(0.0), np.array([disturbance.thrust_scale])
+        found = {"torque": now[:3], "acceleration": now[3:], "thrust_scale": scale}
+        for name in self.suite.present():
+            values = self.constants(name, joint_count).by_kind()
+            found |= {f"{name}.{kind}": value for kind, value in values.items()}
+        return {name: value for name, value in found.items() if value.any()}
+
+    def apply(
+        self,
+        name: str,
+        ideal: NDArray[np.float64],
+        first: int = 0,
+        motion: Telemetry | None = None,
+    ) -> NDArray[np.float64]:
         """Return samples first, first + 1, … of a sensor: ideal values with errors added.
+
+        A delay does not change the samples. It belongs to their stamps, see `constants`.
 
         Args:
             name: name of the sensor.
             ideal: (N, width) ideal samples from `Quantity.ideal`.
             first: number of the first sample.
+            motion: the true motion at the N samples; only sensors with a lever arm need it.
+
+        Raises:
+            KeyError: the sensor is absent.
+            InputError: a lever arm without the true motion.
 
         """
         record, errors, decimals = SENSORS[name], self.suite[name], self.suite.rounding
         last, width = first + len(ideal), ideal.shape[1]
+        ideal = self.constants(name, width).change(record, ideal, motion)
         if isinstance(errors, AttitudeSensor):
             noise = self._normal(record.stream, last, 3)[first:] * errors.sigmas
             error = Rotation.from_rotvec(noise @ errors.R_BS.T)
@@ -59,9 +126,30 @@ class SensorNoise:
             value = value + self.gyro_bias(last, name)[first:]
         if errors.step and record.slow_stream is not None:
             # With a random zero, rounding errors of the same motion differ from seed to seed.
-            zero = self._generator(record.slow_stream).uniform(-0.5, 0.5, width)
+            zero = random_stream(self.seed, record.slow_stream).uniform(-0.5, 0.5, width)
             value = errors.step * (np.round(value / errors.step - zero) + zero)
         return value if decimals is None else np.round(value, decimals)
+
+    def is_lost(self, name: str, count: int) -> NDArray[np.bool_]:
+        """Return whether the first `count` samples of a sensor are lost in a dropout, (count,).
+
+        Dropouts begin and end at random: their starts are a Poisson process, their durations have
+        an exponential distribution, both at the instants of samples.
+        """
+        errors, table = self.suite[name], self._lost.get(name, np.zeros(0, dtype=bool))
+        if not errors.dropouts:
+            return np.zeros(count, dtype=bool)
+        if len(table) < count:
+            starts = errors.dropouts / (60 * errors.rate)
+            ends = 1 / (errors.dropout_length * errors.rate)
+            stream = random_stream(self.seed, SENSORS[name].stream, _DROPOUTS)
+            numbers = stream.random(max(64, 2 * count))
+            lost, states = False, []
+            for number in numbers:
+                lost = number >= ends if lost else number < starts
+                states.append(lost)
+            table = self._lost[name] = np.array(states)
+        return table[:count]
 
     def gyro_bias(self, count: int, name: str = "gyro") -> NDArray[np.float64]:
         """Return the biases of a gyro's first `count` samples, (count, 3) in B [rad/s].
@@ -76,24 +164,37 @@ class SensorNoise:
             table = self._biases[name] = np.cumsum(steps, axis=0)
         return table[:count]
 
-    def _generator(self, stream: int) -> np.random.Generator:
-        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(stream,)))
-
     def _normal(self, stream: int, count: int, width: int) -> NDArray[np.float64]:
         """Return the first `count` rows of a stream, drawn in tables of growing length."""
         table = self._tables.get(stream)
         if table is None or len(table) < count:
-            numbers = self._generator(stream).standard_normal((max(64, 2 * count), width))
+            numbers = random_stream(self.seed, stream).standard_normal((max(64, 2 * count), width))
             table = self._tables[stream] = numbers
         return table[:count]
 
 
 def add_noise(suite: SensorSuite, ideal: Measurements, seed: int) -> Measurements:
-    """Return measurements with the errors of a suite's sensors; the seed determines them."""
-    noise = SensorNoise(suite, seed)
-    return ideal.updated(
-        {
-            name: Samples(ideal[name].time, noise.apply(name, ideal[name].value))
-            for name in suite.present()
-        }
-    )
+    """Return measurements with the errors of a suite's sensors; the seed determines them.
+
+    Args:
+        suite: the sensors.
+        ideal: samples without errors, and the true thrust. If a sensor has a lever arm, they must
+            be those that `ideal_measurements` returned for this suite.
+        seed: a whole number >= 0.
+
+    Raises:
+        InputError: the seed is not such a number, or the motion that a lever arm needs is missing.
+
+    """
+    noise, joints = SensorNoise(suite, seed), len(ideal.joint_names)
+    motion = ideal.motion if isinstance(ideal, IdealMeasurements) else {}
+    samples = {}
+    for name, errors in suite.present().items():
+        exact, first = ideal[name], first_sample(errors)
+        value = noise.apply(name, exact.value, first, motion.get(name))
+        stamped = Samples(exact.time + noise.constants(name, joints).delay, value)
+        samples[name] = stamped.where(~noise.is_lost(name, first + len(exact))[first:])
+    if THRUST in ideal.samples:  # the true thrust is the logged one, times one plus the error
+        scale = 1 + SimulatedDisturbance(suite.disturbances, seed).thrust_scale
+        samples[THRUST] = Samples(ideal.thrust.time, ideal.thrust.value / scale)
+    return ideal.updated(samples)

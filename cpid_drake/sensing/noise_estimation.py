@@ -37,9 +37,30 @@ def estimate_suite(measurements: Measurements) -> SensorSuite:
                 f"give the sensors, or at least {_FEWEST} samples"
             )
         rate = float(np.clip(1 / np.median(np.diff(samples.time)), 1e-3, 1e5))
-        sigma = noise_level(samples, quaternions=SENSORS[name].quantity is ATTITUDE)
+        sigma = sensor_noise(name, samples)
         setattr(suite, name, SENSORS[name].errors.with_noise(rate, sigma))
     return suite
+
+
+def sensor_noise(name: str, samples: Samples) -> float:
+    """Return σ of one entry of a sensor's samples; see `noise_level`.
+
+    Entries that a table holds are exactly constant. They are not measured, and do not count.
+
+    Raises:
+        InputError: for the same reasons as `noise_level`.
+
+    """
+    quantity, value = SENSORS[name].quantity, samples.value
+    if quantity is ATTITUDE:
+        if value[:, 1:3].any():
+            return noise_level(samples, quaternions=True)
+        yaw = np.unwrap(2 * np.arctan2(value[:, 3], value[:, 0]))
+        return noise_level(Samples(samples.time, yaw[:, None]))
+    varies = np.ptp(value, axis=0) > 0
+    if quantity.width is None or not varies.any():
+        return noise_level(samples)
+    return noise_level(Samples(samples.time, value[:, varies]))
 
 
 def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
@@ -50,10 +71,12 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
     as noise.
 
     Raises:
-        InputError: the samples are too unevenly spaced.
+        InputError: the samples are too few, or too unevenly spaced.
 
     """
     value = samples.value
+    if len(value) <= _ORDERS[0] + 2:
+        raise InputError(f"{len(value)} samples are too few to estimate noise; give the sensors")
     if quaternions:
         flips = np.sum(value[1:] * value[:-1], axis=1) < 0
         value = value * np.cumprod(np.where(np.append(False, flips), -1.0, 1.0))[:, None]

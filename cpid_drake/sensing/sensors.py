@@ -5,12 +5,13 @@ Suites, measurements, simulated noise, telemetry files, estimators and reports a
 read from its own columns and enters the trajectory fit with its own noise.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Self
 
 import numpy as np
-from annotated_types import Ge, Interval
+from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.rotations import rotate
@@ -32,25 +33,37 @@ Noise = Annotated[float, Ge(0)]
 
 
 @dataclass
-class SensorErrors:
-    """Rate and white noise of a sensor; each kind of sensor has its own subclass.
+class SensorErrors(ABC):
+    """Rate, white noise and constant errors of a sensor; each kind of sensor has its own subclass.
+
+    A constant error is unknown, and its σ is given; zero means that the sensor does not have it.
 
     Attributes:
         rate: samples per second [Hz].
+        delay_ms: σ of the delay of all stamps; a positive delay means that they are too late [ms].
+        dropouts: mean number of dropouts per minute, in which samples are lost.
+        dropout_length: mean duration of a dropout [s].
 
     """
 
     rate: Rate = 10.0
+    delay_ms: Noise = field(default=0.0, kw_only=True)
+    dropouts: Noise = field(default=0.0, kw_only=True)
+    dropout_length: Annotated[float, Gt(0)] = field(default=1.0, kw_only=True)
 
     @classmethod
+    @abstractmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:
         """Return errors with white noise of `sigma` [SI units, rad], the same about all axes."""
-        raise NotImplementedError
+
+    @abstractmethod
+    def with_sigmas(self, sigmas: NDArray[np.float64]) -> Self:
+        """Return the same errors with other values of `sigmas`."""
 
     @property
+    @abstractmethod
     def sigmas(self) -> NDArray[np.float64]:
         """σ of the white noise of one sample, (1,) for all entries or (3,) [SI units, rad]."""
-        raise NotImplementedError
 
     @property
     def step(self) -> float:
@@ -67,6 +80,7 @@ class AttitudeSensor(SensorErrors):
         cross_boresight_arcsec: σ about each of the two axes perpendicular to the boresight.
         boresight_arcsec: σ about the boresight.
         boresight_B: (3,) direction of the boresight in B, of any length.
+        mounting_arcsec: σ of the error of the mounting, a constant turn about each axis of B.
 
     """
 
@@ -76,11 +90,17 @@ class AttitudeSensor(SensorErrors):
     boresight_B: Annotated[NDArray[np.float64], Numbers(3)] = field(
         default_factory=lambda: np.array([0.0, 0.0, 1.0])
     )
+    mounting_arcsec: Noise = 0.0
 
     @classmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:
         """Return a sensor with σ [rad] about every axis."""
         return cls(rate, sigma / ARCSECOND, sigma / ARCSECOND)
+
+    def with_sigmas(self, sigmas: NDArray[np.float64]) -> Self:
+        """Return the same sensor with another σ across the boresight and about it [rad]."""
+        cross, _, boresight = (sigmas / ARCSECOND).tolist()
+        return replace(self, cross_boresight_arcsec=cross, boresight_arcsec=boresight)
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
@@ -107,6 +127,9 @@ class Gyro(SensorErrors):
         angle_random_walk: white noise of the rate, as it accumulates in the angle [°/√h].
         bias: σ of the constant part of the bias [°/h].
         bias_random_walk: growth of the bias [°/h/√h].
+        scale_ppm: σ of the error of each axis' scale [10⁻⁶].
+        misalignment_arcsec: σ of the error of each axis' direction, towards each other axis.
+        integrates: whether a sample is the mean over the time since the sample before.
 
     """
 
@@ -114,11 +137,19 @@ class Gyro(SensorErrors):
     angle_random_walk: Noise = 0.0
     bias: Noise = 0.0
     bias_random_walk: Noise = 0.0
+    scale_ppm: Noise = 0.0
+    misalignment_arcsec: Noise = 0.0
+    integrates: bool = False
 
     @classmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:
         """Return a gyro with σ [rad/s] of one sample and a bias of `CALIBRATED_GYRO_BIAS`."""
         return cls(rate, sigma / (DEGREE_PER_ROOT_HOUR * np.sqrt(rate)), CALIBRATED_GYRO_BIAS)
+
+    def with_sigmas(self, sigmas: NDArray[np.float64]) -> Self:
+        """Return the same gyro with another σ of one sample [rad/s]."""
+        walk = float(sigmas[0]) / (DEGREE_PER_ROOT_HOUR * np.sqrt(self.rate))
+        return replace(self, angle_random_walk=walk)
 
     @property
     def sigma(self) -> float:
@@ -142,8 +173,8 @@ class Gyro(SensorErrors):
 
 
 @dataclass
-class VectorSensor(SensorErrors):
-    """A sensor of the position or the velocity of B's origin in W: rate [Hz], σ [m or m/s]."""
+class _UniformSensor(SensorErrors):
+    """A sensor with the same σ for all entries."""
 
     rate: Rate = 10.0
     sigma: Noise = 0.0
@@ -153,6 +184,10 @@ class VectorSensor(SensorErrors):
         """Return a sensor with this σ."""
         return cls(rate, sigma)
 
+    def with_sigmas(self, sigmas: NDArray[np.float64]) -> Self:
+        """Return the same sensor with another σ."""
+        return replace(self, sigma=float(sigmas[0]))
+
     @property
     def sigmas(self) -> NDArray[np.float64]:
         """(1,) σ of every entry of a sample."""
@@ -160,7 +195,21 @@ class VectorSensor(SensorErrors):
 
 
 @dataclass
-class JointSensor(VectorSensor):
+class VectorSensor(_UniformSensor):
+    """A sensor of the position or the velocity of B's origin in W.
+
+    Attributes:
+        rate: samples per second [Hz].
+        sigma: white noise [m or m/s].
+        lever_arm_mm: σ of each coordinate, in B, of the point that is measured, from B's origin.
+
+    """
+
+    lever_arm_mm: Noise = 0.0
+
+
+@dataclass
+class JointSensor(_UniformSensor):
     """Encoders or tachometers of all joints.
 
     Attributes:
@@ -168,12 +217,14 @@ class JointSensor(VectorSensor):
         sigma: white noise [rad or m; for joint rates per second].
         bits: resolution in bits per turn: the step is 2π/2^bits rad (for prismatic joints in
             m); 0 for no quantization. The seed determines the position of the zero between steps.
+        zero_mrad: σ of the error of each joint's zero [10⁻³ rad; for prismatic joints mm].
 
     """
 
     rate: Rate = 100.0
     sigma: Noise = 0.0
     bits: Annotated[int, Interval(ge=0, le=32)] = 0
+    zero_mrad: Noise = 0.0
 
     @property
     def step(self) -> float:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array, vstack
+from scipy.sparse.linalg import splu
 
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements, Samples
@@ -67,6 +68,19 @@ class Basis:
     def __call__(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
         """Return the basis functions, or their derivatives, at times (N,): (N, K)."""
         return BSpline(self.knots, np.eye(self.size), self.degree)(times, nu=derivative)
+
+    def support(self, times: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Return the indices (N, degree + 1) of the functions that are not zero at times (N,)."""
+        interval = np.searchsorted(self.knots, times, side="right") - 1
+        first = np.clip(interval, self.degree, self.size - 1) - self.degree
+        return first[:, None] + np.arange(self.degree + 1)
+
+    def sparse(self, times: NDArray[np.float64], derivative: int = 0) -> csr_array:
+        """Return the basis functions, or their derivatives, at times (N,) as a sparse (N, K)."""
+        k = self.support(times)
+        values = np.take_along_axis(self(times, derivative), k, axis=1)
+        ends = np.arange(0, k.size + 1, k.shape[1])
+        return csr_array((values.ravel(), k.ravel(), ends), shape=(len(times), self.size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,14 +189,14 @@ def bridge_gaps(
 
 def fit_samples(basis: Basis, rows: list[DerivativeSamples]) -> SplineFit:
     """Fit a spline by least squares to samples of a function and of its derivatives."""
-    A = np.vstack([basis(s.time, derivative) / sigma for s, derivative, sigma in rows])
+    A = vstack([basis.sparse(s.time, derivative) / sigma for s, derivative, sigma in rows])
     b = np.vstack([s.value / sigma for s, _, sigma in rows])
     coefficients, covariance = solve_normal_equations(A, b)
     return SplineFit(basis, coefficients, covariance, float(np.sum((A @ coefficients - b) ** 2)))
 
 
 def solve_normal_equations(
-    A: NDArray[np.float64], b: NDArray[np.float64], with_covariance: bool = True
+    A: NDArray[np.float64] | csr_array, b: NDArray[np.float64], with_covariance: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Solve rows A (M, n), b (M, channels) in units of σ by their normal equations.
 
@@ -193,19 +207,29 @@ def solve_normal_equations(
 
     """
     rows = csr_array(A)  # few functions differ from zero at one time
-    normal = (rows.T @ rows).toarray()
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled = normal * scale * scale[:, None]
-    factor = cho_factor(scaled + 1e-13 * np.eye(len(normal)))
-    solution = scale[:, None] * cho_solve(factor, scale[:, None] * (rows.T @ b))
-    covariance = np.empty((0, 0))
-    if with_covariance:
-        covariance = scale[:, None] * cho_solve(factor, np.diag(scale))
-    return solution, covariance
+    normal = (rows.T @ rows).tocsc()
+    scale = 1 / np.sqrt(np.maximum(normal.diagonal(), 1e-300))
+    right = scale[:, None] * (rows.T @ b)
+    scaling, tiny = diags_array(scale), 1e-13 * eye_array(len(scale))
+    scaled = scaling @ normal @ scaling + tiny
+    if not with_covariance:
+        try:  # without another order, the factors of a banded matrix have its bandwidth
+            factors = splu(csc_array(scaled), permc_spec="NATURAL", diag_pivot_thresh=0.0)
+        except RuntimeError as error:
+            raise np.linalg.LinAlgError(str(error)) from error
+        return scale[:, None] * factors.solve(right), np.empty((0, 0))
+    factor = cho_factor(scaled.toarray())
+    solution = scale[:, None] * cho_solve(factor, right)
+    return solution, scale[:, None] * cho_solve(factor, np.diag(scale))
 
 
 def best_fit(
-    fit: Callable[[int], Fit], samples: int, *, first: int = 2, finer: bool = False
+    fit: Callable[[int], Fit],
+    samples: int,
+    *,
+    first: int = 2,
+    finer: bool = False,
+    share: float = 1.0,
 ) -> Fit:
     """Return the fit with the smallest χ² + 2 K (Akaike 1974).
 
@@ -216,6 +240,7 @@ def best_fit(
         finer: return the next larger fit. It has less misfit, which the covariance does not
             include, and more noise, which the covariance includes. The noise also causes a larger
             bias in rows.
+        share: share of the coefficients that count; the others are zero.
 
     """
     fits: list[Fit] = []
@@ -224,7 +249,7 @@ def best_fit(
         if fits and intervals + 5 > samples / 2:
             break
         fits.append(fit(intervals))
-        criterion = fits[-1].chi_squared + 2 * fits[-1].coefficients.size
+        criterion = fits[-1].chi_squared + 2 * share * fits[-1].coefficients.size
         if criterion < least:
             best, least, worse = len(fits) - 1, criterion, 0
         else:
@@ -236,10 +261,11 @@ def best_fit(
     return better[0] if finer and better else fits[best]
 
 
-def misfit_factor(fit: SplineFit, rows: int) -> float:
+def misfit_factor(fit: SplineFit, rows: int, share: float = 1.0) -> float:
     """Return χ² of a fit to `rows` numbers per degree of freedom, or 1 if that is larger.
 
     If the samples are too sparse for the motion, the residuals are larger than the noise; the
-    covariance is then multiplied by this factor.
+    covariance is then multiplied by this factor. A share of the numbers counts; the others are
+    zero.
     """
-    return max(fit.chi_squared / max(rows - fit.coefficients.size, 1), 1.0)
+    return max(fit.chi_squared / max(share * (rows - fit.coefficients.size), 1), 1.0)

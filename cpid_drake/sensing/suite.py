@@ -1,15 +1,19 @@
 """The sensors of the table that a spacecraft has, with their rates and errors."""
 
-from dataclasses import dataclass, field, fields, make_dataclass
-from typing import Annotated, Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, make_dataclass, replace
+from typing import Annotated, Any, Self
 
 import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.input_files.validation import check_values
+from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import (
+    JOINT_POSITIONS,
     SENSORS,
     AttitudeSensor,
     Gyro,
@@ -36,6 +40,7 @@ class SensorSuite:
         decimals: every sample is rounded to this number of decimals, in SI units (attitude as 3-2-1
             Euler angles); None for no rounding.
         digits: former name of `decimals`, which files may still use.
+        disturbances: external forces and torques that act while the sensors measure; None without.
 
     """
 
@@ -48,6 +53,7 @@ class SensorSuite:
     joint_rates: JointSensor | None = None
     decimals: Decimals | None = None
     digits: Decimals | None = None
+    disturbances: Disturbances | None = None
 
     def __getitem__(self, name: str) -> SensorErrors:
         """Return the errors of a sensor that is present.
@@ -64,6 +70,11 @@ class SensorSuite:
     def present(self) -> dict[str, SensorErrors]:
         """Return the errors of the sensors that are present, by name."""
         return {name: self[name] for name in SENSORS if getattr(self, name, None) is not None}
+
+    @property
+    def orbit(self) -> Orbit | None:
+        """The orbit of W's origin; None if there is none."""
+        return None if self.disturbances is None else self.disturbances.orbit
 
     @property
     def rounding(self) -> int | None:
@@ -84,6 +95,15 @@ class SensorSuite:
         rounding = 0.0 if self.rounding is None else 10.0**-self.rounding
         variance = errors.sigmas**2 + (errors.step**2 + rounding**2) / 12 + NUMERICAL_SIGMA**2
         return np.asarray(np.sqrt(variance))
+
+    def noisier(self, factors: Mapping[str, float]) -> Self:
+        """Return the suite with σ of some sensors multiplied, by name; see `sigmas`."""
+        suite = replace(self)
+        for name, factor in factors.items():
+            own, total = self[name].sigmas, self.sigmas(name)
+            larger = self[name].with_sigmas(np.sqrt(own**2 + (factor**2 - 1) * total**2))
+            setattr(suite, name, larger)
+        return suite
 
 
 def suite_type() -> type[SensorSuite]:
@@ -106,11 +126,18 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
 
     Raises:
         InputError: a value is of the wrong type or out of the limits that its class declares; no
-            encoders; both `decimals` and `digits`; a boresight vector that has no direction.
+            encoders; both `decimals` and `digits`; a boresight vector that has no direction; a
+            zero or a delay of joint rates; a random walk of a disturbance without its σ; an orbit
+            that is not determined.
 
     """
     check_values(suite, where, "a sensor suite")
     for name, errors in suite.present().items():
+        zero = errors.zero_mrad if isinstance(errors, JointSensor) else 0.0
+        if zero and SENSORS[name].quantity is not JOINT_POSITIONS:
+            raise InputError(
+                f"{where}: {name}.zero_mrad must be 0, not {zero}; only joint positions have a zero"
+            )
         direction = errors.boresight_B if isinstance(errors, AttitudeSensor) else np.ones(1)
         if not 1e-100 < np.abs(direction).max() < 1e100:
             raise InputError(
@@ -123,3 +150,18 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
         )
     if suite.decimals is not None and suite.digits is not None:
         raise InputError(f"{where}: decimals and digits are the same; give one of the two")
+    rates = suite.joint_rates
+    if rates is not None and rates.delay_ms:
+        raise InputError(
+            f"{where}: joint_rates.delay_ms must be 0: their stamps belong to the clock of the "
+            "encoders; give encoders.delay_ms"
+        )
+    if suite.disturbances is not None and suite.disturbances.orbit is not None:
+        with prefix_errors(f"{where}: disturbances.orbit"):
+            suite.disturbances.orbit.check()
+    walks = suite.disturbances
+    for name in ("acceleration", "torque"):
+        if walks is not None and getattr(walks, f"{name}_walk") and not getattr(walks, name):
+            raise InputError(
+                f"{where}: disturbances.{name}_walk needs disturbances.{name}, the σ at the start"
+            )

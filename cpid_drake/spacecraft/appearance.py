@@ -1,13 +1,22 @@
-"""Visual geometry of a target, from a model file or its inertia, and of bodies without a shape."""
+"""Geometry of a target, from a model file or its inertia, and shapes of bodies that have none."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Ellipsoid, Mesh, Rgba, Role, SceneGraph, SceneGraphInspector
+from pydrake.geometry import (
+    AddContactMaterial,
+    Ellipsoid,
+    Mesh,
+    ProximityProperties,
+    Rgba,
+    Role,
+    SceneGraph,
+    SceneGraphInspector,
+)
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
@@ -54,14 +63,14 @@ def add_target_appearance(
     visual_model: Path | None,
     folders: Mapping[str, Path],
 ) -> None:
-    """Add visual geometry to a target's body, before the plant is finalized.
+    """Add visual and collision geometry to a target's body, before the plant is finalized.
 
     Args:
         plant: a plant that is registered with a SceneGraph.
         body: the target's body, whose frame is C.
         M_TCo_C: the target's spatial inertia about C's origin, in C.
-        visual_model: a model file; its root body's frame is placed on C. Without one, the geometry
-            is the solid ellipsoid of the same inertia.
+        visual_model: a model file; its root body's frame is placed on C. Without one, the visual
+            geometry is the solid ellipsoid of the same inertia, and there is no collision geometry.
         folders: folders of the packages that its URIs may refer to, by name.
 
     Raises:
@@ -98,3 +107,9 @@ def add_target_appearance(
             name = inspector.GetName(geometry).rpartition("::")[2]
             instance.set_name(f"{part.name()}_{name}")
             plant.RegisterVisualGeometry(body, instance)
+        for geometry in inspector.GetGeometries(frame, Role.kProximity):
+            X_RG = X_RP @ inspector.GetPoseInFrame(geometry)
+            name = f"{part.name()}_{inspector.GetName(geometry).rpartition('::')[2]}"
+            shape, properties = inspector.GetShape(geometry), ProximityProperties()
+            AddContactMaterial(properties, friction=CoulombFriction(0.0, 0.0))
+            plant.RegisterCollisionGeometry(body, X_RG, shape, name, properties)

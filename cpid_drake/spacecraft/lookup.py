@@ -34,13 +34,15 @@ def find_frame(model: ModelFile, plant: MultibodyPlant, name: str) -> Frame:
     return _find(model, plant, "frame", [frame for frame in frames if frame.name()], name)
 
 
-def joint_names(plant: MultibodyPlant, joints: Sequence[Joint]) -> tuple[str, ...]:
-    """Return the bare names of joints where they are unique, else the scoped names."""
-    count = Counter(joint.name() for joint in joints)
-    instances = [plant.GetModelInstanceName(joint.model_instance()) for joint in joints]
+def unique_names(
+    plant: MultibodyPlant, elements: Sequence[Joint] | Sequence[RigidBody]
+) -> tuple[str, ...]:
+    """Return the bare names of joints or bodies where they are unique, else the scoped names."""
+    count = Counter(element.name() for element in elements)
+    instances = [plant.GetModelInstanceName(element.model_instance()) for element in elements]
     return tuple(
-        joint.name() if count[joint.name()] == 1 else f"{instance}::{joint.name()}"
-        for joint, instance in zip(joints, instances, strict=True)
+        element.name() if count[element.name()] == 1 else f"{instance}::{element.name()}"
+        for element, instance in zip(elements, instances, strict=True)
     )
 
 

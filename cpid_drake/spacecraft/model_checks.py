@@ -47,13 +47,17 @@ _COUNTS |= dict.fromkeys(("mass", "value", "density", *_INERTIA, *_LIMITS), 1)
 _NOT_NEGATIVE = ("mass", "value", "density", "size", "diaginertia", "ixx", "iyy", "izz")
 
 
-def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> None:
+def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> dict[str, float]:
     """Check a model that Drake might never finish reading, or might read with other numbers.
 
     Args:
         path: the model's file.
         where: its name in error messages.
         folders: folders of the packages that its URIs refer to, by name.
+
+    Returns:
+        The effort limits [N·m or N] in its URDF files, by joint. Drake reads an effort limit only
+        if the joint has a transmission too.
 
     Raises:
         InputError: the file, or one that it includes, is not XML or YAML, is too large or nested
@@ -62,11 +66,13 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> None:
 
     """
     try:
-        _Walk(where, path, folders).visit(path, ())
+        walk = _Walk(where, path, folders)
+        walk.visit(path, ())
     except InputError:
         raise
     except (OSError, ValueError, RuntimeError) as error:  # too long, with NUL, or a circle of links
         raise InputError(f"{where}: a file that it names cannot be read: {error!s:.200}") from error
+    return walk.efforts
 
 
 @dataclass
@@ -77,6 +83,7 @@ class _Walk:
     start: Path
     folders: Mapping[str, Path]
     count: int = 0
+    efforts: dict[str, float] = field(default_factory=dict)
 
     def visit(self, path: Path, around: tuple[Path, ...]) -> None:
         """Check a file and the files that it includes; the files `around` include it."""
@@ -104,6 +111,7 @@ class _Walk:
         else:
             reader = _XmlReader(ending, place)
             reader.read(data)
+            self.efforts |= reader.efforts
             # MJCF paths start at the folder of the first MJCF file.
             main = next((file for file in around if file.suffix.lower() == ".xml"), path)
             included = [
@@ -164,12 +172,14 @@ class _XmlReader:
         ending: ending of the file's name; it decides what the elements mean.
         where: the file's name in error messages.
         included: the files that it includes, as written there.
+        efforts: the effort limits of a URDF's joints, by name [N·m or N].
 
     """
 
     ending: str
     where: str
     included: list[str] = field(default_factory=list)
+    efforts: dict[str, float] = field(default_factory=dict)
     _open: list[tuple[str, str]] = field(default_factory=list)  # tags and names
     _text: list[str] = field(default_factory=list)
 
@@ -240,6 +250,8 @@ class _XmlReader:
             numbers = []
         for key in numbers:
             self._check_numbers(key, attributes[key], f'<{tag} {key}="{{}}">')
+        if "effort" in numbers and self._inside("joint"):
+            self.efforts[self._open[-2][1]] = float(attributes["effort"])
 
     def _end(self, tag: str) -> None:
         text = "".join(self._text).strip()

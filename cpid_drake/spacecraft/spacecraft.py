@@ -1,14 +1,16 @@
 """The known spacecraft that a model file describes: a free base, a tree of joints and C."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex, Frame, RevoluteJoint, RigidBody
 from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -18,10 +20,14 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
-from cpid_drake.spacecraft.lookup import find_body, find_frame, joint_names
+from cpid_drake.spacecraft.joint_limits import joint_limits
+from cpid_drake.spacecraft.lookup import find_body, find_frame, unique_names
 from cpid_drake.spacecraft.parsing import ModelFile
 from cpid_drake.spacecraft.tree_checks import movable_joints, require_tree_on_free_base
 from cpid_drake.spacecraft.tree_extraction import extract_tree
+
+Connect = Callable[[MultibodyPlant, Frame, Frame], object]
+"""Joins the capture frame and the target's frame in a plant that is not finalized."""
 
 TARGET_NAME = "captured_target"
 """Name of the target's body and model instance in a simulation plant; _ is added if it is taken."""
@@ -49,6 +55,7 @@ class Spacecraft:
         base: the base body in `plant`.
         capture_frame: C in `plant`.
         joint_names: the movable joints in the order of q.
+        limits: limits of these joints.
         tree: the same spacecraft as NumPy arrays, for computations on many samples at once.
         mass: total mass of the known bodies [kg].
 
@@ -77,7 +84,8 @@ class Spacecraft:
         self.capture_frame = find_frame(self._file, self.plant, capture_frame)
         require_tree_on_free_base(self._file, self.plant, self.base, self.capture_frame)
         self._joints = movable_joints(self._file, self.plant)
-        self.joint_names = joint_names(self.plant, self._joints)
+        self.joint_names = unique_names(self.plant, self._joints)
+        self.limits = joint_limits(self._file, self.plant, self._joints)
         self.tree = extract_tree(self.plant, self.base, self.capture_frame, self._joints)
         self.mass = self.tree.mass
         if not self.mass > 0:
@@ -112,6 +120,22 @@ class Spacecraft:
         base, capture_frame = self._names
         return Spacecraft(model, base=base, capture_frame=capture_frame, packages=self._packages)
 
+    def on_table(self, normal_B: ArrayLike = (0.0, 0.0, 1.0)) -> "Spacecraft":
+        """Return the spacecraft on a table, which holds the base's height and tilt.
+
+        Only the linear momentum in the plane and the angular momentum about the table's normal,
+        W's z axis, are then conserved, and the estimators use nothing else; see `dynamics.plane`.
+        `plant` still has a base with six degrees of freedom.
+
+        Args:
+            normal_B: (3,) the table's normal in the base's frame, of any length but zero.
+
+        """
+        normal = np.asarray(normal_B, dtype=float)
+        other = copy(self)
+        other.tree = replace(self.tree, normal_B=normal / np.linalg.norm(normal))
+        return other
+
     # -- plants ------------------------------------------------------------------------------
 
     def add_to(
@@ -121,10 +145,12 @@ class Spacecraft:
         *,
         scene_graph: SceneGraph | None = None,
         target_visual_model: str | Path | None = None,
+        connect: Connect = MultibodyPlant.WeldFrames,
     ) -> RigidBody:
-        """Add the spacecraft with a target welded on C to a plant, and finalize it.
+        """Add the spacecraft with a target on C to a plant, and finalize it.
 
-        The plant's state has the same layout as that of `self.plant`: a weld has no state.
+        If the target is welded, the plant's state has the same layout as that of `self.plant`: a
+        weld has no state.
 
         Args:
             plant: empty, not finalized, and continuous. A discrete plant does not conserve
@@ -134,9 +160,11 @@ class Spacecraft:
                 switched off.
             target_visual_model: a model file with the target's visual geometry; default: the
                 solid ellipsoid of the same inertia.
+            connect: joins C and the target's frame in the plant, such as
+                `CompliantWrist.connect`; default: a weld.
 
         Returns:
-            The target's body; its frame coincides with C.
+            The target's body; its frame coincides with C if springs are relaxed.
 
         Raises:
             InputError: the plant is finalized, discrete or not empty; the target is not
@@ -153,7 +181,7 @@ class Spacecraft:
         while plant.HasModelInstanceNamed(name):
             name += "_"
         body = plant.AddRigidBody(name, plant.AddModelInstance(name), M_TCo_C)
-        plant.WeldFrames(find_frame(self._file, plant, self._names[1]), body.body_frame())
+        connect(plant, find_frame(self._file, plant, self._names[1]), body.body_frame())
         if scene_graph is not None:
             look = target_visual_model and resolve_model(target_visual_model, self._file.folders)
             add_target_appearance(plant, body, M_TCo_C, look or None, self._file.folders)
@@ -172,11 +200,31 @@ class Spacecraft:
         self._file.parse_into(plant)
         self._file.finalize(plant)
 
-    def make_simulation_plant(self, target: InertialParameters) -> MultibodyPlant:
-        """Return a finalized zero-gravity plant of the spacecraft with this target welded on C."""
+    def make_simulation_plant(
+        self, target: InertialParameters, connect: Connect = MultibodyPlant.WeldFrames
+    ) -> MultibodyPlant:
+        """Return a finalized zero-gravity plant of the spacecraft with this target on C."""
         plant = MultibodyPlant(time_step=0.0)
-        self.add_to(plant, target)
+        self.add_to(plant, target, connect=connect)
         return plant
+
+    def columns_in(self, plant: MultibodyPlant) -> NDArray[np.intp]:
+        """Return the columns of a plant's x = [q; v] in the order of the state of `self.plant`.
+
+        Args:
+            plant: a finalized plant with the spacecraft, such as one with a target.
+
+        Raises:
+            InputError: the plant does not have the spacecraft's joints.
+
+        """
+        names = {name: column for column, name in enumerate(plant.GetStateNames())}
+        try:
+            return np.array([names[name] for name in self.plant.GetStateNames()])
+        except KeyError as error:
+            raise InputError(
+                f"the plant must have the spacecraft's joints; it has no state {error}"
+            ) from None
 
     # -- states ------------------------------------------------------------------------------
 
@@ -230,8 +278,8 @@ class Spacecraft:
             where: the name of the input, for error messages.
 
         Raises:
-            InputError: a joint that the spacecraft does not have, or a position out of limits; the
-                message says if the position is in degrees.
+            InputError: a joint that the spacecraft does not have, or an angle beyond a turn and
+                the joint's limits that is within them if it is in degrees.
 
         """
         q = np.zeros(len(self.joint_names))
@@ -240,28 +288,17 @@ class Spacecraft:
                 choices = choose_from(name, self.joint_names)
                 raise InputError(f"{where}: no joint '{name}'; {choices}")
             k = self.joint_names.index(name)
-            low, high = (limits[k] for limits in self.position_limits)
-            if not low <= value <= high:
-                hint, radians = "", np.radians(value)
-                if abs(value) > 2 * np.pi and low <= radians <= high:
-                    hint = f"; angles are in radians: {value:g} degrees are {radians:.4g}"
-                limits = f"[{low:g}, {high:g}]"
-                raise InputError(f"{where}: {name} = {value:g} is outside {limits}{hint}")
+            low, high, radians = self.limits.lowest[k], self.limits.highest[k], np.radians(value)
+            if not np.isfinite(value):
+                raise InputError(f"{where}: {name} = {value:g} is not a finite number")
+            turns = isinstance(self._joints[k], RevoluteJoint) and abs(value) > 2 * np.pi
+            if turns and not low <= value <= high and low <= radians <= high:
+                raise InputError(
+                    f"{where}: {name} = {value:g} is outside [{low:g}, {high:g}]; angles are in "
+                    f"radians: {value:g} degrees are {radians:.4g}"
+                )
             q[k] = value
         return q
-
-    @property
-    def position_limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lowest and highest joint positions, (J,) each [rad or m]; infinite without a limit."""
-        return (
-            np.array([joint.position_lower_limit() for joint in self._joints]),
-            np.array([joint.position_upper_limit() for joint in self._joints]),
-        )
-
-    @property
-    def velocity_limits(self) -> NDArray[np.float64]:
-        """(J,) largest joint speeds [rad/s or m/s]; infinite without a limit."""
-        return np.array([joint.velocity_upper_limits()[0] for joint in self._joints])
 
     def momentum_sample(self, context: Context) -> MomentumSamples:
         """Return one momentum sample (N = 1) of a context of `plant`, computed by Drake."""

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import methods
+from cpid_drake.identification.former_names import current_estimator
 from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.presets import load_sensors
-from cpid_drake.studies.statistics import SCALE_LENGTH, Accuracy, statistics_of
+from cpid_drake.studies.statistics import Accuracy, statistics_of
 from cpid_drake.studies.trials import bound_of, ideal_samples, make_case, run_trials
 
 
@@ -62,7 +63,7 @@ def run_accuracy(
     trials = config.trials if trials is None else trials
     seed = config.seed if seed is None else seed
     presets = tuple(presets) or tuple(config.presets)
-    estimators = tuple(estimators) or methods()
+    estimators = tuple(dict.fromkeys(map(current_estimator, estimators))) or methods()
     for name in estimators:
         if name not in methods():
             raise InputError(f"no estimator '{name}'; choose from {', '.join(methods())}")
@@ -102,8 +103,15 @@ def _notes(scenario: Scenario, results: list[Accuracy]) -> tuple[str, ...]:
     if scenario.accuracy.firing is not None:
         notes.append(
             "The bound is that of the same case without the thruster's firing, which only the "
-            "momentum filter detects."
+            "recursive fit and the trajectory fit detect."
         )
+    if scenario.simulation.burns and not scenario.simulation.burns_logged:
+        notes.append(
+            "The bound is that of the same case without burns, which are not logged: the recursive "
+            "fit and the trajectory fit have to detect them."
+        )
+    if scenario.simulation.burns:
+        notes.append("Least squares assumes a constant momentum, which the burns change.")
     if scenario.body_uncertainty() is not None:
         notes.append(
             "The spacecraft is uncertain: the bound is that of an estimator that takes it as exact."

@@ -1,14 +1,15 @@
 """The study of Ning et al. 2016, from simulation to its tables and figures."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import total_momentum
-from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
@@ -17,45 +18,20 @@ from cpid_drake.identification.result import Identification
 from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation, make_simulation
-
-PAPER_TARGET = InertialParameters(
-    100.0, np.array([0.4330127, 0.0, 0.0]), np.diag([20.0, 30.0, 10.0])
+from cpid_drake.studies.instants import InstantSets, instant_sets, seconds_per_update
+from cpid_drake.studies.paper_values import PAPER_DIGITS, PAPER_TABLE_2, is_papers_target
+from cpid_drake.studies.parameter_errors import error_scale, max_relative_error, parameter_errors
+from cpid_drake.studies.rounding import (
+    LivelierMotion,
+    RoundedCase,
+    VelocityShare,
+    livelier_motion,
+    rounded_cases,
+    velocity_share,
 )
-"""The true target of Ning et al. 2016, Table 1; the paper's results are for this target only."""
 
-PAPER_TABLE_1 = InertialParameters.from_vector(
-    [99.897213, 0.434876, 0.001487, -0.000866]
-    + [18.962848, 30.018296, 9.706598, -0.279775, -0.09017, -0.075827]
-)
-"""The identified parameters that Ning et al. 2016 report in Table 1."""
-
-PAPER_TABLE_2 = {
-    1: 234.521597,
-    2: 98.798019,
-    3: 99.015893,
-    4: 99.897745,
-    5: 99.895927,
-    6: 99.897213,
-    7: 99.897998,
-    8: 99.898010,
-    9: 99.897998,
-}
-"""Decimals of the data, and the identified mass [kg], as Ning et al. 2016 report in Table 2."""
-
-PAPER_FIGURE_7 = {"attitude": 0.0025, "position": 0.0004}
-"""Largest relative errors after re-simulation that Ning et al. 2016 report (Fig. 7)."""
-
-PAPER_DIGITS = 6
-"""Decimals of the data of Table 1: its mass is that for six decimals in Table 2."""
-
-
-@dataclass(frozen=True)
-class RoundedCase:
-    """Identification from samples rounded to a number of decimals."""
-
-    decimals: int
-    identification: Identification
-    max_relative_error: float
+SHARE_DECIMALS = 4
+"""Decimals at which the causes of the error are compared."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +54,12 @@ class PaperStudy:
         samples: the telemetry at the identifier's sampling instants.
         exact: batch identification from `samples`.
         rounded: batch identifications from samples rounded to 1 … 12 decimals (Table 2).
+        share: which rounded values cause the error of the mass.
+        livelier: Table 2 for a livelier motion; None if there is none to compare.
         by_count: batch identifications from the first 1 … 10 exact samples.
+        sets: agreement of the identifications from sets of instants.
+        orthonormality: largest entry of AᵀA − 1 of the capture frame's attitudes A (Eq. 17).
+        update_seconds: time of one update of the estimate, measured on this machine [s].
         online_parameters: (N, 10) the online identifier's estimate at the times of `telemetry`.
         online_minus_batch: largest difference between the final online and the batch estimate,
             relative as in `max_relative_error`.
@@ -99,8 +80,13 @@ class PaperStudy:
     telemetry: Telemetry
     samples: Telemetry
     exact: Identification
-    rounded: list[RoundedCase]
+    rounded: tuple[RoundedCase, ...]
+    share: VelocityShare
+    livelier: LivelierMotion | None
     by_count: list[SampleCase]
+    sets: list[InstantSets]
+    orthonormality: float
+    update_seconds: float
     online_parameters: NDArray[np.float64]
     online_minus_batch: float
     linear_drift: NDArray[np.float64]
@@ -115,7 +101,7 @@ class PaperStudy:
     @property
     def is_papers_target(self) -> bool:
         """Whether the target is the paper's, so that the paper's results can be compared."""
-        return np.allclose(self.truth.to_vector(), PAPER_TARGET.to_vector(), rtol=1e-6, atol=1e-6)
+        return is_papers_target(self.truth)
 
     def rounded_to(self, decimals: int) -> RoundedCase:
         """Return the case with this number of decimals."""
@@ -132,23 +118,6 @@ class PaperStudy:
         return peak_relative_error(self.position_error, self.telemetry.p_WB)
 
 
-def _scale(truth: InertialParameters) -> NDArray[np.float64]:
-    """Return the scale (10,) of the errors: m, |c| for c, the trace of I for I."""
-    return parameter_scale(truth.to_vector(), float(np.linalg.norm(truth.p_CTcm_C)))
-
-
-def parameter_errors(
-    parameters: NDArray[np.float64], truth: InertialParameters
-) -> NDArray[np.float64]:
-    """Return (10,) errors (π minus truth), relative to m, |c| and the trace of I."""
-    return (parameters - truth.to_vector()) / _scale(truth)
-
-
-def max_relative_error(parameters: NDArray[np.float64], truth: InertialParameters) -> float:
-    """Return the largest magnitude of `parameter_errors`; NaN if an entry is NaN."""
-    return float(np.abs(parameter_errors(parameters, truth)).max())
-
-
 def peak_relative_error(error: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
     """Return the largest error (N, 3) of any axis, relative to that axis's peak motion.
 
@@ -161,13 +130,17 @@ def peak_relative_error(error: NDArray[np.float64], reference: NDArray[np.float6
 
 
 def run_paper_study(
-    scenario: Scenario, progress: Callable[[str], None] = lambda step: None
+    scenario: Scenario,
+    progress: Callable[[str], None] = lambda step: None,
+    livelier: Scenario | None = None,
 ) -> PaperStudy:
     """Simulate the scenario, identify online and in batch, and repeat it as the paper did.
 
     Args:
         scenario: a scenario like `models/scenarios/paper.yaml`.
         progress: called at the start of every step with a short description of it.
+        livelier: a scenario with the paper's target and a livelier motion, for Table 2. It is not
+            used if the target of `scenario` is another.
 
     Raises:
         InputError: the scenario cannot be built, or its samples do not determine the target.
@@ -182,7 +155,7 @@ def run_paper_study(
 
     def identified(data: Telemetry) -> Identification:
         momentum = TotalMomentum(is_unknown=config.unknown_momentum)
-        return identify(spacecraft, data, rows=config.rows, momentum=momentum)
+        return identify(spacecraft, data, rows=scenario.online_rows, momentum=momentum)
 
     progress("identifying")
     exact = identified(samples)
@@ -193,10 +166,17 @@ def run_paper_study(
     _, first = np.unique(parameter_log.sample_times(), return_index=True)
     difference = online.parameters - exact.parameters
 
-    rounded = []
-    for decimals in range(1, 13):
-        found = identified(samples.rounded(decimals))
-        rounded.append(RoundedCase(decimals, found, max_relative_error(found.parameters, truth)))
+    family = row_family(exact.rows or "standard")
+    rounded = rounded_cases(samples, range(1, 13), identified, truth)
+    share = velocity_share(samples, SHARE_DECIMALS, identified, truth)
+    of_livelier = None
+    if livelier is not None and is_papers_target(truth):
+        of_livelier = livelier_motion(
+            livelier, samples.time, sorted(PAPER_TABLE_2), family.name, progress
+        )
+    _, capture = propagate(spacecraft.tree, samples)
+    R_WC = capture.R_WC
+    sets = instant_sets(spacecraft, family, samples, samples.rounded(PAPER_DIGITS), truth)
     by_count = []
     for n in range(1, len(samples) + 1):
         found = identified(samples.select(slice(0, n)))
@@ -221,9 +201,14 @@ def run_paper_study(
         samples=samples,
         exact=exact,
         rounded=rounded,
+        share=share,
+        livelier=of_livelier,
         by_count=by_count,
+        sets=sets,
+        orthonormality=float(np.abs(np.swapaxes(R_WC, -1, -2) @ R_WC - np.eye(3)).max()),
+        update_seconds=seconds_per_update(spacecraft, family.name, samples),
         online_parameters=parameter_log.data()[:, first].T.copy(),
-        online_minus_batch=float(np.abs(difference / _scale(truth)).max()),
+        online_minus_batch=float(np.abs(difference / error_scale(truth)).max()),
         linear_drift=P - P[0],
         angular_drift=L - L[0],
         rounded_linear_momentum=float(np.linalg.norm(P_6, axis=1).max()),
@@ -251,22 +236,41 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
 
     def table_1(found: Identification) -> dict:
         mass, *rest = nulls(found.parameters)
-        error = nulls(max_relative_error(found.parameters, study.truth))
-        return {"mass": mass, "com": rest[:3], "inertia": rest[3:], "max_relative_error": error}
+        return {
+            "mass": mass,
+            "com": rest[:3],
+            "inertia": rest[3:],
+            "relative_errors": nulls(parameter_errors(found.parameters, study.truth)),
+            "max_relative_error": nulls(max_relative_error(found.parameters, study.truth)),
+        }
+
+    def table_2(cases: Sequence[RoundedCase]) -> list[dict]:
+        return [
+            {
+                "decimals": case.decimals,
+                "mass": nulls(case.mass),
+                "max_relative_error": nulls(case.max_relative_error),
+                "objection": case.objection,
+            }
+            for case in cases
+        ]
 
     return {
         "table1": {
             "exact": table_1(study.exact),
             "rounded6": table_1(study.rounded_to(PAPER_DIGITS).identification),
         },
-        "table2": [
-            {
-                "decimals": case.decimals,
-                "mass": nulls(case.identification.parameters[0]),
-                "max_relative_error": nulls(case.max_relative_error),
-            }
-            for case in study.rounded
-        ],
+        "table2": table_2(study.rounded),
+        "velocity_share": asdict(study.share),
+        "livelier": None
+        if study.livelier is None
+        else {
+            "base_speed": study.livelier.base_speed,
+            "rate_share": study.livelier.rate_share,
+            "log_size": study.livelier.log_size,
+            "by_rows": table_2(study.livelier.by_rows),
+            "by_fit": table_2(study.livelier.by_fit),
+        },
         "figure7": {
             "max_attitude_relative_error": study.max_attitude_relative_error,
             "max_position_relative_error": study.max_position_relative_error,
@@ -281,6 +285,16 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
             {"n": case.n, "rank": case.rank, "max_relative_error": nulls(case.max_relative_error)}
             for case in study.by_count
         ],
+        "sets_of_instants": [
+            asdict(sets)
+            | {
+                "disagreement": nulls(sets.disagreement),
+                "disagreement_rounded": nulls(sets.disagreement_rounded),
+            }
+            for sets in study.sets
+        ],
+        "orthonormality": study.orthonormality,
+        "update_seconds_on_this_machine": study.update_seconds,
         "online_minus_batch": study.online_minus_batch,
         "wall_seconds": wall_seconds,
     }

@@ -6,12 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, chi2
 
-from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
 from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.studies.trials import Case, Outcome
-
-SCALE_LENGTH = 0.5
-"""Scale of errors of the centre of mass [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +133,9 @@ def _detection(case: Case, outcomes: list[Outcome]) -> tuple[float, float] | Non
         return None
     seen = [change.last_time for change in changes if change.count]
     delay = np.nan
-    if seen and case.firing is not None:
-        delay = max(time - case.firing[0] for time in seen)
+    changed = [event.time for event in case.firings]
+    if not case.logs_thrust:
+        changed += [burn.time for burn in case.burns]
+    if seen and changed:
+        delay = max(time - max(changed) for time in seen)
     return len(seen) / len(changes), float(delay)

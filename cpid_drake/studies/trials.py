@@ -1,34 +1,62 @@
 """Monte Carlo trials of one scenario: the truth, the draws and the estimates."""
 
-import os
-import signal
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.base_motion import BaseTrajectory, propagate_base
+from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
+from cpid_drake.dynamics.forced_motion import propagate_forced
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.dynamics.sensitivity import BodyUncertainty, perturbed
+from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.identification.fit_estimator import cramer_rao_bound
+from cpid_drake.identification.fit_setup import cramer_rao_bound
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result import Identification, MomentumChanges
+from cpid_drake.processes import shared_work
 from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
-from cpid_drake.sensing.measurements import Measurements, ideal_measurements
+from cpid_drake.sensing.burns import Burn, log_of_burns
+from cpid_drake.sensing.disturbances import SimulatedDisturbance
+from cpid_drake.sensing.measurements import (
+    THRUST,
+    IdealMeasurements,
+    Measurements,
+    ideal_measurements,
+)
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+
+@dataclass(frozen=True, eq=False)
+class Firing:
+    """A thruster's firing.
+
+    Attributes:
+        time: its start [s].
+        momentum_W: (6,) momentum [L; P] about W's origin that it adds, in W [N·m·s, N·s].
+        duration: its length [s], with a constant wrench; 0 for an impulse.
+
+    """
+
+    time: float
+    momentum_W: NDArray[np.float64]
+    duration: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """Time of its end [s]."""
+        return self.time + self.duration
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +70,15 @@ class Case:
         duration: duration of the motion [s].
         momentum_W: (6,) total momentum [L; P] about W's origin.
         momentum: the total momentum that the estimators use.
-        firing: time [s] and (6,) momentum of a thruster's firing, or None.
+        firings: the firings of thrusters, in order of time.
         known_bodies: uncertainty of the nominal spacecraft; None if it is exact.
         suite: the sensors.
         estimators: their names.
         seed: seed of the study.
+        torque_W, acceleration_W: (3,) constant disturbance, see `SimulatedDisturbance`; None for a
+            random one in every trial, of the size that `suite` gives.
+        burns: burns of thrusters that are fixed on the base.
+        logs_thrust: whether the samples contain their log.
 
     """
 
@@ -56,11 +88,24 @@ class Case:
     duration: float
     momentum_W: NDArray[np.float64]
     momentum: TotalMomentum
-    firing: tuple[float, NDArray[np.float64]] | None
+    firings: tuple[Firing, ...]
     known_bodies: BodyUncertainty | None
     suite: SensorSuite
     estimators: tuple[str, ...]
     seed: int
+    torque_W: NDArray[np.float64] | None = None
+    acceleration_W: NDArray[np.float64] | None = None
+    burns: tuple[Burn, ...] = ()
+    logs_thrust: bool = True
+
+    def disturbance(self, seed: int | None = None) -> SimulatedDisturbance:
+        """Return the disturbance of a trial with this seed; None for the constant one alone."""
+        return SimulatedDisturbance(
+            None if seed is None else self.suite.disturbances,
+            seed or 0,
+            torque_W=self.torque_W,
+            acceleration_W=self.acceleration_W,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +139,11 @@ def make_case(
     """Return the case of a scenario with these sensors and estimators."""
     momentum = np.asarray(scenario.simulation.momentum_W, dtype=float)
     motion = scenario.make_joint_motion(spacecraft)
-    true_momentum = _true_momentum(momentum, truth, motion, spacecraft.tree)
     unknown = bool(momentum.any() or scenario.identification.unknown_momentum)
     if scenario.accuracy.momentum_known:
-        given = true_momentum
+        q = motion.evaluate(0.0)[0]
+        start = SystemMomentum.with_base_at_origin(spacecraft.tree, truth, q, momentum)
+        given = TotalMomentum.known_about_origin(momentum, start.p_WScm, start.mass)
     else:
         given = TotalMomentum.unknown() if unknown else TotalMomentum.zero()
     firing = scenario.accuracy.firing
@@ -108,70 +154,155 @@ def make_case(
         duration=scenario.simulation.duration,
         momentum_W=momentum,
         momentum=given,
-        firing=None if firing is None else (firing.time, np.asarray(firing.momentum_W)),
+        firings=() if firing is None else (Firing(firing.time, np.asarray(firing.momentum_W)),),
         known_bodies=scenario.body_uncertainty(),
         suite=suite,
         estimators=estimators,
         seed=seed,
+        torque_W=scenario.simulation.disturbance.torque_W,
+        acceleration_W=scenario.simulation.disturbance.acceleration_W,
+        burns=scenario.make_burns(),
+        logs_thrust=scenario.simulation.burns_logged,
     )
 
 
 # -- truth ----------------------------------------------------------------------------------------
 
 
-def ideal_samples(case: Case, tree: KinematicTree, joint_names: tuple[str, ...]) -> Measurements:
-    """Return the ideal samples of the sensors, without noise, on a spacecraft of this tree."""
+def ideal_samples(
+    case: Case,
+    tree: KinematicTree,
+    joint_names: tuple[str, ...],
+    disturbance: SimulatedDisturbance | None = None,
+) -> IdealMeasurements:
+    """Return the ideal samples of the sensors, without noise, on a spacecraft of this tree.
+
+    The other arguments are those of `base_trajectory`.
+    """
 
     def motion(times: NDArray[np.float64]) -> Telemetry:
-        return base_trajectory(case, tree, times).to_telemetry(joint_names, times, case.motion)
+        base = base_trajectory(case, tree, times, disturbance)
+        return base.to_telemetry(joint_names, times, case.motion)
 
-    return ideal_measurements(case.suite, joint_names, motion, case.duration)
+    ideal = ideal_measurements(case.suite, joint_names, motion, case.duration)
+    if not (case.burns and case.logs_thrust):
+        return ideal
+    samples = {**ideal.samples, THRUST: log_of_burns(case.burns)}
+    return IdealMeasurements(joint_names, samples, ideal.motion)
 
 
-def base_trajectory(case: Case, tree: KinematicTree, times: NDArray[np.float64]) -> BaseTrajectory:
-    """Return the true motion of the base at times (N,) [s], with the thruster firing if any."""
+def base_trajectory(
+    case: Case,
+    tree: KinematicTree,
+    times: NDArray[np.float64],
+    disturbance: SimulatedDisturbance | None = None,
+) -> BaseTrajectory:
+    """Return the true motion of the base, with the firings of thrusters and a disturbance.
+
+    Args:
+        case: the target, the motion of the joints, the momentum and the firings.
+        tree: the spacecraft; its base frame B coincides with W at the first time.
+        times: (N,) increasing instants [s].
+        disturbance: external forces and torques; default: the constant ones of the case.
+
+    """
     phi = case.truth.to_standard_vector()
-
-    def propagate(
-        times: NDArray[np.float64], momentum_W: NDArray[np.float64], **start: NDArray[np.float64]
-    ) -> BaseTrajectory:
-        return propagate_base(
-            tree, case.motion, phi, times, momentum_W=momentum_W, max_step=0.02, **start
-        )
-
-    if case.firing is None or case.firing[0] >= times[-1]:
-        return propagate(times, case.momentum_W)
-    at, added = case.firing
-    first = propagate(np.append(times[times < at], at), case.momentum_W)
-    pose = {"quaternion_WB": first.quaternion_WB[-1], "p_WB": first.p_WB[-1]}
-    second = propagate(np.append(at, times[times > at]), case.momentum_W + added, **pose)
-    skip = 0 if (times == at).any() else 1
+    disturbance = case.disturbance() if disturbance is None else disturbance
+    edges = {t for f in case.firings for t in (f.time, f.end) if times[0] < t < times[-1]}
+    edges |= set(disturbance.changes(times[0], times[-1]))
+    thrust = log_of_burns(case.burns)
+    edges |= {t for t in thrust.time.tolist() if times[0] < t < times[-1]}
+    bounds = [times[0], *sorted(edges), times[-1]]
+    parts, pose = [], dict[str, NDArray[np.float64]]()
+    system = _system_at_start(case, tree, times[0])
+    added = np.zeros(6)  # the momentum that the disturbance has added
+    for start, end in pairwise(bounds):
+        inside = times[(times > start) & (times < end)]
+        fired, wrench_W = _momentum_and_wrench(case, start)
+        system = replace(system, momentum_W=fired + added)
+        grid = np.unique(np.concatenate([[start], inside, [end]]))
+        if case.suite.orbit is not None or case.burns:
+            part, momentum_W = propagate_forced(
+                tree,
+                case.motion,
+                phi,
+                grid,
+                case.suite.orbit,
+                momentum_W=system.momentum_W,
+                disturbance_W=disturbance.at(start),
+                wrench_W=wrench_W,
+                wrench_B=thrust.held_at(start),
+                **pose,
+            )
+            added = momentum_W - fired - wrench_W * (end - start)
+        else:
+            later = partial(_momentum_after, system, start, disturbance.at(start), wrench_W)
+            is_constant = not wrench_W.any() and disturbance.is_zero
+            part = propagate_base(
+                tree,
+                case.motion,
+                phi,
+                grid,
+                momentum_W=system.momentum_W if is_constant else later,
+                max_step=0.02,
+                **pose,
+            )
+            system = system.after(end - start, disturbance.at(start), wrench_W)
+            added = system.momentum_W - fired - wrench_W * (end - start)
+        # A sample at the end of a part belongs to the next part.
+        kept = np.isin(grid, times) & ((grid < end) | (end == times[-1]))
+        parts.append({name: values[kept] for name, values in vars(part).items()})
+        pose = {"quaternion_WB": part.quaternion_WB[-1], "p_WB": part.p_WB[-1]}
     return BaseTrajectory(
-        **{
-            name: np.concatenate([values[:-1], getattr(second, name)[skip:]])
-            for name, values in vars(first).items()
-        }
+        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     )
 
 
-def _true_momentum(
-    momentum_W: NDArray[np.float64],
-    truth: InertialParameters,
-    motion: JointMotion,
-    tree: KinematicTree,
-) -> TotalMomentum:
-    """Return the true momentum, where the base coincides with W at the start."""
-    psi = relative_parameterization(tree.mass).from_parameters(truth.to_vector())
-    start = motion.evaluate(np.zeros(1))
-    p_WScm = relative_dynamics(tree, start[:, 0], start[:, 1]).com(psi)[0]
-    return TotalMomentum.known_about_origin(momentum_W, p_WScm, tree.mass + truth.mass)
+def _system_at_start(case: Case, tree: KinematicTree, time: float) -> SystemMomentum:
+    """Return the momentum without firings, where the base coincides with W at this time [s]."""
+    q = case.motion.evaluate(time)[0]
+    return SystemMomentum.with_base_at_origin(tree, case.truth, q, case.momentum_W)
+
+
+def _momentum_after(
+    system: SystemMomentum,
+    start: float,
+    disturbance_W: NDArray[np.float64],
+    wrench_W: NDArray[np.float64],
+    time: float,
+) -> NDArray[np.float64]:
+    """Return the total momentum (6,) at a time [s] of a system whose state at `start` is given."""
+    return system.after(time - start, disturbance_W, wrench_W).momentum_W
+
+
+def _momentum_and_wrench(
+    case: Case, time: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the momentum (6,) from start and thrusters, and their wrench (6,), just after a time.
+
+    Both about W's origin.
+    """
+    momentum_W, wrench_W = case.momentum_W, np.zeros(6)
+    for firing in case.firings:
+        if firing.end <= time:
+            momentum_W = momentum_W + firing.momentum_W
+        elif firing.time <= time:
+            force = firing.momentum_W / firing.duration
+            momentum_W = momentum_W + force * (time - firing.time)
+            wrench_W = wrench_W + force
+    return momentum_W, wrench_W
 
 
 def bound_of(case: Case, spacecraft: Spacecraft, ideal: Measurements) -> NDArray[np.float64]:
-    """Return the Cramér-Rao bound (10,) on the σ of the parameters, without a thruster firing."""
-    quiet = replace(case, firing=None)
-    true = _true_momentum(case.momentum_W, case.truth, case.motion, spacecraft.tree)
-    if case.firing is not None:
+    """Return the Cramér-Rao bound (10,) on the σ of the parameters, without what is not logged.
+
+    These are firings, and burns if there is no log of them.
+    """
+    burns = case.burns if case.logs_thrust else ()
+    quiet = replace(case, firings=(), burns=burns)
+    start = _system_at_start(case, spacecraft.tree, 0.0)
+    true = TotalMomentum.known_about_origin(case.momentum_W, start.p_WScm, start.mass)
+    if case.firings or burns != case.burns:
         ideal = ideal_samples(quiet, spacecraft.tree, spacecraft.joint_names)
     psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())
     covariance = cramer_rao_bound(
@@ -190,59 +321,42 @@ def bound_of(case: Case, spacecraft: Spacecraft, ideal: Measurements) -> NDArray
 
 def run_trials(
     case: Case, ideal: Measurements, trials: int, jobs: int
-) -> Iterable[dict[str, Outcome]]:
+) -> Iterator[dict[str, Outcome]]:
     """Yield the outcomes of every trial by estimator, from `jobs` processes."""
-    if jobs == 1:
-        _prepare(case, ideal)
-        yield from map(_trial, range(trials))
-        return
-    with (
-        _one_thread_each(),
-        ProcessPoolExecutor(jobs, get_context("spawn"), _prepare_process, (case, ideal)) as pool,
-    ):
-        yield from pool.map(_trial, range(trials))
+    return shared_work(_trials_of, (case, ideal), range(trials), jobs)
 
 
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Limit linear algebra to one thread in new processes, which share the cores already."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+def _trials_of(inputs: tuple[Case, Measurements]) -> Callable[[int], dict[str, Outcome]]:
+    """Return the function that does the trial of a number."""
+    case, ideal = inputs
+    return partial(_trial, case, case.spacecraft.make(), ideal)
 
 
-_process: tuple[Case, Spacecraft, Measurements] | None = None
+def draw(case: Case, spacecraft: Spacecraft, ideal: Measurements, number: int) -> Measurements:
+    """Return the samples of one trial: one draw of all errors, disturbances and uncertain bodies.
 
+    Args:
+        case: inputs of the trials; its seed and the trial's number determine the draw.
+        spacecraft: the nominal spacecraft.
+        ideal: samples of the nominal spacecraft without noise and random disturbances.
+        number: number of the trial, from 0.
 
-def _prepare(case: Case, ideal: Measurements) -> None:
-    """Prepare the inputs that all trials of this process share."""
-    global _process
-    _process = case, case.spacecraft.make(), ideal
-
-
-def _prepare_process(case: Case, ideal: Measurements) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles an interrupt
-    _prepare(case, ideal)
-
-
-def _trial(number: int) -> dict[str, Outcome]:
-    """Return the estimates of one draw of the noise (and of the spacecraft), by estimator."""
-    assert _process is not None
-    case, spacecraft, ideal = _process
+    """
     sequence = np.random.SeedSequence(case.seed, spawn_key=(number,))
     noise_seed, body_seed = sequence.generate_state(2)
+    tree, disturbance = spacecraft.tree, case.disturbance(int(noise_seed))
     if case.known_bodies is not None:
-        tree = perturbed(spacecraft.tree, case.known_bodies, np.random.default_rng(body_seed))
-        ideal = ideal_samples(case, tree, spacecraft.joint_names)
-    measurements = add_noise(case.suite, ideal, int(noise_seed))
+        tree = perturbed(tree, case.known_bodies, np.random.default_rng(body_seed))
+    if case.known_bodies is not None or case.suite.disturbances is not None:
+        ideal = ideal_samples(case, tree, spacecraft.joint_names, disturbance)
+    return add_noise(case.suite, ideal, int(noise_seed))
+
+
+def _trial(
+    case: Case, spacecraft: Spacecraft, ideal: Measurements, number: int
+) -> dict[str, Outcome]:
+    """Return the estimates of one draw of the noise (and of the spacecraft), by estimator."""
+    measurements = draw(case, spacecraft, ideal, number)
     outcomes: dict[str, Outcome] = {}
     for name in case.estimators:
         try:
@@ -253,6 +367,7 @@ def _trial(number: int) -> dict[str, Outcome]:
                 sensors=case.suite,
                 momentum=case.momentum,
                 known_bodies=case.known_bodies,
+                is_final=False,
             )
             outcomes[name] = _outcome(found)
         except InputError as error:
@@ -265,9 +380,5 @@ def _outcome(result: Identification) -> Outcome:
         return Outcome(problem=f"{result.estimator} did not converge")
     if not result.is_observable:
         return Outcome(problem=result.explain())
-    try:
-        feasible = result.feasible().is_feasible()
-        result.spatial_inertia()
-    except (InputError, np.linalg.LinAlgError):
-        feasible = False
+    feasible = result.consistent is not None and result.consistent.is_feasible()
     return Outcome(result.parameters, result.covariance, feasible, "", result.momentum_changes)

@@ -23,8 +23,8 @@ from pydrake.systems.framework import (
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE
-from cpid_drake.estimation.momentum_rows import momentum_columns
+from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE, among_ten
+from cpid_drake.estimation.momentum_rows import RowSums, momentum_rows
 from cpid_drake.estimation.square_root import (
     empty_information,
     solve_information,
@@ -168,8 +168,8 @@ class MomentumIdentifier(Identifier):
             raise InputError("identification needs a total momentum that is zero or unknown")
         self._family = row_family(rows, self._momentum.is_unknown)
         self._parameterization = self._family.parameterization(spacecraft.mass)
-        self._extra = momentum_columns(self._family, self._momentum)
-        self._size = self._extra + 11
+        sums = RowSums.of(spacecraft.tree, self._family, self._momentum)
+        self._extra, self._size = sums.extra, len(sums.root)
         self._rank_tolerance = rank_tolerance
         self._quaternion = spacecraft.quaternion_columns
         self._scratch = PlantScratch(spacecraft.plant)
@@ -217,6 +217,9 @@ class MomentumIdentifier(Identifier):
 
     def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows [A | b] of one sample x = [q; v]; columns of an unknown momentum lead."""
+        if self._spacecraft.tree.normal_B is not None:
+            telemetry = self._spacecraft.to_telemetry(0.0, state)
+            return momentum_rows(self._spacecraft.tree, telemetry, self._family, self._momentum)
         context = self._scratch.context
         self._spacecraft.plant.SetPositionsAndVelocities(context, state)
         sample = self._spacecraft.momentum_sample(context)
@@ -262,7 +265,7 @@ class MomentumIdentifier(Identifier):
         )
         return Identification(
             self._parameterization,
-            solution,
+            among_ten(solution, self._spacecraft.tree.unknowns),
             int(samples),
             LEAST_SQUARES.name,
             rows=self._family.name,

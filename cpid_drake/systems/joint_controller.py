@@ -2,7 +2,6 @@
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -13,20 +12,73 @@ from pydrake.systems.framework import (
 )
 
 from cpid_drake.errors import InputError
+from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.ports import add_connected
 
 
-class JointController(LeafSystem):
+class ComputedTorque(LeafSystem):
+    """Base class of the joint controllers: computed torque with a model of spacecraft and target.
+
+    `FreeFloatingDynamics` gives the efforts that accelerate the joints by
+    a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q). These efforts act between the links, so they conserve
+    momentum whatever the model is. The ports and arguments are those of `JointController`.
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        plant: MultibodyPlant,
+        *,
+        natural_frequency: float = 10.0,
+        damping_ratio: float = 1.0,
+    ) -> None:
+        super().__init__()
+        self.set_name("joint_controller")
+        gains = (natural_frequency, damping_ratio)
+        if not (np.isfinite(gains).all() and min(gains) > 0):
+            raise InputError(
+                "controller gains must be > 0: natural_frequency "
+                f"{natural_frequency:g}, damping_ratio {damping_ratio:g}"
+            )
+        self._dynamics = FreeFloatingDynamics(spacecraft, plant)
+        self._scratch = PlantScratch(plant)
+        self._stiffness = natural_frequency**2
+        self._damping = 2 * damping_ratio * natural_frequency
+        columns = spacecraft.columns_in(plant)
+        self._q_columns, self._v_columns = (columns[k] for k in spacecraft.joint_state_columns)
+
+        self.DeclareVectorInputPort("state", plant.num_multibody_states())
+        self.DeclareVectorInputPort("desired_motion", 3 * len(self._v_columns))
+        self.DeclareVectorOutputPort(
+            name="generalized_force",
+            size=plant.num_velocities(),
+            calc=self._calc_generalized_force,
+            prerequisites_of_calc={self.all_input_ports_ticket(), self.all_state_ticket()},
+        )
+
+    def _model_context(self, context: Context) -> Context:
+        """Return a context of the model, whose state is overwritten."""
+        return self._scratch.context
+
+    def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
+        state = self.GetInputPort("state").Eval(context)
+        q_d, qdot_d, qddot_d = self.GetInputPort("desired_motion").Eval(context).reshape(3, -1)
+        a_J = (
+            qddot_d
+            + self._damping * (qdot_d - state[self._v_columns])
+            + self._stiffness * (q_d - state[self._q_columns])
+        )
+        model = self._model_context(context)
+        self._dynamics.plant.SetPositionsAndVelocities(model, state)
+        output.SetFromVector(self._dynamics.generalized_force(model, a_J))
+
+
+class JointController(ComputedTorque):
     """Drives the joints of a spacecraft along a motion; the base floats freely.
 
-    This is computed torque with the base eliminated. The equations of motion are
-    M v̇ + C = τ + τ_applied. Without a force on the base its acceleration is
-    a_B = M_BB⁻¹ (τ_applied,B − C_B − M_BJ a_J), and the acceleration of the joints
-    a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q) needs
-    τ_J = M_JB a_B + M_JJ a_J + C_J − τ_applied,J. These efforts act between the links, so they
-    conserve momentum whatever the model is.
+    This is computed torque with a constant model, see `ComputedTorque`.
 
     With a plant that includes the target the joints follow the desired motion exactly. A controller
     that must not know the target uses `Spacecraft.plant`, or better a plant with a nominal target:
@@ -42,60 +94,22 @@ class JointController(LeafSystem):
         output_ports:
         - generalized_force
 
-    - `state`: x = [q; v] of the spacecraft's plant.
+    - `state`: x = [q; v] of the controller's model, which is that of the spacecraft's plant if the
+      target is welded.
     - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints.
     - `generalized_force`: for the plant's applied-generalized-force port; zero on the base.
 
     Args:
         spacecraft: the spacecraft to be controlled.
-        plant: the controller's model, with or without target; its state must have the layout of
-            the spacecraft's.
+        plant: the controller's model, with or without target. If the simulated plant has a
+            compliant wrist, the model must have it too.
         natural_frequency: ω of the joint errors [rad/s].
         damping_ratio: ζ of the joint errors.
 
     Raises:
-        InputError: the plant has another state layout, or a gain is not positive.
+        InputError: the plant does not have the spacecraft's joints, or a gain is not positive.
 
     """
-
-    def __init__(
-        self,
-        spacecraft: Spacecraft,
-        plant: MultibodyPlant,
-        *,
-        natural_frequency: float = 10.0,
-        damping_ratio: float = 1.0,
-    ) -> None:
-        super().__init__()
-        self.set_name("joint_controller")
-        if plant.GetPositionNames() != spacecraft.plant.GetPositionNames():
-            raise InputError(
-                "the controller's plant must have the spacecraft's joints, in the same order"
-            )
-        gains = (natural_frequency, damping_ratio)
-        if not (np.isfinite(gains).all() and min(gains) > 0):
-            raise InputError(
-                "controller gains must be > 0: natural_frequency "
-                f"{natural_frequency:g}, damping_ratio {damping_ratio:g}"
-            )
-        self._plant = plant
-        self._scratch = PlantScratch(plant)
-        self._stiffness = natural_frequency**2
-        self._damping = 2 * damping_ratio * natural_frequency
-        self._q_columns, self._v_columns = spacecraft.joint_state_columns
-        self._J = self._v_columns - plant.num_positions()
-        B, J = np.setdiff1d(np.arange(plant.num_velocities()), self._J), self._J
-        self._B = B
-        self._BB, self._BJ, self._JJ = np.ix_(B, B), np.ix_(B, J), np.ix_(J, J)
-
-        self.DeclareVectorInputPort("state", plant.num_multibody_states())
-        self.DeclareVectorInputPort("desired_motion", 3 * len(self._J))
-        self.DeclareVectorOutputPort(
-            name="generalized_force",
-            size=plant.num_velocities(),
-            calc=self._calc_generalized_force,
-            prerequisites_of_calc={self.all_input_ports_ticket()},
-        )
 
     @staticmethod
     def AddToBuilder(
@@ -129,24 +143,3 @@ class JointController(LeafSystem):
         system = add_connected(builder, JointController(spacecraft, plant, **gains), ports)
         builder.Connect(system.GetOutputPort("generalized_force"), generalized_force)
         return system
-
-    def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
-        state = self.GetInputPort("state").Eval(context)
-        q_d, qdot_d, qddot_d = self.GetInputPort("desired_motion").Eval(context).reshape(3, -1)
-        plant, model = self._plant, self._scratch.context
-        plant.SetPositionsAndVelocities(model, state)
-        a_J = (
-            qddot_d
-            + self._damping * (qdot_d - state[self._v_columns])
-            + self._stiffness * (q_d - state[self._q_columns])
-        )
-        M = plant.CalcMassMatrix(model)
-        forces = MultibodyForces(plant)
-        plant.CalcForceElementsContribution(model, forces)
-        bias = plant.CalcBiasTerm(model) - plant.CalcGeneralizedForces(model, forces)
-        B, J = self._B, self._J
-        M_BB, M_BJ, M_JJ = M[self._BB], M[self._BJ], M[self._JJ]
-        a_B = np.linalg.solve(M_BB, -bias[B] - M_BJ @ a_J)
-        force = np.zeros(plant.num_velocities())
-        force[J] = M_BJ.T @ a_B + M_JJ @ a_J + bias[J]
-        output.SetFromVector(force)

@@ -1,11 +1,4 @@
-"""Layers that Meshcat shows besides the bodies, such as momenta and the inertia ellipsoid.
-
-A layer draws one `Moment` at a time; if a time is given, the layer draws into a recording. Each
-layer is below its own path `/cpid/<layer>`, and the viewer decides whether it is visible.
-"""
-
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+"""Layers that Meshcat shows besides the bodies, such as momenta and the inertia ellipsoid."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +7,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import SpatialInertia
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.momentum import MomentumSamples, target_momentum
+from cpid_drake.dynamics.momentum import target_momentum
 from cpid_drake.spacecraft.appearance import GREY, box_of_inertia, inertia_ellipsoid
-
-ROOT = "/cpid"
+from cpid_drake.systems.scene_layer import Extent, Layer, Moment
 
 ESTIMATE_COLOR = Rgba(1.0, 0.45, 0.05, 1.0)
 TRUTH_COLOR = Rgba(0.1, 0.85, 0.75, 0.4)
@@ -30,86 +22,8 @@ _AXIS_COLORS = (Rgba(1.0, 0.25, 0.2, 1.0), Rgba(0.3, 0.9, 0.3, 1.0), Rgba(0.35, 
 ABOVE = 0.45
 """Height of the angular momentum's arrows above the centre of mass, in sizes of the spacecraft."""
 
+_BELOW = 0.55  # of the scale's bar below the scene's centre, in sizes of the spacecraft
 _LONGEST = {"linear": 0.4, "angular": 0.25}  # arrow, in sizes of the spacecraft
-
-
-@dataclass(frozen=True)
-class Extent:
-    """Size, duration and momenta of the motion that is drawn.
-
-    Attributes:
-        centre: (3,) centre of all bodies during the whole motion, in W [m].
-        eye: (3,) position of a camera that looks there and sees all bodies, in W [m].
-        size: about half the length of the spacecraft without the target [m].
-        momentum: the largest linear momentum of the spacecraft [N·s].
-        angular_momentum: the largest angular momentum about the system's centre of mass, or about
-            the spacecraft's own if the target is not known [N·m·s].
-        duration: duration of the motion [s].
-
-    """
-
-    centre: NDArray[np.float64]
-    eye: NDArray[np.float64]
-    size: float
-    momentum: float
-    angular_momentum: float
-    duration: float
-
-
-@dataclass(frozen=True)
-class Moment:
-    """State and estimate at one instant.
-
-    Attributes:
-        X_WB: pose of the base.
-        X_WC: pose of the capture frame.
-        known: momentum of the known bodies, one sample.
-        target: the target whose centre of mass and momentum are drawn; None if unknown.
-        estimate: estimated spatial inertia about C's origin, in C; None if unknown.
-        covariance: (3, 3) covariance of the estimated centre of mass [m²].
-        body_poses: poses of the bodies without geometry, by name.
-
-    """
-
-    X_WB: RigidTransform
-    X_WC: RigidTransform
-    known: MomentumSamples
-    target: InertialParameters | None
-    estimate: SpatialInertia | None
-    covariance: NDArray[np.float64]
-    body_poses: dict[str, RigidTransform]
-
-
-class Layer(ABC):
-    """One layer: its objects are created once, and moved, scaled or hidden at every moment."""
-
-    name: str
-
-    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
-        self._meshcat, self._extent = meshcat, extent
-        self._root = f"{ROOT}/{self.name}"
-
-    @abstractmethod
-    def draw(self, moment: Moment, time: float) -> None:
-        """Draw one moment, at this time of a recording [s]."""
-
-    def _show(self, path: str, visible: bool, time: float) -> None:
-        self._meshcat.SetProperty(f"{self._root}/{path}", "visible", visible, time)
-
-    def _place(
-        self, path: str, X_WD: RigidTransform, scale: ArrayLike | None, time: float | None
-    ) -> None:
-        """Move an object. The scale is set on the child node, so a transform does not change it."""
-        self._meshcat.SetTransform(f"{self._root}/{path}", X_WD, time)
-        if scale is not None:
-            values = [float(value) for value in np.asarray(scale)]
-            self._meshcat.SetProperty(f"{self._root}/{path}/shape", "scale", values, time)
-
-    def _in_front(self, path: str) -> None:
-        """Draw an object in front of all others."""
-        node = f"{self._root}/{path}/<object>"
-        self._meshcat.SetProperty(node, "material.depthTest", False)
-        self._meshcat.SetProperty(node, "renderOrder", 10.0)
 
 
 class Bodies(Layer):
@@ -126,6 +40,8 @@ class Bodies(Layer):
 
     def draw(self, moment: Moment, time: float) -> None:
         """Move the boxes."""
+        if moment.body_poses:
+            self.drawn.add(self.name)
         for name, X_WL in moment.body_poses.items():
             self._place(name, X_WL, None, time)
 
@@ -323,6 +239,7 @@ class Trail(Layer):
         if self._count == 0 or time < self._start:
             self._meshcat.Delete(self._root)
             self._start, self._count = time, 0
+            self.drawn.add(self.name)
         if time < self._start + self._count * self._period - 1e-9:
             return
         dot = f"dot{self._count}"
@@ -336,6 +253,38 @@ class Trail(Layer):
         self._count += 1
 
 
+class Scale(Layer):
+    """A bar of a round length in five parts, below the spacecraft and across the view."""
+
+    name = "scale"
+
+    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
+        super().__init__(meshcat, extent)
+        length, view = scale_length(extent.size), extent.eye - extent.centre
+        along = np.cross([0.0, 0.0, 1.0], view)
+        norm = float(np.linalg.norm(along))
+        along = along / norm if norm > 0 else np.array([1.0, 0.0, 0.0])
+        R_WS = RotationMatrix.MakeFromOneVector(along, 2)
+        for part in range(5):
+            bar = Cylinder(0.012 * extent.size, length / 5)
+            color = CENTRE_COLOR if part % 2 == 0 else GREY
+            meshcat.SetObject(f"{self._root}/bar/{part}", bar, color)
+            self._in_front(f"bar/{part}")
+            X = RigidTransform([0.0, 0.0, (part - 2) * length / 5])
+            meshcat.SetTransform(f"{self._root}/bar/{part}", X)
+        self._X_WS = RigidTransform(R_WS, extent.centre - [0.0, 0.0, _BELOW * extent.size])
+
+    def draw(self, moment: Moment, time: float) -> None:
+        """Place the bar, which does not move."""
+        self._place("bar", self._X_WS, None, time)
+
+
+def scale_length(size: float) -> float:
+    """Return the length of the scale's bar: 1, 2 or 5 times a power of ten, at most `size` [m]."""
+    power = 10.0 ** np.floor(np.log10(size)) if size > 0 else 1.0
+    return float(max(k * power for k in (1, 2, 5) if k == 1 or k * power <= size))
+
+
 def make_layers(
     meshcat: Meshcat,
     extent: Extent,
@@ -343,7 +292,7 @@ def make_layers(
     truth: InertialParameters | None,
 ) -> list[Layer]:
     """Return all layers; `bodies` have no shapes, and `truth` is the target if known."""
-    kinds = (Frames, CentreOfMass, EstimatedCentre, EstimatedInertia, Momentum, Trail)
+    kinds = (Frames, CentreOfMass, EstimatedCentre, EstimatedInertia, Momentum, Trail, Scale)
     layers: list[Layer] = [
         Bodies(meshcat, extent, bodies),
         *(kind(meshcat, extent) for kind in kinds),

@@ -23,7 +23,8 @@ from cpid_drake.spacecraft.appearance import has_shape, inertia_ellipsoid
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.ports import add_connected
-from cpid_drake.systems.scene_layers import ABOVE, Extent, Moment, make_layers
+from cpid_drake.systems.scene_layer import Extent, Moment
+from cpid_drake.systems.scene_layers import ABOVE, make_layers
 
 FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]."""
@@ -71,7 +72,7 @@ class SceneVisualizer(LeafSystem):
         super().__init__()
         self.set_name("scene_visualizer")
         plant = spacecraft.plant
-        self._spacecraft, self._truth = spacecraft, truth
+        self._spacecraft, self._truth, self._extent = spacecraft, truth, extent
         self._scratch = PlantScratch(plant)
         bodies = [plant.get_body(index) for index in shapeless]
         self._bodies = {f"{int(body.index())}_{body.name()}": body for body in bodies}
@@ -82,6 +83,16 @@ class SceneVisualizer(LeafSystem):
         self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
         self.DeclarePeriodicPublishEvent(period_sec=period, offset_sec=0.0, publish=self._draw)
         self.DeclareForcedPublishEvent(self._draw)
+
+    @property
+    def drawn(self) -> frozenset[str]:
+        """What has been drawn so far, as LAYER/OBJECT, such as "momentum/linear_target"."""
+        return frozenset().union(*(layer.drawn for layer in self._layers))
+
+    @property
+    def extent(self) -> Extent:
+        """Size and duration of the motion."""
+        return self._extent
 
     @staticmethod
     def AddToBuilder(

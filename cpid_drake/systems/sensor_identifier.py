@@ -1,10 +1,12 @@
-"""Identification as a Drake system: from sensors, each at its own rate, by the momentum filter."""
+"""Identification as a Drake system: from sensors, each at its own rate, by the recursive fit."""
 
+from collections import Counter, defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
@@ -18,35 +20,44 @@ from pydrake.systems.framework import (
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.momentum_filter import FILTER_ORDER, FilterState
-from cpid_drake.estimation.online import OnlineState
-from cpid_drake.identification.filter_estimator import identification_of_filter, online_estimator
+from cpid_drake.estimation.faults import after
+from cpid_drake.estimation.recursive_fit import RecursiveState
+from cpid_drake.identification.fit_estimator import identification_of_state
+from cpid_drake.identification.fit_setup import recursive_fit
 from cpid_drake.identification.result import Identification
+from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
+from cpid_drake.sensing.screening import ScreeningMemory, screen
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
 from cpid_drake.systems.ports import add_connected
 
-_COUNTED = (*FILTER_ORDER, "agreement")
+LONGEST_DELAY = 0.5
+"""A block waits at most this time for the samples of a sensor [s].
+
+Delays of star trackers and of relative navigation are shorter. The estimate is later by this time
+while a sensor is silent.
+"""
+
+_SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further sample can come
+
+_ORDER = ("gyro", "attitude", "encoders", "position", "velocity", "joint_rates")
 
 FILTER_DIAGNOSTICS = (
-    *(f"{name}_used" for name in _COUNTED),
-    *(f"{name}_rejected" for name in _COUNTED),
+    *(f"{name}_used" for name in _ORDER),
+    *(f"{name}_rejected" for name in _ORDER),
     "momentum_changes",
     "momentum_change_time",
 )
-"""Entries of the `filter_diagnostics` output.
-
-"agreement" counts updates by the difference of the attitudes by gyro and by momentum.
-"""
+"""Entries of the `filter_diagnostics` output."""
 
 
 class SensorIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from sensors at their own rates.
 
-    It runs `online.OnlineEstimator`: a trajectory fit until the target is known well enough, then
-    the momentum filter. It contains the *known* spacecraft only.
+    It runs `recursive_fit.RecursiveFit`: it solves one block of samples, about a second, at a time.
+    It contains the *known* spacecraft only.
 
     .. pydrake_system::
 
@@ -57,6 +68,8 @@ class SensorIdentifier(Identifier):
         - encoders
         - position
         - velocity
+        - joint_rates
+        - thrust
         output_ports:
         - parameters
         - covariance
@@ -65,8 +78,8 @@ class SensorIdentifier(Identifier):
         - filter_diagnostics
 
     - one input (1 + width) for each sensor of the suite, as from `SpacecraftSensors`: the time [s]
-      of the latest sample, then its value; NaN before the first. Joint rates are not used, because
-      the noise of encoders does not accumulate.
+      of the latest sample, then its value; NaN before the first.
+    - `thrust` (7), if `reads_thrust`: the log of thrust in the same form, as from `ThrusterSource`.
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.
@@ -74,13 +87,19 @@ class SensorIdentifier(Identifier):
       changes of momentum, and time of the latest [s] (NaN for none); see `FILTER_DIAGNOSTICS`.
       Zero for absent sensors.
 
-    In every period it processes all new samples in order of time. Drake systems that update at the
-    same instant read each other's state before the update, so a sample of time t is processed one
-    period after t. No sample is missed, because no sensor is faster than this period. The samples
-    at the end of a simulation are not processed yet; `Simulator.AdvancePendingEvents()` and then
-    `SensorIdentifier.ExecuteForcedEvents(context)` process them.
+    In every period it collects the new samples. When a block is complete, it screens the samples
+    and solves the block. Drake systems that update at the same instant read each other's state
+    before the update, so a sample of time t is collected one period after t. No sample is missed,
+    because no sensor is faster than this period.
 
-    The state is one abstract value. Clones of a Context have copies of it.
+    A sensor may deliver its samples late, by up to `LONGEST_DELAY`: a block is complete when every
+    sensor has delivered its samples, or after that delay. Later samples are rejected. Only the
+    stamps determine the blocks; their zero is arbitrary. At the end of a simulation,
+    `Simulator.AdvancePendingEvents()` and then `SensorIdentifier.ExecuteForcedEvents(context)`
+    process all samples, those of the incomplete block included.
+
+    The state is one abstract value that is never changed, only replaced. Its size does not grow
+    with time, and clones of a Context share it.
 
     Args:
         spacecraft: the known spacecraft.
@@ -88,12 +107,13 @@ class SensorIdentifier(Identifier):
         momentum: the total momentum, zero (default) or unknown.
         period: time between updates [s]; default: that of the fastest sensor.
         guess: prior estimate of the target; default: none, for a vague prior.
-        guess_sigma: relative σ of the guess; see `momentum_filter.guessed_prior`.
+        guess_sigma: relative σ of the guess; see `priors.guessed_prior`.
+        reads_thrust: whether there is a log of thrust.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), a period that is not positive or is
             longer than the fastest sensor's, or an invalid guess (see
-            `cpid_drake.identification.filter_estimator.online_estimator`).
+            `cpid_drake.identification.fit_setup.recursive_fit`).
 
     """
 
@@ -106,12 +126,14 @@ class SensorIdentifier(Identifier):
         period: float | None = None,
         guess: InertialParameters | None = None,
         guess_sigma: float = 0.5,
+        reads_thrust: bool = False,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
         check_sensors(suite, "sensors")
-        present = suite.present()
-        sensors = [name for name in FILTER_ORDER if name in present]
+        self._suite, present = suite, suite.present()
+        sensors = [name for name in _ORDER if name in present]
+        sensors += [name for name in present if name not in _ORDER]
         shortest = 1 / max(present[name].rate for name in sensors)
         period = shortest if period is None else period
         if not (is_number(period) and 0 < period <= shortest):
@@ -119,21 +141,24 @@ class SensorIdentifier(Identifier):
                 f"identification period must be > 0 s and at most {shortest:g} s, the period of "
                 f"the fastest sensor, not {period}"
             )
-        self._estimator = online_estimator(
+        self._estimator = recursive_fit(
             spacecraft, suite, momentum=momentum, guess=guess, guess_sigma=guess_sigma
         )
+        self._joint_names, self._suite, self._period = spacecraft.joint_names, suite, period
         joints = len(spacecraft.joint_names)
         self._sample_ports = {
             name: self.DeclareVectorInputPort(name, 1 + SENSORS[name].width(joints))
             for name in sensors
         }
+        if reads_thrust:
+            self._sample_ports[THRUST] = self.DeclareVectorInputPort(THRUST, 7)
         self._memory_index = self.DeclareAbstractState(
-            Value(_Memory(self._estimator.start(), dict.fromkeys(sensors, np.nan), []))
+            Value(_Memory(self._estimator.start(), dict.fromkeys(self._sample_ports, np.nan)))
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
-            period_sec=period, offset_sec=0.0, update=self._take_settled
+            period_sec=period, offset_sec=0.0, update=self._collect
         )
-        self.DeclareForcedUnrestrictedUpdateEvent(self._take_all)
+        self.DeclareForcedUnrestrictedUpdateEvent(self._finish)
         self._declare_outputs(self.xa_ticket())
         self.DeclareVectorOutputPort(
             name="filter_diagnostics",
@@ -157,7 +182,8 @@ class SensorIdentifier(Identifier):
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
             samples: output ports by sensor, usually `SpacecraftSensors.sample_ports()`; ports of
-                sensors that the identifier does not use are left out.
+                sensors that the identifier does not use are left out. A port of the name "thrust"
+                is that of the log of thrust.
             suite: the sensors.
             options: further arguments of the constructor.
 
@@ -165,91 +191,117 @@ class SensorIdentifier(Identifier):
             InputError: a port is missing or has the wrong size; also the errors of the constructor.
 
         """
-        system = SensorIdentifier(spacecraft, suite, **options)
+        system = SensorIdentifier(spacecraft, suite, reads_thrust=THRUST in samples, **options)
         missing = [name for name in system._sample_ports if name not in samples]
         if missing:
             raise InputError(f"no output port is given for the samples of '{missing[0]}'")
         used = {name: samples[name] for name in system._sample_ports}
         return add_connected(builder, system, used)
 
-    def online_state(self, context: Context) -> OnlineState:
-        """Return a copy of the estimator's state in this system's context."""
-        return self._memory(context).copy().online
+    def online_state(self, context: Context) -> RecursiveState:
+        """Return the estimator's state in this system's context."""
+        return self._memory(context).online
 
     def _memory(self, context: Context) -> "_Memory":
         return context.get_abstract_state(self._memory_index).get_value()
 
-    def _take_settled(self, context: Context, state: State) -> EventStatus:
-        """Process all samples before this instant; those of this instant wait for the next update.
-
-        Samples of one instant must be processed in `FILTER_ORDER`, but one of them may arrive at an
-        earlier update because the sensors' times are rounded.
-        """
-        return self._take(context, state, _nanoseconds(context.get_time()))
-
-    def _take_all(self, context: Context, state: State) -> EventStatus:
-        return self._take(context, state, np.nan)
-
-    def _take(self, context: Context, state: State, now: float) -> EventStatus:
-        memory = self._memory(context).copy()
-        for rank, (name, port) in enumerate(self._sample_ports.items()):
-            stamp, *value = port.Eval(context)
-            if not np.isnan(stamp) and stamp != memory.seen[name]:
-                memory.seen[name] = stamp
-                sample = (_nanoseconds(stamp), rank, name, stamp, np.array(value))
-                memory.waiting.append(sample)
-        for sample in sorted(memory.waiting, key=lambda sample: sample[:2]):
-            at, _, name, stamp, value = sample
-            if at != now:
-                self._estimator.process(memory.online, name, stamp, value)
-        memory.waiting = [sample for sample in memory.waiting if sample[0] == now]
+    def _collect(self, context: Context, state: State) -> EventStatus:
+        """Collect new samples, and process all if a block may be complete."""
+        memory, now = self._with_new_samples(context), context.get_time()
+        if now >= memory.due - self._period / 2:
+            memory = self._processed(memory)
+            missing = memory.online.queue.next_edge - self._complete_until(memory.screening)
+            memory = replace(memory, due=now + max(missing, 0.0))
         state.get_mutable_abstract_state(self._memory_index).set_value(memory)
         return EventStatus.Succeeded()
 
-    def _solve(self, context: Context) -> Identification:
-        return identification_of_filter(self._estimator, self._memory(context).online)
+    def _finish(self, context: Context, state: State) -> EventStatus:
+        """Process all samples, those of the incomplete block included."""
+        memory = self._processed(self._with_new_samples(context))
+        memory = replace(memory, online=self._estimator.finish(memory.online))
+        state.get_mutable_abstract_state(self._memory_index).set_value(memory)
+        return EventStatus.Succeeded()
 
-    def _calc_filter_diagnostics(self, context: Context, output: BasicVector) -> None:
-        state = self._memory(context).online.filter
-        places = [self._estimator.filter.index(name) for name in _COUNTED]
-        output.SetFromVector(
-            [
-                *state.used[places],
-                *state.rejected[places],
-                state.momentum_changes,
-                state.momentum_change_time,
-            ]
+    def _with_new_samples(self, context: Context) -> "_Memory":
+        memory = self._memory(context)
+        seen, new = memory.seen, {}
+        for name, port in self._sample_ports.items():
+            sample = port.Eval(context)
+            if sample[0] != seen[name] and not np.isnan(sample[0]):
+                new[name] = sample
+        if not new:
+            return memory
+        due = memory.due
+        if np.isnan(due):
+            due = context.get_time() + memory.online.queue.length
+        seen = seen | {name: sample[0] for name, sample in new.items()}
+        return replace(memory, seen=seen, waiting=(*memory.waiting, new), due=due)
+
+    def _processed(self, memory: "_Memory") -> "_Memory":
+        """Give all collected samples to the estimator."""
+        rows = defaultdict(list)
+        for new in memory.waiting:
+            for name, sample in new.items():
+                rows[name].append(sample)
+        samples = {name: np.array(each) for name, each in rows.items()}
+        given = Measurements(
+            self._joint_names, {name: Samples(s[:, 0], s[:, 1:]) for name, s in samples.items()}
+        )
+        screened = screen(given, self._suite, memory.screening)
+        online, timely = memory.online, screened.measurements
+        if not np.isnan(online.queue.edge):
+            timely = after(timely, online.queue.edge, np.inf)
+        online = self._estimator.process(online, timely, self._complete_until(screened.memory))
+        late = {name: len(s) - len(timely[name]) for name, s in screened.measurements.items()}
+        rejected = Counter(memory.rejected) + Counter(screened.rejected) + Counter(late)
+        return replace(
+            memory, online=online, waiting=(), rejected=rejected, screening=screened.memory
         )
 
+    def _complete_until(self, screening: ScreeningMemory) -> float:
+        """Return the time until which the samples of all sensors have arrived [s]."""
+        last = {name: sensor.last for name, sensor in screening.sensors.items()}
+        complete = min(
+            last.get(name, -np.inf) + _SHARE_OF_INTERVAL / errors.rate
+            for name, errors in self._suite.present().items()
+        )
+        return min(screening.newest, max(complete, screening.newest - LONGEST_DELAY))
 
-@dataclass(eq=False)
+    def _solve(self, context: Context) -> Identification:
+        return identification_of_state(self._estimator, self._memory(context).online)
+
+    def _calc_filter_diagnostics(self, context: Context, output: BasicVector) -> None:
+        memory = self._memory(context)
+        online = memory.online
+        used, left_out = Counter(online.processed), Counter(online.all_left_out)
+        used.subtract(left_out)
+        rejected = left_out + Counter(memory.rejected)
+        counts = [each[name] for each in (used, rejected) for name in _ORDER]
+        output.SetFromVector([*counts, online.changes, online.change_time])
+
+
+@dataclass(frozen=True, eq=False)
 class _Memory:
     """The abstract state. A value in a Context is replaced, never changed.
 
     Attributes:
         online: the estimator's state.
         seen: time of the latest sample of every sensor [s].
-        waiting: samples to process later: (time [ns], place in the order, name, stamp, value).
+        waiting: samples to process later, of one update each, [time, value] by sensor.
+        rejected: number of unusable samples, by sensor.
+        screening: what screening remembers.
+        due: time of the Context at which the next block may be complete [s]; NaN before the first
+            sample.
 
     """
 
-    online: OnlineState
+    online: RecursiveState
     seen: dict[str, float]
-    waiting: list[tuple]
-
-    def copy(self) -> "_Memory":
-        """Return a copy that shares the samples, which never change."""
-        arrays = {name: value.copy() for name, value in vars(self.online.filter).items()}
-        online = replace(
-            self.online, filter=FilterState(**arrays), samples=list(self.online.samples)
-        )
-        return _Memory(online, dict(self.seen), list(self.waiting))
+    waiting: tuple[dict[str, NDArray[np.float64]], ...] = ()
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    screening: ScreeningMemory = field(default_factory=ScreeningMemory)
+    due: float = np.nan
 
     def __deepcopy__(self, memo: dict) -> "_Memory":
-        """Return a copy, for Drake: faster than the generic deep copy."""
-        return self.copy()
-
-
-def _nanoseconds(time: float) -> float:
-    """Return a time in whole nanoseconds, which is equal for times that differ by rounding."""
-    return np.round(time * 1e9)
+        """Return the value itself, which never changes."""
+        return self

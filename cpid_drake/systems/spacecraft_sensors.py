@@ -6,7 +6,9 @@ import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    ContinuousState,
     DiagramBuilder,
+    DiscreteStateIndex,
     DiscreteValues,
     EventStatus,
     LeafSystem,
@@ -14,10 +16,11 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import prefix_errors
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.measurements import Measurements, Samples, first_sample
 from cpid_drake.sensing.noise import SensorNoise
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, SENSORS, SensorErrors
 from cpid_drake.sensing.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import add_connected
@@ -26,9 +29,15 @@ from cpid_drake.systems.ports import add_connected
 class SpacecraftSensors(LeafSystem):
     """Measures a spacecraft's motion, every sensor at its own rate and with its own errors.
 
-    Every sensor takes its sample k at time k / rate and holds it until the next sample. Its error
+    Every sensor takes its sample k at time k / rate and holds it until the next sample that is not
+    lost in a dropout. Its error
     depends on the seed and on k only: replays, other Contexts and `noise.add_noise` give the same
-    samples. The latest samples are the discrete state.
+    samples. The latest samples are the discrete state. The stamp of a sample is k / rate plus the
+    constant delay that the seed gives to the sensor; it can therefore differ from the time of the
+    Context.
+
+    A gyro that integrates measures the mean of the angular velocity since its sample before. The
+    integral of the angular velocity is then continuous state, and the first sample has k = 1.
 
     .. pydrake_system::
 
@@ -44,7 +53,7 @@ class SpacecraftSensors(LeafSystem):
         - joint_rates
 
     - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
-    - one output (1 + width) for each sensor of the suite: the time [s] of the latest sample, then
+    - one output (1 + width) for each sensor of the suite: the stamp [s] of the latest sample, then
       its value as in `Measurements`; NaN before the first. Samples due at the end of a simulation
       need `Simulator.AdvancePendingEvents`.
 
@@ -68,9 +77,12 @@ class SpacecraftSensors(LeafSystem):
         self._state_port = self.DeclareVectorInputPort(
             "spacecraft_state", spacecraft.plant.num_multibody_states()
         )
+        self._is_integrating = any(first_sample(errors) for errors in suite.present().values())
+        if self._is_integrating:
+            self.DeclareContinuousState(3)  # the integral of w_WB_B [rad]
         for name, errors in suite.present().items():
             width = SENSORS[name].width(len(spacecraft.joint_names))
-            self._declare_sensor(name, errors.rate, width)
+            self._declare_sensor(name, errors, width)
 
     @staticmethod
     def AddToBuilder(
@@ -112,29 +124,58 @@ class SpacecraftSensors(LeafSystem):
         """The sensors."""
         return self._noise.suite
 
-    def _declare_sensor(self, name: str, rate: float, width: int) -> None:
+    @property
+    def noise(self) -> SensorNoise:
+        """The errors of the samples, with the values of the constant errors."""
+        return self._noise
+
+    def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
+        """Set the derivative of the integral of the angular velocity, if a gyro needs it."""
+        if self._is_integrating:
+            w_WB_B = ANGULAR_VELOCITY.ideal(self._motion(context, context.get_time()))[0]
+            derivatives.get_mutable_vector().SetFromVector(w_WB_B)
+
+    def _declare_sensor(self, name: str, errors: SensorErrors, width: int) -> None:
         index = self.DeclareDiscreteState(np.full(1 + width, np.nan))
+        integrates, start = bool(first_sample(errors)), DiscreteStateIndex(0)
+        if integrates:  # time and integral at the sample before
+            start = self.DeclareDiscreteState(np.full(4, np.nan))
 
         def update(context: Context, discrete_state: DiscreteValues) -> EventStatus:
-            discrete_state.set_value(index, self._sample(name, rate, context))
+            k = round(context.get_time() * errors.rate)
+            if integrates:
+                integral = context.get_continuous_state_vector().CopyToVector()
+                before = context.get_discrete_state(start).value()
+                discrete_state.set_value(start, np.append(k / errors.rate, integral))
+                if np.isnan(before[0]):
+                    return EventStatus.Succeeded()
+                ideal = (integral - before[1:]) / (k / errors.rate - before[0])
+                motion = None
+            else:
+                motion = self._motion(context, k / errors.rate, name)
+                [ideal] = SENSORS[name].quantity.ideal(motion)
+            if self._noise.is_lost(name, k + 1)[k]:
+                return EventStatus.DidNothing()
+            [value] = self._noise.apply(name, ideal[None], k, motion)
+            stamp = k / errors.rate + self._noise.constants(name, width).delay
+            discrete_state.set_value(index, np.append(stamp, value))
             return EventStatus.Succeeded()
 
         def calc(context: Context, output: BasicVector) -> None:
             output.SetFromVector(context.get_discrete_state(index).value())
 
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=1 / rate, offset_sec=0.0, update=update)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=1 / errors.rate, offset_sec=0.0, update=update
+        )
         self.DeclareVectorOutputPort(
             name=name, size=1 + width, calc=calc, prerequisites_of_calc={self.xd_ticket()}
         )
 
-    def _sample(self, name: str, rate: float, context: Context) -> np.ndarray:
-        """Return [time, value] of the sample that is due now; its number follows from the time."""
-        k = round(context.get_time() * rate)
+    def _motion(self, context: Context, time: float, name: str = "motion") -> Telemetry:
+        """Return the true motion of the current state, stamped with a time [s]."""
         state = self._state_port.Eval(context)
-        with prefix_errors(f"{self.GetSystemPathname()}: {name} at t = {k / rate:g} s"):
-            telemetry = self._spacecraft.to_telemetry(k / rate, state)
-        [value] = self._noise.apply(name, SENSORS[name].quantity.ideal(telemetry), first=k)
-        return np.concatenate([[k / rate], value])
+        with prefix_errors(f"{self.GetSystemPathname()}: {name} at t = {time:g} s"):
+            return self._spacecraft.to_telemetry(time, state)
 
 
 def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str, VectorLogSink]:

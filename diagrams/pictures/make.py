@@ -42,7 +42,10 @@ def scene(folder: Path) -> None:
         browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
         page = browser.new_page(viewport={"width": 1200, "height": 675})
         page.goto(page_file.as_uri())
-        slider = page.locator("input[type=range]").first
+        page.wait_for_function("viewer.animator.duration > 0")
+        page.locator("#cpid-time button").click()  # pause
+        page.wait_for_function("!viewer.animator.playing")
+        slider = page.locator("#cpid-time input")
         slider.evaluate(
             "(bar, t) => { bar.value = t; bar.dispatchEvent(new Event('input')); }", WHEN
         )
@@ -72,8 +75,22 @@ def accuracy(folder: Path) -> None:
     shutil.copy(folder / "accuracy/accuracy_flight.png", HERE)
 
 
+def adaptive_control(folder: Path) -> None:
+    """Draw the tracking errors of the adaptive controller, and print their table."""
+    script, picture = HERE.parent / "adaptive_control.py", HERE / "adaptive_control.png"
+    subprocess.run([sys.executable, script, "--figure", picture], check=True, cwd=folder)
+
+
+def plan_identify_replan(folder: Path) -> None:
+    """Draw σ and the tracking errors of the closed loop, and print what it found."""
+    name = "plan_identify_replan"
+    script, picture = HERE.parent / f"{name}.py", HERE / f"{name}.png"
+    subprocess.run([sys.executable, script, "--figure", picture], check=True, cwd=folder)
+
+
 PICTURES: dict[str, Callable[[Path], None]] = {
-    picture.__name__: picture for picture in (scene, convergence, paper, accuracy)
+    picture.__name__: picture
+    for picture in (scene, convergence, paper, accuracy, adaptive_control, plan_identify_replan)
 }
 
 

@@ -212,9 +212,9 @@ def gyro_cells() -> list[list[str]]:
 
 def million_rows() -> str:
     """Return a million good lines and one that is none."""
-    header = "time,qw,qx,qy,qz,q:shoulder"
-    lines = [f"{k / 100},1,0,0,0,0.5" for k in range(1_000_000)]
-    return "\n".join([header, *lines, "10000,1,0,0,0,1e"])
+    header = "time,qw,qx,qy,qz,q:shoulder,q:elbow,q:wrist"
+    lines = [f"{k / 100},1,0,0,0,0.5,0,0" for k in range(1_000_000)]
+    return "\n".join([header, *lines, "10000,1,0,0,0,1e,0,0"])
 
 
 def arrays(**changes: object) -> dict[str, object]:
@@ -356,7 +356,7 @@ TELEMETRY = {
     "joint_misspelt": (
         file("t.csv", lambda: csv().replace(":wrist", ":wirst")),
         "no column 'q:wrist'",
-        "no joint 'wirst'",
+        "'wirst'",
     ),
     "joint_in_capitals": (file("t.csv", lambda: csv().replace("elbow", "Elbow")), "'Elbow'"),
     "rate_of_another_joint": (

@@ -24,7 +24,7 @@ def main() -> None:
     args = parser.parse_args()
 
     scenario = load_scenario(shipped_scenario("paper"))
-    scenario.simulation.simulator.accuracy = 1e-8
+    scenario.simulation.simulator.accuracy = 3e-11
     simulation = make_simulation(scenario)
     times = np.arange(0.0, 10.5, 1.0)
     factors = np.random.default_rng(1).uniform(0.9, 1.1, (args.targets, 1))

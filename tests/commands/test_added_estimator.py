@@ -26,11 +26,8 @@ def estimate_every_second(problem):
     """Least squares on every second sample: an estimator that somebody might try."""
     names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
     halved = {name: problem.measurements[name].where(slice(None, None, 2)) for name in names}
-    half = replace(
-        problem,
-        measurements=problem.measurements.updated(halved),
-        family=ROW_FAMILIES["standard"],
-    )
+    half = problem.with_measurements(problem.measurements.updated(halved))
+    half = replace(half, family=ROW_FAMILIES["standard"])
     return replace(estimate_by_rows(half), estimator="every_second", rows=None)
 
 
@@ -97,7 +94,7 @@ def test_the_report_of_a_result_names_what_is_added(run_cpid, options, label, un
 def test_the_accuracy_study_tries_what_is_added():
     assert methods() == (
         *("eq18", "standard", "relative", "grams"),
-        *("momentum_filter", "trajectory_fit", "every_second"),
+        *("recursive_fit", "trajectory_fit", "every_second"),
     )
     scenario = load_scenario(shipped_scenario("free_flyer_payload"))
     study = run_accuracy(
@@ -110,9 +107,7 @@ def test_the_accuracy_study_tries_what_is_added():
 def test_messages_name_what_is_added(run_cpid):
     code, _, stderr = run_cpid("identify", SAMPLE, *FREE_FLYER, "--estimator", "best")
     assert code == 2
-    assert (
-        "momentum_filter, trajectory_fit, every_second, eq18, standard, relative, grams" in stderr
-    )
+    assert "recursive_fit, trajectory_fit, every_second, eq18, standard, relative, grams" in stderr
     code, _, stderr = run_cpid(
         "identify", SAMPLE, *FREE_FLYER, "--rows", "grams", "--momentum", "unknown"
     )

@@ -10,7 +10,7 @@ from cpid_drake import read_telemetry, write_telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.resources import models_directory
 from cpid_drake.sensing.files.formats import Format
-from cpid_drake.sensing.files.table import TelemetryTable, check_columns
+from cpid_drake.sensing.files.table import TelemetryTable
 from cpid_drake.sensing.files.telemetry_files import FORMATS
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
@@ -20,11 +20,11 @@ FREE_FLYER = (
 )
 
 
-def read_json(file, where, problems, topics):
+def read_json(file, where, options):
     content = json.loads(file.read_text())
-    check_columns(list(content), where)
-    values = np.array([content[name] for name in content], dtype=float).T
-    return TelemetryTable(tuple(content), values, np.arange(len(values)))
+    columns = options.columns.select(list(content), where)
+    values = np.array([content[name] for name in columns], dtype=float).T
+    return TelemetryTable(tuple(columns), values, np.arange(len(values)))
 
 
 def write_json(path, columns, values):
@@ -61,6 +61,6 @@ def test_messages_name_an_added_format(added, run_cpid):
     Path("log.xml").write_text("")
     code, _, stderr = run_cpid("identify", "log.xml", *FREE_FLYER)
     assert code == 2
-    assert ".csv, .npz, .parquet, .mcap, .db3, .json files and bag folders" in stderr
-    with pytest.raises(InputError, match=r"telemetry is written as .csv, .npz, .parquet, .json"):
+    assert ".csv, .npz, .parquet, .mat, .jsonl, .ndjson, .mcap, .db3, .json files" in stderr
+    with pytest.raises(InputError, match=r"is written as .csv, .npz, .parquet, .*, .json"):
         write_telemetry("log.mcap", read_telemetry("log.json"))

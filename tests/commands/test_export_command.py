@@ -144,7 +144,7 @@ def test_an_estimate_that_no_body_has_is_not_exported_raw(cpid, refusal, result)
         (("none.json", "--format", "urdf", "--out", "t.urdf"), "none.json: no such file"),
         (("r.json", "--format", "obj", "--out", "t.urdf"), "no format 'obj'; choose from urdf"),
         (("r.json", "--format", "sdf", "--out", "t.urdf"), "must end in .sdf"),
-        (("r.json", "--format", "urdf", "--out", "no/t.urdf"), "no/t.urdf: no such folder: no"),
+        (("r.json", "--format", "urdf", "--out", "no/t.urdf"), "no/t.urdf: there is no folder no"),
         (("r.json", "--format", "urdf", "--out", "old.urdf"), "old.urdf: exists already"),
         (("r.json", "--format", "urdf", "--out", "t.urdf", "--name", "<"), "cannot be used"),
         (("r.json", "--format", "urdf"), "Missing option '--out'"),

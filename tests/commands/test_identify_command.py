@@ -74,7 +74,7 @@ class TestSample:
         assert found["feasible"]["mass"] == pytest.approx(8.5, rel=0.01)
         assert found["rank"] == 10
         assert 1 < found["condition"] < 1000
-        assert found["samples_used"] == 3003
+        assert found["samples_used"] == 4004
         assert found["samples_rejected"] == 0
         assert found["warnings"] == []
         moments, axes = np.array(found["principal_moments"]), np.array(found["principal_axes"])
@@ -91,6 +91,59 @@ class TestSample:
             assert float(shown) == pytest.approx(value, abs=10.0 ** -len(shown.split(".")[1]))
         assert lines["rank"].split()[1:] == ["10", "of", "10"]
         assert "physically consistent" in lines["consistency"]
+
+
+class TestUncertainSpacecraft:
+    OPTION = "mass=0.01,joint_axis_mrad=0.5,grasp_mm=3"
+
+    def test_intervals_include_the_spacecraft(self, cpid):
+        """The centre of mass is known no better than the frame in which it is expressed."""
+        sigmas = []
+        for option in ((), ("--known-bodies", self.OPTION)):
+            options = ("--sensors", "testbed", *option, "--json", "r.json", "--force")
+            code, out, _ = cpid("identify", SAMPLE, *FREE_FLYER, *options)
+            assert code == 0
+            assert ("an exact spacecraft model" in out) == (not option)
+            found = json.loads(Path("r.json").read_text())
+            sigmas.append(np.sqrt(np.diag(found["covariance"])))
+        exact, uncertain = sigmas
+        assert np.all(uncertain > exact)
+        assert np.all(uncertain[1:4] > 0.003)
+        assert np.all(uncertain[1:4] < 0.02)
+        assert found["source"]["known_bodies"] == self.OPTION
+        assert "--known-bodies" in found["source"]["command"]
+
+    def test_a_file_says_the_same_as_the_option(self, cpid):
+        pairs = self.OPTION.split(",")
+        Path("bodies.yaml").write_text("".join(p.replace("=", ": ") + "\n" for p in pairs))
+        found = []
+        for option in (self.OPTION, "bodies.yaml"):
+            options = ("--sensors", "testbed", "--known-bodies", option, "--json", "r.json")
+            cpid("identify", SAMPLE, *FREE_FLYER, *options)
+            found.append(read_result("r.json"))
+            Path("r.json").unlink()
+        assert [one.estimator for one in found] == 2 * ["trajectory_fit"]
+        np.testing.assert_array_equal(found[0].covariance, found[1].covariance)
+
+    def test_rows_do_not_include_it(self, cpid):
+        options = ("--known-bodies", "com=0.01", "--estimator", "least_squares")
+        _, _, stderr = cpid("identify", SAMPLE, *FREE_FLYER, *options)
+        assert "least_squares does not use the uncertainty of the spacecraft" in stderr
+
+    @pytest.mark.parametrize(
+        ("option", "problem"),
+        [
+            ("mass=-1", "mass=-1: mass must be a number >= 0"),
+            ("weight=1", "unknown key 'weight'"),
+            ("mass=a lot", "'mass=a lot' is not KEY=NUMBER; the keys are mass, com, "),
+            ("mass=0.1,com", "'com' is not KEY=NUMBER"),
+            ("mass=1,mass=2", "the key 'mass' is given twice"),
+            ("mass=nan", "mass must be a finite number"),
+            ("none.yaml", "none.yaml"),
+        ],
+    )
+    def test_impossible_uncertainty(self, cpid, option, problem):
+        assert problem in refusal(cpid("identify", SAMPLE, *FREE_FLYER, "--known-bodies", option))
 
 
 class TestIdentify:
@@ -210,7 +263,7 @@ class TestCheck:
     def test_joints_are_compared_with_the_model(self, cpid, exact):
         code, stdout, _ = cpid("telemetry", "check", exact, *FREE_FLYER)
         assert code == 2
-        assert "no joint 'capture_arm_joint1'; its joints are arm_joint1" in stdout
+        assert "no column 'q:arm_joint1'; the spacecraft's joints are arm_joint1" in stdout
 
     def test_a_model_needs_its_frames(self, cpid, exact):
         message = refusal(cpid("telemetry", "check", exact, "--base", "bus"))

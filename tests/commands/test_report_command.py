@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.report.figures import Picture
+from cpid_drake.report.pictures import Picture
 from cpid_drake.report.sections import replay
 from cpid_drake.resources import models_directory
 
@@ -68,7 +68,7 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
     text = (models_directory() / "scenario_template.yaml").read_text()
     shorter = text.replace("simulation:\n  duration: 10.0", "simulation:\n  duration: 3.0")
     assert shorter != text
-    (folder / "short.yaml").write_text(shorter.replace("accuracy: 1.0e-8", "accuracy: 1.0e-7"))
+    (folder / "short.yaml").write_text(shorter.replace("accuracy: 3.0e-11", "accuracy: 3.0e-10"))
     assert cpid("simulate", "short.yaml", "--out", "run", "--quiet")[0] == 0
     code, stdout, stderr = cpid("report", "run", "--out", "run.html", "--figures", "figures")
     assert (code, stdout) == (0, "")
@@ -78,6 +78,10 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
     assert json.loads(shown["truth.inertia.5"]) == truth["inertia"][5]
     drift = json.loads((folder / "run/run.json").read_text())["momentum_drift"]
     assert json.loads(shown["run.momentum_drift.linear_N_s"]) == drift["linear_N_s"]
+    for option, value in (("--topic", "imu=/imu"), ("--columns", "short.yaml"), ("--base", "bus")):
+        code, _, stderr = cpid("report", "run", "--out", "refused.html", option, value)
+        assert (code, f": {option} is for logs; a run has its own" in stderr) == (2, True)
+    assert not (folder / "refused.html").exists()
     names = ("convergence", "residuals", "singular-values", "base-motion", "ellipsoid")
     for name in names:
         assert (folder / f"figures/{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -88,7 +92,7 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
     ("arguments", "phrase"),
     [
         (["nothing.json", "--out", "r.html"], "no such file"),
-        ([SAMPLE, "--out", "r.html"], "not JSON"),
+        ([SAMPLE, "--out", "r.html"], "give --spacecraft"),
         (["empty", "--out", "r.html"], "not a run: there is no run.json"),
         (["result.json", "--out", "nowhere/r.html"], "there is no folder nowhere"),
         (["result.json", "--out", "empty"], "is a folder; name a file"),

@@ -36,10 +36,28 @@ def values(part):
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_scenarios_are_all_right(cpid, name):
-    code, stdout, stderr = cpid("check", name)
+    """Also in what they ask of joints, motors and bodies."""
+    code, stdout, stderr = cpid("check", name, "--strict")
     assert (code, stderr) == (0, "")
     assert stdout.startswith(f"{name}: ok, spacecraft of ")
     assert stdout.count("\n") == 1
+    assert "; closest bodies: 0." in stdout
+    assert "not checked" not in stdout
+
+
+def test_a_limit_that_is_exceeded_is_named_and_fails_a_strict_check(cpid, tmp_path):
+    cpid("new", "--out", "mine.yaml")
+    file = tmp_path / "mine.yaml"
+    file.write_text(file.read_text().replace("mass: 60.0", "mass: 6000.0", 1))
+    code, stdout, stderr = cpid("check", "mine.yaml")
+    assert code == 0
+    assert stdout.startswith("mine.yaml: 6 limits exceeded, spacecraft of ")
+    lines = stderr.splitlines()
+    assert len(lines) == 6
+    for k, line in enumerate(lines, 1):
+        assert line.startswith(f"warning: capture_arm_joint{k} needs ")
+        assert " s, its motor gives " in line
+    assert cpid("check", "mine.yaml", "--strict") == (1, stdout, stderr)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -52,13 +70,29 @@ def test_what_is_shown_is_the_same_scenario(cpid, name, tmp_path):
     assert cpid("show", "shown.yaml") == (0, stdout, "")
 
 
+def test_a_former_name_of_an_estimator_is_one_line_on_stderr(cpid, tmp_path):
+    cpid("new", "--out", "old.yaml")
+    file = tmp_path / "old.yaml"
+    file.write_text(
+        file.read_text().replace("estimator: recursive_fit", "estimator: momentum_filter")
+    )
+    for _ in range(2):  # in every call anew
+        code, stdout, stderr = cpid("check", "old.yaml")
+        assert code == 0
+        assert "estimator: recursive_fit" in stdout
+        assert stderr.startswith(
+            "warning: estimator 'momentum_filter' is now named 'recursive_fit'"
+        )
+        assert stderr.count("\n") == 1
+
+
 def test_the_new_scenario_is_all_right_and_has_every_key(cpid, tmp_path):
     assert cpid("new", "--out", "mine.yaml") == (0, "", "")
     assert cpid("new") == (0, (tmp_path / "mine.yaml").read_text(), "")
     code, stdout, _ = cpid("check", "mine.yaml")
     assert code == 0
     assert "mine.yaml: ok, " in stdout
-    assert "sensors: attitude, gyro, position, encoders; estimator: momentum_filter" in stdout
+    assert "sensors: attitude, gyro, position, encoders; estimator: recursive_fit" in stdout
     comments = (tmp_path / "mine.yaml").read_text()
     _, shown, _ = cpid("show", "mine.yaml")
     for line in shown.splitlines():
@@ -102,8 +136,8 @@ def test_an_existing_file_is_not_overwritten(cpid, tmp_path):
     (tmp_path / "mine.yaml").write_text("# precious")
     assert "exists already" in refusal(cpid("new", "--out", "mine.yaml"))
     assert (tmp_path / "mine.yaml").read_text() == "# precious"
-    assert "cannot write there" in refusal(cpid("new", "--out", "nowhere/mine.yaml"))
-    assert "cannot write there" in refusal(cpid("new", "--out", tmp_path / "mine.yaml" / "x"))
+    assert "there is no folder" in refusal(cpid("new", "--out", "nowhere/mine.yaml"))
+    assert "there is no folder" in refusal(cpid("new", "--out", tmp_path / "mine.yaml" / "x"))
 
 
 @pytest.mark.parametrize(
@@ -137,5 +171,5 @@ def test_what_is_wrong_is_said_with_file_and_key(cpid, tmp_path, old, new, cause
 def test_a_name_of_no_scenario_is_answered_with_the_nearest(cpid):
     for command in ("check", "show"):
         message = refusal(cpid(command, "papr"))
-        assert "did you mean 'paper'? choose from exciting_motion, " in message
+        assert "did you mean 'paper'? choose from air_bearing, " in message
         assert "nowhere.yaml: no such file" in refusal(cpid(command, "nowhere.yaml"))

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 import sys
 
 import numpy as np
@@ -10,6 +11,9 @@ import pytest
 from cpid_drake import identify, load_scenario, load_sensors
 from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.errors import InputError
+from cpid_drake.report.run_folder import read_run
+from cpid_drake.report.sections.simulated import simulated_section
 from cpid_drake.resources import models_directory
 from cpid_drake.sensing.files.telemetry_files import read_telemetry
 
@@ -27,7 +31,7 @@ def short(folder):
     def make(name, *changes):
         text = template
         duration = ("simulation:\n  duration: 10.0", "simulation:\n  duration: 3.0")
-        for old, new in (duration, ("accuracy: 1.0e-8", "accuracy: 1.0e-7"), *changes):
+        for old, new in (duration, ("accuracy: 3.0e-11", "accuracy: 3.0e-10"), *changes):
             assert old in text
             text = text.replace(old, new)
         (folder / name).write_text(text)
@@ -93,9 +97,19 @@ def test_a_run_says_how_it_came_about(sensed):
     assert set(about["versions"]) == {"python", "cpid-drake", "drake", "numpy", "scipy"}
     assert all(0 <= drift < 1e-5 for drift in about["momentum_drift"].values())
     found = about["online_identification"]
-    assert found["estimator"] == "momentum_filter"
+    assert found["estimator"] == "recursive_fit"
     assert list(found["estimate"]) == list(found["sigma"]) == list(PARAMETER_NAMES)
     assert abs(found["estimate"]["m"] - 60) < 5 * found["sigma"]["m"]
+
+
+@pytest.mark.parametrize("name", ["telemetry.csv", "truth.csv"])
+def test_a_run_with_a_log_that_was_cut_off_is_refused(sensed, tmp_path, name):
+    copy = shutil.copytree(sensed, tmp_path / "copy")
+    read_run(copy)
+    lines = (copy / name).read_text().splitlines(keepends=True)
+    (copy / name).write_text("".join(lines[: len(lines) // 2]))
+    with pytest.raises(InputError, match=f"{name}: .* cut off"):
+        read_run(copy)
 
 
 def test_the_complete_scenario_gives_the_same_run(sensed, folder, capsys):
@@ -128,7 +142,7 @@ def test_without_sensors_the_telemetry_is_the_exact_motion(folder, short, capsys
     exact = short(
         "exact.yaml",
         ("  suite: flight #", '  suite: "" #'),
-        ("estimator: momentum_filter #", "estimator: least_squares #"),
+        ("estimator: recursive_fit #", "estimator: least_squares #"),
     )
     assert run(exact, "--out", folder / "exact", "--quiet") == 0
     assert capsys.readouterr() == ("", "")
@@ -141,11 +155,37 @@ def test_without_sensors_the_telemetry_is_the_exact_motion(folder, short, capsys
     assert abs(about["online_identification"]["estimate"]["m"] - 60) < 1e-3
 
 
+def test_an_impossible_motion_is_simulated_with_a_warning(folder, short, capsys):
+    """The warning is in the output, in run.json and in the report's section."""
+    heavy = short(
+        "heavy.yaml",
+        ("mass: 60.0", "mass: 6000.0"),
+        ("  suite: flight #", '  suite: "" #'),
+        ("estimator: recursive_fit #", "estimator: least_squares #"),
+    )
+    assert run(heavy, "--out", folder / "heavy", "--quiet") == 0
+    stdout, stderr = capsys.readouterr()
+    assert stdout == ""
+    assert stderr.startswith("warning: capture_arm_joint1 needs ")
+    exceeded = read_json(folder / "heavy" / "run.json")["limits"]["exceeded"]
+    assert stderr == "".join(f"warning: {text}\n" for text in exceeded)
+    section = simulated_section(read_run(folder / "heavy"))
+    for text, warning in zip(exceeded, section.warnings, strict=True):
+        assert text in warning
+
+
+def test_a_possible_motion_has_no_warning(sensed):
+    limits = read_json(sensed / "run.json")["limits"]
+    assert limits["exceeded"] == []
+    assert " m between " in limits["closest"]
+    assert simulated_section(read_run(sensed)).warnings == []
+
+
 def test_what_is_not_known_is_null(folder, short):
     early = short(
         "early.yaml",
         ("duration: 3.0", "duration: 0.3"),
-        ("estimator: momentum_filter #", "estimator: least_squares #"),
+        ("estimator: recursive_fit #", "estimator: least_squares #"),
     )
     assert run(early, "--out", folder / "early", "--quiet") == 0
     found = read_json(folder / "early" / "run.json")["online_identification"]
@@ -157,7 +197,7 @@ def test_files_that_are_no_runs_are_not_overwritten(folder, short, capsys):
     mine.mkdir()
     (mine / "scenario.yaml").write_text(short("source.yaml").read_text())
     assert run(mine / "scenario.yaml", "--out", mine) == 2
-    assert "has a scenario.yaml that no earlier run has written" in capsys.readouterr().err
+    assert "scenario.yaml: is the input" in capsys.readouterr().err
     assert [file.name for file in mine.iterdir()] == ["scenario.yaml"]
 
 
@@ -166,7 +206,7 @@ def test_a_motion_that_cannot_be_simulated_is_one_line(folder, short, capsys):
         "fast.yaml",
         ("momentum_W: [0.0,", "momentum_W: [1.0e+300,"),
         ("  suite: flight #", '  suite: "" #'),
-        ("estimator: momentum_filter #", "estimator: least_squares #"),
+        ("estimator: recursive_fit #", "estimator: least_squares #"),
     )
     assert run(fast, "--out", folder / "fast") == 2
     stdout, stderr = capsys.readouterr()

@@ -29,7 +29,7 @@ def scenario(tmp_path):
     text = (models_directory() / "scenarios" / "free_flyer_payload.yaml").read_text()
     text = text.replace("simulation:\n  duration: 10.0", "simulation:\n  duration: 1.5")
     path = tmp_path / "short.yaml"
-    path.write_text(text.replace("accuracy: 3.0e-9", "accuracy: 1.0e-5"))
+    path.write_text(text.replace("accuracy: 3.0e-11", "accuracy: 1.0e-8"))
     return path
 
 

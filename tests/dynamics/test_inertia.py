@@ -113,7 +113,7 @@ def test_the_papers_true_inertia_is_feasible_though_on_the_limit(paper_target):
 
 def test_the_papers_identified_inertia_is_no_rigid_body():
     """Erratum 8: Table 1's inertia violates the triangle inequality; Drake refuses it."""
-    from cpid_drake.studies.paper import PAPER_TABLE_1
+    from cpid_drake.studies.paper_values import PAPER_TABLE_1
 
     assert not PAPER_TABLE_1.is_feasible()
     assert "triangle inequality" in PAPER_TABLE_1.infeasibilities()[0]

@@ -7,19 +7,23 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import small_craft
 
-from cpid_drake import InertialParameters, Telemetry
+from cpid_drake import InertialParameters, Spacecraft, Telemetry
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, target_momentum
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.sensitivity import (
-    BodyUncertainty,
+    axis_normals,
     body_sensitivity,
+    displaced,
+    geometry_sensitivity,
     joint_sensitivity,
     perturbed,
     stretched_inertia_rate,
+    uncertain_sensitivity,
 )
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 
 N = 5
 STRETCHED = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]  # Exx, Eyy, Ezz, Exy, Exz, Eyz
@@ -37,10 +41,10 @@ class Case:
         self.telemetry = Telemetry.seen_from_base(self.q, self.qdot, w, v)
         self.full = craft.tree.with_target(target.to_standard_vector())
 
-    def solved(self, tree: KinematicTree, q, qdot):
+    def solved(self, tree: KinematicTree, q, qdot, target=None):
         """Return ψ, the dynamics, ω, v and ρ where the momentum about the centre of mass is L."""
-        mass = tree.mass
-        psi = relative_parameterization(mass).from_parameters(self.target.to_vector())
+        mass, target = tree.mass, target or self.target
+        psi = relative_parameterization(mass).from_parameters(target.to_vector())
         dynamics = relative_dynamics(tree, q, qdot)
         h, rho = dynamics.momentum_at_rest(psi), dynamics.com(psi)
         w = np.linalg.solve(dynamics.inertia(psi), (self.L - h)[..., None])[..., 0]
@@ -109,6 +113,119 @@ def test_by_known_bodies(case):
             assert_is_derivative(sensitivity, 10 * k + i, *moved, step)
 
 
+def displacements(case):
+    """Yield every error of the geometry: the joints' (J, 5) and C's (6,)."""
+    J = len(case.craft.joint_names)
+    for unit in np.eye(5 * J + 6):
+        yield unit[: 5 * J].reshape(J, 5), unit[5 * J :]
+
+
+def test_by_geometry(case):
+    """Of the arm and of C: the derivatives are those of a tree with finite errors."""
+    sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
+    assert sensitivity.w.shape == (N, 3, 5 * len(case.craft.joint_names) + 6)
+    step = 1e-5
+    for column, (joints, grasp) in enumerate(displacements(case)):
+        moved = [
+            case.solved(displaced(case.craft.tree, s * joints, s * grasp), case.q, case.qdot)
+            for s in (step, -step)
+        ]
+        assert_is_derivative(sensitivity, column, *moved, step)
+
+
+def test_an_error_of_the_grasp_is_one_of_the_target(case):
+    """A target in a frame C that is off moves the base as another target in the nominal C does."""
+    sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
+    target, first, step = case.target, sensitivity.w.shape[-1] - 6, 1e-5
+    for i, unit in enumerate(np.eye(6)):
+        moved = []
+        for s in (step, -step):
+            R = Rotation.from_rotvec(s * unit[3:]).as_matrix()
+            com, inertia = s * unit[:3] + R @ target.p_CTcm_C, R @ target.I_TTcm_C @ R.T
+            other = InertialParameters(target.mass, com, inertia)
+            moved.append(case.solved(case.craft.tree, case.q, case.qdot, other))
+        assert_is_derivative(sensitivity, first + i, *moved, step)
+
+
+def test_the_grasp_is_displaced_in_its_own_frame(case):
+    """Of a frame C that is turned on the last link."""
+    turned = Rotation.from_rotvec([0.5, -0.3, 0.8]).as_matrix()
+    tree = replace(case.craft.tree, R_BC=turned)
+    psi, dynamics, w, v, _ = case.solved(tree, case.q, case.qdot)
+    telemetry = Telemetry.seen_from_base(case.q, case.qdot, w, v)
+    full = tree.with_target(case.target.to_standard_vector())
+    sensitivity = geometry_sensitivity(full, telemetry, psi, dynamics)
+    still, step = np.zeros((len(case.craft.joint_names), 5)), 1e-5
+    for i, unit in enumerate(np.eye(6)):
+        moved = [
+            case.solved(displaced(tree, still, s * unit), case.q, case.qdot) for s in (step, -step)
+        ]
+        assert_is_derivative(sensitivity, 5 * len(still) + i, *moved, step)
+
+
+def test_a_displaced_tree_is_that_of_a_changed_model(tmp_path):
+    """Joints of all kinds and C, in the frames in which a model file gives them."""
+    craft, rng = small_craft(tmp_path), np.random.default_rng(87)
+    joints, grasp = 0.1 * rng.normal(size=(4, 5)), 0.1 * rng.normal(size=6)
+    text = (tmp_path / "craft.urdf").read_text()
+    moving = [body for body in craft.tree.bodies if body.joint >= 0]
+    for body, error in zip(moving, joints, strict=True):
+        xyz, place = (" ".join(map(str, p.tolist())) for p in (body.p_PF, body.p_PF + error[:3]))
+        turn = Rotation.from_rotvec(axis_normals(body) @ error[3:])
+        rpy = (Rotation.from_matrix(body.R_PF) * turn).as_euler("xyz")
+        rpy = " ".join(map(str, rpy))
+        old = f'<origin xyz="{xyz}" rpy="0.3 -0.2 0.4"/>'
+        assert text.count(old) == 1
+        text = text.replace(old, f'<origin xyz="{place}" rpy="{rpy}"/>')
+    place = " ".join(map(str, grasp[:3]))
+    turn = " ".join(map(str, Rotation.from_rotvec(grasp[3:]).as_euler("xyz")))
+    text = text.replace(
+        "</robot>",
+        '<link name="grasp"/><joint name="held" type="fixed"><parent link="hand"/>'
+        f'<child link="grasp"/><origin xyz="{place}" rpy="{turn}"/></joint></robot>',
+    )
+    (tmp_path / "changed.urdf").write_text(text)
+    changed = Spacecraft(tmp_path / "changed.urdf", base="base", capture_frame="grasp")
+    tree = displaced(craft.tree, joints, grasp)
+    q, qdot = rng.normal(size=(2, N, 4))
+    one, other = relative_dynamics(tree, q, qdot), relative_dynamics(changed.tree, q, qdot)
+    for name in ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot"):
+        value, expected = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9, err_msg=name)
+
+
+def test_units_of_the_uncertain_quantities(case):
+    """Only those that are uncertain, each in units of its σ: millimetres, milliradians, shares."""
+    by_bodies = body_sensitivity(
+        case.full, case.telemetry, case.psi, case.dynamics, len(case.craft.tree.bodies)
+    )
+    by_geometry = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
+    J = len(case.craft.joint_names)
+
+    def scaled(**sigmas):
+        uncertainty = BodyUncertainty(**sigmas)
+        args = case.telemetry, case.psi, case.dynamics, uncertainty
+        value = uncertain_sensitivity(case.full, *args).w
+        assert value.shape[-1] == uncertainty.count(len(case.craft.tree.bodies), J)
+        return value
+
+    places = np.arange(5 * J).reshape(J, 5)
+    for key, sigma, whole, columns in (
+        ("mass", 1.0, by_bodies, slice(0, None, 10)),
+        ("joint_position_mm", 1e-3, by_geometry, places[:, :3].ravel()),
+        ("joint_axis_mrad", 1e-3, by_geometry, places[:, 3:].ravel()),
+        ("grasp_mm", 1e-3, by_geometry, slice(5 * J, 5 * J + 3)),
+        ("grasp_mrad", 1e-3, by_geometry, slice(5 * J + 3, None)),
+    ):
+        np.testing.assert_allclose(
+            scaled(**{key: 3.0}), 3 * sigma * whole.w[..., columns], rtol=1e-12, err_msg=key
+        )
+    both = scaled(mass=0.1, grasp_mm=2.0)
+    np.testing.assert_allclose(both[..., -3:], scaled(grasp_mm=2.0), rtol=1e-12)
+    np.testing.assert_allclose(both[..., :-3], scaled(mass=0.1), rtol=1e-12)
+    assert scaled().shape == (N, 3, 0)
+
+
 def test_stretching_is_to_first_order(craft):
     rng = np.random.default_rng(82)
     body, x = craft.tree.bodies[1], np.concatenate([np.zeros(4), rng.normal(size=6)])
@@ -169,6 +286,35 @@ def test_disturbed_bodies_are_rigid_bodies_of_the_right_spread(craft):
     assert np.std(coms) == pytest.approx(0.003, rel=0.07)
     assert np.std(moments) == pytest.approx(0.05, rel=0.1)
     assert np.abs(np.mean(coms, axis=0)).max() < 4 * 0.003 / np.sqrt(draws)
+
+
+def test_a_drawn_geometry_has_the_right_spread(craft):
+    """Axes stay unit vectors; the bodies are drawn as without errors of the geometry."""
+    uncertainty = BodyUncertainty(
+        0.02, 0.003, 0.05, joint_position_mm=3.0, joint_axis_mrad=20, grasp_mm=5, grasp_mrad=10
+    )
+    rng, draws, tree = np.random.default_rng(88), 400, craft.tree
+    k = max(k for k, body in enumerate(tree.bodies) if body.joint >= 0)
+    places, tilts, grasps, turns = [], [], [], []
+    for _ in range(draws):
+        drawn = perturbed(tree, uncertainty, rng)
+        body = drawn.bodies[k]
+        places.append(body.p_PF - tree.bodies[k].p_PF)
+        axis = body.R_PF @ body.axis_F - tree.bodies[k].R_PF @ tree.bodies[k].axis_F
+        tilts.append(np.linalg.norm(axis))
+        grasps.append(drawn.p_BC - tree.p_BC)
+        turns.append(Rotation.from_matrix(tree.R_BC.T @ drawn.R_BC).as_rotvec())
+        np.testing.assert_allclose(body.R_PF @ body.R_PF.T, np.eye(3), rtol=0, atol=1e-14)
+    assert np.std(places) == pytest.approx(0.003, rel=0.07)
+    assert np.sqrt(np.mean(np.square(tilts)) / 2) == pytest.approx(0.02, rel=0.09)
+    assert np.std(grasps) == pytest.approx(0.005, rel=0.07)
+    assert np.std(turns) == pytest.approx(0.01, rel=0.07)
+    alone = perturbed(tree, BodyUncertainty(0.02, 0.003, 0.05), np.random.default_rng(89))
+    both = perturbed(tree, uncertainty, np.random.default_rng(89))
+    for one, other in zip(alone.bodies, both.bodies, strict=True):
+        assert one.mass == other.mass
+        np.testing.assert_array_equal(one.p_BBcm, other.p_BBcm)
+        np.testing.assert_array_equal(one.I_BBcm, other.I_BBcm)
 
 
 def test_flat_and_thin_bodies_stay_possible(craft):

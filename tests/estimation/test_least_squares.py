@@ -5,7 +5,11 @@ import pytest
 
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import ROW_FAMILIES
-from cpid_drake.estimation.least_squares import solve_compressed
+from cpid_drake.estimation.least_squares import (
+    solution_of_information,
+    solve_compressed,
+    widened,
+)
 from cpid_drake.estimation.observability import describe_unobservable
 from cpid_drake.estimation.square_root import (
     empty_information,
@@ -191,3 +195,45 @@ def test_open_directions_are_named():
     assert text.startswith("1 combination of x1, x2 ")
     assert "x0" not in text
     assert "x3" not in text
+
+
+@pytest.mark.parametrize(("share", "is_known"), [(0.05, True), (0.2, False)])
+def test_an_entry_is_known_to_a_tenth_of_its_plausible_size(share, is_known):
+    """Its σ is that of the information; an unknown entry and its σ are NaN, the others are not."""
+    scale = np.array([50.0, 3.0, 0.2])
+    sigma = scale * [1e-3, share, 1e-2]
+    solution = solution_of_information(np.ones(3), np.diag(sigma**-2.0), scale)
+    assert solution.rank == 2 + is_known
+    assert np.isfinite(solution.estimate).tolist() == [True, is_known, True]
+    np.testing.assert_allclose(np.sqrt(np.diag(solution.covariance))[[0, 2]], sigma[[0, 2]])
+
+
+def test_entries_contain_what_is_left_of_an_unknown_combination():
+    """An entry with a little of an unknown combination has the plausible size of that as its σ."""
+    axes = np.linalg.qr(np.array([[1.0, 4e-4], [-4e-4, 1.0]]))[0]
+    information = axes @ np.diag([1e12, 0.0]) @ axes.T
+    solution = solution_of_information(np.zeros(2), information, np.ones(2))
+    assert np.isnan(solution.estimate).tolist() == [False, True]
+    assert np.sqrt(solution.covariance[0, 0]) == pytest.approx(4e-4, rel=1e-2)
+
+
+@pytest.mark.parametrize("rank", [4, 6])
+def test_further_errors_widen_what_is_known(rank):
+    """Covariances add up; a part of the unknowns that is not known stays so."""
+    rng, scale = np.random.default_rng(31), 10.0 ** np.arange(-3, 3)
+    root = rng.standard_normal((rank, 6)) / scale
+    solution = solution_of_information(scale, 1e4 * root.T @ root, scale)
+    assert solution.rank == rank
+    factor = scale[:, None] * rng.standard_normal((6, 2)) / 50
+    found = widened(solution, factor @ factor.T)
+    each = scale * scale[:, None]
+    if rank == 6:
+        wider = (found.covariance - solution.covariance) / each
+        np.testing.assert_allclose(wider, factor @ factor.T / each, atol=1e-12)
+    kernel = np.linalg.svd(root * scale)[2][rank:].T * scale[:, None]
+    np.testing.assert_allclose(scale[:, None] * (found.information @ kernel), 0.0, atol=1e-6)
+    known = np.linalg.pinv(root * scale) / 100  # the same without the unknown combinations
+    expected = np.eye(rank) + (root @ factor * 100) @ (root @ factor * 100).T
+    inner = known.T @ (found.information * each) @ known
+    np.testing.assert_allclose(inner, np.linalg.inv(expected), rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(found.values, solution.values)

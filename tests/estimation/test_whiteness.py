@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.estimation.whiteness import LagSums, least_white, whiteness
 
 
 @pytest.mark.parametrize("channels", [1, 6])
-def test_the_band_holds_white_noise_in_95_percent(channels):
+def test_the_band_is_3_3_sigma_of_white_noise(channels):
     rng = np.random.default_rng(5)
     found = [whiteness(rng.normal(size=(300, channels))) for _ in range(400)]
-    inside = np.mean([abs(each.lag_one) <= each.band for each in found])
-    assert 0.91 < inside < 0.985
+    assert np.std([each.lag_one / each.band for each in found]) == pytest.approx(1 / 3.3, rel=0.1)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.9])
@@ -23,3 +22,33 @@ def test_the_correlation_time_is_that_of_noise_with_memory(memory):
     found = whiteness(noise)
     assert found.lag_one == pytest.approx(memory, abs=0.02)
     assert found.correlation_time == pytest.approx((1 + memory) / (1 - memory), rel=0.1)
+
+
+@pytest.mark.parametrize("memory", [-0.4, 0.0, 0.7])
+def test_sums_over_blocks_give_the_correlation_of_the_whole(memory):
+    steps = np.random.default_rng(8).normal(size=(20_000, 3))
+    noise = lfilter([1.0], [1.0, -memory], steps, axis=0)
+    sums = LagSums()
+    for block in np.split(noise, 1000):
+        sums = sums.added(block)
+    found = sums.whiteness
+    assert found.lag_one == pytest.approx(memory, abs=0.03)
+    assert found.correlation_time == pytest.approx(max((1 + memory) / (1 - memory), 1), rel=0.1)
+    assert found.rms == pytest.approx(np.std(noise), rel=0.02)
+    assert found.is_white == (memory == 0.0)
+
+
+def test_a_spike_does_not_hide_correlation():
+    rng = np.random.default_rng(9)
+    noise = lfilter([1.0], [1.0, -0.8], rng.normal(size=(3000, 3)), axis=0)
+    noise[1500] += 1e4
+    assert not LagSums().added(noise).whiteness.is_white
+
+
+def test_the_least_white_sensor_is_the_one_that_is_farthest_outside_its_band():
+    """Few samples of a slow sensor correlate by chance."""
+    rng = np.random.default_rng(10)
+    few = whiteness(rng.normal(size=(10, 3)))
+    coloured = whiteness(lfilter([1.0], [1.0, -0.3], rng.normal(size=(5000, 3)), axis=0))
+    assert least_white([few, coloured]) is coloured
+    assert least_white([]) is None

@@ -19,12 +19,15 @@ def craft(tmp_path_factory):
     return small_craft(tmp_path_factory.mktemp("craft"))
 
 
-SMALL, LARGE = 0.03, 0.6  # motions [rad]: of the small one the filter is not sure after one fit
+SMALL, LARGE = (
+    0.03,
+    0.6,
+)  # motions [rad]: of the small one the recursive fit is not sure after one window
 
 
 @pytest.mark.parametrize(
     ("estimator", "size"),
-    [*((name, LARGE) for name in methods() if name != "eq18"), ("momentum_filter", SMALL)],
+    [*((name, LARGE) for name in methods() if name != "eq18"), ("recursive_fit", SMALL)],
 )
 def test_estimate_and_covariance_are_those_of_samples_from_zero_on(
     craft, skewed_target, estimator, size

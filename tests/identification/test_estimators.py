@@ -1,4 +1,4 @@
-"""Five estimators on the same sensors: who is right, who is biased, and what none can know."""
+"""All estimators on the same sensors: who is right, who is biased, and what none can know."""
 
 from dataclasses import replace
 
@@ -12,7 +12,6 @@ from sensing_cases import (
     coarse_suite,
     measured,
     momentum_about_com,
-    small_craft,
     true_psi,
 )
 
@@ -21,10 +20,9 @@ from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import EQ18, parameters_to_standard
 from cpid_drake.dynamics.rows import EQ18_ROWS
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.likelihood.elimination import marginal
 from cpid_drake.estimation.momentum_rows import solve_smoothed_rows
 from cpid_drake.identification.estimators import methods
-from cpid_drake.identification.fit_estimator import cramer_rao_bound
+from cpid_drake.identification.fit_setup import cramer_rao_bound
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
@@ -34,11 +32,6 @@ DURATION = 8.0
 ESTIMATORS = methods()
 UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")
 FAST = {"gyro": Gyro(50.0, 0.005, 1.0, 0.1), "encoders": JointSensor(50.0, 1e-5)}
-
-
-@pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +92,7 @@ def test_every_estimator_is_near_and_gives_a_rigid_body(
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_covariances_hold(craft, at_rest, skewed_target, estimator):
     """Mean NEES over seeds: ten."""
-    suite, seeds = coarse_suite(**FAST), 6
+    suite, seeds = coarse_suite(**FAST), 4
     samples = [add_noise(suite, at_rest, seed) for seed in range(seeds)]
     _, nees = runs(craft, suite, samples, estimator, skewed_target.to_vector())
     low, high = chi2.ppf([0.0005, 0.9995], 10 * seeds) / seeds
@@ -155,27 +148,24 @@ def test_eq18_is_biased_and_the_others_are_not(craft, at_rest, skewed_target):
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
-    samples = [add_noise(suite, tumbling, seed) for seed in range(3)]
+    samples = [add_noise(suite, tumbling, seed) for seed in range(2)]
     known = momentum_about_com(craft, motion, skewed_target, MOMENTUM)
-    if estimator == "momentum_filter":
-        with pytest.raises(InputError, match="needs a total momentum that is zero or unknown"):
-            runs(craft, suite, samples, estimator, true, momentum=known)
-        return
     errors, nees = runs(craft, suite, samples, estimator, true, momentum=known)
     if estimator == "eq18":
         assert np.abs(errors[:, 0] / true[0]).max() < 0.02
     else:
-        assert chi2.ppf(0.001, 30) < nees.sum() < chi2.ppf(0.999, 30)
-    _, untold = runs(craft, suite, samples[:1], estimator, true)
-    assert untold[0] > 100 * max(nees[0], 10)
+        assert chi2.ppf(0.001, 20) < nees.sum() < chi2.ppf(0.999, 20)
+    zero = TotalMomentum.zero()
+    _, untold = runs(craft, suite, samples[:1], estimator, true, momentum=zero)
+    assert not untold[0] < 100 * max(nees[0], 10)  # far off, or not determined (NaN)
 
 
 @pytest.mark.parametrize("estimator", UNBIASED)
 def test_an_unknown_momentum_costs_no_consistency(craft, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
-    samples = [add_noise(suite, tumbling, seed) for seed in range(3)]
+    samples = [add_noise(suite, tumbling, seed) for seed in range(2)]
     _, nees = runs(craft, suite, samples, estimator, true, momentum=TotalMomentum.unknown())
-    assert chi2.ppf(0.0005, 30) < nees.sum() < chi2.ppf(0.9995, 30)
+    assert chi2.ppf(0.0005, 20) < nees.sum() < chi2.ppf(0.9995, 20)
 
 
 @pytest.mark.parametrize("unknown_momentum", [False, True])
@@ -192,10 +182,10 @@ def test_eq18_takes_no_unknown_momentum(craft, at_rest, unknown_momentum):
 def test_what_is_not_of_this_spacecraft_is_refused(craft, at_rest):
     suite, samples = coarse_suite(**FAST), at_rest
     with pytest.raises(
-        InputError, match="no estimator 'best'; choose from least_squares, momentum_filter"
+        InputError, match="no estimator 'best'; choose from least_squares, recursive_fit"
     ):
         identify(craft, samples, sensors=suite, estimator="best")
-    with pytest.raises(InputError, match="the spacecraft has no joint 'a'"):
+    with pytest.raises(InputError, match=r"no column 'q:\w+'; .* the log's are 'a'"):
         identify(craft, replace(samples, joint_names=("a", "b", "c", "d")), sensors=suite)
 
 
@@ -280,7 +270,7 @@ def test_planar_motion_leaves_the_in_plane_inertia_open(planar, seed):
         result.feasible()
 
 
-@pytest.mark.parametrize("estimator", ["momentum_filter", "trajectory_fit"])
+@pytest.mark.parametrize("estimator", ["recursive_fit", "trajectory_fit"])
 def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
     """No rank, or a little from noise; nothing comes out that looks like an answer."""
     q = np.array([0.2, 0.1, -0.3, 0.4])
@@ -307,7 +297,7 @@ def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
         beyond += not result.raw().is_feasible()
         assert result.feasible().is_feasible()
         assert result.spatial_inertia().IsPhysicallyValid()
-    assert beyond or estimator == "momentum_filter"  # at these rates it errs to one side
+    assert beyond
 
 
 # -- the Cramér-Rao bound -------------------------------------------------------------------------
@@ -353,7 +343,7 @@ def numerical_bound(craft, motion, target, suite, times, momentum_W):
     J = np.stack(columns, axis=1)
     information = J.T @ J
     information[16:19, 16:19] += np.eye(3) / suite.gyro.bias_sigma**2
-    return np.linalg.inv(marginal(information, 10))
+    return np.linalg.inv(information)[:10, :10]
 
 
 @pytest.mark.parametrize("momentum_W", [None, MOMENTUM], ids=["at rest", "tumbling"])
@@ -381,12 +371,25 @@ def test_the_bound_agrees_with_an_independent_one(craft, motion, skewed_target, 
     )
 
 
+def test_the_bound_is_open_where_the_motion_shows_nothing(craft, motion, skewed_target):
+    """A slide that moves alone shows no inertia; half as large a motion has twice the σ."""
+    suite, sigmas = coarse_suite(), []
+    for size in (0.4, 0.2):
+        slide = replace(motion, amplitude=size * motion.amplitude * np.eye(4)[1])
+        samples = measured(craft, slide, skewed_target, suite)
+        bound = cramer_rao_bound(craft.tree, true_psi(craft, skewed_target), samples, suite)
+        sigmas.append(np.sqrt(np.diag(bound)))
+        # With half the motion, c_z contains little of what is open, and has a σ of 2 cm.
+        assert np.isnan(sigmas[-1][[1, 2, 4, 5, 6, 7, 8, 9]]).all()
+    assert sigmas[1][0] == pytest.approx(2 * sigmas[0][0], rel=0.05)
+
+
 def assert_tighter(better, worse) -> None:
     """Every combination of the parameters is known at least as well, and one far better."""
     size = 1 / np.sqrt(np.diag(worse))
     difference = (worse - better) * size * size[:, None]
     values = np.linalg.eigvalsh(difference)
-    assert values[0] > -1e-9
+    assert values[0] > -1e-5  # rounding
     assert values[-1] > 0.05
 
 

@@ -1,21 +1,18 @@
 """A guess of the target beforehand: what it is worth to a filter, and that it is not overrated."""
 
-from dataclasses import replace
-
 import numpy as np
+from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.identification.filter_estimator import (
-    identification_of_filter,
-    online_estimator,
-)
+from cpid_drake.identification.fit_estimator import identification_of_state
+from cpid_drake.identification.fit_setup import recursive_fit
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
-SIGMA = 0.15
+SIGMA, SEEDS = 0.15, 8
 POOR = {
     "attitude": AttitudeSensor(5.0, 200.0, 1600.0, np.array([0.0, 0.6, 0.8])),
     "gyro": Gyro(20.0, 0.3, 60.0, 6.0),
@@ -42,7 +39,7 @@ def test_poor_sensors_and_a_guess_know_more_than_poor_sensors(tmp_path, skewed_t
     psi, truth = true_psi(craft, skewed_target), skewed_target.to_vector()
     perfect = measured(craft, Sines.drawn(4, 3, 1.5), skewed_target, suite)
     squares, errors = [], {"guess": [], "nothing": []}
-    for seed in range(16):
+    for seed in range(SEEDS):
         noise = SensorNoise(suite, seed)
         noisy = {}
         for name in suite.present():
@@ -50,8 +47,9 @@ def test_poor_sensors_and_a_guess_know_more_than_poor_sensors(tmp_path, skewed_t
             noisy[name] = Samples(samples.time, noise.apply(name, samples.value))
         guess = drawn_guess(craft, psi, np.random.default_rng(1000 + seed))
         for name, prior in (("guess", {"guess": guess, "guess_sigma": SIGMA}), ("nothing", {})):
-            online = online_estimator(craft, suite, **prior)
-            result = identification_of_filter(online, online.run(replace(perfect, **noisy)))
+            estimator = recursive_fit(craft, suite, **prior)
+            state = estimator.run([perfect.updated(noisy)])
+            result = identification_of_state(estimator, state)
             error = result.parameters - truth
             errors[name].append(error)
             if name == "guess":
@@ -59,4 +57,5 @@ def test_poor_sensors_and_a_guess_know_more_than_poor_sensors(tmp_path, skewed_t
     with_guess, without = (np.sqrt(np.mean(np.square(each), axis=0)) for each in errors.values())
     assert (with_guess < 1.1 * without).all()
     assert with_guess[4:].sum() < 0.7 * without[4:].sum()
-    assert 6.9 < np.mean(squares) < 13.9  # χ² of 160: 99.8 % of them
+    low, high = chi2.ppf([0.001, 0.999], 10 * SEEDS)
+    assert low < np.sum(squares) < high

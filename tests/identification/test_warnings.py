@@ -1,25 +1,51 @@
 """What a result warns of, whoever reads it."""
 
-from functools import partial
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from sensing_cases import Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import identify
-from cpid_drake.estimation.trajectory_fit import fit_trajectory
-from cpid_drake.identification import fit_estimator
+from cpid_drake.estimation import trajectory_fit
 from cpid_drake.sensing.noise import add_noise
 
 
-@pytest.mark.parametrize("iterations", [1, 60])
-def test_a_fit_that_does_not_converge_says_so(tmp_path, skewed_target, monkeypatch, iterations):
-    monkeypatch.setattr(
-        fit_estimator, "fit_trajectory", partial(fit_trajectory, max_iterations=iterations)
-    )
+@pytest.mark.parametrize("tolerance", [0.0, trajectory_fit.STEP_TOLERANCE])
+def test_a_fit_that_does_not_converge_says_so(tmp_path, skewed_target, monkeypatch, tolerance):
+    """No step is smaller than zero: the passes end before the target remains."""
+    monkeypatch.setattr(trajectory_fit, "STEP_TOLERANCE", tolerance)
+    monkeypatch.setattr(trajectory_fit, "MOST_PASSES", 2)
     craft, suite = small_craft(tmp_path), coarse_suite()
     motion = Sines.drawn(4, seed=101, duration=5.0, size=0.6)
     samples = add_noise(suite, measured(craft, motion, skewed_target, suite), seed=1)
     found = identify(craft, samples, sensors=suite, estimator="trajectory_fit")
-    assert found.converged == (iterations > 1)
+    assert found.converged == (tolerance > 0)
     warned = any("did not converge" in warning for warning in found.warnings)
-    assert warned == (iterations == 1)
+    assert warned == (tolerance == 0)
+
+
+@pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
+def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_target, estimator):
+    """As if the true noise had been given; the errors are within the intervals."""
+    craft, suite = small_craft(tmp_path), coarse_suite(velocity=None)
+    motion = Sines.drawn(4, seed=101, duration=4.0, size=0.6)
+    perfect = measured(craft, motion, skewed_target, suite)
+    loud = replace(
+        suite,
+        attitude=replace(suite.attitude, cross_boresight_arcsec=15.0, boresight_arcsec=120.0),
+        gyro=replace(suite.gyro, angle_random_walk=0.015),
+        position=replace(suite.position, sigma=3e-3),
+    )
+    quiet, noisy = (
+        identify(craft, add_noise(each, perfect, 2), sensors=suite, estimator=estimator)
+        for each in (suite, loud)
+    )
+    told = identify(craft, add_noise(loud, perfect, 2), sensors=loud, estimator=estimator)
+    ratio = np.sqrt(np.diag(noisy.covariance) / np.diag(told.covariance))
+    assert np.median(ratio) == pytest.approx(1.0, rel=0.35)
+    assert (np.diag(noisy.covariance) > np.diag(quiet.covariance)).all()
+    error = noisy.parameters - skewed_target.to_vector()
+    assert error @ np.linalg.solve(noisy.covariance, error) < 35
+    assert not any("times the sensors' noise" in warning for warning in quiet.warnings)
+    assert any("times the sensors' noise" in warning for warning in noisy.warnings)

@@ -14,11 +14,12 @@ from cpid_drake.identification import convergence
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.requests import Request, identify_file, request_of_result
 from cpid_drake.identification.result_files import SpacecraftReference, read_result, write_result
-from cpid_drake.report.figures import Picture, ellipse
+from cpid_drake.report.figures import ellipse
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.page import Report, Section, embedded_json
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.pages.study import page_table
+from cpid_drake.report.pictures import Picture
 from cpid_drake.report.sections import replay
 from cpid_drake.report.sections.observability import weakest_combination
 from cpid_drake.report.sections.result import result_section

@@ -15,12 +15,20 @@ from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.convergence import Convergence
 from cpid_drake.identification.description import describe, result_of
 from cpid_drake.identification.result import Identification, ResidualSeries
-from cpid_drake.identification.result_files import SpacecraftReference, read_result, write_result
+from cpid_drake.identification.result_files import (
+    EffectRecord,
+    HeldOutRecord,
+    SpacecraftReference,
+    UndeclaredRecord,
+    read_result,
+    write_result,
+)
 from cpid_drake.report.accuracy import tables
 from cpid_drake.report.figures import ellipse, motion_pictures
 from cpid_drake.report.page import Table
 from cpid_drake.report.replay import estimate_text
 from cpid_drake.report.sections.convergence import convergence_section
+from cpid_drake.report.sections.effects import undeclared_section
 from cpid_drake.report.sections.observability import observability_section
 from cpid_drake.report.sections.residuals import residuals_section
 from cpid_drake.report.sections.result import result_section
@@ -28,6 +36,7 @@ from cpid_drake.report.sections.sensors import sensors_section
 from cpid_drake.report.sections.warnings import warnings_section
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensing.thinning import excerpt_of
 from cpid_drake.studies.accuracy import AccuracyStudy
 from cpid_drake.studies.statistics import Accuracy
 
@@ -52,6 +61,8 @@ def found():
         unobservable=np.empty((0, 10)),
         residual_rms=1.0,
         row_count=16,
+        values=estimate,
+        unit=np.ones(10),
     )
     return Identification(STANDARD, solution, 8, "least_squares", "standard")
 
@@ -72,7 +83,7 @@ class TestIntervals:
 
     def test_in_the_text(self, case):
         found, factor = case
-        lines = describe(found, result_of(found, CRAFT, None))
+        lines = describe(found, result_of(found, CRAFT))
         line = next(line.split() for line in lines if line.split()[:1] == ["m"])
         low, high = float(line[2].strip("[,")), float(line[3].strip("]"))
         assert high - low == pytest.approx(2 * factor * 0.4, abs=0.02)
@@ -80,13 +91,13 @@ class TestIntervals:
 
     def test_in_the_json(self, case, tmp_path):
         found, factor = case
-        write_result(tmp_path / "r.json", result_of(found, CRAFT, None))
+        write_result(tmp_path / "r.json", result_of(found, CRAFT))
         pairs = np.array(json.loads((tmp_path / "r.json").read_text())["interval_95"])
         np.testing.assert_allclose(np.diff(pairs)[:, 0], 2 * factor * SIGMA)
 
     def test_in_the_report(self, case):
         found, factor = case
-        table = result_section(result_of(found, CRAFT, None), None).tables[0]
+        table = result_section(result_of(found, CRAFT), None).tables[0]
         half = np.array(column(table, "± 95 %"), dtype=float)
         np.testing.assert_allclose(half, factor * SIGMA, rtol=0.02)
 
@@ -96,7 +107,7 @@ class TestIntervals:
         assert float(line.split("±")[1]) == pytest.approx(factor * 0.4, rel=0.05)
 
     def test_in_the_report_of_a_file_without_intervals(self, found):
-        result = replace(result_of(found, CRAFT, None), interval_95=None)
+        result = replace(result_of(found, CRAFT), interval_95=None)
         half = np.array(column(result_section(result, None).tables[0], "± 95 %"), dtype=float)
         np.testing.assert_allclose(half, norm.ppf(0.975) * SIGMA, rtol=0.02)
 
@@ -106,7 +117,7 @@ class TestResult:
         vector = TARGET.to_vector()
         vector[0] -= 0.8
         truth = InertialParameters.from_vector(vector)
-        table = result_section(result_of(found, CRAFT, None), truth).tables[0]
+        table = result_section(result_of(found, CRAFT), truth).tables[0]
         assert column(table, "error")[0] == "+0.8"
         assert column(table, "error / σ")[0] == "+2.0"
         assert float(column(table, "truth")[0]) == pytest.approx(9.2)
@@ -115,9 +126,7 @@ class TestResult:
     def test_principal_axes_stand_beside_their_moments(self, found):
         turned = InertialParameters(10.0, [0, 0, 0], [[3, 0, 1], [0, 9, 0], [1, 0, 8]])
         moments, axes = np.linalg.eigh(turned.I_TTcm_C)
-        result = replace(
-            result_of(found, CRAFT, None), principal_moments=moments, principal_axes=axes
-        )
+        result = replace(result_of(found, CRAFT), principal_moments=moments, principal_axes=axes)
         table = result_section(result, None).tables[1]
         for k in range(3):
             axis = [float(column(table, f"axis {name}")[k]) for name in "xyz"]
@@ -125,7 +134,7 @@ class TestResult:
             np.testing.assert_allclose(turned.I_TTcm_C @ axis, np.multiply(moment, axis), atol=2e-3)
 
     def test_what_is_not_consistent_is_called_so(self, found):
-        result = replace(result_of(found, CRAFT, None), infeasibilities=("mass is negative",))
+        result = replace(result_of(found, CRAFT), infeasibilities=("mass is negative",))
         (text,) = result_section(result, None).texts
         assert "physically inconsistent (mass is negative)" in text
 
@@ -134,13 +143,13 @@ class TestWarnings:
     def test_those_of_the_estimator_are_shown(self, found):
         """Such as that the fit did not converge."""
         found = replace(found, warnings=("the fit did not converge",))
-        section = warnings_section(result_of(found, CRAFT, None), None)
+        section = warnings_section(result_of(found, CRAFT), None)
         assert list(section.warnings) == ["the fit did not converge"]
         assert not section.texts
 
     @pytest.mark.parametrize(("shift", "is_other"), [(0.0, False), (0.01, True)])
     def test_a_log_that_now_gives_other_values_is_noticed(self, found, shift, is_other):
-        result = result_of(found, CRAFT, None)
+        result = result_of(found, CRAFT)
         moved = result.parameters + shift * SIGMA
         again = replace(result, mass=moved[0], com=moved[1:4], inertia=moved[4:])
         texts = warnings_section(result, again).warnings
@@ -150,14 +159,14 @@ class TestWarnings:
 class TestObservability:
     def test_relative_standard_deviations(self, found):
         """Of the mass, of the radius of gyration, and of the trace of the inertia."""
-        (table,) = observability_section(result_of(found, CRAFT, None)).tables
+        (table,) = observability_section(result_of(found, CRAFT)).tables
         shares = [float(cell.text) for cell in table.rows[0][1:]]
         assert shares[0] == pytest.approx(100 * 0.4 / 10.0, rel=0.05)
         assert shares[4] == pytest.approx(100 * 0.05 / 9.0, rel=0.05)
         assert shares[7] == pytest.approx(100 * 0.02 / 9.0, rel=0.05)
 
     def test_the_least_certain_parameter_is_named(self, found):
-        texts = " ".join(observability_section(result_of(found, CRAFT, None)).texts)
+        texts = " ".join(observability_section(result_of(found, CRAFT)).texts)
         assert "least certain parameter m has a σ of 4 % of its scale" in texts
         assert "The largest is 10 times the smallest" in texts
 
@@ -200,7 +209,7 @@ def test_the_sensors_section_compares_samples_with_the_assumed_noise(found):
         rejected={"gyro": 7},
     )
     section = sensors_section(
-        SimpleNamespace(found=found, sensors=suite, measurements=measurements)
+        SimpleNamespace(found=found, sensors=suite, excerpt=excerpt_of(measurements))
     )
     assert section.texts[0] == "The noise of the sensors was given."
     (table,) = section.tables
@@ -222,7 +231,7 @@ def test_convergence_is_drawn_from_the_first_parameter_that_is_known_on():
 
 
 def test_a_result_s_report_is_that_of_its_file(found, tmp_path):
-    result = result_of(found, CRAFT, None)
+    result = result_of(found, CRAFT)
     write_result(tmp_path / "r.json", result)
     one, other = (result_section(r, None) for r in (result, read_result(tmp_path / "r.json")))
     assert one.texts == other.texts
@@ -300,3 +309,41 @@ def test_the_accuracy_table_marks_intervals_that_are_not_honest():
     assert by_name["most"][1:] == ["100 %", "100 %"]
     assert by_name["within 1 %"][1:] == ["20 %", "20 %"]
     assert by_name["bias / spread"][1] == "0.75"
+
+
+@pytest.mark.parametrize("proposed", [True, False])
+def test_undeclared_errors_have_estimates_and_a_prediction(proposed):
+    zeros = EffectRecord(
+        "encoders.zero",
+        "mrad",
+        np.array([0.1, 10.4]),
+        np.array([0.2, 0.4]),
+        10.0,
+        "the zeros of the joints are off by (…) mrad",
+    )
+    gains = {"gyro.scale": 12.0, "encoders.zero": 345.6}
+    declaration = ["encoders: {zero_mrad: 10}"]
+    section = undeclared_section(
+        UndeclaredRecord(
+            [zeros],
+            345.6,
+            gains,
+            7.5,
+            proposed,
+            HeldOutRecord(4.0, 120, 0.96, 11.1),
+            proposed,
+            declaration,
+        )
+    )
+    text = " ".join(section.texts)
+    assert "change the target by 7.5 σ" in text
+    assert "the other 4 s with χ² per sample 0.96; without them 11.1" in text
+    assert ("add to the file: encoders: {zero_mrad: 10}" in text) == proposed
+    assert ("not proposed" in text) != proposed
+    assert ("do not explain all" in text) != proposed
+    estimates, alone = section.tables
+    assert [row[0] for row in estimates.rows] == ["encoders.zero", ""]
+    assert estimates.rows[1][1].value == 10.4
+    assert estimates.rows[1][1].key == "undeclared.effects.0.value.1"
+    assert float(estimates.rows[1][2].text) == pytest.approx(norm.ppf(0.975) * 0.4, rel=0.02)
+    assert [row[0] for row in alone.rows] == ["encoders.zero", "gyro.scale"]

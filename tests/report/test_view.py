@@ -11,6 +11,7 @@ import pytest
 from cpid_drake import InputError, Spacecraft, Telemetry, identify
 from cpid_drake.report.replay import MOST_FRAMES, estimate_text, newest_estimates, replay_html
 from cpid_drake.report.replay import _frames as frames
+from cpid_drake.systems.scene_layers import scale_length
 
 INERTIAL = (
     '<inertial><mass value="5"/>'
@@ -73,6 +74,8 @@ def test_a_replay_says_what_was_known_and_when(servicer, zero_momentum_motion, s
     assert b"cpid/true_inertia" not in drawn
     assert b"captured_target" not in drawn
     assert 'value="cpid/true_inertia"' not in page
+    assert 'value="cpid/bodies"' not in page
+    assert "linear momentum of the target, as estimated" in page
 
 
 def test_a_replay_with_truth_draws_it(servicer, zero_momentum_motion, skewed_target):
@@ -158,3 +161,19 @@ def test_an_estimate_is_shown_from_its_time_on():
     estimates = [(1.0, None), (2.0, None), (2.0, None), (5.0, None)]
     shown = newest_estimates(estimates, np.array([0.5, 1.0, 1.9, 2.0, 4.0, 5.0, 9.0]))
     np.testing.assert_array_equal(shown, [-1, 0, 0, 2, 2, 3, 3])
+
+
+def test_the_legend_of_a_replay_names_only_what_is_drawn(two_links):
+    """At rest and without an estimate: neither momenta nor a target."""
+    spacecraft = two_links("")
+    page = replay_html(spacecraft, at_rest(spacecraft, np.arange(3.0)), [])
+    layers = re.findall(r'<input type="checkbox" value="([^"]+)">', page)
+    assert layers == ["drake", "cpid/bodies", "cpid/trail", "cpid/scale", "cpid/frames"]
+    assert "momentum" not in re.search(r"<details.*?</details>", page, re.DOTALL)[0]
+
+
+@pytest.mark.parametrize(
+    ("size", "length"), [(0.09, 0.05), (0.1, 0.1), (0.9, 0.5), (1.99, 1.0), (4.2, 2.0), (7.0, 5.0)]
+)
+def test_the_scale_has_a_round_length_that_fits(size, length):
+    assert scale_length(size) == pytest.approx(length)

@@ -3,6 +3,7 @@
 import copy
 import re
 import time
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.dynamics.sensitivity import BodyUncertainty
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.identification.former_names import FormerNameWarning
 from cpid_drake.resources import models_directory
+from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.joint_motions import HalfCosineMotion, MultiSineMotion
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.studies.paper import sampling_times
@@ -262,7 +265,7 @@ def test_degrees_are_called_so_where_radians_are_possible(write, edited):
     assert "angles are in radians: -30 degrees are -0.5236" in message
     # Slightly out of limits, or also as degrees: no guess.
     for value in (3.2, 1e6):
-        assert "degrees" not in refusal(build, write(edited(key, {"capture_arm_joint1": value})))
+        build(write(edited(key, {"capture_arm_joint1": value})))
 
 
 def test_a_joint_with_a_slip_is_answered_with_the_one_that_was_meant(write, edited):
@@ -389,13 +392,11 @@ def test_a_nominal_mass_that_is_none_is_refused(write, edited, value):
             {"elbow": 0.1},
             "no joint 'elbow'; choose from capture_arm_joint1",
         ),
-        ("joint_motion.final", {"capture_arm_joint1": 3.2}, r"= 3.2 is outside [-3.1, 3.1]"),
         (
             "joint_motion.final",
             {"capture_arm_joint1": np.nan},
             "capture_arm_joint1 must be a finite",
         ),
-        ("joint_motion.duration", 1.0, "above its limit 0.4 rad/s; give a longer duration"),
     ],
 )
 def test_a_scenario_that_cannot_be_built_is_refused_with_the_cause(
@@ -540,11 +541,11 @@ def test_a_key_that_looks_like_drakes_tag_is_an_unknown_key(write, edited):
     assert "unknown key 'joint_motion._tag'" in message
 
 
-@pytest.mark.parametrize("key", ["initial", "final", "speed"])
+@pytest.mark.parametrize("key", ["initial", "speed"])
 def test_an_unknown_key_of_sines_is_answered_with_the_choices(tagged, key):
     message = refusal(load_scenario, tagged({key: {}}))
     assert f"unknown key 'joint_motion.{key}'" in message
-    assert "choose from duration, ramp, frequencies, centre, amplitudes, phases" in message
+    assert "choose from duration, ramp, frequencies, centre, amplitudes, phases, final" in message
 
 
 def test_a_key_of_sines_given_twice_is_refused(tagged, write):
@@ -573,7 +574,6 @@ def test_a_key_of_sines_given_twice_is_refused(tagged, write):
         ("frequencies", [[0.1, 0.3]], "frequencies must be finite numbers in 1 dimension"),
         ("frequencies", [0.1], "amplitudes: capture_arm_joint1 needs finite numbers, one for each"),
         ("frequencies", [0.1, 1e6], "more than 1000 cycles"),
-        ("frequencies", [0.1, 3.0], "capture_arm_joint1 would reach 1."),
         ("centre", [0.1], "joint_motion.centre must be a mapping"),
         ("centre", {"capture_arm_joint1": "far"}, "joint_motion.centre.capture_arm_joint1 must be"),
         (
@@ -581,9 +581,6 @@ def test_a_key_of_sines_given_twice_is_refused(tagged, write):
             {"elbow": 0.1},
             "joint_motion.centre: no joint 'elbow'; choose from capture_arm",
         ),
-        ("centre", {"capture_arm_joint1": 3.2}, "centre: capture_arm_joint1 = 3.2 is outside"),
-        ("centre", {"capture_arm_joint1": 3.0}, "outside [-3.1, 3.1]"),
-        ("centre", {"capture_arm_joint1": -3.0}, "outside [-3.1, 3.1]"),
         ("amplitudes", [[0.1, 0.2]], "joint_motion.amplitudes must be a mapping"),
         (
             "amplitudes",
@@ -593,11 +590,6 @@ def test_a_key_of_sines_given_twice_is_refused(tagged, write):
         ("amplitudes", {"capture_arm_joint1": 0.1}, "capture_arm_joint1 must be a list of numbers"),
         ("amplitudes", {"capture_arm_joint1": [0.1]}, "one for each of the 2 frequencies"),
         ("amplitudes", {"capture_arm_joint1": [0.1, np.nan]}, "joint1 must be finite numbers"),
-        (
-            "amplitudes",
-            {"operating_arm_joint4": [0.0, 0.5]},
-            "operating_arm_joint4 would reach 0.942, above its limit 0.6 rad/s; give smaller",
-        ),
         ("phases", {"elbow": [0.1, 0.2]}, "joint_motion.phases: no joint 'elbow'"),
         ("phases", {"capture_arm_joint1": [0.1, 0.2, 0.3]}, "joint_motion.phases: capture_arm_j"),
     ],
@@ -640,7 +632,7 @@ def test_without_the_new_sections_nothing_is_sensed_and_the_spacecraft_is_known(
     scenario = load_scenario(write(short))
     assert scenario.make_suite() is None
     assert scenario.body_uncertainty() is None
-    assert scenario.identification.estimator == "least_squares"
+    assert scenario.online_estimator == "least_squares"
     accuracy = scenario.accuracy
     assert accuracy.presets == ["flight", "servicer", "testbed", "coarse"]
     assert (accuracy.trials, accuracy.seed, accuracy.momentum_known) == (200, 2016, False)
@@ -653,7 +645,7 @@ def test_every_value_of_the_new_sections_arrives(write, paper_yaml):
             paper_yaml
             | {
                 "sensors": {"suite": "servicer", "seed": 7},
-                "identification": {"estimator": "momentum_filter"},
+                "identification": {"estimator": "recursive_fit"},
                 "known_bodies": {"mass": 0.01, "com": 0.005, "inertia": 0.02},
                 "accuracy": {
                     "presets": ["coarse"],
@@ -667,7 +659,7 @@ def test_every_value_of_the_new_sections_arrives(write, paper_yaml):
     )
     assert repr(scenario.make_suite()) == repr(load_sensors("servicer"))
     assert scenario.sensors.seed == 7
-    assert scenario.identification.estimator == "momentum_filter"
+    assert scenario.identification.estimator == "recursive_fit"
     assert scenario.body_uncertainty() == BodyUncertainty(mass=0.01, com=0.005, inertia=0.02)
     accuracy = scenario.accuracy
     assert accuracy.presets == ["coarse"]
@@ -680,8 +672,8 @@ def test_sensors_may_be_written_into_the_scenario(write, paper_yaml):
     """Those of a preset's file, word by word, are the same sensors."""
     text = (models_directory() / "sensors" / "servicer.yaml").read_text()
     explicit = {"sensors": {"explicit": yaml.safe_load(text), "seed": 3}}
-    filtering = {"identification": {"estimator": "momentum_filter"}}
-    scenario = load_scenario(write(paper_yaml | explicit | filtering))
+    recursive = {"identification": RECURSIVE}
+    scenario = load_scenario(write(paper_yaml | explicit | recursive))
     assert repr(scenario.make_suite()) == repr(load_sensors("servicer"))
     assert scenario.sensors.present
     make_simulation(scenario)
@@ -692,15 +684,25 @@ def guess(**changes) -> dict:
     return {"mass": 50.0, "p_CTcm_C": [0.4, 0.0, 0.0], "I_TTcm_C": inertia, "sigma": 0.3} | changes
 
 
-FILTERING = {"estimator": "momentum_filter"}
+RECURSIVE = {"estimator": "recursive_fit"}
 
 
-def test_a_prior_is_what_the_filter_starts_from(write, paper_yaml):
+def test_the_former_name_of_the_recursive_fit_is_accepted_with_one_warning(write, paper_yaml):
+    former = {"sensors": {"suite": "flight"}, "identification": {"estimator": "momentum_filter"}}
+    file = write(paper_yaml | former)
+    with pytest.warns(FormerNameWarning, match="is now named 'recursive_fit'") as found:
+        scenario = load_scenario(file)
+    assert len(found) == 1
+    assert found[0].filename == __file__
+    assert scenario.identification.estimator == "recursive_fit"
+
+
+def test_a_prior_is_what_the_recursive_fit_starts_from(write, paper_yaml):
     """Before the first sample the estimate is the guess, as sure as it says; else nothing."""
     sensors = {"sensors": {"suite": "flight"}}
 
     def before_the_first_sample(prior):
-        identification = {"identification": FILTERING | {"prior": prior}}
+        identification = {"identification": RECURSIVE | {"prior": prior}}
         simulation = make_simulation(load_scenario(write(paper_yaml | sensors | identification)))
         context = simulation.diagram.CreateDefaultContext()
         identifier = simulation.identifier
@@ -716,19 +718,19 @@ def test_a_prior_is_what_the_filter_starts_from(write, paper_yaml):
 @pytest.mark.parametrize(
     ("values", "cause"),
     [
-        ({"prior": guess()}, "identification.prior: least_squares uses no prior"),
-        (FILTERING | {"prior": guess(sigma=0.0)}, "sigma must be a number from 1e-6 to 100, not 0"),
-        (FILTERING | {"prior": guess(sigma="good")}, "identification.prior.sigma must be a number"),
-        (FILTERING | {"prior": guess(mass=-1.0)}, "prior: not a rigid body: the mass -1 kg is"),
-        (FILTERING | {"prior": guess(p_CTcm_C=[400.0, 0, 0])}, "prior.p_CTcm_C: a centre of mass"),
-        (FILTERING | {"prior": {"mass": 3.0}}, "identification.prior.p_CTcm_C is missing"),
+        ({"prior": guess(), "rows": "eq18"}, "identification.prior: least_squares uses no prior"),
+        (RECURSIVE | {"prior": guess(sigma=0.0)}, "sigma must be a number from 1e-6 to 100, not 0"),
+        (RECURSIVE | {"prior": guess(sigma="good")}, "identification.prior.sigma must be a number"),
+        (RECURSIVE | {"prior": guess(mass=-1.0)}, "prior: not a rigid body: the mass -1 kg is"),
+        (RECURSIVE | {"prior": guess(p_CTcm_C=[400.0, 0, 0])}, "prior.p_CTcm_C: a centre of mass"),
+        (RECURSIVE | {"prior": {"mass": 3.0}}, "identification.prior.p_CTcm_C is missing"),
         (
-            FILTERING | {"prior": guess(p_CTcm_C=[0.0])},
+            RECURSIVE | {"prior": guess(p_CTcm_C=[0.0])},
             "prior.p_CTcm_C must be a list of 3 numbers",
         ),
-        (FILTERING | {"prior": 0.1}, "identification.prior must be a mapping"),
+        (RECURSIVE | {"prior": 0.1}, "identification.prior must be a mapping"),
         (
-            FILTERING | {"prior": guess(p_CTcm_C=[0, 0, 0], I_TTcm_C=np.zeros((3, 3)).tolist())},
+            RECURSIVE | {"prior": guess(p_CTcm_C=[0, 0, 0], I_TTcm_C=np.zeros((3, 3)).tolist())},
             "a point at C's origin",
         ),
     ],
@@ -740,10 +742,10 @@ def test_a_prior_that_cannot_be_is_refused(write, paper_yaml, values, cause):
     assert cause in message
 
 
-@pytest.mark.parametrize("key", ["mass", "com", "inertia"])
+@pytest.mark.parametrize("key", [entry.name for entry in fields(BodyUncertainty)])
 def test_one_uncertainty_is_enough(write, paper_yaml, key):
     scenario = load_scenario(write(paper_yaml | {"known_bodies": {key: 0.03}}))
-    assert vars(scenario.body_uncertainty()) == {"mass": 0.0, "com": 0.0, "inertia": 0.0, key: 0.03}
+    assert scenario.body_uncertainty() == BodyUncertainty(**{key: 0.03})
 
 
 def test_a_suite_of_ones_own_starts_at_the_scenarios_folder(
@@ -796,9 +798,9 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
         (
             "identification",
             {"estimator": "guess"},
-            "identification.estimator must be one of least_squares, momentum_filter, not 'guess'",
+            "identification.estimator must be one of least_squares, recursive_fit, not 'guess'",
         ),
-        ("identification", {"estimator": "momentum_filter"}, "needs sensors; give sensors.suite"),
+        ("identification", {"estimator": "recursive_fit"}, "needs sensors; give sensors.suite"),
         ("known_bodies", {"mass": -0.1}, "known_bodies.mass must be a number >= 0"),
         ("known_bodies", {"com": np.nan}, "known_bodies.com must be a finite number"),
         ("known_bodies", {"inertia": np.inf}, "known_bodies.inertia must be a finite number"),
@@ -850,4 +852,33 @@ def test_the_shipped_variants_differ_from_the_exciting_motion_only_where_they_sa
 def test_every_shipped_scenario_has_a_seed_of_its_own():
     files = sorted(shipped_scenario("paper").parent.glob("*.yaml"))
     seeds = {load_scenario(file).accuracy.seed for file in files}
-    assert len(seeds) == len(files) == 7
+    assert len(seeds) == len(files) == 10
+
+
+def test_forces_of_the_simulation_are_written_and_read_without_loss(tmp_path):
+    """A table, a disturbance, an orbit, a list of sprung masses and a compliant wrist."""
+    text = shipped_scenario("orbit").read_text()
+    text = text.replace(
+        "  capture_frame: capture_point\n", "  capture_frame: capture_point\n  on_table: true\n"
+    )
+    mass = "{body: tank, p_BS: [0.1, 0, 0], mass: 30.0, frequency: 0.4}"
+    force = "{acceleration_W: [1.0e-5, 0, 0]}"
+    wrist = "{stiffness: [200, 300, 400], translational_stiffness: [1e4, 2e4, 3e4]}"
+    text = text.replace(
+        "simulation:\n",
+        f"simulation:\n  disturbance: {force}\n  sprung_masses: [{mass}]\n  wrist: {wrist}\n",
+    )
+    (tmp_path / "mine.yaml").write_text(text)
+    scenario = load_scenario(tmp_path / "mine.yaml")
+    (tmp_path / "again.yaml").write_text(dump_scenario(scenario))
+    again = load_scenario(tmp_path / "again.yaml")
+    assert repr(again) == repr(scenario)
+    [found] = again.simulation.sprung_masses
+    assert (found.body, found.mass, found.damping_ratio) == ("tank", 30.0, 0.01)
+    np.testing.assert_array_equal(found.p_BS, [0.1, 0.0, 0.0])
+    np.testing.assert_array_equal(again.simulation.wrist.stiffness, [200.0, 300.0, 400.0])
+    np.testing.assert_array_equal(again.simulation.wrist.damping, np.zeros(3))
+    np.testing.assert_array_equal(again.simulation.wrist.translational_stiffness, [1e4, 2e4, 3e4])
+    np.testing.assert_array_equal(again.simulation.disturbance.acceleration_W, [1e-5, 0, 0])
+    assert again.simulation.disturbance.torque_W is None
+    assert again.spacecraft.on_table

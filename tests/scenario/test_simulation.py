@@ -1,5 +1,7 @@
 """A scenario as a Diagram: momentum is conserved, and what is simulated is identified."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,8 +18,15 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
+from cpid_drake.dynamics.forced_motion import propagate_forced
 from cpid_drake.dynamics.momentum import total_momentum
-from cpid_drake.scenario.schema import ControllerConfig
+from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.identification.former_names import FormerNameWarning
+from cpid_drake.scenario.schema import ControllerConfig, DisturbanceConfig, SprungMassConfig
+from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.sensing.sensors import JointSensor
+from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.studies.trials import base_trajectory, make_case
 
 
 class Swinging:
@@ -64,7 +73,7 @@ def test_another_target_is_identified_as_that_target(paper_scenario, mass):
     """The answer follows the truth: it is not written anywhere but in the scenario."""
     paper_scenario.target.mass = mass
     paper_scenario.target.p_CTcm_C = np.array([0.3, 0.1, -0.2])
-    paper_scenario.simulation.simulator.accuracy = 1e-7
+    paper_scenario.simulation.simulator.accuracy = 3e-10
     simulation = make_simulation(paper_scenario)
     root_context = simulation.run()
     context = simulation.identifier.GetMyContextFromRoot(root_context)
@@ -113,7 +122,7 @@ def test_the_diagram_names_its_systems(paper_scenario):
 def test_a_tumbling_capture_is_identified_with_its_momentum():
     """Online, in the full simulation; the momentum stays what the scenario says."""
     scenario = load_scenario(shipped_scenario("tumbling_capture"))
-    scenario.simulation.simulator.accuracy = 1e-9
+    scenario.simulation.simulator.accuracy = 3e-12
     scenario.simulation.duration = 5.0
     simulation = make_simulation(scenario)
     root_context = simulation.run()
@@ -135,7 +144,7 @@ def test_a_tumbling_capture_is_identified_with_its_momentum():
 def test_least_squares_goes_on_from_the_exact_state(paper_scenario):
     """Sensors are there and logged, and change nothing but the integrator's steps."""
     paper_scenario.simulation.duration = 3.0
-    paper_scenario.simulation.simulator.accuracy = 1e-8
+    paper_scenario.simulation.simulator.accuracy = 3e-11
     paper_scenario.sensors.suite = "coarse"
     simulation = make_simulation(paper_scenario)
     assert isinstance(simulation.identifier, MomentumIdentifier)
@@ -172,17 +181,26 @@ def test_without_sensors_there_are_no_measurements(paper_scenario):
         simulation.measurements(root_context)
 
 
-def test_a_filter_without_sensors_is_refused(paper_scenario):
+def test_a_recursive_fit_without_sensors_is_refused(paper_scenario):
     """Also in a scenario that no file has been checked for."""
-    paper_scenario.identification.estimator = "momentum_filter"
-    with pytest.raises(InputError, match=r"momentum_filter needs sensors\.suite"):
+    paper_scenario.identification.estimator = "recursive_fit"
+    with pytest.raises(InputError, match=r"recursive_fit needs sensors\.suite"):
         make_simulation(paper_scenario)
     paper_scenario.identification.estimator = "guess"
     with pytest.raises(InputError, match="no online estimator 'guess'"):
         make_simulation(paper_scenario)
 
 
-def test_what_the_filter_identifies_is_drawn():
+def test_the_former_name_of_an_estimator_makes_the_same_diagram_with_one_warning(paper_scenario):
+    paper_scenario.identification.estimator = "momentum_filter"
+    paper_scenario.sensors.suite = "flight"
+    with pytest.warns(FormerNameWarning, match="'recursive_fit'") as warnings:
+        simulation = make_simulation(paper_scenario)
+    assert len(warnings) == 1
+    assert isinstance(simulation.identifier, SensorIdentifier)
+
+
+def test_what_the_recursive_fit_identifies_is_drawn():
     """A recording of a run that is long enough for an estimate scales its ellipsoid."""
     from base64 import b64decode
     from re import findall
@@ -191,7 +209,7 @@ def test_what_the_filter_identifies_is_drawn():
 
     scenario = load_scenario(shipped_scenario("exciting_motion"))
     scenario.sensors.suite = "flight"
-    scenario.identification.estimator = "momentum_filter"
+    scenario.identification.estimator = "recursive_fit"
     scenario.simulation.duration = 1.5
     scenario.simulation.simulator.accuracy = 1e-5
     meshcat = Meshcat()
@@ -234,3 +252,162 @@ def test_a_controller_has_the_gains_and_the_sphere_of_its_scenario(servicer):
         found, by_hand.GetOutputPort("generalized_force").Eval(context), rtol=1e-12, atol=1e-12
     )
     assert np.abs(found).max() > 1.0
+
+
+@pytest.mark.parametrize("walk", [0.0, 1e-5])
+def test_a_disturbance_changes_the_momentum_as_newtons_laws_say(walk):
+    """The plant gets the force and the torque; the momentum that they give has a closed form."""
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    scenario.simulation.duration = 2.0
+    scenario.simulation.simulator.accuracy = 1e-9
+    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
+    scenario.simulation.disturbance = DisturbanceConfig(
+        np.array([4e-3, -3e-3, 2e-3]), np.array([0.01, 0.02, -0.03])
+    )
+    scenario.sensors.explicit = SensorSuite(
+        encoders=JointSensor(),
+        disturbances=Disturbances(1e-3, 1e-2, acceleration_walk=walk, torque_walk=100 * walk),
+    )
+    scenario.identification.estimator = "least_squares"
+    simulation = make_simulation(scenario)
+    context = simulation.run()
+    telemetry = simulation.telemetry(context)
+    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    expected = simulation.expected_momentum(telemetry, context)
+    np.testing.assert_allclose(np.hstack([L, P]), expected, atol=2e-7)
+    np.testing.assert_allclose(P[-1] - P[0], expected[-1, 3:] - expected[0, 3:], atol=1e-7)
+    if not walk:
+        mass = simulation.spacecraft.mass + simulation.truth.mass
+        push = scenario.simulation.disturbance.acceleration_W
+        np.testing.assert_allclose(P[-1] - P[0], 2.0 * mass * push, atol=1e-7)
+
+
+def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
+    """Forces on every body of the plant; the base's motion is integrated by its momentum."""
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    scenario.simulation.duration = 2.0
+    scenario.simulation.simulator.accuracy = 1e-10
+    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
+    scenario.simulation.disturbance = DisturbanceConfig(
+        np.array([4e-3, -3e-3, 2e-3]), np.array([0.01, 0.02, -0.03])
+    )
+    orbit = Orbit(rate=0.1, nadir_W=np.array([0.6, 0, -0.8]), normal_W=np.array([0.8, 0, 0.6]))
+    scenario.sensors.explicit = SensorSuite(
+        encoders=JointSensor(), disturbances=Disturbances(orbit=orbit)
+    )
+    scenario.identification.estimator = "least_squares"
+    simulation = make_simulation(scenario)
+    context = simulation.run()
+    telemetry = simulation.telemetry(context)
+    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    expected = simulation.expected_momentum(telemetry, context)
+    np.testing.assert_allclose(np.hstack([L, P]), expected, rtol=0, atol=1e-6)
+    base, end = propagate_forced(
+        simulation.spacecraft.tree,
+        simulation.joint_motion,
+        simulation.truth.to_standard_vector(),
+        telemetry.time,
+        orbit,
+        momentum_W=scenario.simulation.momentum_W,
+        disturbance_W=np.array([0.01, 0.02, -0.03, 4e-3, -3e-3, 2e-3]),
+    )
+    # The joints do not follow the desired motion exactly.
+    np.testing.assert_allclose(np.hstack([L, P])[-1], end, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(telemetry.p_WB, base.p_WB, rtol=0, atol=1e-4)
+    assert np.abs(end - expected[0]).max() > 1e-2
+
+
+def with_slosh(frequency: float, damping_ratio: float = 0.05):
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    scenario.simulation.duration = 3.0
+    scenario.simulation.simulator.accuracy = 1e-10
+    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
+    scenario.simulation.disturbance = DisturbanceConfig(np.array([4e-3, -3e-3, 2e-3]))
+    scenario.simulation.sprung_masses = [
+        SprungMassConfig("body", np.array([0.05, 0.1, -0.08]), 1.0, frequency, damping_ratio),
+        SprungMassConfig(
+            "captured_target", np.array([0.3, 0.05, 0.05]), 0.5, 2 * frequency, damping_ratio
+        ),
+    ]
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def sloshing():
+    simulation = make_simulation(with_slosh(0.5))
+    return simulation, simulation.run()
+
+
+def test_sprung_masses_conserve_momentum(sloshing):
+    """The rigid model alone does not: its momentum is exchanged with the masses."""
+    simulation, context = sloshing
+    telemetry = simulation.telemetry(context)
+    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    expected = simulation.expected_momentum(telemetry, context)
+    np.testing.assert_allclose(np.hstack([L, P]), expected, atol=1e-7)
+    relative = [sink.FindLog(context).data() for sink in simulation.forces.logs]
+    assert min(np.abs(each).max() for each in relative) > 1e-3
+    assert not any(each[:, 0].any() for each in relative), "they start at rest in their bodies"
+
+
+def test_a_stiff_spring_is_a_rigid_body(sloshing):
+    """The motion of the base tends to that of the rigid model as the spring gets stiffer."""
+    rigid = with_slosh(0.5)
+    rigid.simulation.sprung_masses = []
+    rigid = make_simulation(rigid)
+    expected = rigid.telemetry(rigid.run()).p_WB[-1]
+    soft = sloshing[0].telemetry(sloshing[1]).p_WB[-1]
+    stiff = make_simulation(with_slosh(8.0, 0.5))
+    found = stiff.telemetry(stiff.run()).p_WB[-1]
+    off = np.linalg.norm(soft - expected)
+    assert off > 1e-4
+    assert np.linalg.norm(found - expected) < 0.05 * off
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"body": "bodie"}, "no body 'bodie'; did you mean 'body'"),
+        ({"mass": 20.0}, "a sprung mass of 20 kg in body: no mass remains"),
+        ({"p_BS": np.array([3.0, 0.0, 0.0])}, "a sprung mass of 1 kg in body: "),
+    ],
+)
+def test_a_sprung_mass_that_its_body_cannot_contain_is_refused(change, message):
+    scenario = with_slosh(0.5)
+    first = scenario.simulation.sprung_masses[0]
+    scenario.simulation.sprung_masses = [replace(first, **change)]
+    with pytest.raises(InputError, match=message):
+        make_simulation(scenario)
+
+
+def test_a_table_holds_height_and_tilt_and_nothing_in_the_plane():
+    """A target above the plane would tilt a free base; on a table it moves as the planar model."""
+    scenario = load_scenario(shipped_scenario("air_bearing"))
+    scenario.simulation.duration = 3.0
+    scenario.simulation.simulator.accuracy = 1e-9
+    scenario.simulation.disturbance = DisturbanceConfig(
+        np.array([4e-3, 3e-3, -5e-3]), np.array([2e-3, -1e-3, 1e-3])
+    )
+    scenario.target.p_CTcm_C = np.array([0.115, 0.015, 0.08])
+    scenario.target.I_TTcm_C = np.array(
+        [[0.02, 0.001, 0.003], [0.001, 0.022, -0.002], [0.003, -0.002, 0.024]]
+    )
+    simulation = make_simulation(scenario)
+    context = simulation.run()
+    telemetry = simulation.telemetry(context)
+    assert np.abs(telemetry.p_WB[:, 2]).max() < 1e-4
+    tilt = telemetry.R_WB[:, :2, 2]
+    assert np.abs(tilt).max() < 1e-4
+    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    expected = simulation.expected_momentum(telemetry, context)
+    np.testing.assert_allclose(P[:, :2], expected[:, 3:5], atol=1e-6)
+    np.testing.assert_allclose(L[:, 2], expected[:, 2], atol=2e-6)
+    case = make_case(
+        scenario, simulation.spacecraft, simulation.truth, scenario.make_suite(), (), 1
+    )
+    base = base_trajectory(case, simulation.spacecraft.tree, telemetry.time)
+    np.testing.assert_allclose(telemetry.p_WB[:, :2], base.p_WB[:, :2], atol=2e-5)
+    free = replace(scenario.spacecraft, on_table=False)
+    loose = make_simulation(replace(scenario, spacecraft=free))
+    tilted = loose.telemetry(loose.run()).R_WB[:, :2, 2]
+    assert np.abs(tilted).max() > 30 * np.abs(tilt).max()

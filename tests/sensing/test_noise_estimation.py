@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise_estimation import noise_level
 
@@ -14,3 +15,10 @@ def test_rare_outliers_do_not_change_the_noise_level():
     value = np.sin(time)[:, None] * [1.0, 2.0, -1.0] + sigma * rng.normal(size=(time.size, 3))
     value[500::1000] += 100 * sigma
     assert noise_level(Samples(time, value)) == pytest.approx(sigma, rel=0.1)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_a_few_samples_show_no_noise(count):
+    with pytest.raises(InputError, match=f"{count} samples are too few"):
+        noise_level(Samples(np.arange(float(count)), np.zeros((count, 3))))

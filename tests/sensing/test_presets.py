@@ -15,7 +15,10 @@ from cpid_drake.resources import models_directory
 from cpid_drake.sensing.presets import load_sensors, sensor_presets
 from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor
 
-PRESETS = ("coarse", "digits6", "flight", "ideal", "servicer", "testbed")
+PRESETS = (
+    *("air_bearing", "coarse", "digits6", "flight", "flight_thrust"),
+    *("ideal", "orbit", "servicer", "testbed"),
+)
 
 
 @pytest.fixture
@@ -194,10 +197,10 @@ def test_what_is_no_suite_is_refused(write, content):
     ("content", "key", "choices"),
     [
         ("encoders: {}\nstar_tracker: {}", "star_tracker", "attitude, gyro, position"),
-        ("encoders: {}\ngyro: {arw: 1}", "gyro.arw", "rate, angle_random_walk, bias"),
-        ("encoders: {resolution: 3}", "encoders.resolution", "rate, sigma, bits"),
-        ("encoders: {}\nvelocity: {bits: 3}", "velocity.bits", "rate, sigma"),
-        ("encoders: {}\ngyro: {_tag: '!Gyro'}", "gyro._tag", "rate, angle_random_walk"),
+        ("encoders: {}\ngyro: {arw: 1}", "gyro.arw", "rate, delay_ms, dropouts"),
+        ("encoders: {resolution: 3}", "encoders.resolution", "dropout_length, sigma, bits"),
+        ("encoders: {}\nvelocity: {bits: 3}", "velocity.bits", "dropout_length, sigma"),
+        ("encoders: {}\ngyro: {_tag: '!Gyro'}", "gyro._tag", "dropout_length, angle_random_walk"),
     ],
 )
 def test_an_unknown_key_is_answered_with_the_choices(write, content, key, choices):

@@ -30,7 +30,8 @@ def draw(servicer):
         body = servicer.add_to(plant, target, scene_graph=scene_graph, target_visual_model=look)
         inspector = scene_graph.model_inspector()
         frame = plant.GetBodyFrameIdOrThrow(body.index())
-        assert not plant.GetCollisionGeometriesForBody(body)
+        if look is None:
+            assert not plant.GetCollisionGeometriesForBody(body)
         return [
             (inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry))
             for geometry in inspector.GetGeometries(frame, Role.kIllustration)

@@ -484,9 +484,9 @@ def test_the_format_must_be_known_and_the_ending_its_own(refusal):
 
 
 def test_a_place_that_cannot_be_written_to_is_named(refusal, tmp_path):
-    assert refusal("no/a.urdf", "urdf") == "no/a.urdf: no such folder: no"
+    assert refusal("no/a.urdf", "urdf") == "no/a.urdf: there is no folder no"
     (tmp_path / "folder.urdf").mkdir()
-    assert "folder.urdf: exists already" in refusal("folder.urdf", "urdf", overwrite=True)
+    assert "folder.urdf: is a folder" in refusal("folder.urdf", "urdf", overwrite=True)
     assert "File name too long" in refusal("x" * 300 + ".urdf", "urdf")
 
 
@@ -502,7 +502,7 @@ def test_only_with_leave_a_file_is_overwritten(refusal, taken, skewed_target, tm
 def test_the_spacecrafts_own_model_is_never_overwritten(load, refusal):
     spacecraft = load("mine.urdf", URDF, "hand")
     options = {"spacecraft": spacecraft, "overwrite": True}
-    assert "the spacecraft's own model" in refusal("models/mine.urdf", "urdf", **options)
+    assert "would be lost" in refusal("models/mine.urdf", "urdf", **options)
 
 
 @pytest.mark.parametrize("format", ["urdf", "drake-yaml"])

@@ -359,11 +359,22 @@ def test_missing_meshes_do_not_matter(load):
 
 def test_limits_are_read(load):
     spacecraft = load(TWO_LINKS)
-    np.testing.assert_array_equal(spacecraft.velocity_limits, [0.7])
-    np.testing.assert_array_equal(spacecraft.configuration({"j": 2.5}, "here"), [2.5])
+    np.testing.assert_array_equal(spacecraft.limits.lowest, [-2.0])
+    np.testing.assert_array_equal(spacecraft.limits.highest, [2.5])
+    np.testing.assert_array_equal(spacecraft.limits.rates, [0.7])
+    np.testing.assert_array_equal(spacecraft.limits.efforts, [10.0])  # there is no transmission
+
+
+def test_a_configuration_is_in_radians_and_finite(load):
+    """A position beyond the limits is accepted; an angle in degrees is not."""
+    spacecraft = load(TWO_LINKS)
+    for value in (2.5, 2.6, -2.1, 1e6):
+        np.testing.assert_array_equal(spacecraft.configuration({"j": value}, "here"), [value])
     np.testing.assert_array_equal(spacecraft.configuration({}, "here"), [0.0])
-    for value in (2.6, -2.1, np.nan, np.inf):
-        with pytest.raises(InputError, match=r"^here: j = .* is outside \[-2, 2.5\]$"):
+    with pytest.raises(InputError, match=r"outside \[-2, 2.5\]; .* -30 degrees are -0.5236$"):
+        spacecraft.configuration({"j": -30.0}, "here")
+    for value in (np.nan, np.inf):
+        with pytest.raises(InputError, match=r"^here: j = .* is not a finite number$"):
             spacecraft.configuration({"j": value}, "here")
     with pytest.raises(InputError, match=r"^here: no joint 'elbow'; choose from j$"):
         spacecraft.configuration({"elbow": 0.0}, "here")
@@ -372,7 +383,8 @@ def test_limits_are_read(load):
 def test_without_limits_joints_are_unlimited(load):
     parts = [s_link("base"), s_link("arm", pose=ARM_POSE), s_joint("j", "base", "arm")]
     spacecraft = load(sdf(*parts), ".sdf")
-    assert np.isinf(spacecraft.velocity_limits).all()
+    for limits in vars(spacecraft.limits).values():
+        assert np.isinf(limits).all()
     np.testing.assert_array_equal(spacecraft.configuration({"j": 1e3}, "here"), [1e3])
 
 
@@ -804,6 +816,6 @@ def test_limits_are_each_joints_own(tmp_path):
     path.write_text(text)
     craft = Spacecraft(path, base="base", capture_frame="hand")
     lower = {"shoulder": -1.0, "slide": -2.0, "elbow": -3.0, "roll": -4.0}
-    low, high = craft.position_limits
+    low, high = craft.limits.lowest, craft.limits.highest
     np.testing.assert_array_equal(low, [lower[name] for name in craft.joint_names])
     np.testing.assert_array_equal(high, [-0.5 - lower[name] for name in craft.joint_names])

@@ -7,14 +7,13 @@ import pytest
 
 from cpid_drake import InertialParameters, InputError
 from cpid_drake.studies.paper import (
-    PAPER_TABLE_1,
-    max_relative_error,
-    parameter_errors,
     peak_relative_error,
     run_paper_study,
     sampling_times,
     summarize,
 )
+from cpid_drake.studies.paper_values import PAPER_TABLE_1, PAPER_TABLE_2
+from cpid_drake.studies.parameter_errors import max_relative_error, parameter_errors
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +38,88 @@ def test_six_decimals_are_no_worse_than_the_paper(summary):
 def test_more_digits_keep_helping(summary):
     """Table 2, errata 7: no plateau; 1e-5 at nine decimals, 100 times below that at six."""
     errors = {row["decimals"]: row["max_relative_error"] for row in summary["table2"]}
-    mass = {row["decimals"]: abs(row["mass"] - 100.0) / 100.0 for row in summary["table2"]}
+    mass = {
+        row["decimals"]: abs(row["mass"] - 100.0) / 100.0
+        for row in summary["table2"]
+        if row["mass"] is not None
+    }
     assert list(errors) == list(range(1, 13))
     assert mass[9] < 1e-5
     assert mass[9] < mass[6] / 100
     assert errors[9] < errors[6] / 100
     slope = np.polyfit(range(3, 13), [np.log10(errors[d]) for d in range(3, 13)], 1)[0]
     assert -1.2 < slope < -0.8
+
+
+def test_values_that_are_no_answer_are_called_so(study):
+    """A mass that is negative, or of no rigid body, or lost in the rounding."""
+    for case in study.rounded:
+        wrong = not case.identification.is_observable or abs(case.mass - 100.0) > 20.0
+        assert bool(case.objection) == wrong, case.decimals
+    lost = study.livelier.by_fit[0]
+    assert lost.speed_in_steps < 1
+    assert lost.objection == "lost in rounding"
+    assert not any(case.objection for case in study.livelier.by_fit[1:])
+
+
+def test_the_livelier_motion_is_as_good_as_the_paper_at_every_number_of_decimals(study):
+    cases = {case.decimals: case for case in study.livelier.by_fit}
+    assert cases.keys() == PAPER_TABLE_2.keys()
+    for decimals, theirs in PAPER_TABLE_2.items():
+        assert abs(cases[decimals].mass - 100.0) <= abs(theirs - 100.0), decimals
+        low, high = cases[decimals].identification.intervals[0]
+        assert low <= 100.0 <= high or cases[decimals].objection
+
+
+def test_the_velocity_of_the_base_causes_the_error(study):
+    """Errors add to first order; a motion with a faster base has a smaller error."""
+    assert study.livelier.rate_share < 1
+    share = study.share
+    together = share.velocity_rounded + share.others_rounded
+    assert together == pytest.approx(share.all_rounded, rel=0.1)
+    assert abs(share.velocity_rounded) > 5 * abs(share.others_rounded)
+    same = next(c for c in study.livelier.by_rows if c.decimals == share.decimals)
+    assert abs(same.mass - 100.0) < abs(share.all_rounded) / 5
+
+
+def test_sets_of_instants_agree_if_they_determine_the_target(study):
+    """Two instants never suffice; a sample at rest, the last one, adds nothing."""
+    sets = {s.n: s for s in study.sets}
+    assert [s.count for s in study.sets] == [45, 120, 200, 200, 200, 120, 45, 10, 1]
+    assert sets[2].complete == 0
+    assert max(sets[2].ranks) == 9
+    assert all(s.complete == s.count for s in study.sets if s.n >= 4)
+    for n in range(4, 10):
+        assert sets[n].disagreement < 1e-6
+        assert sets[n].disagreement_rounded > 100 * sets[n].disagreement
+    errors = [s.disagreement_rounded for s in study.sets[2:8]]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_computing_is_cheap_and_attitudes_are_orthonormal(study, summary):
+    """A thousandth of the time between samples, on any machine; Eq. 17 to rounding."""
+    assert 0 < study.update_seconds < 0.02
+    assert summary["update_seconds_on_this_machine"] == study.update_seconds
+    assert study.orthonormality < 1e-14
+
+
+def test_conclusions_are_those_of_the_run(study):
+    """With another result they say other things."""
+    from dataclasses import replace
+
+    from cpid_drake.report.paper_conclusions import conclusions
+
+    text = " ".join(conclusions(study))
+    assert "no answer from data of 1, 2 and 3 decimals; Table 2 marks" in text
+    assert "or nearer at every number of decimals; at 1 it is refused" in text
+    assert "No set of 2 instants determines all ten" in text
+    worse = replace(study, livelier=replace(study.livelier, by_fit=study.livelier.by_rows))
+    assert "nearer at every number of decimals but 1 and 2" in " ".join(conclusions(worse))
+    slower = replace(study, update_seconds=0.5)
+    assert "500000 µs on this machine, 50.000%" in " ".join(conclusions(slower))
+    without = " ".join(conclusions(replace(study, livelier=None)))
+    assert "With a livelier motion" in text
+    assert "With a livelier motion" not in without
 
 
 def test_momentum_drift_is_small(summary):

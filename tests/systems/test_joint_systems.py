@@ -28,7 +28,7 @@ def informed(paper_run):
 def blind_run():
     """Return the same with a controller that takes the target for a sphere, and its Context."""
     scenario = load_scenario(shipped_scenario("paper"))
-    scenario.simulation.simulator.accuracy = 1e-8
+    scenario.simulation.simulator.accuracy = 3e-11
     scenario.controller.knows_target = False
     scenario.controller.nominal_mass = 60.0
     simulation = make_simulation(scenario)
@@ -55,6 +55,23 @@ def test_source_gives_the_motion_at_the_contexts_time():
         context.SetTime(time)
         value = source.GetOutputPort("desired_motion").Eval(context).reshape(3, 2)
         np.testing.assert_array_equal(value, motion.evaluate(time))
+
+
+def test_another_motion_starts_at_the_contexts_time():
+    """The motion belongs to the Context: a clone keeps the first one."""
+    first, second = HalfCosine([0.0], [1.0], 4.0), HalfCosine([1.0], [-2.0], 3.0)
+    source = JointMotionSource(first)
+    context, port = source.CreateDefaultContext(), source.GetOutputPort("desired_motion")
+    context.SetTime(5.0)
+    np.testing.assert_array_equal(port.Eval(context), [1.0, 0.0, 0.0])
+    clone = context.Clone()
+    with pytest.raises(InputError, match="the motion has 2 joints; that of this source has 1"):
+        source.set_motion(context, HalfCosine([0.0, 1.0], [1.0, 0.0], 3.0))
+    source.set_motion(context, second)
+    np.testing.assert_array_equal(port.Eval(context), second.evaluate(0.0).ravel())
+    for each, motion, start in ((context, second, 5.0), (clone, first, 0.0)):
+        each.SetTime(6.5)
+        np.testing.assert_array_equal(port.Eval(each), motion.evaluate(6.5 - start).ravel())
 
 
 def test_with_the_target_in_its_model_the_motion_is_exact(informed):

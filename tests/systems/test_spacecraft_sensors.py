@@ -182,6 +182,42 @@ def test_samples_of_a_simulated_plant_are_those_of_its_logged_motion(servicer, s
         )
 
 
+def test_constant_errors_are_those_of_the_array_model(servicer, suite, motion, diagram):
+    """Late and early stamps, lever arms and a gyro that integrates: the same in a diagram."""
+    suite.attitude.mounting_arcsec = 100.0
+    suite.gyro = Gyro(50.0, 0.07, 1.0, scale_ppm=400.0, misalignment_arcsec=90.0, integrates=True)
+    suite.position.lever_arm_mm = suite.velocity.lever_arm_mm = 40.0
+    suite.encoders.zero_mrad = 2.0
+    suite.position.dropouts = suite.gyro.dropouts = 200.0
+    suite.position.dropout_length = suite.gyro.dropout_length = 0.3
+    suite.joint_rates = None  # their stamps belong to the clock of the encoders
+    for errors in suite.present().values():
+        errors.delay_ms = 15.0
+    system, sensors, logs = diagram(seed=3)
+    found = measurements_from_logs(sensors, logs, run(system))
+    ideal = ideal_measurements(suite, servicer.joint_names, motion, DURATION)
+    expected = add_noise(suite, ideal, seed=3)
+    assert_same(found, expected, atol=1e-7)
+    delays = {name: sensors.noise.constants(name).delay for name in suite.present()}
+    assert min(delays.values()) < 0 < max(delays.values())
+    assert found.encoders.time[0] == delays["encoders"]
+    assert 3 < len(found.position) < 14, "some samples are lost, some are not"
+    assert 10 < len(found.gyro) < 99
+
+
+def test_an_integrating_gyro_starts_where_its_run_starts(servicer, suite, motion, diagram):
+    """The first sample of a run from t = 1 s is the mean over the first period after it."""
+    suite.gyro = Gyro(4.0, integrates=True)
+    system, sensors, logs = diagram(seed=3)
+    simulator = Simulator(system)
+    simulator.get_mutable_context().SetTime(1.0)
+    simulator.AdvanceTo(DURATION)
+    simulator.AdvancePendingEvents()
+    gyro = measurements_from_logs(sensors, logs, simulator.get_context()).gyro
+    np.testing.assert_array_equal(gyro.time, [1.25, 1.5, 1.75, 2.0])
+    np.testing.assert_allclose(gyro.value, np.tile([0.2, -0.5, 0.3], (4, 1)), atol=1e-7)
+
+
 def test_the_last_sample_needs_the_pending_events(diagram):
     system, sensors, _ = diagram()
     simulator = Simulator(system)

@@ -1,238 +1,272 @@
-"""The likelihood of all samples: residuals and their derivatives, in units of σ, with priors."""
+"""The likelihood of the samples in one block of time: residuals and their derivatives."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
-from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.relative_motion import RelativeDynamics
-from cpid_drake.dynamics.rotations import skew
-from cpid_drake.dynamics.sensitivity import BodyUncertainty, MotionSensitivity
-from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.plane import HELD, NORMAL_W
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
-from cpid_drake.estimation.likelihood.errors import body_errors, joint_errors
-from cpid_drake.estimation.likelihood.motion import (
-    BaseMotion,
-    Instants,
-    Trajectory,
-    TrajectoryState,
-)
-from cpid_drake.estimation.likelihood.sensors import (
-    GyroModel,
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.constant_effects import constant_effects
+from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.effects import (
+    Effect,
+    GyroBias,
+    JointErrors,
+    KnownBodies,
+    Momentum,
     MotionChange,
-    SensorModel,
-    sensor_models,
+    Start,
+    Target,
 )
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.sensors import ATTITUDE, POSITION, SENSORS, VELOCITY, Quantity
-from cpid_drake.sensing.splines import JointSpline, measured_by
+from cpid_drake.estimation.likelihood.joint_motion import JointBlock
+from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.sensors import SensorModel, model_classes
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.sensors import Gyro
 from cpid_drake.sensing.suite import SensorSuite
 
+STEP = 0.025
+"""Longest step of the grid on which the base's attitude is integrated [s]."""
 
-class TrajectoryModel:
-    """Predicts the base's sensors from a target, for one joint motion.
+
+class BlockModel:
+    """Predicts the samples of the base's sensors in one block of time.
 
     Args:
         tree: the known spacecraft.
-        joints: the spacecraft's joint motion.
-        measurements: samples of the spacecraft's sensors. Samples before or after the joint motion,
-            and samples of sensors that the suite lacks, are ignored.
+        joints: its joint motion in the block.
+        measurements: samples in the block of sensors in the suite.
         suite: the sensors' errors.
-        momentum: the total momentum of spacecraft and target; default: zero.
-        psi_prior: mean and σ, (10,) each, of the relative unknowns; None for no prior.
-        step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
+        known_bodies: uncertainty of the known bodies; None if they are exact.
+        step: longest step of the grid [s].
+        constants: the constant errors; default: those of the suite.
+        nominal: (k,) values of the constant errors about which joint zeros are linear, in units of
+            their σ; default: zero.
 
     Attributes:
+        motion: the base's motion.
         sensors: models of the sensors that have samples, by name.
-        columns: columns of the Jacobian, by unknown.
-
-    Raises:
-        InputError: there is no attitude sensor, or it has no samples during the joint motion.
+        effects: the effects with unknowns, the target last, by name.
+        columns: columns of each effect in the Jacobian; those of the known bodies are last.
+        size: number of unknowns.
+        turned: columns of what depends at the end on all that turns the base: the attitude; in an
+            orbit also L; with thrust also L, centre of mass and its velocity.
 
     """
 
     def __init__(
         self,
         tree: KinematicTree,
-        joints: JointSpline,
+        joints: JointBlock,
         measurements: Measurements,
         suite: SensorSuite,
-        *,
-        momentum: TotalMomentum | None = None,
-        psi_prior: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
-        step: float = 0.025,
+        known_bodies: BodyUncertainty | None = None,
+        step: float = STEP,
+        constants: Constants | None = None,
+        nominal: NDArray[np.float64] | None = None,
     ) -> None:
-        self.motion, self.joints, self.suite = BaseMotion(tree, joints, step), joints, suite
-        self.nodes = self.motion.nodes
-        self.measurements = measured_by(suite, measurements).between(self.nodes[0], self.nodes[-1])
-        self.momentum, self.psi_prior = momentum or TotalMomentum.zero(), psi_prior
-        self.sensors = sensor_models(self.measurements.samples, suite, self.motion)
-        if _first_samples(self.sensors, ATTITUDE) is None:
-            raise InputError("no attitude samples while the joints are known: none to start from")
-        self._biases, count = [], 0
-        for sensor in self.sensors.values():
-            if isinstance(sensor, GyroModel):
-                self._biases.append(sensor.bias)
-                sensor.bias.rows = slice(count, count + len(sensor.bias.nodes))
-                count = sensor.bias.rows.stop
-        self._bias_prior = block_diag(np.empty((0, 0)), *(bias.prior() for bias in self._biases))
-        self.columns = _layout(self.sensors, self.momentum.is_unknown, len(self._bias_prior))
+        present = suite.present()
+        classes = {n: model for n, model in model_classes(measurements).items() if n in present}
+        constants = constants or Constants.of(suite, joints.coefficients.shape[1])
+        needed = [measurements[name].time for name, model in classes.items() if model.at_instants]
+        times, thrust = np.concatenate([np.empty(0), *needed]), measurements.thrust
+        self.nominal = np.zeros(constants.size) if nominal is None else nominal
+        zeros = constants.joint_zeros(self.nominal)
+        self.motion = BaseMotion(tree, joints, times, step, constants, suite.orbit, thrust, zeros)
+        biases = gyro_biases(suite, joints.start, joints.end)
+        self.sensors: dict[str, SensorModel] = {}
+        first = len(self.motion.nodes)
+        for name, model in classes.items():
+            count = len(measurements[name]) if model.at_instants else 0
+            at = slice(first, first + count)
+            samples, bias = measurements[name], biases.get(name)
+            self.sensors[name] = model(name, samples, suite, self.motion, at, bias)
+            first += count
+        joint_errors, target = JointErrors(self.motion), Target(self.motion)
+        self.effects: list[Effect] = [Start(), Momentum(), *biases.values(), joint_errors]
+        self.effects += [*constant_effects(self.motion), target]
+        self.size = sum(effect.size for effect in self.effects)
+        self._everything = list(self.effects)
+        if known_bodies is not None:
+            self._everything.append(KnownBodies(self.motion, known_bodies))
+        ends = np.cumsum([0] + [effect.size for effect in self._everything]).tolist()
+        names = [effect.name for effect in self._everything]
+        self.columns = {name: slice(a, b) for name, (a, b) in zip(names, pairwise(ends))}
+        start, momentum = self.columns["start"].start, self.columns["momentum"].start
+        depends = [slice(start, start + 3)]
+        if suite.orbit is not None or self.motion.thrust is not None:
+            depends.append(slice(momentum, momentum + 3))
+        if self.motion.thrust is not None:
+            depends += [slice(start + 3, start + 6), slice(momentum + 3, momentum + 6)]
+        self.turned = np.r_[tuple(depends)]
+        self.at_start = self._indices(lambda effect: effect.at_start)
+        self.at_end = self._indices(lambda effect: effect.at_end)
 
-    @property
-    def dynamics(self) -> RelativeDynamics:
-        """The known bodies at the nodes."""
-        return self.motion.grid.dynamics
+    def _indices(self, which: Callable[[Effect], NDArray[np.intp]]) -> NDArray[np.intp]:
+        parts = [self.columns[effect.name].start + which(effect) for effect in self.effects]
+        return np.concatenate(parts)
 
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return int(self.columns["bias"].stop)
+    def transitions(self, trajectory: Trajectory) -> list[tuple[slice, slice, NDArray[np.float64]]]:
+        """Return how centre of mass and momentum at the end depend on unknowns at the start.
 
-    def start(self, psi: NDArray[np.float64]) -> TrajectoryState:
-        """Return the state at which a fit starts: first samples, given momentum, no bias."""
-        first = _first_samples(self.sensors, ATTITUDE)
-        position = _first_samples(self.sensors, POSITION)
-        assert first is not None
-        attitude = Rotation.from_quat(first.value[0], scalar_first=True)
-        v_Wcm, L = self.momentum.v_WScm_W, self.momentum.L_WScm_W
-        bias = np.zeros((len(self._bias_prior) // 3, 3))
-        state = TrajectoryState(psi, attitude, np.zeros(3), v_Wcm, L, bias)
-        if position is not None:
-            rho = self.dynamics.com(psi)[0]
-            state = replace(state, p_Wcm=position.value[0] + attitude.apply(rho))
+        Each entry (a, b, F) is a step: the unknowns in columns b grow by F times those in columns
+        a. The steps follow each other in this order.
+        """
+        motion, one = self.motion, np.eye(3)
+        elapsed = motion.joints.end - motion.joints.start
+        start, momentum = self.columns["start"], self.columns["momentum"]
+        p, v = slice(start.stop - 3, start.stop), slice(momentum.stop - 3, momentum.stop)
+        L = slice(momentum.start, momentum.start + 3)
+        result, errors = [(v, p, elapsed * one)], motion.constants.errors
+        if motion.orbit is not None:  # a symplectic matrix is the product of three such steps
+            Phi = motion.orbit.transition(motion.joints.start, np.array(motion.joints.end))
+            by_v, inverse = Phi[:3, 3:], np.linalg.inv(Phi[:3, 3:])
+            first, last = inverse @ (Phi[:3, :3] - one), (Phi[3:, 3:] - one) @ inverse
+            result = [(p, v, first), (v, p, by_v), (p, v, last)]
+            by_psi = motion.gradient_by_psi(trajectory)
+            assert by_psi is not None
+            result.append((self.columns["psi"], L, by_psi[len(motion.nodes) - 1]))
+        if "acceleration" in errors:
+            a, sigma = self.columns["acceleration"], errors["acceleration"].sigma
+            result += [(a, p, sigma * elapsed**2 / 2 * one), (a, v, sigma * elapsed * one)]
+        if "torque" in errors:
+            result.append((self.columns["torque"], L, errors["torque"].sigma * elapsed * one))
+        return result
+
+    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
+        """Return the state after a step (size,) of the unknowns."""
+        for effect in self.effects:
+            state = effect.moved(state, step[self.columns[effect.name]])
         return state
 
-    def retracted(self, state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:
-        """Return the state after a change (size,) of the unknowns."""
-        part = {name: change[columns] for name, columns in self.columns.items()}
-        zero = np.zeros(3)
-        return TrajectoryState(
-            psi=state.psi + part["psi"],
-            attitude=Rotation.from_rotvec(part["attitude"]) * state.attitude,
-            p_Wcm=state.p_Wcm + part.get("p_Wcm", zero),
-            v_Wcm=state.v_Wcm + part.get("v_Wcm", zero),
-            L=state.L + part.get("L", zero),
-            bias=state.bias + part["bias"].reshape(-1, 3),
-        )
-
-    def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> Trajectory:
-        """Return the base's motion; see `BaseMotion.trajectory`."""
-        return self.motion.trajectory(state, near)
-
     def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return measured minus predicted in units of σ, all sensors, then the priors."""
+        """Return measured minus predicted (m,) in units of σ, sensor after sensor."""
         parts = [sensor.residuals(trajectory).ravel() for sensor in self.sensors.values()]
-        if self.psi_prior is not None:
-            mean, sigma = self.psi_prior
-            parts.append((mean - trajectory.state.psi) / sigma)
-        return np.concatenate([*parts, -self._bias_prior @ trajectory.state.bias.ravel()])
+        return np.concatenate([np.empty(0), *parts])
 
-    def sample_rows(self) -> NDArray[np.intp]:
-        """Return for every row of the residuals the index of its sample; −1 for priors."""
-        count = sum(len(sensor.samples) for sensor in self.sensors.values())
-        prior = np.full(len(self._bias_prior) + 10 * (self.psi_prior is not None), -1)
-        return np.concatenate([np.repeat(np.arange(count), 3), prior])
+    def jacobian(self, trajectory: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the derivatives (m, n) of the predictions in units of σ, and those of `turned`.
 
-    def jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative of predicted readings w.r.t. the unknowns, in units of σ."""
-        xi, w = self._change_by_unknowns(trajectory)
-
-        def com(at: Instants) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            by_psi = at.dynamics.com_regressor(), at.dynamics.com_rate_regressor()
-            return _padded(by_psi[0], self.size), _padded(by_psi[1], self.size)
-
-        rows = self._rows(trajectory, MotionChange(xi, w, com), self.columns)
-        priors = len(rows) - len(self._bias_prior)
-        rows[priors:, self.columns["bias"]] = self._bias_prior
-        if self.psi_prior is not None:
-            rows[priors - 10 : priors, self.columns["psi"]] = np.diag(1 / self.psi_prior[1])
-        return rows
-
-    def end_attitude_jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative (3, size) of the attitude at the end, as a rotation in W."""
-        return self._change_by_unknowns(trajectory)[0][-1]
-
-    def joint_jacobian(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative of the rows of `jacobian` w.r.t. errors of the joint motion.
-
-        Each coefficient of the joints' splines has one column, in units of its σ. The errors of
-        the coefficients are independent.
+        The latter (3, n), (6, n) or (12, n) are at the block's end: rotations in W; in an orbit the
+        part of L that comes by the attitude; with thrust the parts of L, centre of mass and
+        velocity that come by the thrust; `transitions` has the rest. The columns are `columns`,
+        known bodies included.
         """
-        return self._error_rows(trajectory, lambda at: joint_errors(self.motion, trajectory, at))
+        n, N, constants = self._width, len(self.motion.nodes), self.motion.constants
+        change = MotionChange.zeros(len(self.motion.instants.times), n)
+        for effect in self._everything:
+            effect.change_motion(trajectory, change.columns(self.columns[effect.name]))
+        direct = self._change_by_thrust(trajectory, change)
+        ends, change.w[:N] = self.motion.pose_change(trajectory, change.w[:N], change.attitude)
+        xi, last = ends[:, :3], ends[-1]
+        if len(last) > 3:
+            last[3:, self.turned[3:6]] += np.eye(3)
+        if direct is not None:
+            change, pushed = self._pushed(trajectory, change, xi)
+            last[3:] += direct[N - 1]
+            last = np.concatenate([last, pushed])
+        parts = [np.empty((0, n))]
+        for name, sensor in self.sensors.items():
+            rows = sensor.jacobian(trajectory, change, xi)
+            for constant, by in sensor.by_constants(trajectory).items():
+                rows[:, :, self.columns[constant]] += by * constants.errors[constant].sigma
+            for effect in self.effects:
+                part = rows[:, :, self.columns[effect.name]]
+                effect.change_reading(name, sensor.samples.time, part)
+            parts.append(sensor.whitened(rows).reshape(-1, n))
+        return self._in_plane(np.vstack(parts), last)
 
-    def body_jacobian(
-        self, trajectory: Trajectory, uncertainty: BodyUncertainty
-    ) -> NDArray[np.float64]:
-        """Return the derivative w.r.t. errors of the known bodies' parameters, in units of σ."""
-        return self._error_rows(
-            trajectory, lambda at: body_errors(self.motion, trajectory, at, uncertainty)
+    def _change_by_thrust(
+        self, trajectory: Trajectory, change: MotionChange
+    ) -> NDArray[np.float64] | None:
+        """Add to `change.w` what comes by the thrust at unchanged attitude.
+
+        Returns:
+            The change (U, 3, n) of L by the thrust, in W; None without thrust.
+
+        """
+        thrust, state, N = self.motion.thrust, trajectory.state, len(self.motion.nodes)
+        if thrust is None:
+            return None
+        scale = self.motion.scale(state)
+        by = thrust.momentum_change(
+            trajectory.R[:N], state.psi, scale, change.com[:N], change.thrust
         )
+        change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by
+        return by
 
-    def _change_by_unknowns(
-        self, trajectory: Trajectory
+    def _pushed(
+        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
+    ) -> tuple[MotionChange, NDArray[np.float64]]:
+        """Return the change with that of the travel by thrust, and the rows (6, n) of `turned`."""
+        thrust, state, N = self.motion.thrust, trajectory.state, len(self.motion.nodes)
+        assert thrust is not None
+        travel, rows = thrust.travel_change(
+            trajectory.R[:N],
+            state.psi,
+            self.motion.scale(state),
+            xi,
+            change.inverse_mass,
+            change.thrust,
+        )
+        rows[:, self.turned[6:]] += np.eye(6)
+        return replace(change, position=travel[:, :3], velocity=travel[:, 3:]), rows
+
+    def _in_plane(
+        self, rows: NDArray[np.float64], turn: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the change of attitude and angular velocity at the nodes, (N, 3, size) each."""
-        columns = self.columns
-        moment = np.zeros((len(self.nodes), 3, self.size))
-        moment[:, :, columns["psi"]] = -self.dynamics.regressor(trajectory.w)
-        if "L" in columns:
-            moment[:, :, columns["L"]] = np.swapaxes(trajectory.R, -1, -2)
-        w = np.asarray(np.linalg.solve(self.dynamics.inertia(trajectory.state.psi), moment))
-        initial = np.zeros((3, self.size))
-        initial[:, columns["attitude"]] = np.eye(3)
-        return self.motion.attitude_change(trajectory, w, initial)
+        """Return both without what a table holds: tilt, height, and the momentum out of the plane.
 
-    def _error_rows(
-        self, trajectory: Trajectory, sensitivity: Callable[[Instants], MotionSensitivity]
-    ) -> NDArray[np.float64]:
-        def com(at: Instants) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            change, rho = sensitivity(at), at.dynamics.com(trajectory.state.psi)
-            w = trajectory.spline(at.times)
-            # v = −(ω × ρ + ρ'), solved for the change of ρ'
-            return change.com, skew(rho) @ change.w - skew(w) @ change.com - change.v
+        These derivatives are zero up to rounding. Rounding errors would grow from block to block,
+        because nothing else determines these quantities.
+        """
+        held = self.held
+        if not held.size:
+            return rows, turn
+        rows[:, held] = turn[:, held] = 0.0
+        turn[:3] *= NORMAL_W[:, None]
+        fixed = np.flatnonzero(np.isin(self.turned, held))
+        turn[fixed] = 0.0
+        turn[fixed, self.turned[fixed]] = 1.0
+        return rows, turn
 
-        w = sensitivity(self.motion.grid).w
-        initial = np.zeros((3, w.shape[-1]))
-        xi, w = self.motion.attitude_change(trajectory, w, initial)
-        return self._rows(trajectory, MotionChange(xi, w, com), {})
+    @property
+    def held(self) -> NDArray[np.intp]:
+        """Columns of the quantities that a table holds; none without a table."""
+        if self.motion.tree.normal_B is None:
+            return np.empty(0, dtype=np.intp)
+        start, momentum = self.columns["start"].start, self.columns["momentum"].start
+        firsts = {"attitude": start, "p_Wcm": start + 3, "L": momentum, "v_Wcm": momentum + 3}
+        firsts |= {name: place.start for name, place in self.columns.items()}
+        places = [firsts[name] + np.array(HELD[name]) for name in HELD.keys() & firsts.keys()]
+        return np.concatenate(places)
 
-    def _rows(
-        self, trajectory: Trajectory, change: MotionChange, columns: dict[str, slice]
-    ) -> NDArray[np.float64]:
-        """Return the rows of all sensors, then zeros for the priors."""
-        parts = [s.jacobian(trajectory, change, columns) for s in self.sensors.values()]
-        priors = len(self._bias_prior) + 10 * (self.psi_prior is not None)
-        return np.vstack([*parts, np.zeros((priors, change.w.shape[-1]))])
+    def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the rows [A | b] of all effects that connect quantities of this block."""
+        parts, rest = [np.zeros((0, self._width))], [np.empty(0)]
+        for effect in self.effects:
+            A, b = effect.links(state)
+            rows = np.zeros((len(b), self._width))
+            rows[:, self.columns[effect.name]] = A
+            parts.append(rows)
+            rest.append(b)
+        return np.vstack(parts), np.concatenate(rest)
 
-
-def _first_samples(sensors: Mapping[str, SensorModel], quantity: Quantity) -> Samples | None:
-    """Return the samples of one sensor of a quantity: the sensor with the earliest sample."""
-    samples = [s.samples for name, s in sensors.items() if SENSORS[name].quantity is quantity]
-    return min(samples, key=lambda each: each.time[0], default=None)
-
-
-def _layout(
-    sensors: Mapping[str, SensorModel], unknown_momentum: bool, biases: int
-) -> dict[str, slice]:
-    """Return the columns of the unknowns that these sensors can determine."""
-    sizes, quantities = {"psi": 10, "attitude": 3}, {SENSORS[name].quantity for name in sensors}
-    if POSITION in quantities:
-        sizes["p_Wcm"] = 3
-    if unknown_momentum:
-        sizes["L"] = 3
-        if quantities & {POSITION, VELOCITY}:
-            sizes["v_Wcm"] = 3
-    sizes["bias"] = biases
-    ends = np.cumsum(list(sizes.values())).tolist()
-    return {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends)}
+    @property
+    def _width(self) -> int:
+        return sum(effect.size for effect in self._everything)
 
 
-def _padded(columns: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return (N, 3, size) with the given leading columns and zeros."""
-    result = np.zeros((*columns.shape[:2], size))
-    result[:, :, : columns.shape[2]] = columns
-    return result
+def gyro_biases(suite: SensorSuite, start: float, end: float) -> dict[str, GyroBias]:
+    """Return the biases of all gyros of a suite in a block, by the gyros' names."""
+    biases: dict[str, GyroBias] = {}
+    first = 0
+    for name, errors in suite.present().items():
+        if isinstance(errors, Gyro):
+            biases[name] = GyroBias(name, errors, first, start, end)
+            first += biases[name].nodes
+    return biases

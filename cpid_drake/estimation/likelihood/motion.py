@@ -11,20 +11,26 @@ so every derivative is available without finite differences. Source: Ning et al.
 about the system's centre of mass.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
-from cpid_drake.sensing.splines import JointSpline
+from cpid_drake.estimation.likelihood.constants import THRUST_SCALE, Constants
+from cpid_drake.estimation.likelihood.joint_motion import JointBlock
+from cpid_drake.estimation.likelihood.thrust import BlockThrust, block_thrust
+from cpid_drake.estimation.likelihood.uniform_spline import (
+    UniformSpline,
+    cubic_weights,
+    step_integrals,
+)
+from cpid_drake.sensing.measurements import Samples
 
 _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
@@ -40,7 +46,8 @@ class TrajectoryState:
         p_Wcm: (3,) the system's centre of mass at the start, in W [m].
         v_Wcm: (3,) its velocity [m/s].
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
-        bias: (K, 3) biases of the gyros at K nodes, gyro after gyro [rad/s].
+        bias: (K, 3) biases of the gyros at the nodes of all gyros, gyro after gyro [rad/s].
+        constants: (k,) constant errors in units of their σ; see `constants.Constants`.
 
     """
 
@@ -50,27 +57,37 @@ class TrajectoryState:
     v_Wcm: NDArray[np.float64]
     L: NDArray[np.float64]
     bias: NDArray[np.float64]
+    constants: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The base's motion at the nodes of the grid: R (N, 3, 3), w in B (N, 3), and w's spline."""
+    """The base's motion for one state, at U instants, the first N of which are the grid's nodes.
+
+    Attributes:
+        state: the unknowns.
+        R: (U, 3, 3) attitude R_WB.
+        w: (U, 3) angular velocity, in B [rad/s].
+        inverse: (U, 3, 3) inverse of the system's inertia, in B; see `RelativeDynamics.mobility`.
+        spline: w between the nodes.
+        L: (U, 3) angular momentum about the centre of mass, in W; (3,) if it is constant [N·m·s].
+        travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
+            mass, in W; None without thrust.
+
+    """
 
     state: TrajectoryState
     R: NDArray[np.float64]
     w: NDArray[np.float64]
-    spline: CubicSpline
+    inverse: NDArray[np.float64]
+    spline: UniformSpline
+    L: NDArray[np.float64]
+    travel: NDArray[np.float64] | None
 
     def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return R_WB (N, 3, 3) at times between the grid's ends."""
-        nodes, integral = self.spline.x, self._integral
-        k = np.clip(np.searchsorted(nodes, times, side="right") - 1, 0, len(nodes) - 1)
-        step = Rotation.from_rotvec(integral(times) - integral(nodes[k]))
-        return np.asarray(self.R[k] @ step.as_matrix())
-
-    @cached_property
-    def _integral(self) -> PPoly:
-        return self.spline.antiderivative()
+        """Return R_WB (M, 3, 3) at times between the grid's ends."""
+        k, angle = self.spline.since_node(times)
+        return np.asarray(self.R[k] @ Rotation.from_rotvec(angle).as_matrix())
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +97,9 @@ class Instants:
     times: NDArray[np.float64]
     dynamics: RelativeDynamics
 
-    def com_velocity(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return ω × ρ + ρ' (M, 3): velocity of the centre of mass relative to B's origin, in B."""
-        psi = trajectory.state.psi
-        w = trajectory.spline(self.times)
-        return np.asarray(np.cross(w, self.dynamics.com(psi)) + self.dynamics.com_rate(psi))
+    def part(self, rows: slice) -> "Instants":
+        """Return some of the instants."""
+        return Instants(self.times[rows], self.dynamics.part(rows))
 
 
 class BaseMotion:
@@ -92,23 +107,54 @@ class BaseMotion:
 
     Args:
         tree: the known spacecraft.
-        joints: its joint motion.
+        joints: its joint motion, from the start to the end of the base's motion.
+        times: (M,) further times between start and end, at which the known bodies' dynamics are
+            needed [s].
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
+        constants: the constant errors, external forces among them; default: none.
+        orbit: the orbit of W's origin, with its gravity gradient; default: none.
+        thrust: the log of thrust, whose samples (K, 6) hold until the next; default: none.
+        zeros: (J,) by how much the joint motion is too large [rad or m]; default: nothing.
+
+    Attributes:
+        nodes: (N,) times of the grid [s].
+        instants: the known bodies' dynamics at the N nodes, then at the M further times.
+        grid: the dynamics at the nodes only.
+        thrust: the thrust between the first and the last node; None if there is none.
 
     """
 
-    def __init__(self, tree: KinematicTree, joints: JointSpline, step: float) -> None:
-        self.tree, self.joints = tree, joints
-        start, end = joints.basis.knots[0], joints.basis.knots[-1]
-        pieces = np.diff(np.unique(joints.basis.knots))
-        step = min(step, np.median(pieces) / _STEPS_PER_PIECE)
-        self.nodes = np.linspace(start, end, max(int(np.ceil((end - start) / step)), 4) + 1)
-        self.grid = self.instants(self.nodes)
+    def __init__(
+        self,
+        tree: KinematicTree,
+        joints: JointBlock,
+        times: NDArray[np.float64],
+        step: float,
+        constants: Constants | None = None,
+        orbit: Orbit | None = None,
+        thrust: Samples | None = None,
+        zeros: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.tree, self.joints, self.orbit = tree, joints, orbit
+        self.zeros = np.zeros(1) if zeros is None else zeros
+        self.constants = constants or Constants()
+        length = joints.end - joints.start
+        step = min(step, length / joints.pieces / _STEPS_PER_PIECE)
+        self.nodes = np.linspace(joints.start, joints.end, max(int(np.ceil(length / step)), 4) + 1)
+        everything = np.concatenate([self.nodes, times])
+        dynamics = relative_dynamics(tree, *np.moveaxis(self.joint_motion(everything), 1, 0))
+        self.instants = Instants(everything, dynamics)
+        self.grid = self.instants.part(slice(0, len(self.nodes)))
+        self.thrust: BlockThrust | None = None
+        if thrust is not None:
+            self.thrust = block_thrust(
+                thrust, self.nodes, everything, self.grid.dynamics, self.interpolation, orbit
+            )
 
-    def instants(self, times: NDArray[np.float64]) -> Instants:
-        """Return the known bodies' dynamics at times (M,)."""
+    def joint_motion(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return true positions and rates (M, 2, J) of the joints at times (M,) [s]."""
         samples = self.joints.evaluate(times)
-        return Instants(times, relative_dynamics(self.tree, samples[:, 0], samples[:, 1]))
+        return np.stack([samples[:, 0] - self.zeros, samples[:, 1]], axis=1)
 
     def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> Trajectory:
         """Integrate the base's attitude over the grid.
@@ -122,44 +168,158 @@ class BaseMotion:
             InputError: the system's inertia is not positive definite for this target.
 
         """
-        dynamics = self.grid.dynamics
-        J, h = dynamics.inertia(state.psi), dynamics.momentum_at_rest(state.psi)
-        if not (np.isfinite(J).all() and (np.linalg.eigvalsh(J)[:, 0] > 0).all()):
-            raise InputError("the system's inertia is not positive definite for this target")
-        inverse = np.linalg.inv(J)
-        if not state.L.any():
-            return Trajectory(state, *self._integrate(state.attitude, -rotate(inverse, h)))
+        dynamics, N = self.instants.dynamics, len(self.nodes)
+        inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
+        R = state.attitude.as_matrix() if near is None else near.R[:N]
+        L = self._undisturbed(state)
+        at_nodes = L if L.ndim == 1 else L[:N]
+        J = None if self.orbit is None else self.grid.dynamics.inertia(state.psi)
+        added, pushed = np.zeros(3), None
         # With momentum the velocity depends on the attitude: iterate until it is constant.
-        R = state.attitude.as_matrix() if near is None else near.R
         for _ in range(60):
             before = R
-            R, w, spline = self._integrate(state.attitude, rotate(inverse, state.L @ R - h))
+            if J is not None:
+                added = self._gradient_momentum(np.broadcast_to(R, J.shape), J)
+            total = at_nodes + added
+            if self.thrust is not None:
+                everywhere = np.broadcast_to(R, (N, 3, 3))
+                pushed = self.thrust.momentum(everywhere, state.psi, self.scale(state))
+                total = total + pushed[:N]
+            w = rotate(inverse[:N], _in_base(total, R) - h[:N])
+            R, spline = self._integrated(state, w, inverse[:N])
             if np.abs(R - before).max() < 1e-12:
                 break
-        return Trajectory(state, R, w, spline)
+        travel = None
+        if self.thrust is not None:
+            travel = self.thrust.travel(R, state.psi, self.scale(state))
+        nodes = Trajectory(state, R, w, inverse, spline, total, travel)
+        times = self.instants.times[N:]
+        if not len(times):
+            return nodes
+        R = np.concatenate([R, nodes.rotations(times)])
+        if J is not None:
+            L = L + np.concatenate([added, self.interpolation(times) @ added])
+        L = L if pushed is None else L + pushed
+        return replace(nodes, R=R, w=rotate(inverse, _in_base(L, R) - h), L=L)
 
-    def _integrate(
-        self, start: Rotation, w: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], CubicSpline]:
-        """Return the attitudes at the nodes, w itself and its spline."""
-        spline = CubicSpline(self.nodes, w)
+    def _undisturbed(self, state: TrajectoryState) -> NDArray[np.float64]:
+        """Return L without gravity gradient at all instants in W, (U, 3), or a constant (3,)."""
+        torque = self.constants.value(state.constants, "torque")
+        if torque is None:
+            return state.L
+        return state.L + torque * (self.instants.times - self.joints.start)[:, None]
+
+    def _gradient_momentum(
+        self, R: NDArray[np.float64], J: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the angular momentum (N, 3) from the gravity gradient at the nodes, in W.
+
+        Args:
+            R: (N, 3, 3) attitudes R_WB.
+            J: (N, 3, 3) inertia of the system about its centre of mass, in B.
+
+        """
+        assert self.orbit is not None
+        torque = self.orbit.torque(R @ J @ np.swapaxes(R, -1, -2), self.nodes)
+        return self._accumulated(torque)
+
+    def gradient_by_psi(self, trajectory: Trajectory) -> NDArray[np.float64] | None:
+        """Return the derivative (U, 3, 10) of L by ψ because of the gravity gradient, in W.
+
+        None without one. The derivative is that at unchanged attitude; see `pose_change`.
+        """
+        if self.orbit is None:
+            return None
+        N = len(self.nodes)
+        R, r_W = trajectory.R[:N], self.orbit.nadir(self.nodes)
+        r = rotate(np.swapaxes(R, -1, -2), r_W)
+        by_psi = skew(r_W) @ R @ self.grid.dynamics.inertia_regressor(r)
+        added = self._accumulated(3 * self.orbit.n**2 * by_psi)
+        later = self.interpolation(self.instants.times[N:]) @ added.reshape(N, -1)
+        return np.concatenate([added, later.reshape(-1, 3, 10)])
+
+    def _accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the integrals of rates (N, ...) at the nodes from the start to each node."""
+        steps = step_integrals(rates, self.nodes[1] - self.nodes[0])
+        return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
+
+    def scale(self, state: TrajectoryState) -> float:
+        """Return the true thrust as a multiple of the logged one."""
+        error = self.constants.value(state.constants, THRUST_SCALE)
+        return 1.0 if error is None else 1.0 + float(error[0])
+
+    def com_velocity(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
+        """Return the velocity of the centre of mass in W at some instants, (M, 3) or (3,) [m/s]."""
+        state, times = trajectory.state, self.instants.times[rows]
+        acceleration = self.constants.value(state.constants, "acceleration")
+        velocity = state.v_Wcm if self.orbit is None else self._drift(state, times)[:, 3:]
+        if acceleration is not None:
+            velocity = velocity + acceleration * (times - self.joints.start)[:, None]
+        travel = trajectory.travel
+        return velocity if travel is None else velocity + travel[rows, 3:]
+
+    def com_position(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
+        """Return the system's centre of mass in W at some instants, (M, 3) [m]."""
+        state, times = trajectory.state, self.instants.times[rows]
+        elapsed = (times - self.joints.start)[:, None]
+        position = state.p_Wcm + state.v_Wcm * elapsed
+        if self.orbit is not None:
+            position = self._drift(state, times)[:, :3]
+        acceleration = self.constants.value(state.constants, "acceleration")
+        if acceleration is not None:
+            position = position + acceleration * elapsed**2 / 2
+        travel = trajectory.travel
+        return position if travel is None else position + travel[rows, :3]
+
+    def _drift(self, state: TrajectoryState, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return position and velocity (M, 6) of the centre of mass in an orbit, in W."""
+        assert self.orbit is not None
+        start = np.concatenate([state.p_Wcm, state.v_Wcm])
+        return self.orbit.transition(self.joints.start, times) @ start
+
+    def end(self, trajectory: Trajectory) -> TrajectoryState:
+        """Return the state at the end of a trajectory, with the gyros' biases of all nodes."""
+        state, L, last = trajectory.state, trajectory.L, len(self.nodes) - 1
+        end = slice(last, last + 1)
+        return replace(
+            state,
+            attitude=Rotation.from_matrix(trajectory.R[last]),
+            p_Wcm=self.com_position(trajectory, end)[0],
+            v_Wcm=self.com_velocity(trajectory, end).reshape(3),
+            L=L if L.ndim == 1 else L[last],
+        )
+
+    def _integrated(
+        self, state: TrajectoryState, w: NDArray[np.float64], inverse: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], UniformSpline]:
+        """Return the attitudes at the nodes and the spline of w.
+
+        Args:
+            state: the unknowns.
+            w: (N, 3) angular velocity at the nodes, in B.
+            inverse: (N, 3, 3) inverse of the system's inertia at the nodes, in B.
+
+        """
         h = self.nodes[1] - self.nodes[0]
-        powers = h ** np.arange(4, 0, -1) / np.arange(4, 0, -1)
-        angle = np.tensordot(powers, spline.c, axes=1)  # the integral of w over each step
+        spline = UniformSpline(self.nodes[0], h, w)
+        if self.thrust is not None:
+            spline = self.thrust.spline(w, inverse, state.psi, self.scale(state))
+        angle = spline.steps()
         a, b = w[:-1].T, w[1:].T
         angle += h**2 / 12 * (a[[1, 2, 0]] * b[[2, 0, 1]] - a[[2, 0, 1]] * b[[1, 2, 0]]).T
         R = np.empty((len(w), 3, 3))
-        R[0] = start.as_matrix()
+        R[0] = state.attitude.as_matrix()
         R[1:] = R[0] @ _products(Rotation.from_rotvec(angle).as_matrix())
-        return R, w, spline
+        return R, spline
 
-    def attitude_change(
+    def pose_change(
         self, trajectory: Trajectory, w: NDArray[np.float64], initial: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ)).
+        """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ + λ)) and, with a torque, λ̇ = ∂τ/∂ξ ξ.
 
-        The first term is integrated by cubics through four nodes, the second by the trapezoidal
-        rule.
+        ξ is the change of the attitude, a rotation in W; λ is the change of L because the torque τ
+        of gravity gradient and thrust changes with the attitude. R w is integrated by cubics
+        through four nodes, the other terms by the trapezoidal rule.
 
         Args:
             trajectory: the trajectory to linearize about.
@@ -167,46 +327,60 @@ class BaseMotion:
             initial: (3, n) change of the attitude at the start, a rotation in W.
 
         Returns:
-            ξ (N, 3, n), and the total change of the angular velocity (N, 3, n), in B.
+            ξ (N, 3, n), or ξ and λ (N, 6, n) in an orbit or with thrust; and the total change of
+            the angular velocity (N, 3, n), in B.
 
         """
-        h = self.nodes[1] - self.nodes[0]
-        R, L = trajectory.R, trajectory.state.L
-        added = _integrals(R @ w, h)
-        if not L.any():
-            xi = np.zeros_like(w)
-            np.cumsum(added, axis=0, out=xi[1:])
-            return xi + initial, w
-        J = self.grid.dynamics.inertia(trajectory.state.psi)
-        coupling = np.linalg.solve(J, np.swapaxes(R, -1, -2) @ skew(L))
+        h, N = self.nodes[1] - self.nodes[0], len(self.nodes)
+        R, L = trajectory.R[:N], trajectory.L
+        L = L if L.ndim == 1 else L[:N]
+        mobility = trajectory.inverse[:N] @ np.swapaxes(R, -1, -2)
+        coupling = mobility @ skew(L)
         A = R @ coupling
-        left = np.linalg.inv(np.eye(3) - h / 2 * A[1:])
-        forward = left @ (np.eye(3) + h / 2 * A[:-1])
-        added = left @ added
-        xi = np.empty_like(w)
-        xi[0] = initial
+        rates = step_integrals((R @ w), h)
+        first, last = A[:-1], A[1:]
+        if self.orbit is not None or self.thrust is not None:
+            coupling = np.concatenate([coupling, mobility], axis=-1)
+            torque = (
+                np.zeros((N, 3, 3)) if self.orbit is None else self._torque_by_attitude(trajectory)
+            )
+            below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
+            A = np.concatenate([R @ coupling, below], axis=-2)
+            rates = np.concatenate([rates, np.zeros_like(rates)], axis=-2)
+            first, last = A[:-1], A[1:]
+        if self.thrust is not None:  # it may change within a step: both ends have its mean
+            state = trajectory.state
+            mean = self.thrust.torque_by_attitude(R, state.psi, self.scale(state))
+            first, last = first.copy(), last.copy()
+            first[:, 3:, :3] += mean
+            last[:, 3:, :3] += mean
+        one = np.eye(A.shape[-1])
+        left = np.linalg.inv(one - h / 2 * last)
+        forward = left @ (one + h / 2 * first)
+        added = left @ rates
+        change = np.zeros((N, len(one), w.shape[-1]))
+        change[0, :3] = initial
         for k in range(len(forward)):
-            xi[k + 1] = forward[k] @ xi[k] + added[k]
-        return xi, w + coupling @ xi
+            np.matmul(forward[k], change[k], out=change[k + 1])
+            change[k + 1] += added[k]
+        return change, w + coupling @ change
+
+    def _torque_by_attitude(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the derivative (N, 3, 3) of the gravity gradient by a rotation in W."""
+        assert self.orbit is not None
+        R, r = trajectory.R[: len(self.nodes)], self.orbit.nadir(self.nodes)
+        J = R @ self.grid.dynamics.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
+        turned = J @ skew(r) - skew(rotate(J, r))
+        return np.asarray(3 * self.orbit.n**2 * skew(r) @ turned)
 
     def interpolation(self, times: NDArray[np.float64]) -> csr_array:
-        """Return (M, N) weights of the nodes at times (M,): cubics through four nodes."""
-        N = len(self.nodes)
-        place = (times - self.nodes[0]) / (self.nodes[1] - self.nodes[0])
-        first = np.clip(place.astype(int) - 1, 0, N - 4)
-        x = (place - first)[:, None] - np.arange(4)
-        weights = np.stack(
-            [
-                x[:, 1] * x[:, 2] * x[:, 3] / -6,
-                x[:, 0] * x[:, 2] * x[:, 3] / 2,
-                x[:, 0] * x[:, 1] * x[:, 3] / -2,
-                x[:, 0] * x[:, 1] * x[:, 2] / 6,
-            ],
-            axis=1,
-        )
-        columns = first[:, None] + np.arange(4)
-        ends = 4 * np.arange(len(times) + 1)
-        return csr_array((weights.ravel(), columns.ravel(), ends), shape=(len(times), N))
+        """Return (M, N) weights of the nodes at times (M,): see `cubic_weights`."""
+        return cubic_weights(self.nodes, times)
+
+
+def _in_base(L: NDArray[np.float64], R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return Rᵀ L (N, 3) for a constant L (3,) or one for each instant (N, 3)."""
+    return L @ R if L.ndim == 1 else (L[:, None] @ R)[:, 0]
 
 
 def _products(steps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -224,12 +398,3 @@ def _products(steps: NDArray[np.float64]) -> NDArray[np.float64]:
         block[:] = before @ block
         before = block[-1].copy()
     return result[:N]
-
-
-def _integrals(f: NDArray[np.float64], h: float) -> NDArray[np.float64]:
-    """Return the integrals (N − 1, ...) of f (N, ...) over each of the steps h."""
-    result = np.empty_like(f[1:])
-    result[1:-1] = h / 24 * (13 * (f[1:-2] + f[2:-1]) - f[:-3] - f[3:])
-    result[0] = h / 24 * (9 * f[0] + 19 * f[1] - 5 * f[2] + f[3])
-    result[-1] = h / 24 * (9 * f[-1] + 19 * f[-2] - 5 * f[-3] + f[-4])
-    return result

@@ -1,20 +1,25 @@
 """Sensors of the base: residuals of their samples and derivatives w.r.t. the motion.
 
-`sensor_models` chooses the class by the quantity that a sensor measures. If several sensors measure
+`model_classes` chooses the class by the quantity that a sensor measures. If several sensors measure
 one quantity, each of them enters the likelihood with its own samples and noise.
+
+If a table carries the base, only the components in the plane enter: the yaw, the yaw rate, and the
+horizontal components of position and velocity. The others are constants of the table, whatever a
+log contains, and say nothing about the target.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.rotations import rotate, skew
-from cpid_drake.estimation.likelihood.gyro_bias import GyroBias
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Instants, Trajectory
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.dynamics.plane import NORMAL_W
+from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
+from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
+from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -26,25 +31,22 @@ from cpid_drake.sensing.sensors import (
 )
 from cpid_drake.sensing.suite import SensorSuite
 
+OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
+"""Entries of the gyro's matrix that its six misalignments are: measured axis, true axis."""
 
-@dataclass(frozen=True, eq=False)
-class MotionChange:
-    """First-order change of the base's motion by n quantities.
+ENCODER_DELAY = "encoders.delay"
+"""Name of the delay of the encoders, to whose clock the joint motion belongs."""
 
-    Attributes:
-        xi: (N, 3, n) change of the attitude at the grid's nodes, a rotation in W.
-        w: (N, 3, n) change of the angular velocity at the nodes, in B.
-        com: returns for M instants the change (M, 3, n) of the centre of mass ρ from B's origin,
-            and the change of its rate as seen from B, both in B.
+LONGEST_DELAY = 1.0
+"""Longest delay of a sensor that can be modelled [s]."""
 
-    """
+_STEP = 1e-3
+"""Step of differences in time [s]."""
 
-    xi: NDArray[np.float64]
-    w: NDArray[np.float64]
-    com: Callable[[Instants], tuple[NDArray[np.float64], NDArray[np.float64]]]
+_POINTS, _POINT_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
-class SensorModel:
+class SensorModel(ABC):
     """Samples of one sensor with their σ.
 
     Args:
@@ -52,138 +54,343 @@ class SensorModel:
         samples: M samples at times within the motion.
         suite: the sensors' errors.
         motion: motion of the base.
+        instants: rows of the samples in `BaseMotion.instants`, if the sensor needs them there.
+        bias: bias of the sensor, if it has one.
+
+    Attributes:
+        scale: (d,) σ of the components of a sample.
 
     """
 
-    def __init__(self, name: str, samples: Samples, suite: SensorSuite, motion: BaseMotion) -> None:
+    at_instants = False
+    """Whether the sensor needs the known bodies' dynamics at its samples."""
+
+    def __init__(
+        self,
+        name: str,
+        samples: Samples,
+        suite: SensorSuite,
+        motion: BaseMotion,
+        instants: slice,
+        bias: GyroBias | None,
+    ) -> None:
         self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
-        self._start = motion.nodes[0]
+        self._errors, self._at, self._bias = suite[name], instants, bias
+        self._motion = motion
+        self._dynamics = motion.instants.part(instants).dynamics
         self._weights = motion.interpolation(samples.time)
+        normal = motion.tree.normal_B
+        self._is_planar = normal is not None
+        self._axes = np.eye(3) if normal is None else self._measured(normal)
+        self.scale = np.sqrt(self._axes**2 @ np.broadcast_to(self.sigmas**2, 3))
+
+    @property
+    def width(self) -> int:
+        """Number d of components of a sample that enter: 3, or those in the plane of a table."""
+        return len(self._axes)
 
     def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return measured minus predicted values (M, 3) in units of σ."""
-        return np.asarray(self._error(trajectory) / self.sigmas)
+        """Return measured minus predicted values (M, d) in units of σ."""
+        return self.whitened(self._error(trajectory)[..., None])[..., 0]
+
+    def whitened(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the components (M, d, n) in units of σ of values (M, 3, n) in SI units."""
+        if self._is_planar:
+            values = self._axes @ values
+        return values / self.scale[:, None]
 
     def jacobian(
-        self, trajectory: Trajectory, change: MotionChange, columns: Mapping[str, slice]
+        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the derivative (3 M, n) of the predicted values, which are in units of σ.
+        """Return the derivative (M, 3, n) of the predicted values, which are in SI units.
 
         Args:
             trajectory: the trajectory to linearize about.
-            change: change of the motion by n quantities.
-            columns: columns of the unknowns that act on sensors directly; empty if the n quantities
-                are not the unknowns.
+            change: change of the motion by n quantities; its `w` includes the effect of `xi`.
+            xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
 
         """
-        rows = self._derivative(trajectory, change)
-        self._add_direct(rows, columns)
-        return np.asarray((rows / self.sigmas[:, None]).reshape(-1, rows.shape[-1]))
+        if self._is_planar:
+            xi = xi * NORMAL_W[:, None]  # the table holds the tilt
+        return self._derivative(trajectory, change, xi)
 
-    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        raise NotImplementedError
+    def by_constants(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        """Return the derivatives (M, 3, size) w.r.t. the sensor's constant errors, by their names.
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange) -> NDArray[np.float64]:
-        raise NotImplementedError
+        Values are in SI units. A delay of the encoders means that all other sensors are early.
+        """
+        names = [f"{self.name}.{kind}" for kind in (*self._kinds(trajectory), "delay")]
+        if not {*names, ENCODER_DELAY} & self._motion.constants.errors.keys():
+            return {}
+        by = {f"{self.name}.{kind}": d for kind, d in self._kinds(trajectory).items()}
+        rate = self._rate(trajectory)[..., None]
+        by |= {f"{self.name}.delay": -rate, ENCODER_DELAY: rate}
+        return {name: d for name, d in by.items() if name in self._motion.constants.errors}
 
-    def _add_direct(self, rows: NDArray[np.float64], columns: Mapping[str, slice]) -> None:
-        """Add the derivatives with respect to unknowns that do not act through the motion."""
+    def _measured(self, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the axes (d, 3) of the components in the plane, in the errors' frame."""
+        return np.eye(3)[:2]
 
-    def _at_samples(self, at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolate values (N, 3, n) at the nodes to the times of the samples, (M, 3, n)."""
-        flat = self._weights @ at_nodes.reshape(len(at_nodes), -1)
+    @abstractmethod
+    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]: ...
+
+    @abstractmethod
+    def _derivative(
+        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
+    ) -> NDArray[np.float64]: ...
+
+    @abstractmethod
+    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the rates of change (M, 3) of the predicted values."""
+
+    @abstractmethod
+    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        """Return the derivatives (M, 3, size) w.r.t. constant errors except delays, by kind."""
+
+    def _constant(self, trajectory: Trajectory, kind: str) -> NDArray[np.float64] | None:
+        """Return the nominal value of a constant error of this sensor; None without it."""
+        constants = trajectory.state.constants
+        return self._motion.constants.value(constants, f"{self.name}.{kind}")
+
+    def _delay(self, trajectory: Trajectory) -> float:
+        """Return by how much the sensor's stamps are later than those of the encoders [s].
+
+        Raises:
+            InputError: the delay is so long that the motion is not known so far from the block.
+
+        """
+        constants, delay = trajectory.state.constants, 0.0
+        for name, sign in ((f"{self.name}.delay", 1.0), (ENCODER_DELAY, -1.0)):
+            value = self._motion.constants.value(constants, name)
+            delay += 0.0 if value is None else sign * value[0]
+        if not abs(delay) < LONGEST_DELAY:
+            raise InputError(f"{self.name}: a delay of {delay:.3g} s cannot be modelled")
+        return delay
+
+    def _times(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the times (M,) of the states that the samples belong to [s]."""
+        return self.samples.time - self._delay(trajectory)
+
+    def _at_samples(
+        self, trajectory: Trajectory, at_nodes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Interpolate values (N, 3, ...) at the nodes to the times of the samples, (M, 3, ...)."""
+        delay = self._delay(trajectory)
+        weights = self._motion.interpolation(self._times(trajectory)) if delay else self._weights
+        flat = weights @ at_nodes.reshape(len(at_nodes), -1)
         return np.asarray(flat.reshape(-1, *at_nodes.shape[1:]))
+
+    def _slope(self, trajectory: Trajectory, at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rates (M, 3) of values (N, 3) at the nodes, at the times of the samples."""
+        later, earlier = (
+            self._motion.interpolation(self._times(trajectory) + step) for step in (_STEP, -_STEP)
+        )
+        return np.asarray((later - earlier) @ at_nodes / (2 * _STEP))
+
+    def _moved_by_delay(
+        self, trajectory: Trajectory, at_nodes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the change (M, 3) of values (N, 3) at the nodes because of the delay."""
+        if not self._delay(trajectory):
+            return np.zeros((len(self.samples), 3))
+        return np.asarray(self._at_samples(trajectory, at_nodes) - self._weights @ at_nodes)
 
 
 class AttitudeModel(SensorModel):
     """A star tracker; errors are about the axes of its boresight frame."""
 
-    def __init__(self, name: str, samples: Samples, suite: SensorSuite, motion: BaseMotion) -> None:
-        super().__init__(name, samples, suite, motion)
-        errors = suite[name]
-        assert isinstance(errors, AttitudeSensor)
-        self._R_BS = errors.R_BS
-        self._measured = Rotation.from_quat(samples.value, scalar_first=True)
+    def _measured(self, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+        assert isinstance(self._errors, AttitudeSensor)
+        return np.asarray((normal_B @ self._errors.R_BS)[None])
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        predicted = Rotation.from_matrix(trajectory.rotations(self.samples.time))
-        return np.asarray((predicted.inv() * self._measured).as_rotvec() @ self._R_BS)
+        predicted = Rotation.from_matrix(trajectory.rotations(self._times(trajectory)))
+        mounting = self._constant(trajectory, "mounting")
+        if mounting is not None:
+            predicted = predicted * Rotation.from_rotvec(mounting)
+        measured = Rotation.from_quat(self.samples.value, scalar_first=True)
+        return np.asarray((predicted.inv() * measured).as_rotvec() @ self._R_BS)
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange) -> NDArray[np.float64]:
-        R = trajectory.rotations(self.samples.time)
-        return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(change.xi)
+    def _derivative(
+        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        R = trajectory.rotations(self._times(trajectory))
+        return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(trajectory, xi)
+
+    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return trajectory.spline(self._times(trajectory)) @ self._R_BS
+
+    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        return {"mounting": np.broadcast_to(self._R_BS.T, (len(self.samples), 3, 3))}
+
+    @property
+    def _R_BS(self) -> NDArray[np.float64]:
+        assert isinstance(self._errors, AttitudeSensor)
+        return self._errors.R_BS
 
 
 class GyroModel(SensorModel):
-    """A gyro with its bias. The model sets `bias` to the gyro's place in the state."""
+    """A gyro with its bias; one that integrates measures the mean over its sample period."""
 
-    def __init__(self, name: str, samples: Samples, suite: SensorSuite, motion: BaseMotion) -> None:
-        super().__init__(name, samples, suite, motion)
-        errors = suite[name]
-        assert isinstance(errors, Gyro)
-        self.bias = GyroBias(errors, motion.nodes[0], motion.nodes[-1])
+    def _measured(self, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+        return normal_B[None]
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        bias = self.bias.weights(self.samples.time) @ trajectory.state.bias[self.bias.rows]
-        return np.asarray(self.samples.value - trajectory.spline(self.samples.time) - bias)
+        assert self._bias is not None
+        bias = self._bias.weights(self.samples.time) @ trajectory.state.bias[self._bias.rows]
+        w = self._mean_w(trajectory)
+        return np.asarray(self.samples.value - w @ self._matrix(trajectory).T - bias)
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange) -> NDArray[np.float64]:
-        return self._at_samples(change.w)
+    def _derivative(
+        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        at_nodes = change.w[: len(xi)]
+        if self._offsets.any():
+            times = self._times(trajectory)
+            weights = sum(
+                share * self._motion.interpolation(times + offset)
+                for share, offset in zip(self._shares, self._offsets)
+            )
+            flat = np.asarray(weights @ at_nodes.reshape(len(at_nodes), -1))
+            by_motion = flat.reshape(-1, *at_nodes.shape[1:])
+        else:
+            by_motion = self._at_samples(trajectory, at_nodes)
+        matrix = self._matrix(trajectory)
+        return by_motion if (matrix == np.eye(3)).all() else matrix @ by_motion
 
-    def _add_direct(self, rows: NDArray[np.float64], columns: Mapping[str, slice]) -> None:
-        if "bias" in columns:
-            weights = np.kron(self.bias.weights(self.samples.time), np.eye(3))
-            own = self.bias.columns(columns["bias"].start)
-            rows[:, :, own] = weights.reshape(len(rows), 3, -1)
+    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return (self._mean_w(trajectory, _STEP) - self._mean_w(trajectory, -_STEP)) / (2 * _STEP)
+
+    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        w = self._mean_w(trajectory)
+        scale = w[:, :, None] * np.eye(3)
+        misalignment = np.zeros((len(w), 3, 6), w.dtype)
+        for column, (i, j) in enumerate(OFF_DIAGONAL):
+            misalignment[:, i, column] = w[:, j]
+        return {"scale": scale, "misalignment": misalignment}
+
+    def _matrix(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the matrix (3, 3) of scales and misalignments that multiplies w."""
+        scale = self._constant(trajectory, "scale")
+        misalignment = self._constant(trajectory, "misalignment")
+        matrix = np.eye(3) if scale is None else np.eye(3) + np.diag(scale)
+        if misalignment is not None:
+            matrix[tuple(zip(*OFF_DIAGONAL))] = misalignment
+        return matrix
+
+    @property
+    def _period(self) -> float:
+        assert isinstance(self._errors, Gyro)
+        return 1 / self._errors.rate if self._errors.integrates else 0.0
+
+    @property
+    def _offsets(self) -> NDArray[np.float64]:
+        """Times (Q,), relative to the stamp, at which w is averaged [s]."""
+        return self._period * (_POINTS - 1) / 2 if self._period else np.zeros(1)
+
+    @property
+    def _shares(self) -> NDArray[np.float64]:
+        """(Q,) the weights of these times."""
+        return _POINT_WEIGHTS / 2 if self._period else np.ones(1)
+
+    def _mean_w(self, trajectory: Trajectory, later: float = 0.0) -> NDArray[np.float64]:
+        """Return w (M, 3) in B, averaged over the sample period if the gyro integrates."""
+        times = self._times(trajectory) + later
+        if not self._period:
+            return trajectory.spline(times)
+        parts = [s * trajectory.spline(times + t) for s, t in zip(self._shares, self._offsets)]
+        return np.asarray(np.sum(parts, axis=0))
 
 
 class PositionModel(SensorModel):
-    """A sensor of the position of B's origin in W."""
+    """A sensor of the position in W of B's origin, or of a point near it."""
 
-    def __init__(self, name: str, samples: Samples, suite: SensorSuite, motion: BaseMotion) -> None:
-        super().__init__(name, samples, suite, motion)
-        self._instants = motion.instants(samples.time)
+    at_instants = True
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        state, R = trajectory.state, trajectory.rotations(self.samples.time)
-        elapsed = (self.samples.time - self._start)[:, None]
-        p_Wcm = state.p_Wcm + state.v_Wcm * elapsed
-        return self.samples.value - (p_Wcm - rotate(R, self._instants.dynamics.com(state.psi)))
+        state, R = trajectory.state, trajectory.R[self._at]
+        p_Wcm = self._motion.com_position(trajectory, self._at)
+        predicted = p_Wcm - rotate(R, self._dynamics.com(state.psi))
+        arm = self._constant(trajectory, "lever_arm")
+        if arm is not None:
+            predicted = predicted + rotate(R, arm)
+        if self._delay(trajectory):
+            predicted = predicted + self._moved_by_delay(trajectory, self._nodes(trajectory))
+        return self.samples.value - predicted
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange) -> NDArray[np.float64]:
-        R = trajectory.rotations(self.samples.time)
-        arm = rotate(R, self._instants.dynamics.com(trajectory.state.psi))
-        com, _ = change.com(self._instants)
-        return np.asarray(skew(arm) @ self._at_samples(change.xi) - R @ com)
+    def _derivative(
+        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        R = trajectory.R[self._at]
+        arm = rotate(R, self._dynamics.com(trajectory.state.psi))
+        elapsed = (self._times(trajectory) - self._motion.joints.start)[:, None, None]
+        moved = change.p_Wcm + change.v_Wcm * elapsed + change.a_Wcm * elapsed**2 / 2
+        if change.position is not None:
+            moved = moved + change.position[self._at]
+        turned = skew(arm) @ self._at_samples(trajectory, xi)
+        return np.asarray(turned - R @ change.com[self._at] + moved)
 
-    def _add_direct(self, rows: NDArray[np.float64], columns: Mapping[str, slice]) -> None:
-        if "p_Wcm" in columns:
-            rows[:, :, columns["p_Wcm"]] += np.eye(3)
-        if "v_Wcm" in columns:
-            elapsed = (self.samples.time - self._start)[:, None, None]
-            rows[:, :, columns["v_Wcm"]] += elapsed * np.eye(3)
+    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return self._slope(trajectory, self._nodes(trajectory))
+
+    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        return {"lever_arm": trajectory.R[self._at]}
+
+    def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the position (N, 3) of B's origin in W at the nodes."""
+        state, motion = trajectory.state, self._motion
+        rho = rotate(trajectory.R[: len(motion.nodes)], motion.grid.dynamics.com(state.psi))
+        return motion.com_position(trajectory, slice(0, len(motion.nodes))) - rho
 
 
-class VelocityModel(PositionModel):
-    """A sensor of the velocity of B's origin in W."""
+class VelocityModel(SensorModel):
+    """A sensor of the velocity in W of B's origin, or of a point near it."""
+
+    at_instants = True
+
+    def _relative(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return ω × ρ + ρ' (M, 3): velocity of the centre of mass relative to B's origin, in W."""
+        psi, w = trajectory.state.psi, trajectory.w[self._at]
+        velocity = cross(w, self._dynamics.com(psi)) + self._dynamics.com_rate(psi)
+        return rotate(trajectory.R[self._at], velocity)
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        R = trajectory.rotations(self.samples.time)
-        velocity = rotate(R, self._instants.com_velocity(trajectory))
-        return np.asarray(self.samples.value - trajectory.state.v_Wcm + velocity)
+        v_Wcm = self._motion.com_velocity(trajectory, self._at)
+        velocity = v_Wcm - self._relative(trajectory)
+        arm = self._constant(trajectory, "lever_arm")
+        if arm is not None:
+            velocity = velocity + rotate(trajectory.R[self._at], cross(trajectory.w[self._at], arm))
+        if self._delay(trajectory):
+            velocity = velocity + self._moved_by_delay(trajectory, self._nodes(trajectory))
+        return np.asarray(self.samples.value - velocity)
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange) -> NDArray[np.float64]:
-        R = trajectory.rotations(self.samples.time)
-        arm = rotate(R, self._instants.com_velocity(trajectory))
-        rho = self._instants.dynamics.com(trajectory.state.psi)
-        w = trajectory.spline(self.samples.time)
-        com, com_rate = change.com(self._instants)
-        rotation = skew(w) @ com - skew(rho) @ self._at_samples(change.w)
-        return np.asarray(skew(arm) @ self._at_samples(change.xi) - R @ (rotation + com_rate))
+    def _derivative(
+        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        R, w = trajectory.R[self._at], trajectory.w[self._at]
+        rho = self._dynamics.com(trajectory.state.psi)
+        turned = skew(w) @ change.com[self._at]
+        turned -= skew(rho) @ self._at_samples(trajectory, change.w[: len(xi)])
+        relative = skew(self._relative(trajectory)) @ self._at_samples(trajectory, xi)
+        elapsed = (self._times(trajectory) - self._motion.joints.start)[:, None, None]
+        moved = change.v_Wcm + change.a_Wcm * elapsed
+        if change.velocity is not None:
+            moved = moved + change.velocity[self._at]
+        return np.asarray(moved + relative - R @ (turned + change.com_rate[self._at]))
 
-    def _add_direct(self, rows: NDArray[np.float64], columns: Mapping[str, slice]) -> None:
-        if "v_Wcm" in columns:
-            rows[:, :, columns["v_Wcm"]] += np.eye(3)
+    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return self._slope(trajectory, self._nodes(trajectory))
+
+    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        return {"lever_arm": trajectory.R[self._at] @ skew(trajectory.w[self._at])}
+
+    def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the velocity (N, 3) of B's origin in W at the nodes."""
+        state, motion, N = trajectory.state, self._motion, len(self._motion.nodes)
+        dynamics, w = motion.grid.dynamics, trajectory.w[:N]
+        relative = cross(w, dynamics.com(state.psi)) + dynamics.com_rate(state.psi)
+        velocity = motion.com_velocity(trajectory, slice(0, N))
+        return velocity - rotate(trajectory.R[:N], relative)
 
 
 _MODELS: dict[str, type[SensorModel]] = {
@@ -194,12 +401,10 @@ _MODELS: dict[str, type[SensorModel]] = {
 }
 
 
-def sensor_models(
-    measurements: Mapping[str, Samples], suite: SensorSuite, motion: BaseMotion
-) -> dict[str, SensorModel]:
-    """Return the models of the base's sensors that have samples, in the order of the table."""
+def model_classes(measurements: Measurements) -> dict[str, type[SensorModel]]:
+    """Return the classes of the base's sensors that have samples, in the order of the table."""
     return {
-        name: _MODELS[sensor.quantity.name](name, measurements[name], suite, motion)
+        name: _MODELS[sensor.quantity.name]
         for name, sensor in SENSORS.items()
-        if sensor.quantity.name in _MODELS and len(measurements.get(name, ()))
+        if sensor.quantity.name in _MODELS and len(measurements[name])
     }

@@ -8,6 +8,8 @@ from cpid_drake.report.findings import Findings, Progress, no_progress
 from cpid_drake.report.page import Report, Section
 from cpid_drake.report.sections.base_motion import base_motion_section
 from cpid_drake.report.sections.convergence import convergence_section
+from cpid_drake.report.sections.effects import effects_section, undeclared_section
+from cpid_drake.report.sections.logs import logs_section
 from cpid_drake.report.sections.observability import observability_section
 from cpid_drake.report.sections.provenance import provenance_of
 from cpid_drake.report.sections.replay import replay_section
@@ -39,9 +41,16 @@ def identification_report(
         *before,
         request_section(result),
         result_section(result, findings.truth),
+        *([] if result.joint is None else [logs_section(result, result.joint)]),
         warnings_section(result, None if log is None else log.evidence.result),
     ]
-    if log is None:
+    if result.effects:
+        sections.append(effects_section(result))
+    if result.undeclared is not None and result.undeclared.effects:
+        sections.append(undeclared_section(result.undeclared))
+    if log is None and not findings.missing:
+        sections.append(observability_section(result))
+    elif log is None:
         reason = f"The report has no sections that need the log: {findings.missing}."
         sections += [observability_section(result), Section("Not shown", texts=[reason])]
     else:
@@ -50,7 +59,7 @@ def identification_report(
             residuals_section(log.evidence.found),
             observability_section(result),
             sensors_section(log.evidence),
-            base_motion_section(log.evidence.measurements),
+            base_motion_section(log.evidence.excerpt),
         ]
         progress("making the replay")
         try:
@@ -58,7 +67,7 @@ def identification_report(
         except InputError as error:
             reason = f"The replay cannot be made: {error}."
             sections.append(Section("Not shown", texts=[reason]))
-    sections.append(provenance_of(result.source))
+    sections.append(provenance_of(result.sources()))
     title = title or f"Target held by {result.spacecraft.capture_frame}"
     model = result.spacecraft.model.rsplit("/", 1)[-1]
     known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"

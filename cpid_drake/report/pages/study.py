@@ -2,26 +2,36 @@
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import rich.table
 
+from cpid_drake.output_files.drafts import write_text
+from cpid_drake.output_files.overwriting import PAGE, SUMMARY
 from cpid_drake.report import accuracy, paper
 from cpid_drake.report.page import Cell, Report, Section, Table
+from cpid_drake.report.paper_conclusions import conclusions
+from cpid_drake.report.pictures import PictureGroup
 from cpid_drake.report.sections.provenance import provenance_section
 from cpid_drake.studies.accuracy import AccuracyStudy
 from cpid_drake.studies.paper import PaperStudy
 
+STUDY_FILES = (("report.html", PAGE), ("summary.json", SUMMARY))
+"""Names and kinds of a study's files, except its figures."""
+
 
 def paper_report(
-    study: PaperStudy, files: Sequence[Path], summary: Mapping[str, object], scenario: str
+    study: PaperStudy,
+    figures: Mapping[str, PictureGroup],
+    summary: Mapping[str, object],
+    scenario: str,
 ) -> Report:
     """Return the report of the study of Ning et al. 2016.
 
     Args:
         study: the results.
-        files: PNG files of the figures.
+        figures: the figures, by file name.
         summary: contents of summary.json.
         scenario: name or path of the simulated scenario.
 
@@ -32,12 +42,12 @@ def paper_report(
         "(PLoS ONE 11(4): e0153604)."
     )
     sections = [
-        Section(
-            "Tables",
-            texts=[introduction],
-            tables=[page_table(table, note) for table, note in paper.tables(study)],
+        Section("Conclusion", texts=[introduction, *conclusions(study)]),
+        *(
+            Section(title, tables=[page_table(table, note) for table, note in tables])
+            for title, tables in paper.tables(study).items()
         ),
-        _figures(files),
+        _figures(figures),
         provenance_section(
             [("Scenario", scenario)],
             shlex.join(["cpid", "paper", "--scenario", scenario, "--out", "OUT"]),
@@ -49,7 +59,10 @@ def paper_report(
 
 
 def accuracy_report(
-    study: AccuracyStudy, files: Sequence[Path], summary: Mapping[str, object], scenario: str
+    study: AccuracyStudy,
+    figures: Mapping[str, PictureGroup],
+    summary: Mapping[str, object],
+    scenario: str,
 ) -> Report:
     """Return the report of an accuracy study; arguments as for `paper_report`."""
     tables = [page_table(table) for table in accuracy.tables(study)]
@@ -59,8 +72,9 @@ def accuracy_report(
         for value in dict.fromkeys(getattr(result, name) for result in study.results):
             words += [option, value]
     sections = [
+        Section("Conclusion", texts=accuracy.conclusions(study)),
         Section("Tables", texts=[accuracy.LEGEND, *accuracy.notes(study)], tables=tables),
-        _figures(files),
+        _figures(figures),
         provenance_section(
             [("Scenario", scenario), ("Trials", str(study.trials)), ("Seed", str(study.seed))],
             shlex.join([*words, "--out", "OUT"]),
@@ -68,6 +82,21 @@ def accuracy_report(
     ]
     subtitle = f"Scenario {scenario}, {study.trials} trials, seed {study.seed}"
     return Report("Accuracy of the estimators", subtitle, sections, {"summary": _json(summary)})
+
+
+def write_study(folder: Path, page: Report, figures: Mapping[str, PictureGroup]) -> None:
+    """Write a study's figures, and the files `STUDY_FILES`, into a folder.
+
+    Args:
+        folder: an existing folder.
+        page: the report, with the summary.
+        figures: the figures, by file name.
+
+    """
+    for name, group in figures.items():
+        group.save(folder / name)
+    page.write(folder / "report.html")
+    write_text(folder / "summary.json", page.data["summary"] + "\n")
 
 
 def page_table(table: rich.table.Table, note: str = "") -> Table:
@@ -78,9 +107,8 @@ def page_table(table: rich.table.Table, note: str = "") -> Table:
     return Table(heads, rows, str(table.title or ""), note)
 
 
-def _figures(files: Sequence[Path]) -> Section:
-    labels = [(file, file.stem.replace("_", " ")) for file in files]
-    return Section("Figures", files=labels)
+def _figures(groups: Mapping[str, PictureGroup]) -> Section:
+    return Section("Figures", groups=list(groups.values()))
 
 
 def _json(summary: Mapping[str, object]) -> str:

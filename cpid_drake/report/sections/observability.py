@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, parameter_scale
-from cpid_drake.identification.result import ADVICE
+from cpid_drake.identification.description import gap_sentences
 from cpid_drake.identification.result_files import IdentificationResult
 from cpid_drake.report.figures import singular_value_picture
 from cpid_drake.report.page import Cell, Section, Table
@@ -26,10 +26,7 @@ def observability_section(result: IdentificationResult) -> Section:
 
 def _texts(result: IdentificationResult) -> list[str]:
     if result.rank < 10:
-        return [
-            f"Not all ten parameters are known: {result.not_observable}.",
-            f"To determine the others: {ADVICE}.",
-        ]
+        return gap_sentences(result)
     texts = []
     if result.condition is not None:
         texts.append(

@@ -13,13 +13,18 @@ def provenance_section(facts: Sequence[tuple[str, str | Cell]], command: str) ->
     return Section("Provenance", facts=[*facts, ("Report written by", used)], command=command)
 
 
-def provenance_of(source: Source | None) -> Section:
-    """Return the provenance of an identification; `source` is None if the file does not name it."""
-    if source is None:
+def provenance_of(sources: Sequence[Source]) -> Section:
+    """Return the provenance of an identification; without sources if the file names none."""
+    if not sources:
         return provenance_section([], "")
-    facts = [
-        ("Telemetry", source.telemetry),
-        ("SHA-256", source.sha256 or "none (a folder)"),
-        ("Identified by", f"cpid-drake {source.cpid_drake}"),
-    ]
-    return provenance_section(facts, source.command)
+    facts: list[tuple[str, str | Cell]] = []
+    for source in sources:
+        facts += [
+            ("Telemetry", source.telemetry),
+            ("SHA-256", source.sha256 or "none (a folder)"),
+        ]
+    first = sources[0]
+    facts += [("Map of columns", first.columns)] if first.columns else []
+    facts += [("Prior", first.prior)] if first.prior else []
+    facts.append(("Identified by", f"cpid-drake {first.cpid_drake}"))
+    return provenance_section(facts, first.command)

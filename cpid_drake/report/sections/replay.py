@@ -11,6 +11,7 @@ from cpid_drake.identification.row_estimator import complete_samples
 from cpid_drake.report.findings import Findings, IdentifiedLog
 from cpid_drake.report.page import Section, embedded_json
 from cpid_drake.report.replay import replay_html
+from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.smoothing import smooth
@@ -23,26 +24,33 @@ def replay_section(findings: Findings, log: IdentifiedLog) -> Section:
         InputError: the log does not determine the motion of the base.
 
     """
+    motion = motion_of(log.evidence)
     page = replay_html(
         log.evidence.spacecraft,
-        motion_of(log.evidence),
+        motion,
         log.convergence.estimates,
         truth=findings.truth,
         visual_model=findings.visual_model,
         title=Path(log.evidence.request.telemetry).name,
     )
     text = "The motion in three dimensions, with the estimate over time."
+    if not isinstance(log.evidence.data, Measurements):
+        text += f" The log is long: these are its first {motion.time[-1] - motion.time[0]:.4g} s."
     return Section("Replay", texts=[text], inner_page=embedded_json(json.dumps(page)))
 
 
 def motion_of(evidence: Evidence) -> Telemetry:
     """Return the motion in a log: its complete samples or, if there are none, the smoothed motion.
 
+    Of a long log, it is the motion in the first chunk of the stream.
+
     Raises:
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    measurements, _ = screen(in_joint_order(evidence.measurements, evidence.spacecraft))
+    data = evidence.data
+    beginning = data if isinstance(data, Measurements) else next(iter(data))
+    measurements = screen(in_joint_order(beginning, evidence.spacecraft)).measurements
     if len(measurements.attitude):
         with_relative = () if len(measurements.position) else ("relative",)
         for rows in ("standard", *with_relative):

@@ -7,16 +7,16 @@ from cpid_drake.report.page import Cell, Section, value_cell
 
 def request_section(result: IdentificationResult) -> Section:
     """Return the section that shows the target, the data and the options of the identification."""
-    source, craft = result.source, result.spacecraft
+    sources, craft = result.sources(), result.spacecraft
     how = estimator_label(result.estimator) + (f" ({result.rows})" if result.rows else "")
     facts: list[tuple[str, str | Cell]] = []
-    if source is not None:
-        facts += [
-            ("Telemetry", source.telemetry),
-            ("Time window", f"{source.start:.6g} to {source.end:.6g} s"),
-            ("Sensors", source.sensors or "not given"),
-            ("Total momentum", source.momentum),
-        ]
+    for source in sources:
+        facts.append(("Telemetry", source.telemetry))
+        facts.append(("Time window", f"{source.start:.6g} to {source.end:.6g} s"))
+    if sources:
+        facts.append(("Sensors", sources[0].sensors or "not given"))
+        facts.append(("Total momentum", sources[0].momentum))
+        facts += [("Prior", sources[0].prior)] if sources[0].prior else []
     facts += [
         ("Spacecraft", craft.model),
         ("Base body", craft.base),

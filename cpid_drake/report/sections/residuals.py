@@ -20,6 +20,11 @@ def residuals_section(found: Identification) -> Section:
         )
     else:
         text = "Residuals of the momentum balance, in the capture frame."
+    if any(series.every > 1 for series in found.residuals.values()):
+        text += (
+            " The log is long: sizes and figures are those of an even selection of the residuals, "
+            "and correlations those of the beginning."
+        )
     whole = found.whiteness
     if whole is None:
         text += " The samples were smoothed, so neighbours are correlated."
@@ -39,19 +44,22 @@ def _table(found: Identification) -> Table:
     """Return size and whiteness of the residuals of each sensor or kind of rows."""
     rows: list[list[Cell | str]] = []
     for name, samples in found.residuals.items():
-        white = whiteness(samples.value)
+        white = whiteness(samples.neighbours)
         size = np.sqrt(np.mean(samples.value**2, axis=0))
         rows.append(
             [
                 name,
                 Cell(str(len(samples))),
                 *(Cell(f"{value:.3g}") for value in size),
+                *(Cell("") for _ in range(3 - len(size))),
                 samples.unit,
                 Cell(f"{white.lag_one:+.3f} ± {white.band:.3f}"),
                 "yes" if white.is_white else "no",
             ]
         )
     heads = ["", "samples", "rms x", "rms y", "rms z", "unit", "lag-one correlation", "white"]
+    if found.table is not None:
+        heads[2:5] = ["rms 1", "rms 2", "rms 3"]  # components in the plane
     if found.whiteness is None:  # smoothed samples are not expected to be white
         return Table(heads[:-1], [row[:-1] for row in rows])
     note = (

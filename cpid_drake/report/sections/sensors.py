@@ -21,10 +21,11 @@ def sensors_section(evidence: Evidence) -> Section:
     heads = ["", "samples", "every [ms]", "not used", "σ assumed", "unit", "χ² per reading"]
     columns = 4 if found.sensors is None else 7 if has_residuals else 6
     rows: list[list[Cell | str]] = []
-    for name, samples in evidence.measurements.items():
-        if not len(samples):
+    excerpt = evidence.excerpt
+    for name, count in excerpt.counts.items():
+        if not count:
             continue
-        step = np.median(np.diff(samples.time)) if len(samples) > 1 else np.nan
+        step = excerpt.period(name)
         sigma = ""
         if found.sensors is not None and name in found.sensors.present():
             sigma = ", ".join(f"{value:.2g}" for value in np.unique(found.sensors.sigmas(name)))
@@ -32,7 +33,7 @@ def sensors_section(evidence: Evidence) -> Section:
         rows.append(
             [
                 SENSORS[name].label,
-                Cell(str(len(samples))),
+                Cell(str(count)),
                 Cell(f"{1e3 * step:.4g}" if np.isfinite(step) else ""),
                 Cell(str(found.rejected.get(name, 0))),
                 Cell(sigma),

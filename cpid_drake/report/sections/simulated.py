@@ -7,7 +7,10 @@ from cpid_drake.report.run_folder import Run
 
 
 def simulated_section(run: Run) -> Section:
-    """Return the section with the simulated scenario and the online estimate at its end."""
+    """Return the section with the simulated scenario and the online estimate at its end.
+
+    Its warnings are the limits of the spacecraft that the joint motion exceeds.
+    """
     scenario, document = run.scenario, json.loads(run.texts["run"])
     sensors = scenario.sensors
     named = sensors.suite or "defined in the scenario"
@@ -17,7 +20,7 @@ def simulated_section(run: Run) -> Section:
         ("Mass of the target", f"{run.truth.mass:g} kg"),
         ("Joint motion", type(scenario.joint_motion).__name__),
         ("Sensors", named if sensors.present else "none (exact motion)"),
-        ("Online estimator", scenario.identification.estimator.replace("_", " ")),
+        ("Online estimator", scenario.online_estimator.replace("_", " ")),
     ]
     wanted = {
         "Seed of the noise": "sensor_seed",
@@ -29,7 +32,16 @@ def simulated_section(run: Run) -> Section:
         if isinstance(value, (int, float)):
             text = f"{value:.2g}" if isinstance(value, float) else str(value)
             facts.append((name, Cell(text, value, path, "run")))
-    return Section("Simulation", facts=facts, tables=_online(document))
+    closest, exceeded = _at(document, "limits.closest"), _at(document, "limits.exceeded")
+    if closest:
+        facts.append(("Closest bodies", Cell(str(closest), str(closest), "limits.closest", "run")))
+    texts = exceeded if isinstance(exceeded, list) else []
+    return Section(
+        "Simulation",
+        facts=facts,
+        tables=_online(document),
+        warnings=[f"The spacecraft cannot make this motion: {text}." for text in texts],
+    )
 
 
 def _online(document: object) -> list[Table]:

@@ -6,6 +6,7 @@ such as another order of the quaternion's entries, shows as a much better agreem
 convention.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +28,12 @@ _IN_BODY = "the angular velocity seems to be expressed in the body; name its col
 _CLEAR = 0.98
 """Correlation above which a factor, or another convention, is certain."""
 
+_SLOWEST = 0.5
+"""Step from sample to sample [s] above which the time may be in another unit."""
+
+_AGREES = 0.2
+"""Largest mismatch of positions and rates that agree."""
+
 _WINDOW = 20_000
 """Number of samples that are compared."""
 
@@ -45,6 +52,13 @@ class Findings:
 def check_consistency(measurements: Measurements) -> Findings:
     """Compare positions with rates, both of the joints and of the base."""
     found = Findings()
+    clock = _clock_unit(measurements)
+    if clock is not None:
+        found.errors.append(
+            f"positions and rates agree if the time is in {clock}: it must be in s (time.unit of a "
+            "map of columns)"
+        )
+        return found
     for k, joint in enumerate(measurements.joint_names):
         positions, rates = (
             Samples(samples.time, samples.value[:, k : k + 1])
@@ -54,6 +68,60 @@ def check_consistency(measurements: Measurements) -> Findings:
     _check_vector(measurements.position, measurements.velocity, "x,y,z", "vx,vy,vz", "m", found)
     _check_attitude(measurements, found)
     return found
+
+
+_Comparison = tuple[Callable[[Samples, Samples], float | None], Samples, Samples]
+
+
+def _clock_unit(measurements: Measurements) -> str | None:
+    """Return the unit of the time if it is not s: positions and rates agree with that unit only."""
+    joints = measurements.encoders, measurements.joint_rates
+    pairs = [joints, (measurements.position, measurements.velocity)]
+    comparisons: list[_Comparison] = [(rate_mismatch, *pair) for pair in pairs]
+    comparisons.append((attitude_mismatch, measurements.attitude, measurements.gyro))
+    comparisons = [each for each in comparisons if min(len(each[1]), len(each[2])) > 9]
+    if not comparisons or np.median(np.diff(comparisons[0][1].time)) < _SLOWEST:
+        return None
+    for unit, scale in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        for compare, *pair in comparisons:
+            positions, rates = (Samples(s.time * scale, s.value) for s in pair)
+            mismatch = compare(positions, rates)
+            if mismatch is not None and mismatch < _AGREES:
+                return unit
+    return None
+
+
+def rate_mismatch(positions: Samples, rates: Samples) -> float | None:
+    """Return the difference of positions' changes from rates, relative to the changes.
+
+    0 means that they agree; a wrong unit, axis or sign gives 0.5 or more. None for too few samples.
+    """
+    pairs = _pairs(positions, rates)
+    if pairs is None:
+        return None
+    first, second, elapsed, mean_rate = pairs
+    return _mismatch((second - first) / elapsed, mean_rate)
+
+
+def attitude_mismatch(attitude: Samples, gyro: Samples) -> float | None:
+    """Return the difference of attitudes' changes from angular velocities in B; as `rate_mismatch`.
+
+    Args:
+        attitude: quaternions of R_WB (N, 4), scalar first.
+        gyro: w_WB_B (N, 3) [rad/s].
+
+    """
+    pairs = _pairs(attitude, gyro)
+    if pairs is None:
+        return None
+    first, second, elapsed, w_B = pairs
+    before, after = (Rotation.from_quat(q, scalar_first=True) for q in (first, second))
+    return _mismatch((before.inv() * after).as_rotvec() / elapsed, w_B)
+
+
+def _mismatch(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> float:
+    size = max(np.sum(moved**2), np.sum(rate**2))
+    return float(np.sqrt(np.sum((moved - rate) ** 2) / size)) if size > 0 else 0.0
 
 
 def _check_vector(

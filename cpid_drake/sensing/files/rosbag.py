@@ -1,6 +1,6 @@
 """Reads ROS 2 bags, with the samples of each sensor at their own times.
 
-Reads four message types, those in `TOPIC_TYPES`, from bags with either storage (sqlite3, MCAP). The
+Reads five message types, those in `TOPIC_TYPES`, from bags with either storage (sqlite3, MCAP). The
 PyPI package `rosbags` does the parsing, so ROS need not be installed.
 """
 
@@ -17,7 +17,7 @@ from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.files.formats import Topics
 from cpid_drake.sensing.files.table import LARGEST, Problems
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
 from cpid_drake.sensing.sensors import SENSORS
 
 TOPIC_TYPES = {
@@ -25,8 +25,12 @@ TOPIC_TYPES = {
     "pose": "geometry_msgs/msg/PoseStamped",
     "imu": "sensor_msgs/msg/Imu",
     "joints": "sensor_msgs/msg/JointState",
+    "thrust": "geometry_msgs/msg/WrenchStamped",
 }
 """Message types that are read, by kind of topic."""
+
+_OF_THE_BASE = ("odometry", "pose", "imu")
+"""Kinds of topic with the motion of the base."""
 
 _SOURCES = {
     "attitude": ("odometry", "pose", "imu"),
@@ -56,6 +60,10 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     except for a first entry of -1, by which an IMU declares that it has no orientation or no
     angular velocity.
 
+    A topic of thrust is read only if it is named, because most topics of this type are those of
+    force sensors: force and torque of all thrusters about the base's origin, in a frame of B's
+    axes. Each message holds until the next.
+
     Every joint state must name all joints, in any order; joints in several messages or topics are
     not combined. Columns are in the order of the first message.
 
@@ -68,7 +76,8 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     Args:
         path: the bag's folder, or a single .db3 or .mcap file.
         topics: the topic to read by kind in `TOPIC_TYPES`, such as {"imu": "/imu/data"}; "" for no
-            topic. A kind may be omitted if the bag has at most one topic of its type.
+            topic. A kind except "thrust" may be omitted if the bag has at most one topic of its
+            type.
 
     Raises:
         InputError: `rosbags` is not installed; no bag, or a damaged one; several topics of a kind,
@@ -113,6 +122,8 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
         sensor: _samples(sensor, SENSORS[sensor].width(len(joint_names)), logs, origin)
         for sensor in _SOURCES
     }
+    if "thrust" in logs:
+        samples[THRUST] = _samples(THRUST, 6, logs, origin)
     return Measurements(joint_names, samples)
 
 
@@ -146,6 +157,8 @@ def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> 
         if wanted and wanted not in there:
             names = ", ".join(there) or "none"
             raise InputError(f"{where}: no topic {wanted} of type {message_type}; of it: {names}")
+        if wanted is None and kind == "thrust":
+            continue
         if wanted is None and len(there) > 1:
             raise InputError(
                 f"{where}: several topics of type {message_type}: {', '.join(there)}; choose one, "
@@ -155,8 +168,8 @@ def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> 
             chosen[kind] = wanted or there[0]
     if "joints" not in chosen:
         raise InputError(f"{where}: no topic with joint positions ({TOPIC_TYPES['joints']})")
-    if len(chosen) == 1:
-        types = ", ".join(TOPIC_TYPES[kind] for kind in ("odometry", "pose", "imu"))
+    if not chosen.keys() & {*_OF_THE_BASE}:
+        types = ", ".join(TOPIC_TYPES[kind] for kind in _OF_THE_BASE)
         raise InputError(f"{where}: no topic with the motion of the base (of type {types})")
     return chosen
 
@@ -274,7 +287,17 @@ def _imu_values(message: Any) -> dict[str, tuple[float, ...]]:
     return values
 
 
-_BASE_VALUES = {"odometry": _odometry_values, "pose": _pose_values, "imu": _imu_values}
+def _thrust_values(message: Any) -> dict[str, tuple[float, ...]]:
+    wrench = message.wrench
+    return {THRUST: (*_vector(wrench.torque), *_vector(wrench.force))}
+
+
+_BASE_VALUES = {
+    "odometry": _odometry_values,
+    "pose": _pose_values,
+    "imu": _imu_values,
+    "thrust": _thrust_values,
+}
 
 
 def _origin(stamps: NDArray[np.int64]) -> int:
@@ -285,7 +308,7 @@ def _origin(stamps: NDArray[np.int64]) -> int:
 
 def _samples(sensor: str, width: int, logs: Mapping[str, _Log], origin: int) -> Samples:
     """Return a sensor's samples in the order of stamps, from the first kind that has any."""
-    for kind in _SOURCES[sensor]:
+    for kind in _SOURCES.get(sensor, (sensor,)):
         if kind in logs and sensor in logs[kind].sensors:
             stamps, numbers = (np.array(entries) for entries in logs[kind].sensors[sensor])
             value = numbers.reshape(-1, width)

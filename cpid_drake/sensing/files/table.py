@@ -8,14 +8,19 @@ Columns, in SI units and radians; either all columns of a group are present or n
 - `wx`, `wy`, `wz`: w_WB_W, or `bwx`, `bwy`, `bwz`: w_WB_B, as gyros measure it [rad/s];
 - `vx`, `vy`, `vz`: v_WBo_W [m/s];
 - `q:<joint>`, `qd:<joint>`: joint positions and rates [rad, m, rad/s, m/s]. Rates of all joints or
-  of none; positions of rotors, such as reaction wheels, may be absent.
+  of none; positions of rotors, such as reaction wheels, may be absent;
+- "thrust_fx", "thrust_fy", "thrust_fz", "thrust_tx", "thrust_ty", "thrust_tz": force on the base
+  [N], and torque about its origin [N·m], of all thrusters together, in B. Each row holds until the
+  next. Without the columns of the torque, the force acts at B's origin.
+
+Logs on a table have `yaw` instead of the quaternion; see `sensing.files.planar_columns`.
 
 Registered sensors (`sensing.sensors`) have columns of their own.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
 import numpy as np
@@ -24,7 +29,14 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.files.planar_columns import YAW, is_planar, spatial, spatial_names
+from cpid_drake.sensing.measurements import (
+    FORCE_COLUMNS,
+    THRUST,
+    TORQUE_COLUMNS,
+    Measurements,
+    Samples,
+)
 from cpid_drake.sensing.sensors import (
     ATTITUDE,
     JOINT_POSITIONS,
@@ -42,6 +54,10 @@ LARGEST_TABLE = 250_000_000
 
 LARGEST_TIME = 1e11
 """Largest plausible time in a file [s]."""
+
+
+THRUST_COLUMNS = (*TORQUE_COLUMNS, *FORCE_COLUMNS)
+"""Columns of logged thrust, in the order of its samples."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +84,11 @@ class Problems:
         if len(self.first) < 100:
             self.first.append(Problem(place, text))
 
+    def add_all(self, others: "Problems") -> None:
+        """Add the problems that were found before."""
+        self.first = (self.first + others.first)[:100]
+        self.count += others.count
+
 
 @dataclass(frozen=True, eq=False)
 class TelemetryTable:
@@ -79,6 +100,7 @@ class TelemetryTable:
         lines: (N,) numbers of the rows in the file.
         row_word: word for a row in messages, "line" or "row".
         ignored: names of further columns in the file, which have no meaning.
+        original: by column, its name in the file, where that is another.
 
     """
 
@@ -87,16 +109,20 @@ class TelemetryTable:
     lines: NDArray[np.intp]
     row_word: str = "row"
     ignored: tuple[str, ...] = ()
+    original: Mapping[str, str] = field(default_factory=dict)
 
     def place(self, row: int | np.intp, column: str = "") -> str:
         """Return the place of a row, or of one of its cells, for messages."""
-        cell = f", column '{column}'" if column else ""
+        name = self.original.get(column, column)
+        cell = f", column '{name}'" if name else ""
         return f"{self.row_word} {self.lines[row]}{cell}"
 
 
 def known_column(name: str) -> bool:
     """Return whether the format defines a column of this name."""
-    if name == "time" or any(name in columns for columns, _ in _base_groups()):
+    if name in ("time", YAW, *THRUST_COLUMNS) or any(
+        name in columns for columns, _ in _base_groups()
+    ):
         return True
     return any(name.startswith(prefix) and name != prefix for prefix in _joint_prefixes())
 
@@ -110,6 +136,7 @@ def check_columns(names: Sequence[str], where: str) -> None:
             rate where others have one.
 
     """
+    names = spatial_names(names)
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise InputError(f"{where}: the column '{twice[0]}' is there {names.count(twice[0])} times")
@@ -122,6 +149,13 @@ def check_columns(names: Sequence[str], where: str) -> None:
             raise InputError(
                 f"{where}: {sensor.label} needs the columns {', '.join(columns)}; missing: "
                 f"{', '.join(missing)}{_likely(missing[0], unknown)}"
+            )
+    for columns, label in ((FORCE_COLUMNS, "force"), (TORQUE_COLUMNS, "torque")):
+        missing = [column for column in columns if column not in names]
+        if 0 < len(missing) < len(columns):
+            raise InputError(
+                f"{where}: the {label} of thrusters needs the columns {', '.join(columns)}; "
+                f"missing: {', '.join(missing)}"
             )
     for sensor in SENSORS.values():
         in_W, in_B = ", ".join(sensor.columns_in_W), ", ".join(sensor.columns)
@@ -147,7 +181,8 @@ def check_columns(names: Sequence[str], where: str) -> None:
         if without:
             raise InputError(
                 f"{where}: there is a column 'q:{without[0]}', but no "
-                f"'{sensor.columns[0]}{without[0]}'; give {sensor.label} of all joints or of none"
+                f"'{sensor.columns[0]}{without[0]}'; give {sensor.label} of all joints or of none, "
+                "or leave the joint out (ignore_joints of a map of columns)"
             )
 
 
@@ -157,29 +192,85 @@ def _likely(wanted: str, unknown: Sequence[str]) -> str:
     close = get_close_matches(wanted, unknown, n=1)
     shown = ", ".join(f"'{name:.40}'" for name in unknown[:8])
     more = f" and {len(unknown) - 8} more" if len(unknown) > 8 else ""
-    return f"; did you mean '{close[0]}'?" if close else f"; ignored columns: {shown}{more}"
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    return (
+        f"; ignored columns: {shown}{more}; `cpid telemetry map` finds out what the columns of a "
+        "log mean"
+    )
 
 
-def measurements_of_table(
-    table: TelemetryTable, problems: Problems
-) -> tuple[Measurements, dict[str, int]]:
-    """Return the samples in a table by sensor, without rows that have a problem.
+@dataclass(eq=False)
+class TableConverter:
+    """Converts consecutive tables of a file to measurements.
 
-    Args:
-        table: columns that `check_columns` accepts, cells as they were read.
+    Attributes:
         problems: found problems are added to it.
-
-    Returns:
-        The measurements (positions of joints that have only rates are NaN), and the number of
-        incomplete samples by sensor, which are left out too: some cells of the group are absent, or
-        an angular velocity in W has no attitude on its row.
+        partial: by sensor, the number of incomplete samples so far, which are left out: some cells
+            of the group are absent, or an angular velocity in W has no attitude on its row.
+        latest: time of the latest row so far [s]; earlier rows that follow are a problem.
+        row_count: number of rows so far.
 
     """
-    column = {name: k for k, name in enumerate(table.columns)}
-    usable = _usable_rows(table, column, problems)
+
+    problems: Problems
+    partial: Counter[str] = field(default_factory=Counter)
+    latest: float = -np.inf
+    row_count: int = 0
+
+    def measurements(self, table: TelemetryTable) -> Measurements:
+        """Return the samples of the next table by sensor, without rows that have a problem.
+
+        Positions of joints that have only rates are NaN.
+
+        Args:
+            table: columns that `check_columns` accepts, cells as they were read.
+
+        """
+        if is_planar(table.columns):
+            names = tuple(spatial_names(table.columns))
+            table = replace(table, columns=names, values=spatial(table.columns, table.values))
+        column = {name: k for k, name in enumerate(table.columns)}
+        usable = self._usable_rows(table, column)
+        self.row_count += len(table.values)
+        return _samples_of(table, column, usable, self.partial)
+
+    def _usable_rows(self, table: TelemetryTable, column: dict[str, int]) -> NDArray[np.bool_]:
+        """Return which rows (N,) have an increasing time and plausible cells."""
+        problems = self.problems
+        time = table.values[:, column["time"]]
+        usable = np.isfinite(time)
+        for row in np.flatnonzero(~usable):
+            problems.add(table.place(row, "time"), "the time is absent")
+        _check_size(table, column, problems, usable)
+        times = np.append(self.latest, np.where(usable, time, -np.inf))
+        latest = np.fmax.accumulate(times)
+        before, self.latest = latest[:-1], float(latest[-1])
+        for row in np.flatnonzero(usable & (time <= before)):
+            now, latest_s = (
+                np.format_float_positional(t, trim="-") for t in (time[row], before[row])
+            )
+            what = "is there twice" if time[row] == before[row] else f"comes after {latest_s} s"
+            problems.add(table.place(row, "time"), f"time {now} s {what}")
+            usable[row] = False
+        for sensor in sensors_of(ATTITUDE):
+            if sensor.columns[0] not in column:
+                continue
+            values = table.values[:, [column[name] for name in sensor.columns]]
+            with np.errstate(over="ignore"):
+                norm = np.linalg.norm(values, axis=1)
+            for row in np.flatnonzero(usable & (np.abs(norm - 1) > 1e-3)):
+                problems.add(table.place(row), f"the quaternion's norm is {norm[row]:.6g}, not 1")
+                usable[row] = False
+        return usable
+
+
+def _samples_of(
+    table: TelemetryTable, column: dict[str, int], usable: NDArray[np.bool_], partial: Counter[str]
+) -> Measurements:
     joints = tuple(dict.fromkeys(_joints(table.columns, "q:") + _joints(table.columns, "qd:")))
     time = table.values[:, column["time"]]
-    samples, partial = {}, {}
+    samples = {}
 
     def take(name: str, columns: Sequence[str]) -> Samples:
         """Return the complete samples, without a copy if all are complete."""
@@ -188,7 +279,9 @@ def measurements_of_table(
         there = ~absent.any(axis=1) & usable
         if there.all():
             return Samples(time, values)
-        partial[name] = int(np.sum(usable & ~there & ~absent.all(axis=1)))
+        count = int(np.sum(usable & ~there & ~absent.all(axis=1)))
+        if count:
+            partial[name] += count
         return Samples(time[there], values[there])
 
     for name, sensor in SENSORS.items():
@@ -210,7 +303,13 @@ def measurements_of_table(
             samples[name] = Samples(both.time, w_WB)
         elif all(c in column for c in columns):
             samples[name] = take(name, columns)
-    return Measurements(joints, samples), {k: n for k, n in partial.items() if n}
+    thrust = [name for name in THRUST_COLUMNS if name in column]
+    if thrust:
+        read = take(THRUST, thrust)
+        value = np.zeros((len(read), len(THRUST_COLUMNS)))
+        value[:, [THRUST_COLUMNS.index(name) for name in thrust]] = read.value
+        samples[THRUST] = Samples(read.time, value)
+    return Measurements(joints, samples)
 
 
 def _selection(indices: list[int]) -> slice | list[int]:
@@ -236,12 +335,13 @@ def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.fl
         }
         values = np.hstack([motion.time[:, None], *groups.values()])
         return ["time", *(name for group in groups for name in group)], values
-    time = np.unique(np.concatenate([samples.time for _, samples in motion.items()]))
+    everything = {**dict(motion.items()), THRUST: motion.thrust}
+    time = np.unique(np.concatenate([samples.time for samples in everything.values()]))
     names, blocks = ["time"], [time[:, None]]
-    for name, samples in motion.items():
+    for name, samples in everything.items():
         if not len(samples):
             continue
-        names += SENSORS[name].columns_of(joints)
+        names += THRUST_COLUMNS if name == THRUST else SENSORS[name].columns_of(joints)
         block = np.full((time.size, samples.value.shape[1]), np.nan)
         block[np.searchsorted(time, samples.time)] = samples.value
         blocks.append(block)
@@ -263,34 +363,6 @@ def _joints(columns: Sequence[str], prefix: str) -> tuple[str, ...]:
     return tuple(name[len(prefix) :] for name in columns if name.startswith(prefix))
 
 
-def _usable_rows(
-    table: TelemetryTable, column: dict[str, int], problems: Problems
-) -> NDArray[np.bool_]:
-    """Return which rows (N,) have an increasing time and plausible cells."""
-    time = table.values[:, column["time"]]
-    usable = np.isfinite(time)
-    for row in np.flatnonzero(~usable):
-        problems.add(table.place(row, "time"), "the time is absent")
-    _check_size(table, column, problems, usable)
-    latest = np.fmax.accumulate(np.where(usable, time, -np.inf))
-    before = np.append(-np.inf, latest[:-1])
-    for row in np.flatnonzero(usable & (time <= before)):
-        now, latest_s = (np.format_float_positional(t, trim="-") for t in (time[row], before[row]))
-        what = "is there twice" if time[row] == before[row] else f"comes after {latest_s} s"
-        problems.add(table.place(row, "time"), f"time {now} s {what}")
-        usable[row] = False
-    for sensor in sensors_of(ATTITUDE):
-        if sensor.columns[0] not in column:
-            continue
-        values = table.values[:, [column[name] for name in sensor.columns]]
-        with np.errstate(over="ignore"):
-            norm = np.linalg.norm(values, axis=1)
-        for row in np.flatnonzero(usable & (np.abs(norm - 1) > 1e-3)):
-            problems.add(table.place(row), f"the quaternion's norm is {norm[row]:.6g}, not 1")
-            usable[row] = False
-    return usable
-
-
 def _check_size(
     table: TelemetryTable, column: dict[str, int], problems: Problems, usable: NDArray[np.bool_]
 ) -> None:
@@ -308,5 +380,7 @@ def _check_size(
             large = np.abs(values) > limit
         for row in np.flatnonzero(large):
             text = f"{values[row]:g} is implausible: beyond {limit:g}"
+            if name == "time":
+                text += "; is it in ns? It must be in s, unless a map of columns says otherwise"
             problems.add(table.place(row, name), text)
             usable[row] = False

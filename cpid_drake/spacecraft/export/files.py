@@ -5,11 +5,11 @@ the result is compared with the input.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
-from uuid import uuid4
 
 import numpy as np
 from pydrake.multibody.parsing import Parser
@@ -19,6 +19,8 @@ from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInsta
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import TreeBody
 from cpid_drake.errors import InputError
+from cpid_drake.output_files.drafts import draft_of
+from cpid_drake.output_files.overwriting import MODEL, Output, check_outputs
 from cpid_drake.spacecraft.export.target_models import (
     FORMATS,
     directives,
@@ -95,28 +97,32 @@ def export_target(
         else:
             _check_attached(spacecraft.with_model(file), spacecraft, name, parameters)
 
-    _require_free(path, spacecraft, overwrite)
+    beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
+    places = (path, beside) if format == "drake-yaml" else (path,)
+    known = () if spacecraft is None else (spacecraft.path,)
+    check_outputs([Output("", place, MODEL) for place in places], known, force=overwrite)
     if format != "drake-yaml":
         data = (
             target_alone(target, name, format).encode()
             if spacecraft is None
             else target_attached(target, name, format, spacecraft, path)
         )
-        _write_checked(path, data, check)
-        return Exported(name, (path,))
+        with draft_of(path) as draft:
+            draft.write_bytes(data)
+            with _read_back_errors(path, draft):
+                check(draft)
+        return Exported(name, places)
 
-    beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
-    _require_free(beside, spacecraft, overwrite)
-    is_new = not beside.exists()
-    data = target_alone(target, name, "urdf").encode()
-    _write_checked(beside, data, lambda file: _check_alone(file, name, parameters))
-    try:
-        _write_checked(path, directives(beside, name, spacecraft).encode(), check)
-    except InputError:
-        if is_new:
-            beside.unlink()
-        raise
-    return Exported(name, (path, beside))
+    # The target's file is moved to its place first, because the directives refer to it.
+    with draft_of(path) as draft, draft_of(beside) as draft_beside:
+        draft_beside.write_text(target_alone(target, name, "urdf"), encoding="utf-8")
+        with _read_back_errors(beside, draft_beside):
+            _check_alone(draft_beside, name, parameters)
+        draft.write_text(directives(draft_beside, name, spacecraft), encoding="utf-8")
+        with _read_back_errors(path, draft_beside, draft):
+            check(draft)
+        draft.write_text(directives(beside, name, spacecraft), encoding="utf-8")
+    return Exported(name, places)
 
 
 # -- names and numbers ---------------------------------------------------------------------------
@@ -155,38 +161,18 @@ def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
     return InertialParameters(target.mass, target.p_CTcm_C, inertia + 1e-13 * total * np.eye(3))
 
 
-# -- writing, and checking what was written ------------------------------------------------------
+# -- checking what was written --------------------------------------------------------------------
 
 
-def _require_free(path: Path, spacecraft: Spacecraft | None, overwrite: bool) -> None:
+@contextmanager
+def _read_back_errors(path: Path, *drafts: Path) -> Iterator[None]:
+    """Name the file in the messages of a check, instead of its draft."""
     try:
-        if path.is_dir() or (path.exists() and not overwrite):
-            raise InputError(
-                f"{path}: exists already; choose another name, or overwrite it (--force)"
-            )
-        if spacecraft is not None and path.resolve() == spacecraft.path:
-            raise InputError(f"{path}: is the spacecraft's own model; choose another name")
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: no such folder: {path.parent}")
-    except OSError as error:
-        raise InputError(f"{path!s:.200}: {error.strerror}") from error
-
-
-def _write_checked(path: Path, data: bytes, check: Callable[[Path], None]) -> None:
-    """Write a draft beside the file's place, check it, and rename it to the file."""
-    ending = next(ending for ending in FORMATS.values() if path.name.endswith(ending))
-    draft = path.parent / f".{uuid4().hex}{ending}"
-    try:
-        try:
-            draft.write_bytes(data)
-            check(draft)
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{path!s:.200}: cannot write there: {error.strerror}") from error
+        yield
     except InputError as error:
-        problem = str(error).replace(str(draft), "the file")
+        problem = str(error)
+        for draft in drafts:
+            problem = problem.replace(str(draft), "the file")
         raise InputError(f"{path}: not written, Drake reads it otherwise: {problem}") from error
 
 
@@ -227,7 +213,7 @@ def _check_attached(
     rest = after.bodies[:k] + after.bodies[k + 1 :]
     if not (
         joined.joint_names == spacecraft.joint_names
-        and np.array_equal(joined.velocity_limits, spacecraft.velocity_limits)
+        and np.array_equal(joined.limits.rates, spacecraft.limits.rates)
         and len(rest) == len(before.bodies)
         and all(_same(old, new, k) for old, new in zip(before.bodies, rest))
     ):

@@ -2,12 +2,13 @@
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cpid_drake import InputError
+from cpid_drake import InputError, read_telemetry
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.sensing.files.rosbag import TOPIC_TYPES, read_rosbag
 from cpid_drake.sensing.screening import screen
@@ -137,10 +138,48 @@ def test_a_bag_gives_back_the_motion(write, telemetry, storage):
     assert_equal(read_rosbag(str(file)), telemetry)
 
 
+def test_a_map_of_columns_serves_bags(write, telemetry, tmp_path):
+    names = tuple(f"robot/{name}" for name in telemetry.joint_names)
+    degrees = replace(telemetry, joint_names=names, q=np.degrees(telemetry.q))
+    bag = write(
+        {
+            "/pose": series(stamped_pose, replace(telemetry, p_WB=telemetry.p_WB * 100)),
+            "/joints": series(joint_state, degrees),
+        }
+    )
+    columns = tmp_path / "map.yaml"
+    columns.write_text(
+        """
+        position: {unit: cm}
+        joint_positions: {prefix: "q:robot/", unit: deg}
+        joint_rates: {prefix: "qd:robot/"}
+        """
+    )
+    found = read_telemetry(bag, columns=columns)
+    assert_equal(found, telemetry, ("attitude", "position", "encoders", "joint_rates"))
+
+
 def test_poses_give_attitude_and_position_only(write, telemetry):
     topics = {"/mocap": series(stamped_pose, telemetry), "/j": series(joint_state, telemetry)}
     joint_and_pose = ("attitude", "position", "encoders", "joint_rates")
     assert_equal(read_rosbag(write(topics)), telemetry, joint_and_pose)
+
+
+def test_thrust_is_read_from_the_topic_that_is_named(write, telemetry):
+    """Another topic of this type can be that of a force sensor."""
+    messages = [
+        TYPES["WrenchStamped"](
+            header(stamp, "bus"), TYPES["Wrench"](vector([k, 2.0, 3.0]), vector([4.0, 5.0, -k]))
+        )
+        for k, stamp in enumerate(stamps())
+    ]
+    bag = write({**odometry_and_joints(telemetry), "/thrusters": messages, "/wrist": messages[:5]})
+    assert not len(read_rosbag(bag).thrust)
+    found = read_rosbag(bag, topics={"thrust": "/thrusters"})
+    assert_equal(found, telemetry)
+    expected = [[4.0, 5.0, -k, k, 2.0, 3.0] for k in range(COUNT)]
+    np.testing.assert_array_equal(found.thrust.value, expected)
+    np.testing.assert_allclose(found.thrust.time, np.arange(COUNT) * STEP / 1e9, atol=1e-15)
 
 
 def test_an_imu_gives_the_gyro_and_an_attitude_if_it_says_so(write, telemetry):
@@ -183,7 +222,8 @@ def test_times_count_from_the_first_stamp_of_all_topics(write, telemetry):
 def test_a_stamp_of_a_clock_not_yet_set_does_not_spoil_the_others(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/odom"][0] = odometry(telemetry, 0, 0)
-    measurements, rejected = screen(read_rosbag(write(topics)))
+    screened = screen(read_rosbag(write(topics)))
+    measurements, rejected = screened.measurements, screened.rejected
     assert rejected["attitude"] == 1
     expected = np.arange(1, COUNT) * STEP / 1e9
     np.testing.assert_allclose(measurements.attitude.time, expected, rtol=0, atol=1e-15)
@@ -192,7 +232,8 @@ def test_a_stamp_of_a_clock_not_yet_set_does_not_spoil_the_others(write, telemet
 def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/odom"][7].pose.pose.orientation = TYPES["Quaternion"](0.0, 0.0, 0.0, 0.0)
-    measurements, rejected = screen(read_rosbag(write(topics)))
+    screened = screen(read_rosbag(write(topics)))
+    measurements, rejected = screened.measurements, screened.rejected
     assert (rejected["attitude"], rejected["velocity"], rejected["position"]) == (1, 1, 0)
     v_WB_B = rotate(np.swapaxes(telemetry.R_WB, 1, 2), telemetry.v_WB)
     assert np.abs(v_WB_B - telemetry.v_WB).max() > 0.1  # else the turn into W would not show

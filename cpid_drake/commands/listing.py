@@ -1,0 +1,57 @@
+"""`cpid list` and `cpid --version`."""
+
+import platform
+import re
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from cpid_drake.resources import models_directory, version_of
+
+
+def print_version(wanted: bool) -> None:
+    """Print the versions of this package, Drake and Python, and exit, if this is wanted."""
+    if wanted:
+        own, drake = (version_of(name) or "not installed" for name in ("cpid-drake", "drake"))
+        print(f"cpid {own} (Drake {drake}, Python {platform.python_version()})")
+        raise typer.Exit
+
+
+def list_names() -> None:
+    """List the shipped scenarios and sensors, the estimators and their row families."""
+    from cpid_drake.dynamics.rows import ROW_FAMILIES
+    from cpid_drake.identification.estimators import ESTIMATORS
+    from cpid_drake.sensing.presets import load_sensors, sensor_presets
+
+    scenarios = sorted((models_directory() / "scenarios").glob("*.yaml"))
+    parts = {
+        "Scenarios": {file.stem: _first_sentence(file.read_text("utf-8")) for file in scenarios},
+        "Sensors (--sensors)": {name: load_sensors(name).description for name in sensor_presets()},
+        "Estimators (--estimator)": {
+            name: f"{record.label}: {record.good_for}" for name, record in ESTIMATORS.items()
+        },
+        "Rows of least_squares (--rows)": {
+            name: family.good_for for name, family in ROW_FAMILIES.items()
+        },
+    }
+    width = max(len(name) for part in parts.values() for name in part)
+    console = Console(markup=False, highlight=False)
+    for title, part in parts.items():
+        table = Table.grid("", "", padding=(0, 2, 0, 0))
+        table.columns[0].width = width + 4
+        table.columns[0].no_wrap = True
+        for name, text in part.items():
+            table.add_row(f"  {name}", text)
+        console.print(title, style="bold")
+        console.print(table)
+
+
+def _first_sentence(text: str) -> str:
+    """Return the first sentence of the comment that a YAML file begins with."""
+    lines = []
+    for line in text.splitlines():
+        if not line.strip("# "):
+            break
+        lines.append(line.lstrip("# "))
+    return re.split(r"\.(?= [A-Z])|\.$", " ".join(lines).strip())[0]

@@ -1,0 +1,392 @@
+"""`cpid plan`: plans a joint motion, ranks motions, and exports one for a robot's controller."""
+
+import math
+import os
+import shlex
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from typer.core import TyperGroup
+
+from cpid_drake.commands import options
+from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.output_files.drafts import draft_folder, write_text
+from cpid_drake.output_files.overwriting import (
+    CSV_LOG,
+    PAGE,
+    PNG,
+    YAML,
+    Kind,
+    Output,
+    check_folder,
+    check_outputs,
+)
+from cpid_drake.resources import find_scenario
+
+if TYPE_CHECKING:
+    from cpid_drake.planning.plan_problem import PlanProblem
+    from cpid_drake.planning.search import Candidate
+    from cpid_drake.scenario.schema import Scenario
+    from cpid_drake.sensing.suite import SensorSuite
+
+_MOTION = "motion"
+
+
+class _PlanGroup(TyperGroup):
+    """A group whose first command needs no name: `cpid plan SCENARIO`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in (*self.commands, "--help"):
+            args = [_MOTION, *args]
+        return super().parse_args(ctx, args)
+
+
+plan = typer.Typer(
+    no_args_is_help=True,
+    cls=_PlanGroup,
+    help="Plan the joint motion that determines the target best; export a motion.",
+)
+
+SensorsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PRESET|YAML",
+        help="Sensors. Default: the scenario's, else the first of its accuracy presets.",
+    ),
+]
+PriorOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="What is known about the target: a result of `cpid identify` (JSON), or YAML with "
+        "mass, p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size.",
+    ),
+]
+
+
+@plan.command(_MOTION)
+def motion(
+    scenario: options.ScenarioArgument,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML file of the planned motion.")
+    ] = None,
+    compare: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Rank this motion instead; give it once per motion."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page about the plan.")
+    ] = None,
+    front: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Also plan motions that turn the base less and less; write them, a table and a "
+            "figure of their worst σ.",
+        ),
+    ] = None,
+    sensors: SensorsOption = None,
+    prior: PriorOption = None,
+    family: Annotated[str, typer.Option(help="spline, fourier or waypoints.")] = "spline",
+    criterion: Annotated[
+        str,
+        typer.Option(
+            help="worst (largest σ in units of its scale), A (mean variance), D (volume of the "
+            "ellipsoid) or E (its longest axis)."
+        ),
+    ] = "worst",
+    duration: Annotated[
+        float | None, typer.Option(help="Duration \\[s]. Default: that of the scenario's motion.")
+    ] = None,
+    opportunistic: Annotated[
+        float | None,
+        typer.Option(
+            metavar="T",
+            help="Plan the transfer of the scenario so that it teaches the most, with at most T "
+            "more seconds than the scenario's motion takes.",
+        ),
+    ] = None,
+    frequency: Annotated[float, typer.Option(help="Highest frequency of the motion [Hz].")] = 0.4,
+    joint: Annotated[
+        list[str] | None,
+        typer.Option(help="Joint that moves; may be repeated. Default: all but wheels."),
+    ] = None,
+    rate_share: Annotated[
+        float, typer.Option(help="Share of the model's rate limits that may be used.")
+    ] = 0.95,
+    acceleration: Annotated[
+        float | None, typer.Option(help="Largest acceleration of the joints \\[rad/s² or m/s²].")
+    ] = None,
+    stoppable: Annotated[
+        bool,
+        typer.Option(
+            "--stoppable",
+            help="The motion may be stopped at any instant: if every joint brakes with "
+            "--acceleration, positions, distances and torques stay within their limits.",
+        ),
+    ] = False,
+    clearance: Annotated[
+        float, typer.Option(help="Smallest distance of bodies that are not neighbours \\[m].")
+    ] = 0.05,
+    base_attitude: Annotated[
+        float | None, typer.Option(help="Largest turn of the base \\[deg]. Default: any.")
+    ] = None,
+    base_rate: Annotated[
+        float | None, typer.Option(help="Largest angular rate of the base \\[deg/s]. Default: any.")
+    ] = None,
+    base_displacement: Annotated[
+        float | None,
+        typer.Option(help="Largest displacement of the base's origin \\[m]. Default: any."),
+    ] = None,
+    wheel_momentum: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest angular momentum that each wheel stores, relative to the body that "
+            "carries it [N·m·s]. The wheels move only if --joint names them. Default: any."
+        ),
+    ] = None,
+    targets: Annotated[
+        int, typer.Option(help="Number of plausible targets; the least favourable one counts.")
+    ] = 3,
+    candidates: Annotated[int, typer.Option(help="Motions of the global search.")] = 2000,
+    starts: Annotated[int, typer.Option(help="Candidates that the gradient improves.")] = 2,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the search; the same seed, the same plan.")
+    ] = 1,
+    jobs: Annotated[
+        int | None, typer.Option(help="Number of processes. Default: one for each processor.")
+    ] = None,
+    force: options.ForceOption = False,
+    quiet: options.QuietOption = False,
+) -> None:
+    """Plan the joint motion that determines the target best, or rank motions with --compare.
+
+    The motion has the start and the end of the scenario's own motion. The planner does not use the
+    target's mass properties in the scenario. Ctrl-C keeps the best motion so far.
+    """
+    path = find_scenario(scenario)
+    if (out is None) == (not compare):
+        raise InputError("give --out FILE to plan a motion, or --compare FILE to rank motions")
+    if opportunistic is not None and duration is not None:
+        raise InputError("give either --duration or --opportunistic")
+    outputs = [] if out is None else [Output("--out", out, YAML)]
+    outputs += [] if report is None else [Output("--report", report, PAGE)]
+    check_outputs(outputs, [path, *([] if prior is None else [prior])], force=force)
+    if front is not None:
+        check_folder("--front", front, _front_files(), [path], force=force)
+    from cpid_drake.planning.plan_options import PlanOptions
+    from cpid_drake.planning.plan_problem import PlanProblem
+    from cpid_drake.scenario.files import load_scenario
+
+    loaded = load_scenario(path)
+    suite = _suite(loaded, sensors)
+    chosen = PlanOptions(
+        family=family,
+        criterion=criterion,
+        duration=duration,
+        opportunistic=opportunistic or 0.0,
+        frequency=frequency,
+        joints=tuple(joint or ()),
+        rate_share=rate_share,
+        acceleration=math.inf if acceleration is None else acceleration,
+        is_stoppable=stoppable,
+        clearance=clearance,
+        base_attitude=None if base_attitude is None else math.radians(base_attitude),
+        base_rate=None if base_rate is None else math.radians(base_rate),
+        base_displacement=base_displacement,
+        wheel_momentum=wheel_momentum,
+        targets=targets,
+        candidates=candidates,
+        starts=starts,
+        seed=seed,
+        jobs=(os.cpu_count() or 1) if jobs is None else jobs,
+    )
+    with prefix_errors(scenario):
+        problem = PlanProblem(loaded, suite, chosen)
+        if prior is not None:
+            from cpid_drake.identification.prior_files import load_prior
+
+            frame = loaded.spacecraft.capture_frame
+            problem.prior = load_prior(prior, problem.spacecraft, frame)
+        if out is None:
+            _compare(problem, compare or [])
+        else:
+            best = _plan(problem, scenario, out, report, quiet)
+            if front is not None:
+                _plan_front(problem, best, scenario, front, quiet)
+
+
+def _plan(
+    problem: "PlanProblem", scenario: str, out: Path, report: Path | None, quiet: bool
+) -> "Candidate":
+    """Plan, write the motion, and print what it is expected to do; return the plan."""
+    from cpid_drake.planning.planner import Planner
+
+    planner, start = Planner(problem), time.perf_counter()
+    log = options.log_console(quiet)
+    with log.status("planning") as status:
+
+        def progress(what: str, best: float) -> None:
+            status.update(f"{what}: {problem.options.criterion} σ {100 * best:.3g} % of scale")
+
+        try:
+            best = planner.run(progress)
+        except KeyboardInterrupt:
+            if planner.best is not None:
+                _write(problem, planner.best, scenario, out)
+            raise
+    _write(problem, best, scenario, out)
+    log.print(f"{out}: {time.perf_counter() - start:.0f} s")
+    exceeded = _exceeded(problem, best)
+    options.print_warnings(exceeded)
+    if quiet and report is None:
+        return best
+    from cpid_drake.report.plan import print_predictions
+
+    target, active = problem.targets[0], planner.active(best)
+    predictions = {
+        "scenario's motion": problem.setting.predict(problem.own_motion, target),
+        "plan": problem.setting.predict(problem.motion(best), target),
+    }
+    own, planned = predictions.values()
+    if own.worst < planned.worst and (needs := planner.own_needs()) > 1:
+        problem.notes.append(
+            "the scenario's motion is more precise, but with some of the plausible targets it "
+            f"needs {needs:.2g} times what the limits allow"
+        )
+    for note in problem.notes:
+        log.print(f"note: {note}")
+    if report is not None:
+        from cpid_drake.report.pages.plan import PlannedMotion, plan_report
+
+        page = PlannedMotion(
+            problem.setting,
+            problem.motion(best),
+            target,
+            predictions,
+            active,
+            exceeded,
+            problem.notes,
+            scenario,
+            shlex.join(["cpid", *sys.argv[1:]]),
+            problem.scenario.target.visual_model,
+        )
+        plan_report(page).write(report)
+    if quiet:
+        return best
+    title = f"Predicted σ, a target of {target[0]:.3g} kg"
+    print_predictions(predictions, title, Console(markup=False, highlight=False))
+    print(f"active limits: {'; '.join(active) or 'none'}")
+    print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
+    return best
+
+
+def _front_files() -> list[tuple[str, Kind]]:
+    """Return the names and kinds of the files of a front."""
+    from cpid_drake.planning.pareto import POINTS
+
+    motions = [(f"motion_{k:02d}.yaml", YAML) for k in range(2 * POINTS + 1)]
+    return [("front.csv", CSV_LOG), ("front.png", PNG), *motions]
+
+
+def _plan_front(
+    problem: "PlanProblem", best: "Candidate", scenario: str, folder: Path, quiet: bool
+) -> None:
+    """Plan motions that turn the base less and less; write them, a table and a figure."""
+    import numpy as np
+
+    from cpid_drake.planning.pareto import front
+    from cpid_drake.report.plan import front_picture
+
+    log = options.log_console(quiet)
+    with log.status("planning") as status, draft_folder(folder) as draft:
+        points: list[tuple[float, float, str]] = []
+        for point in front(problem, best, progress=lambda what, _: status.update(what)):
+            name = f"motion_{len(points):02d}.yaml"
+            _write(problem, point.candidate, scenario, draft / name)
+            points.append((math.degrees(point.angle), 100 * point.candidate.score, name))
+        rows = [f"{angle:.6g},{score:.6g},{name}" for angle, score, name in points]
+        head = f"turn of the base [deg],{problem.options.criterion} σ [% of scale],motion"
+        write_text(draft / "front.csv", "\n".join([head, *rows]) + "\n")
+        values = np.array([each[:2] for each in points])
+        front_picture(values, problem.options.criterion).save(draft, "png")
+    log.print(f"{len(points)} motions in {folder}")
+
+
+def _exceeded(problem: "PlanProblem", best: "Candidate") -> list[str]:
+    """Return the limits that a plan exceeds in Drake's plant, for all plausible targets."""
+    from cpid_drake.dynamics.inertia import InertialParameters
+    from cpid_drake.scenario.limits import check_limits
+    from cpid_drake.scenario.simulation import make_simulation
+
+    simulated = replace(problem.scenario.simulation, duration=problem.family.duration)
+    scenario = replace(
+        problem.scenario, joint_motion=problem.family.declare(best.parameters), simulation=simulated
+    )
+    found: dict[str, None] = {}
+    for target in problem.checked_targets:
+        body = InertialParameters.from_vector(target)
+        found |= dict.fromkeys(check_limits(make_simulation(scenario, target=body)).exceeded)
+    return list(found)
+
+
+def _write(problem: "PlanProblem", best: "Candidate", scenario: str, out: Path) -> None:
+    from cpid_drake.scenario.joint_motions import dump_motion
+
+    header = (
+        f"# Planned with `cpid plan {scenario}`: the {problem.options.criterion} criterion is "
+        f"{best.score:.4g} for\n# {len(problem.targets)} plausible targets, in units of the scale. "
+        "Units: rad, m, s, Hz.\n\n"
+    )
+    write_text(out, header + dump_motion(problem.family.declare(best.parameters)))
+
+
+def _compare(problem: "PlanProblem", files: list[Path]) -> None:
+    """Print the predictions for the scenario's motion and those in files, the best first."""
+    from cpid_drake.report.plan import print_predictions
+    from cpid_drake.scenario.joint_motions import MotionFile
+
+    default = problem.scenario.spacecraft.configuration
+    found = {"scenario's motion": problem.own_motion}
+    for file in files:
+        found[file.name] = MotionFile(str(file)).make(problem.spacecraft, default)
+    target = problem.targets[0]
+    predictions = {name: problem.setting.predict(each, target) for name, each in found.items()}
+    ordered = dict(sorted(predictions.items(), key=lambda item: item[1].worst))
+    title = f"Predicted σ, a target of {target[0]:.3g} kg; the best motion first"
+    print_predictions(ordered, title, Console(markup=False, highlight=False))
+
+
+def _suite(scenario: "Scenario", sensors: str | None) -> "SensorSuite":
+    from cpid_drake.sensing.presets import load_sensors
+
+    own = scenario.make_suite() if sensors is None else None
+    return own or load_sensors(sensors or scenario.accuracy.presets[0])
+
+
+@plan.command()
+def export(
+    file: Annotated[Path, typer.Argument(metavar="MOTION", help="YAML file of a joint motion.")],
+    scenario: Annotated[
+        str, typer.Option(metavar="SCENARIO", help="Scenario with the spacecraft of the motion.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="CSV file to write.")],
+    rate: Annotated[float, typer.Option(help="Rows per second [Hz].")] = 100.0,
+    force: options.ForceOption = False,
+) -> None:
+    """Write a joint motion as CSV: time, positions, rates and accelerations of all joints."""
+    path = find_scenario(scenario)
+    check_outputs([Output("--out", out, CSV_LOG)], [path, file], force=force)
+    from cpid_drake.planning.export import motion_table
+    from cpid_drake.scenario.files import load_scenario
+    from cpid_drake.scenario.joint_motions import MotionFile
+
+    loaded = load_scenario(path)
+    spacecraft = loaded.spacecraft.make()
+    motion = MotionFile(str(file)).make(spacecraft, loaded.spacecraft.configuration)
+    write_text(out, motion_table(motion, spacecraft.joint_names, rate))

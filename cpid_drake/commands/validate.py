@@ -1,0 +1,162 @@
+"""`cpid validate`."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cpid_drake.commands import options
+from cpid_drake.commands.identify import NOT_TRUSTWORTHY
+from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.output_files.drafts import write_text
+from cpid_drake.output_files.overwriting import VALIDATION, Output, check_outputs
+
+if TYPE_CHECKING:
+    from cpid_drake.identification.validation import Validation
+
+
+def validate(
+    result: Annotated[
+        str, typer.Argument(metavar="RESULT", help="Result file of `cpid identify --json`.")
+    ],
+    telemetry: Annotated[
+        str,
+        typer.Argument(
+            metavar="TELEMETRY",
+            help=f"A log of the same spacecraft and target that was not used for the result: "
+            f"{options.LOG_KINDS}",
+        ),
+    ],
+    threshold: Annotated[
+        float,
+        typer.Option(help="Largest error of the prediction, in σ, with which the result is valid."),
+    ] = 3.0,
+    beginning: Annotated[
+        float,
+        typer.Option(
+            help="Share of the log to which start, momentum and biases are fitted; the rest is "
+            "predicted."
+        ),
+    ] = 0.3,
+    sensors: options.SensorsOption = None,
+    momentum: options.MomentumOption = None,
+    start: Annotated[
+        float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
+    ] = None,
+    columns: options.ColumnsOption = None,
+    topic: options.TopicOption = None,
+    leave_out_bad: Annotated[
+        bool, typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem.")
+    ] = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the errors to this file.")
+    ] = None,
+    force: options.ForceOption = False,
+    quiet: options.QuietOption = False,
+) -> int:
+    """Predict a log with an identified target, and compare the prediction with the log.
+
+    Start, momentum and biases are fitted to the beginning of the log; the rest of the base's motion
+    is predicted from the joint motion. Sensors and columns are those of the result by default.
+
+    Exit codes: 0 the errors are below the threshold; 2 bad input or usage; 4 they are not.
+    """
+    if not 0 < threshold < 1e6:
+        raise InputError(f"--threshold {threshold:g}: give a positive number")
+    inputs = [file for file in (result, telemetry, sensors, columns) if file is not None]
+    outputs = [] if json_file is None else [Output("--json", json_file, VALIDATION)]
+    check_outputs(outputs, inputs, force=force)
+    from dataclasses import replace
+
+    from cpid_drake.identification.prior_files import prior_of_result
+    from cpid_drake.identification.requests import (
+        Request,
+        file_hash,
+        open_log,
+        opened_inputs,
+    )
+    from cpid_drake.identification.result_files import read_result
+    from cpid_drake.identification.validation import validate
+
+    found = read_result(result)
+    used = found.sources()
+    options.check_inputs(telemetry, found.spacecraft.model, sensors, columns)
+    if any(source.sha256 and source.sha256 == file_hash(telemetry) for source in used):
+        raise InputError(f"{telemetry}: the result was identified from this log; give another one")
+    request = Request(
+        telemetry,
+        found.spacecraft,
+        sensors=sensors or (used[0].sensors if used else None),
+        momentum=momentum,
+        start=start,
+        end=end,
+        topics=options.topics_of(topic),
+        leave_out_bad=leave_out_bad,
+        columns=columns or (used[0].columns if used else None),
+        known_bodies=used[0].known_bodies if used else None,
+        planar=used[0].planar if used else None,
+    )
+    console = options.log_console()
+    with options.log_console(quiet).status("predicting") as status:
+        known = opened_inputs(request, status.update)
+        craft = known.spacecraft
+        target = prior_of_result(found, result, craft, found.spacecraft.capture_frame)
+        log = open_log(request, craft.joint_names)
+        with prefix_errors(telemetry):
+            validation = validate(
+                craft,
+                target,
+                log.data,
+                sensors=known.sensors,
+                momentum=known.momentum,
+                known_bodies=known.known_bodies,
+                planar=request.planar,
+                beginning=beginning,
+            )
+    validation = replace(validation, warnings=(*log.warnings, *validation.warnings))
+    is_valid = validation.in_sigma <= threshold
+    if json_file is not None:
+        content = {
+            **asdict(validation),
+            "in_sigma": validation.in_sigma,
+            "threshold": threshold,
+            "is_valid": is_valid,
+            "result": result,
+            "telemetry": telemetry,
+        }
+        write_text(json_file, json.dumps(content, indent=2) + "\n")
+    for doubt in found.doubts:
+        console.print(f"warning: the result is not trustworthy: {doubt}")
+    for warning in validation.warnings:
+        console.print(f"warning: {warning}")
+    if not quiet:
+        options.print_lines(_described(validation, threshold))
+    return 0 if is_valid else NOT_TRUSTWORTHY
+
+
+def _described(validation: "Validation", threshold: float) -> list[str]:
+    is_valid = validation.in_sigma <= threshold
+    verdict = "valid" if is_valid else "not valid"
+    lines = [
+        f"{verdict}: the largest error of the prediction is {validation.in_sigma:.3g} σ "
+        f"(threshold {threshold:g})",
+        f"Predicted {validation.start:.6g} to {validation.end:.6g} s from the joint motion; total "
+        f"momentum {validation.momentum}",
+        "",
+        f"  {'':10}{'samples':>8}{'rms error':>11}{'expected':>11}{'noise':>11}{'largest':>11}"
+        f"{'in σ':>8}{'no target':>11}",
+    ]
+    for error in validation.errors:
+        numbers = (error.rms, error.expected, error.noise, error.largest)
+        lines.append(
+            f"  {error.sensor:10}{error.samples:8}"
+            + "".join(f"{number:11.3g}" for number in numbers)
+            + f"{error.in_sigma:8.3g}{error.without_target:11.3g} {error.unit}"
+        )
+    note = "Expected: from the sensors' noise and the uncertainty of the target. No target: rms"
+    return [*lines, "", f"  {note}", "  error of a prediction with the spacecraft alone."]

@@ -1,0 +1,141 @@
+"""Small rigid displacements of a joint with all bodies outboard of it, and their momentum.
+
+S = [a; o × a] is a small screw, I and Π are the spatial inertia and the momentum about B's origin,
+in B, of the displaced bodies, and V is the twist of the body inboard of them, which keeps its
+motion. The momentum of the displaced bodies changes by
+
+    dΠ = S ×* Π − I (S × V),
+
+with × and ×* the cross products of twists and of momenta. Source: Featherstone 2008, ch. 2.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, propagate
+from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.dynamics.spatial_inertia import moved_spatial_inertia
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree, TreeBody
+
+
+@dataclass(frozen=True, eq=False)
+class Outboard:
+    """All bodies outboard of each of K bodies, itself included, at N instants seen from the base.
+
+    Attributes:
+        tree: the tree.
+        bodies: motion of each body alone.
+        capture: motion of C.
+        V: (K, N, 6) twist of each body alone at B's origin, in B.
+        momentum: (K, N, 6) momentum [L; P] about B's origin, in B.
+
+    """
+
+    tree: KinematicTree
+    bodies: BodyMotion
+    capture: CaptureMotion
+    V: NDArray[np.float64]
+    momentum: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, tree: KinematicTree, telemetry: Telemetry) -> "Outboard":
+        """Return it for a tree whose bodies are ordered from the base outwards."""
+        bodies, capture = propagate(tree, telemetry)
+        V = np.concatenate([bodies.w, bodies.v - cross(bodies.w, bodies.r)], axis=-1)
+        P = np.array([body.mass for body in tree.bodies])[:, None, None] * bodies.v
+        I_cm = np.stack([body.I_BBcm for body in tree.bodies])[:, None]
+        spin = rotate(bodies.R, rotate(I_cm, rotate(np.swapaxes(bodies.R, -1, -2), bodies.w)))
+        momentum = np.concatenate([spin + cross(bodies.r, P), P], axis=-1)
+        return cls(tree, bodies, capture, V, _summed(tree, momentum))
+
+    @cached_property
+    def inertia(self) -> NDArray[np.float64]:
+        """(K, N, 6, 6) spatial inertia about B's origin, in B."""
+        masses = np.array([body.mass for body in self.tree.bodies])[:, None]
+        I_cm = np.stack([body.I_BBcm for body in self.tree.bodies])[:, None]
+        each = moved_spatial_inertia(masses, I_cm, self.bodies.R, self.bodies.r)
+        return _summed(self.tree, each)
+
+    def displaced(
+        self, which: Sequence[int], S: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return S ×* Π − I (S × V) and I S, (N, 6, n) each.
+
+        Args:
+            which: (n,) indices of the bodies that each of n small screws displaces, together with
+                all bodies outboard of it. The body inboard of it keeps its motion.
+            S: (N, 6, n) the screws at B's origin, in B.
+
+        """
+        S = np.moveaxis(S, -1, 0)
+        at = list(which)
+        inboard = self.V[[self.tree.bodies[k].parent for k in at]]
+        both = self.inertia[at] @ np.stack([S, _cross_motion(S, inboard)], axis=-1)
+        change = _cross_force(S, self.momentum[at]) - both[..., 1]
+        return np.moveaxis(change, 0, -1), np.moveaxis(both[..., 0], 0, -1)
+
+
+def _summed(tree: KinematicTree, each: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return sums over all bodies outboard of each, from values of each body alone (K, ...)."""
+    result = each.copy()
+    for k in range(len(tree.bodies) - 1, 0, -1):  # outboard bodies first
+        result[tree.bodies[k].parent] += result[k]
+    return result
+
+
+def joined_bodies(tree: KinematicTree) -> list[int]:
+    """Return the indices of the bodies whose joints move."""
+    return [k for k, body in enumerate(tree.bodies) if body.joint >= 0]
+
+
+def frame_screws(
+    tree: KinematicTree, k: int, bodies: BodyMotion, turns_F: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the screws (N, 6, 3 + n) of a body's inboard frame F: shifts along P's axes, turns.
+
+    Args:
+        tree: the tree.
+        k: the body.
+        bodies: the motion of all bodies.
+        turns_F: (3, n) axes of the turns about F's origin, in F.
+
+    """
+    body, parent = tree.bodies[k], tree.bodies[k].parent
+    R_P = bodies.R[parent]
+    axes = R_P @ body.R_PF @ turns_F
+    origin = bodies.r[parent] + rotate(R_P, body.p_PF - tree.bodies[parent].p_BBcm)
+    turns = np.concatenate([axes, skew(origin) @ axes], axis=1)
+    return np.concatenate([np.concatenate([np.zeros_like(R_P), R_P], axis=1), turns], axis=-1)
+
+
+def joint_screw(
+    body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the twist (N, 6) of a joint at unit rate, from its outboard body's R and r."""
+    R_WM = R @ body.R_MB.T
+    axis = rotate(R_WM, body.axis_F)
+    if body.prismatic:
+        return np.concatenate([np.zeros_like(axis), axis], axis=-1)
+    origin = r - rotate(R, body.p_BBcm) - rotate(R_WM, body.p_MB)
+    return np.concatenate([axis, cross(origin, axis)], axis=-1)
+
+
+def _cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S × V of twists [ω; v] (N, 6)."""
+    w, v = S[..., :3], S[..., 3:]
+    return np.concatenate(
+        [cross(w, V[..., :3]), cross(v, V[..., :3]) + cross(w, V[..., 3:])], axis=-1
+    )
+
+
+def _cross_force(S: NDArray[np.float64], F: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S ×* F of a twist [ω; v] and a momentum [L; P] (N, 6)."""
+    w, v = S[..., :3], S[..., 3:]
+    return np.concatenate(
+        [cross(w, F[..., :3]) + cross(v, F[..., 3:]), cross(w, F[..., 3:])], axis=-1
+    )

@@ -1,0 +1,140 @@
+"""Motion in a plane, as of a spacecraft that floats on a table.
+
+The table's normal is W's z axis. The table (its air bearings, or the joint of a simulation) holds
+the base's height and tilt by a force along the normal and by moments across it. These reactions do
+not change the linear momentum in the plane and the angular momentum about the normal, so only
+
+    P_x, P_y  and  L_z
+
+are conserved. The other three equations of a free spacecraft do not hold: with a product of inertia
+Ixz, for example, a free spacecraft would tilt, and a table prevents this. They must not be used.
+What remains is linear in four unknowns of the target if all joints keep it in the plane: with n the
+normal in C, these are m, the two components of m c across n, and nᵀ J n.
+
+Sources: Ning et al. 2016, Eqs. 5 and 9, of which three components are conserved.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.dynamics.parameterizations import tensor_to_vector
+from cpid_drake.dynamics.rotations import cross, rotate, rotate_by_quaternion
+from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
+from cpid_drake.dynamics.telemetry import Telemetry
+
+NORMAL_W = np.array([0.0, 0.0, 1.0])
+"""The table's normal in W."""
+
+HELD = {
+    "attitude": (0, 1),
+    "p_Wcm": (2,),
+    "L": (0, 1),
+    "v_Wcm": (2,),
+    "torque": (0, 1),
+    "acceleration": (2,),
+}
+"""Entries in W of what a table holds: tilt, height, and what would change them."""
+
+ALONG = 1e-3
+"""Largest entry across an axis of a unit vector that counts as parallel to the axis."""
+
+
+def freedom(normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S (6, 3): the twists [ω; v] that a table allows its base, in B, are S times (3,)."""
+    first = np.cross(normal_B, np.eye(3)[np.abs(normal_B).argmin()])
+    first /= np.linalg.norm(first)
+    S = np.zeros((6, 3))
+    S[:3, 0], S[3:, 1], S[3:, 2] = normal_B, first, np.cross(normal_B, first)
+    return S
+
+
+def parallel_axis(direction: NDArray[np.float64]) -> int:
+    """Return the number of the coordinate axis that is parallel to a unit vector (3,); −1: none."""
+    axis = int(np.abs(direction).argmax())
+    return axis if np.abs(np.delete(direction, axis)).max() < ALONG else -1
+
+
+def unknowns_in_plane(axis: int) -> NDArray[np.intp]:
+    """Return the places (4,) of the unknowns of rows on which motion in the plane depends.
+
+    Args:
+        axis: number of C's axis that is the table's normal.
+
+    """
+    across = [1 + k for k in range(3) if k != axis]
+    return np.array([0, *across, (4, 7, 9)[axis]])
+
+
+def round_body(psi: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """Return a rigid body (10,) of the same motion in the plane, round about its centre of mass.
+
+    The unknowns that have no effect on the motion are chosen; the moment of inertia about the
+    centre of mass is changed if it is not positive.
+
+    Args:
+        psi: (10,) standard or relative vector with a positive mass.
+        axis: number of C's axis that is the table's normal.
+
+    """
+    about = unknowns_in_plane(axis)[-1]
+    com = psi[1:4] / psi[0]
+    com[axis] = 0.0
+    central = max(psi[about] - psi[0] * com @ com, 1e-3 * abs(psi[about]), 1e-12 * psi[0])
+    body = np.concatenate([psi[:1], psi[0] * com, np.zeros(6)])
+    body[4:] = tensor_to_vector(central * np.eye(3) + point_mass_inertia(psi[0], com))
+    return body
+
+
+def tilt(quaternion_WB: ArrayLike, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation vectors (N, 3) in W [rad] that turn the normal in B to W's z axis."""
+    axis_W = rotate_by_quaternion(np.asarray(quaternion_WB, dtype=float), normal_B)
+    turn = cross(axis_W, np.broadcast_to(NORMAL_W, axis_W.shape))
+    sine = np.linalg.norm(turn, axis=-1)
+    angle = np.arctan2(sine, axis_W[..., 2])
+    return np.asarray(turn * (angle / np.maximum(sine, 1e-300))[..., None])
+
+
+def mean_normal(quaternion_WB: ArrayLike) -> NDArray[np.float64]:
+    """Return the mean direction (3,) of W's z axis in B, of attitudes (N, 4)."""
+    inverse = np.asarray(quaternion_WB, dtype=float) * [1.0, -1.0, -1.0, -1.0]
+    mean = np.mean(rotate_by_quaternion(inverse, NORMAL_W), axis=0)
+    return np.asarray(mean / np.linalg.norm(mean))
+
+
+def in_plane(telemetry: Telemetry, normal_B: NDArray[np.float64]) -> Telemetry:
+    """Return motion without its components out of the plane, which are noise.
+
+    The attitude is turned by the smallest angle so that the base's normal is W's z axis.
+
+    Args:
+        telemetry: the motion.
+        normal_B: (3,) the table's normal in B.
+
+    """
+    w_B = rotate(np.swapaxes(telemetry.R_WB, -1, -2), telemetry.w_WB)
+    return replace(
+        telemetry,
+        quaternion_WB=levelled(telemetry.quaternion_WB, normal_B),
+        p_WB=telemetry.p_WB * [1.0, 1.0, 0.0],
+        w_WB=np.outer(w_B @ normal_B, NORMAL_W),
+        v_WB=telemetry.v_WB * [1.0, 1.0, 0.0],
+    )
+
+
+def levelled(
+    quaternion_WB: NDArray[np.float64], normal_B: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return attitudes (N, 4) turned by the smallest angle so that the normal in B is W's z."""
+    half = tilt(quaternion_WB, normal_B) / 2
+    size = np.linalg.norm(half, axis=1, keepdims=True)
+    level = _product(np.hstack([np.cos(size), half * np.sinc(size / np.pi)]), quaternion_WB)
+    return np.asarray(level / np.linalg.norm(level, axis=1, keepdims=True))
+
+
+def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the products a ∘ b (N, 4) of quaternions."""
+    scalar = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
+    vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + cross(a[:, 1:], b[:, 1:])
+    return np.hstack([scalar, vector])

@@ -1,0 +1,118 @@
+"""Uncertainty of the known spacecraft: of its bodies, of the arm's geometry and of the grasp."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge
+from numpy.typing import NDArray
+
+from cpid_drake.errors import InputError
+from cpid_drake.input_files.validation import from_tree, load_yaml
+from cpid_drake.resources import resolve_model
+
+Size = Annotated[float, Ge(0)]
+
+SHORTEST_LINK = 0.2
+"""Length to which errors of length are compared [m]."""
+
+_WHOLE = "the uncertainty of known bodies"
+
+
+@dataclass(frozen=True)
+class BodyUncertainty:
+    """Uncertainty of the known bodies and of their geometry; the same σ for every body and joint.
+
+    The target's parameters refer to the true capture frame C: the frame in which the target is
+    held. An error of C's pose on its body is therefore an error of the estimate. With `grasp_mm`
+    and `grasp_mrad` of zero, C is by definition where the model has it.
+
+    Attributes:
+        mass: relative σ of the mass.
+        com: σ of each coordinate of the centre of mass [m].
+        inertia: relative σ of the principal second moments, and σ of the directions of the
+            principal axes [rad].
+        joint_position_mm: σ of each coordinate of a joint's place on its inboard body [mm].
+        joint_axis_mrad: σ of the direction of a joint's axis on its inboard body, about each of two
+            axes perpendicular to it [mrad]. The bodies outboard of the joint turn with its axis.
+        grasp_mm: σ of each coordinate of C's origin on the body that holds the target [mm].
+        grasp_mrad: σ of C's attitude on this body, about each axis [mrad].
+
+    """
+
+    mass: Size = 0.0
+    com: Size = 0.0
+    inertia: Size = 0.0
+    joint_position_mm: Size = 0.0
+    joint_axis_mrad: Size = 0.0
+    grasp_mm: Size = 0.0
+    grasp_mrad: Size = 0.0
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the spacecraft is known exactly."""
+        return not any(vars(self).values())
+
+    @property
+    def curvature(self) -> float:
+        """Effects of second order in the errors, as a share of those of first order.
+
+        It is the largest relative error; errors of length are divided by `SHORTEST_LINK`.
+        """
+        lengths = self.com, 1e-3 * self.joint_position_mm, 1e-3 * self.grasp_mm
+        angles = 1e-3 * self.joint_axis_mrad, 1e-3 * self.grasp_mrad
+        return max(self.mass, self.inertia, *angles, max(lengths) / SHORTEST_LINK)
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """(10,) σ of one body's relative mass (1), centre of mass (3) [m] and stretch (6)."""
+        stretch = self.inertia / 2  # the second moment grows by twice the stretch
+        return np.array([self.mass, *3 * [self.com], *6 * [stretch]])
+
+    @property
+    def joint_sigmas(self) -> NDArray[np.float64]:
+        """(5,) σ of one joint's place (3) [m] and of its axis' direction (2) [rad]."""
+        return 1e-3 * np.array([*3 * [self.joint_position_mm], *2 * [self.joint_axis_mrad]])
+
+    @property
+    def grasp_sigmas(self) -> NDArray[np.float64]:
+        """(6,) σ of C's place (3) [m] and attitude (3) [rad]."""
+        return 1e-3 * np.array([*3 * [self.grasp_mm], *3 * [self.grasp_mrad]])
+
+    def all_sigmas(self, bodies: int, joints: int) -> NDArray[np.float64]:
+        """Return (n,) the σ of all bodies, then of all joints, then of C; zeros too."""
+        of_bodies, of_joints = np.tile(self.sigmas, bodies), np.tile(self.joint_sigmas, joints)
+        return np.concatenate([of_bodies, of_joints, self.grasp_sigmas])
+
+    def count(self, bodies: int, joints: int) -> int:
+        """Return the number of uncertain quantities: of those whose σ is not zero."""
+        return int(np.count_nonzero(self.all_sigmas(bodies, joints)))
+
+
+def read_uncertainty(text: str) -> BodyUncertainty:
+    """Return an uncertainty from a YAML file, or from a text such as "mass=0.01,grasp_mm=2".
+
+    Args:
+        text: the path of a YAML file with the attributes of `BodyUncertainty` as keys, or pairs
+            KEY=NUMBER with commas between them.
+
+    Raises:
+        InputError: no such file, not YAML, unknown keys, or values that are not numbers >= 0.
+
+    """
+    if "=" not in text:
+        return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, _WHOLE)
+    tree: dict[str, object] = {}
+    for pair in text.split(","):
+        key, _, value = (part.strip() for part in pair.partition("="))
+        if key in tree:
+            raise InputError(f"{text}: the key '{key}' is given twice")
+        try:
+            tree[key] = float(value)
+        except ValueError:
+            names = ", ".join(entry.name for entry in fields(BodyUncertainty))
+            raise InputError(
+                f"{text}: '{pair.strip()}' is not KEY=NUMBER; the keys are {names}"
+            ) from None
+    return from_tree(BodyUncertainty, tree, text, _WHOLE)

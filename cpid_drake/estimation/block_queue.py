@@ -1,0 +1,140 @@
+"""Cuts samples into blocks of about a second, as they arrive.
+
+A change of the thrust kicks the arm: the accelerations of the joints change, and so does that of
+the base. A block therefore ends at such a change.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpid_drake.estimation.faults import Block, after
+from cpid_drake.sensing.measurement_stream import joined
+from cpid_drake.sensing.measurements import THRUST, Measurements
+from cpid_drake.sensing.suite import SensorSuite
+
+SHORTEST_BLOCK = 1.0
+"""Length of a block [s]; longer ones if the encoders are slow."""
+
+SAMPLES_PER_BLOCK = 20
+"""Smallest number of encoder samples in a block."""
+
+SHORTEST_SHARE = 0.125
+"""Length of the shortest block that ends at a change of the thrust, as a share of others."""
+
+_SLOWER = 1.2  # encoders that are slower than the suite's by this factor make longer blocks
+_STAMP = 1e-7  # rounding error of a stamp [s]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockQueue:
+    """Cuts samples into blocks.
+
+    Attributes:
+        length: of a block [s].
+        edge: end of the last complete block [s]; NaN before the first sample.
+        waiting: samples after the edge.
+        is_kicked: whether the thrust changes at the edge.
+
+    """
+
+    length: float
+    edge: float = np.nan
+    waiting: Measurements | None = None
+    is_kicked: bool = False
+
+    @classmethod
+    def of(cls, suite: SensorSuite) -> "BlockQueue":
+        """Return the queue for a suite's rates."""
+        return cls(max(SHORTEST_BLOCK, SAMPLES_PER_BLOCK / suite["encoders"].rate))
+
+    @property
+    def next_edge(self) -> float:
+        """End of the block that is not complete [s]; NaN before the first encoder sample."""
+        return self.edge + self.length + self._margin(self.waiting)
+
+    def _margin(self, waiting: Measurements | None) -> float:
+        """Return the length of the shortest block that ends at a change of the thrust [s].
+
+        It is zero without a log of thrust.
+        """
+        has_log = waiting is not None and THRUST in waiting.samples
+        return SHORTEST_SHARE * self.length if has_log else 0.0
+
+    def added(self, measurements: Measurements, until: float) -> tuple["BlockQueue", list[Block]]:
+        """Return the queue after adding samples, and the blocks that are complete.
+
+        Args:
+            measurements: later samples than those before.
+            until: time up to which all samples have been added [s].
+
+        """
+        waiting = measurements if self.waiting is None else joined([self.waiting, measurements])
+        if np.isnan(self.edge) and not len(waiting.encoders):
+            # The first block starts at the first encoder sample: earlier samples are not needed.
+            return replace(self, waiting=after(waiting, until, np.inf)), []
+        length = self._length_for(waiting)
+        if length > self.length:
+            return replace(self, length=length).added(measurements, until)
+        edge, margin, is_kicked = self._first_edge(waiting), self._margin(waiting), self.is_kicked
+        blocks: list[Block] = []
+        while edge + self.length + margin + 2 * _STAMP <= until + 4 * _STAMP:
+            # The first block contains both its first and its last sample.
+            is_first = np.isnan(self.edge) and not blocks
+            end = edge + self.length + (2 * _STAMP if is_first else 0.0)
+            change = _first_change(waiting, edge + margin, end + margin)
+            end = change or end + self._gap(waiting, end, until)
+            blocks.append(Block(edge, end, after(waiting, edge, end), is_kicked))
+            edge, is_kicked = end, change is not None
+        if not blocks:
+            return replace(self, waiting=waiting), []
+        return BlockQueue(self.length, edge, after(waiting, edge, np.inf), is_kicked), blocks
+
+    def _gap(self, waiting: Measurements, end: float, until: float) -> float:
+        """Return the time [s] by which a block without encoder samples is longer than others.
+
+        A gap in the samples is one block, however long it is.
+        """
+        times = waiting.encoders.time
+        following = int(np.searchsorted(times, end, side="right"))
+        if following and times[following - 1] > end - self.length:
+            return 0.0
+        gap_end = min(until, times[following]) if following < len(times) else until
+        return self.length * max(np.floor((gap_end - end) / self.length), 0.0)
+
+    def _length_for(self, waiting: Measurements) -> float:
+        """Return the length of blocks [s], longer if a log's encoders are slower than the suite's.
+
+        It is determined by the first samples only.
+        """
+        times = waiting.encoders.time
+        if not np.isnan(self.edge) or len(times) < 3:
+            return self.length
+        needed = SAMPLES_PER_BLOCK * float(np.median(np.diff(times[:SAMPLES_PER_BLOCK])))
+        return needed if needed > _SLOWER * self.length else self.length
+
+    def _first_edge(self, waiting: Measurements) -> float:
+        if not np.isnan(self.edge):
+            return self.edge
+        return float(waiting.encoders.time[0]) - _STAMP
+
+    def finished(self) -> list[Block]:
+        """Return the last, incomplete blocks, if there are any encoder samples."""
+        if self.waiting is None or not len(self.waiting.encoders):
+            return []
+        start = self._first_edge(self.waiting)
+        end = float(self.waiting.encoders.time[-1]) + _STAMP
+        if end - start < 1e-3 * self.length:
+            return []
+        blocks, is_kicked, margin = list[Block](), self.is_kicked, self._margin(self.waiting)
+        while change := _first_change(self.waiting, start + margin, end - margin):
+            blocks.append(Block(start, change, after(self.waiting, start, change), is_kicked))
+            start, is_kicked = change, True
+        return [*blocks, Block(start, end, after(self.waiting, start, end), is_kicked)]
+
+
+def _first_change(waiting: Measurements, start: float, end: float) -> float | None:
+    """Return the first time between two at which the thrust changes [s]; None if there is none."""
+    changes = waiting.thrust_changes
+    inside = changes[(changes > start) & (changes < end)]
+    return float(inside[0]) if len(inside) else None

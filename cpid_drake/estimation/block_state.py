@@ -1,0 +1,153 @@
+"""What is known at the end of a block, as a square root of information, and its solution.
+
+Source: Bierman 1977, Factorization Methods for Discrete Sequential Estimation, ch. V.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.stats import chi2
+
+from cpid_drake.estimation.jumps import Jump
+from cpid_drake.estimation.likelihood.joint_motion import JointBlock, JointTrack
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+
+KNOWN_SHARE = 0.02
+"""A combination of entries of ψ is well known if its σ is below this share of its plausible size.
+
+The nominal ψ moves along such combinations only: values of the others are fitted to noise.
+"""
+
+UNLIKELY = 1e-7
+"""Probability of χ² below which noise does not explain a block's samples."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockState:
+    """What is known at one instant.
+
+    Attributes:
+        time: [s].
+        nominal: the state that δX are the deviations from, with one bias for each gyro.
+        track: the joint motion by its sensors alone, whose mean the joints' deviations refer to.
+        root: (n, n) upper triangle by δX.
+        by_bodies: (n, c) by the known bodies' errors.
+        rest: (n,) right-hand side.
+        bodies: (c, c + 1) triangle and right-hand side of the information about the known bodies'
+            errors alone, their prior included.
+        jumps: assumed changes that are tested.
+
+    """
+
+    time: float
+    nominal: TrajectoryState
+    track: JointTrack | None
+    root: NDArray[np.float64]
+    by_bodies: NDArray[np.float64]
+    rest: NDArray[np.float64]
+    bodies: NDArray[np.float64]
+    jumps: tuple[Jump, ...] = ()
+
+    @property
+    def extra(self) -> NDArray[np.float64]:
+        """(n, c + 12 k) columns of the known bodies' errors and of k assumed changes."""
+        return np.hstack([self.by_bodies, *(jump.columns for jump in self.jumps)])
+
+    def with_estimated_bodies(self, misfit: float = 1.0, curvature: float = 0.0) -> "BlockState":
+        """Return the state about the best errors p of the known bodies.
+
+        The samples tell about p too: R_p p = z_p + e with unit noise e. The equations
+        R δX + G p = z become those in e: G R_p⁻¹ in place of G, and z − G R_p⁻¹ z_p in place of z.
+        The uncertain quantities of the returned state are e, whose prior is again N(0, 1).
+
+        Args:
+            misfit: χ² per degree of freedom of the samples, which tell less if it is above 1.
+            curvature: effects of second order in p, as a share of those of first order; no
+                combination of p becomes known better than that.
+
+        """
+        c = len(self.bodies)
+        if not c:
+            return self
+        root: NDArray[np.float64] = self.bodies[:, :c]
+        size, axes = np.linalg.eigh(root.T @ root - np.eye(c))  # of the samples, without the prior
+        share = 1 / (misfit + np.maximum(size, 0) * curvature**2)
+        target = share * (axes.T @ root.T @ self.bodies[:, c])
+        sigma = 1 / np.sqrt(1 + share * np.maximum(size, 0))
+        gain = self.by_bodies @ axes * sigma
+        rest = self.rest - gain @ (sigma * target)
+        return replace(self, by_bodies=gain, rest=rest, bodies=np.eye(c, c + 1))
+
+    def psi_information(self) -> NDArray[np.float64]:
+        """Return the information (10, 10) about ψ with all else eliminated, the prior included."""
+        R = self.root[-10:, -10:]
+        return R.T @ R
+
+    def psi_consider(self) -> NDArray[np.float64]:
+        """Return the covariance (10, 10) that the known bodies' uncertainty adds to that of ψ."""
+        gain = solve_triangular(self.root, self.by_bodies)[-10:]
+        return gain @ gain.T
+
+    def psi_misfit(self) -> float:
+        """Return the increase of χ² at the nominal ψ over its minimum."""
+        return float(np.sum(self.rest[-10:] ** 2))
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFit:
+    """One block's solution.
+
+    Attributes:
+        state: at the end.
+        joints: the joint motion.
+        residuals: (M, d) what the solution leaves of each sensor's samples in σ, by sensor; d is
+            the sensor's `width`.
+        chi_squared, freedom: of the samples of the base's sensors, given all before.
+        misfit: see `BlockSolver`.
+
+    """
+
+    state: BlockState
+    joints: JointBlock
+    residuals: dict[str, NDArray[np.float64]]
+    times: dict[str, NDArray[np.float64]]
+    chi_squared: float
+    freedom: int
+    misfit: float
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether noise explains the samples."""
+        return self.chi_squared <= self.misfit * chi2.isf(UNLIKELY, max(self.freedom, 1))
+
+
+def solution(
+    R: NDArray[np.float64],
+    z: NDArray[np.float64],
+    plausible: NDArray[np.float64] | None,
+    share: float = KNOWN_SHARE,
+) -> NDArray[np.float64]:
+    """Return x (n,) of R x = z, R upper triangular, with ψ as its last ten entries.
+
+    Args:
+        R, z: (n, n) and (n,).
+        plausible: (10,) plausible sizes of ψ; combinations that are not well known remain zero, and
+            the other entries of x are the best for that. None to keep ψ at zero.
+        share: σ of a well-known combination, as a share of its plausible size, is at most this.
+
+    Raises:
+        numpy.linalg.LinAlgError: the samples contradict each other so much that R or z overflows.
+
+    """
+    if not (np.isfinite(R).all() and np.isfinite(z).all()):
+        raise np.linalg.LinAlgError("nothing explains the samples")
+    n = len(R) - 10
+    psi = np.zeros(10)
+    if plausible is not None:
+        U, size, axes = np.linalg.svd(R[n:, n:] * plausible)
+        known = size > 1 / share
+        psi = plausible * (axes[known].T @ ((U.T @ z[n:])[known] / size[known]))
+    others = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ psi)
+    return np.concatenate([others, psi])

@@ -1,0 +1,165 @@
+"""Constant errors as unknowns of the likelihood: their σ, and their places in a state.
+
+`SensorSuite` declares the σ of the constant errors of sensors and of the external forces. They are
+the prior of the estimate. Every entry of one constant error has the same σ.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.sensing.sensors import ARCSECOND, SensorErrors
+from cpid_drake.sensing.suite import SensorSuite
+
+THRUST_SCALE = "thrust_scale"
+"""Name of the error of the scale of logged thrust, common to all its components."""
+
+COMPLIANCE = "compliance"
+"""Name of the compliance of the grasp about the axes of C."""
+
+FIXED = ("zero",)
+"""Kinds whose nominal value is that of the block's model: they change the known bodies' motion."""
+
+NOT_MOVED = (*FIXED, COMPLIANCE)
+"""Kinds whose nominal value does not move within a block; that of the compliance is zero."""
+
+LINEAR_ZERO = 1e-4
+"""Change of a joint's zero for which the model is linear: its square is below noise [rad or m]."""
+
+
+@dataclass(frozen=True)
+class ConstantError:
+    """One constant error.
+
+    Attributes:
+        name: "acceleration", "torque", `THRUST_SCALE` or `COMPLIANCE`, or a sensor and a kind, such
+            as "attitude.delay".
+        size: number of entries.
+        sigma: σ of each entry [SI units, rad].
+        unit: unit in texts.
+        scale: SI value of this unit.
+        walk: random walk: the σ of the change after a time t is this value times √t [SI units/√s].
+
+    """
+
+    name: str
+    size: int
+    sigma: float
+    unit: str
+    scale: float
+    walk: float = 0.0
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor; empty for an external force."""
+        return self.name.partition(".")[0] if "." in self.name else ""
+
+    @property
+    def kind(self) -> str:
+        """Kind of the error, such as "delay"."""
+        return self.name.rpartition(".")[2]
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A kind of constant error: its name, the field with its σ, and the field's unit in SI units.
+
+    `size` is the number of entries; 0 for one per joint.
+    """
+
+    name: str
+    field: str
+    size: int
+    unit: str
+    scale: float
+
+
+_KINDS = (
+    _Kind("delay", "delay_ms", 1, "ms", 1e-3),
+    _Kind("mounting", "mounting_arcsec", 3, "arcsec", ARCSECOND),
+    _Kind("scale", "scale_ppm", 3, "ppm", 1e-6),
+    _Kind("misalignment", "misalignment_arcsec", 6, "arcsec", ARCSECOND),
+    _Kind("lever_arm", "lever_arm_mm", 3, "mm", 1e-3),
+    _Kind("zero", "zero_mrad", 0, "mrad", 1e-3),
+)
+
+
+def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError, ...]:
+    """Return the constant errors with σ > 0 of a suite, for a spacecraft with so many joints."""
+    found = [*_of_forces(suite)]
+    for sensor, errors in suite.present().items():
+        found += [_of_sensor(sensor, kind, errors, joint_count) for kind in _KINDS]
+    return tuple(error for error in found if error.sigma > 0)
+
+
+def _of_forces(suite: SensorSuite) -> list[ConstantError]:
+    size = suite.disturbances
+    if size is None:
+        return []
+    return [
+        ConstantError("acceleration", 3, size.acceleration, "m/s²", 1.0, size.acceleration_walk),
+        ConstantError("torque", 3, size.torque, "N·m", 1.0, size.torque_walk),
+        ConstantError(THRUST_SCALE, 1, size.thrust_scale, "%", 0.01),
+        ConstantError(COMPLIANCE, 3, 1e-6 * size.compliance_urad, "µrad/(N·m)", 1e-6),
+    ]
+
+
+def _of_sensor(sensor: str, kind: _Kind, errors: SensorErrors, joint_count: int) -> ConstantError:
+    sigma = kind.scale * getattr(errors, kind.field, 0.0)
+    return ConstantError(
+        f"{sensor}.{kind.name}", kind.size or joint_count, sigma, kind.unit, kind.scale
+    )
+
+
+class Constants:
+    """The constant errors of a suite, as a vector in units of their σ.
+
+    Args:
+        errors: the constant errors; default: none.
+
+    Attributes:
+        errors: the constant errors by name.
+        size: length of the vector.
+
+    """
+
+    def __init__(self, errors: tuple[ConstantError, ...] = ()) -> None:
+        self.errors = {error.name: error for error in errors}
+        ends = np.cumsum([0, *(error.size for error in errors)]).tolist()
+        self.size = ends[-1]
+        self._places = {e.name: slice(a, a + e.size) for e, a in zip(errors, ends)}
+
+    @classmethod
+    def of(cls, suite: SensorSuite, joint_count: int) -> "Constants":
+        """Return the constant errors of a suite, for a spacecraft with so many joints."""
+        return cls(constant_errors(suite, joint_count))
+
+    def value(self, constants: NDArray[np.float64], name: str) -> NDArray[np.float64] | None:
+        """Return one error [SI units, rad], from the vector (k,); None if there is no such one."""
+        if name not in self.errors:
+            return None
+        return np.asarray(self.errors[name].sigma * constants[self._places[name]])
+
+    def joint_zeros(self, constants: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return by how much measured joint positions are too large (J,) [rad or m]; else (1,)."""
+        zeros = [e for e in self.errors.values() if e.kind == "zero"]
+        values = (error.sigma * constants[self._places[error.name]] for error in zeros)
+        return sum(values, start=np.zeros(1))
+
+    def agree(self, first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+        """Return whether a model about the joint zeros of the first holds for the second, too."""
+        change = self.joint_zeros(second) - self.joint_zeros(first)
+        return bool(np.abs(change).max() < LINEAR_ZERO)
+
+    def place(self, name: str) -> slice:
+        """Return the place of an error in the vector."""
+        return self._places[name]
+
+    def moved(
+        self, constants: NDArray[np.float64], name: str, step: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the vector after a step of one error, in units of its σ."""
+        result = constants.copy()
+        result[self._places[name]] += step
+        return result

@@ -1,0 +1,326 @@
+"""Effects: the unknown or uncertain quantities on which the base's motion and the readings depend.
+
+Each effect has some columns of the Jacobian. It adds the derivatives of the motion, or of readings,
+with respect to its quantities; it changes the state by a step; and it says how sure it is before
+the first sample. To model a further effect, write a class like these and add it to
+`model.BlockModel`.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
+from cpid_drake.dynamics.rotations import skew
+from cpid_drake.dynamics.sensitivity import (
+    MotionSensitivity,
+    joint_sensitivity,
+    uncertain_sensitivity,
+)
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.thrust import inverse_mass
+from cpid_drake.sensing.sensors import Gyro
+
+
+@dataclass(frozen=True, eq=False)
+class MotionChange:
+    """First-order change of the base's motion by n quantities, at U instants.
+
+    Attributes:
+        w: (U, 3, n) change of the angular velocity at unchanged attitude, in B.
+        com: (U, 3, n) change of the centre of mass ρ from B's origin, in B.
+        com_rate: (U, 3, n) change of the rate of ρ as seen from B, in B.
+        attitude: (3, n) change of the attitude at the start, a rotation in W.
+        p_Wcm: (3, n) change of the system's centre of mass at the start, in W.
+        v_Wcm: (3, n) change of its velocity at the start, in W.
+        a_Wcm: (3, n) change of its acceleration, in W.
+        inverse_mass: (n,) change of the inverse 1/m of the system's mass [1/kg].
+        thrust: (n,) change of the scale of logged thrust.
+        position, velocity: (U, 3, n) change of position and velocity of the centre of mass because
+            all this changes the effect of logged thrust, in W; None without thrust.
+
+    """
+
+    w: NDArray[np.float64]
+    com: NDArray[np.float64]
+    com_rate: NDArray[np.float64]
+    attitude: NDArray[np.float64]
+    p_Wcm: NDArray[np.float64]
+    v_Wcm: NDArray[np.float64]
+    a_Wcm: NDArray[np.float64]
+    inverse_mass: NDArray[np.float64]
+    thrust: NDArray[np.float64]
+    position: NDArray[np.float64] | None = None
+    velocity: NDArray[np.float64] | None = None
+
+    @classmethod
+    def zeros(cls, instants: int, n: int) -> "MotionChange":
+        """Return no change by n quantities."""
+        return cls(*np.zeros((3, instants, 3, n)), *np.zeros((4, 3, n)), *np.zeros((2, n)))
+
+    def columns(self, part: slice) -> "MotionChange":
+        """Return views of some columns."""
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        return MotionChange(**{name: value[..., part] for name, value in given.items()})
+
+
+class Effect:
+    """One effect on a block of time.
+
+    Attributes:
+        name: key in `BlockModel.columns`.
+        size: number of columns n.
+        at_start: indices of the columns of the quantities that the previous block had at its end.
+        at_end: indices of the columns that the next block has at its start. A constant has the same
+            columns at both ends.
+
+    """
+
+    name: str
+    size: int
+
+    @property
+    def at_start(self) -> NDArray[np.intp]:
+        """Columns, counted from the effect's first, that continue the previous block's."""
+        return np.arange(self.size)
+
+    @property
+    def at_end(self) -> NDArray[np.intp]:
+        """Columns, counted from the effect's first, that the next block continues."""
+        return np.arange(self.size)
+
+    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
+        """Write the derivatives of the motion into `change`, which contains zeros."""
+
+    def change_reading(
+        self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]
+    ) -> None:
+        """Add to rows (M, 3, n) the derivatives of a sensor's readings at unchanged motion."""
+
+    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
+        """Return the state after a step (n,)."""
+        return state
+
+    def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return rows (m, n) and right-hand side (m,) that connect this block's quantities."""
+        return np.zeros((0, self.size)), np.zeros(0)
+
+
+class Target(Effect):
+    """The ten relative unknowns ψ = (μ, μc, I_*)."""
+
+    name, size = "psi", 10
+
+    def __init__(self, motion: BaseMotion) -> None:
+        self._motion = motion
+
+    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
+        """See `Effect`."""
+        dynamics = self._motion.instants.dynamics
+        change.w[:] = -trajectory.inverse @ dynamics.regressor(trajectory.w)
+        by_torque = self._motion.gradient_by_psi(trajectory)
+        if by_torque is not None:
+            change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by_torque
+        change.com[:, :, :4] = dynamics.com_regressor()
+        change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
+        change.inverse_mass[0] = -(dynamics.mass**-2)
+
+    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
+        """See `Effect`."""
+        return replace(state, psi=state.psi + step)
+
+
+class Start(Effect):
+    """Attitude of the base (3) and place of the system's centre of mass (3) at the start, in W."""
+
+    name, size = "start", 6
+
+    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
+        """See `Effect`."""
+        change.attitude[:, :3] = change.p_Wcm[:, 3:] = np.eye(3)
+
+    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
+        """See `Effect`."""
+        attitude = Rotation.from_rotvec(step[:3]) * state.attitude
+        return replace(state, attitude=attitude, p_Wcm=state.p_Wcm + step[3:])
+
+
+class Momentum(Effect):
+    """Angular momentum about the system's centre of mass (3), and its velocity (3), in W."""
+
+    name, size = "momentum", 6
+
+    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
+        """See `Effect`."""
+        change.w[:, :, :3] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
+        change.v_Wcm[:, 3:] = np.eye(3)
+
+    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
+        """See `Effect`."""
+        return replace(state, L=state.L + step[:3], v_Wcm=state.v_Wcm + step[3:])
+
+
+class GyroBias(Effect):
+    """The bias of one gyro: constant, or linear in each block with the prior of a random walk.
+
+    Args:
+        sensor: name of the gyro.
+        gyro: its errors.
+        first: row of its first node in `TrajectoryState.bias`.
+        start, end: [s].
+
+    """
+
+    def __init__(self, sensor: str, gyro: Gyro, first: int, start: float, end: float) -> None:
+        self.name, self._sensor = f"bias of {sensor}", sensor
+        self._start, self._length = start, end - start
+        self._growth = gyro.bias_growth * np.sqrt(self._length)
+        self.nodes = 2 if gyro.bias_growth else 1
+        self.rows = slice(first, first + self.nodes)
+        self.size = 3 * self.nodes
+
+    @property
+    def at_start(self) -> NDArray[np.intp]:
+        """See `Effect`."""
+        return np.arange(3)
+
+    @property
+    def at_end(self) -> NDArray[np.intp]:
+        """See `Effect`."""
+        return np.arange(self.size - 3, self.size)
+
+    def weights(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (M, nodes) weights of the nodes at times (M,)."""
+        if self.nodes == 1:
+            return np.ones((len(times), 1))
+        share = (times - self._start) / self._length
+        return np.stack([1 - share, share], axis=1)
+
+    def change_reading(
+        self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]
+    ) -> None:
+        """See `Effect`."""
+        if sensor == self._sensor:
+            rows += np.kron(self.weights(times), np.eye(3)).reshape(len(times), 3, -1)
+
+    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
+        """See `Effect`."""
+        bias = state.bias.copy()
+        bias[self.rows] += step.reshape(-1, 3)
+        return replace(state, bias=bias)
+
+    def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the prior of the random walk from the first node to the last."""
+        if self.nodes == 1:
+            return super().links(state)
+        first, last = state.bias[self.rows]
+        rows = np.hstack([-np.eye(3), np.eye(3)]) / self._growth
+        return rows, (first - last) / self._growth
+
+
+class JointErrors(Effect):
+    """Errors of the coefficients of the joints' splines, joint after joint."""
+
+    name = "joints"
+
+    def __init__(self, motion: BaseMotion) -> None:
+        self._motion, self._joints = motion, motion.joints
+        K, J = self._joints.coefficients.shape
+        self.size = K * J
+        self._indices = np.arange(K * J).reshape(J, K)
+        times = motion.instants.times
+        self._B, self._B_dot = self._joints.basis(times), self._joints.basis(times, 1)
+
+    @property
+    def at_start(self) -> NDArray[np.intp]:
+        """See `Effect`."""
+        return self._indices[:, :ORDER].ravel()
+
+    @property
+    def at_end(self) -> NDArray[np.intp]:
+        """See `Effect`."""
+        return self._indices[:, -ORDER:].ravel()
+
+    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
+        """See `Effect`."""
+        by_q, by_qdot = joint_changes(self._motion, trajectory)
+
+        def by_errors(q: NDArray[np.float64], qdot: NDArray[np.float64]) -> NDArray[np.float64]:
+            both = (
+                q[..., None] * self._B[:, None, None] + qdot[..., None] * self._B_dot[:, None, None]
+            )
+            return both.reshape(len(both), 3, -1)
+
+        write_change(
+            change,
+            MotionSensitivity(
+                by_errors(by_q.w, by_qdot.w),
+                by_errors(by_q.com, by_qdot.com),
+                by_errors(by_q.v, by_qdot.v),
+            ),
+            self._motion,
+            trajectory,
+        )
+
+    def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the information of the block's own joint sensors."""
+        joints = self._joints
+        rows = np.asarray(np.kron(np.diag(1 / joints.growth), joints.rows), dtype=float)
+        return rows, (joints.rest / joints.growth).T.ravel()
+
+
+class KnownBodies(Effect):
+    """Errors of the known bodies and of their geometry, each in units of its σ."""
+
+    name = "bodies"
+
+    def __init__(self, motion: BaseMotion, uncertainty: BodyUncertainty) -> None:
+        self._motion, self._uncertainty = motion, uncertainty
+        self._joint_count = motion.joints.coefficients.shape[1]
+        self.size = uncertainty.count(len(motion.tree.bodies), self._joint_count)
+
+    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
+        """See `Effect`."""
+        tree, telemetry = _relative_to_base(self._motion, trajectory)
+        at, psi = self._motion.instants, trajectory.state.psi
+        by = uncertain_sensitivity(tree, telemetry, psi, at.dynamics, self._uncertainty)
+        write_change(change, by, self._motion, trajectory)
+        sigmas = self._uncertainty.all_sigmas(len(tree.bodies) - 1, self._joint_count)
+        masses = np.zeros(len(sigmas))
+        masses[: 10 * (len(tree.bodies) - 1) : 10] = [body.mass for body in tree.bodies[:-1]]
+        by_masses = -masses * sigmas * inverse_mass(at.dynamics.mass, float(psi[0])) ** 2
+        change.inverse_mass[:] = by_masses[sigmas > 0]
+
+
+def joint_changes(
+    motion: BaseMotion, trajectory: Trajectory
+) -> tuple[MotionSensitivity, MotionSensitivity]:
+    """Return the derivatives of the motion with respect to joint positions and joint rates."""
+    tree, telemetry = _relative_to_base(motion, trajectory)
+    return joint_sensitivity(tree, telemetry, trajectory.state.psi, motion.instants.dynamics)
+
+
+def write_change(
+    change: MotionChange, by: MotionSensitivity, motion: BaseMotion, trajectory: Trajectory
+) -> None:
+    """Write a sensitivity into `change`; v = −(ω × ρ + ρ') is solved for the change of ρ'."""
+    rho = motion.instants.dynamics.com(trajectory.state.psi)
+    change.w[:], change.com[:] = by.w, by.com
+    change.com_rate[:] = skew(rho) @ by.w - skew(trajectory.w) @ by.com - by.v
+
+
+def _relative_to_base(
+    motion: BaseMotion, trajectory: Trajectory
+) -> tuple[KinematicTree, Telemetry]:
+    """Return the tree with the target attached, and the motion of both relative to the base."""
+    psi, at = trajectory.state.psi, motion.instants
+    phi = parameters_to_standard(relative_parameterization(at.dynamics.mass).to_parameters(psi))
+    q, qdot = np.moveaxis(motion.joint_motion(at.times), 1, 0)
+    v = -(np.cross(trajectory.w, at.dynamics.com(psi)) + at.dynamics.com_rate(psi))
+    return motion.tree.with_target(phi), Telemetry.seen_from_base(q, qdot, trajectory.w, v)

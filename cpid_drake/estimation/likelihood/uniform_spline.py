@@ -1,0 +1,133 @@
+"""Cubic splines, interpolation and integrals over equidistant nodes."""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.sparse import csr_array
+
+
+class UniformSpline:
+    """The cubic spline through values (N, 3) at N equidistant nodes.
+
+    It is that of `scipy.interpolate.CubicSpline`, whose construction takes ten times as long.
+
+    Attributes:
+        c: (4, N − 1, 3) coefficients of the powers 3 to 0 in each interval.
+
+    """
+
+    def __init__(self, start: float, step: float, values: NDArray[np.float64]) -> None:
+        self._start, self._step = start, step
+        slope = _slopes(len(values)) @ values / step
+        chord = (values[1:] - values[:-1]) / step
+        bend = (slope[1:] + slope[:-1] - 2 * chord) / step
+        linear, square = slope[:-1], (chord - slope[:-1]) / step - bend
+        self.c = np.stack([bend / step, square, linear, values[:-1]])
+
+    def place(self, times: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """Return the interval of each time (M,), and the time since its start [s]."""
+        elapsed = times - self._start
+        k = np.clip((elapsed / self._step).astype(int), 0, self.c.shape[1] - 1)
+        return k, elapsed - k * self._step
+
+    def __call__(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values (M, 3) at times (M,)."""
+        k, t = self.place(times)
+        c, t = self.c[:, k], t[:, None]
+        return np.asarray(((c[0] * t + c[1]) * t + c[2]) * t + c[3])
+
+    def steps(self) -> NDArray[np.float64]:
+        """Return the integrals (N − 1, 3) over all intervals."""
+        powers = self._step ** np.arange(4, 0, -1) / np.arange(4, 0, -1)
+        return np.tensordot(powers, self.c, axes=1)
+
+    def since_node(
+        self, times: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """Return the interval of each time (M,), and the integral (M, 3) since its start."""
+        k, t = self.place(times)
+        powers = t ** np.arange(4, 0, -1)[:, None] / np.arange(4, 0, -1)[:, None]
+        return k, np.einsum("pm,pmi->mi", powers, self.c[:, k])
+
+
+class RampedSpline(UniformSpline):
+    """The sum of a cubic spline and of ramps a (t − s)⁺, for values whose slope jumps.
+
+    Args:
+        start, step: the nodes [s].
+        values: (N, 3) values of the sum at the nodes.
+        times: (S,) times s at which the slope jumps [s].
+        slopes: (S, 3) the jumps a.
+
+    """
+
+    def __init__(
+        self,
+        start: float,
+        step: float,
+        values: NDArray[np.float64],
+        times: NDArray[np.float64],
+        slopes: NDArray[np.float64],
+    ) -> None:
+        self._times, self._slopes = times, slopes
+        self._nodes: NDArray[np.float64] = start + step * np.arange(len(values), dtype=float)
+        super().__init__(start, step, values - self._ramps(self._nodes))
+
+    def _ramps(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.maximum(times[:, None] - self._times, 0.0) @ self._slopes)
+
+    def _areas(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.maximum(times[:, None] - self._times, 0.0) ** 2 @ self._slopes / 2)
+
+    def __call__(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `UniformSpline`."""
+        return super().__call__(times) + self._ramps(times)
+
+    def steps(self) -> NDArray[np.float64]:
+        """See `UniformSpline`."""
+        return super().steps() + np.diff(self._areas(self._nodes), axis=0)
+
+    def since_node(
+        self, times: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """See `UniformSpline`."""
+        k, smooth = super().since_node(times)
+        return k, smooth + self._areas(times) - self._areas(self._nodes[k])
+
+
+def cubic_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> csr_array:
+    """Return (M, N) weights of N equidistant nodes at times (M,): cubics through four nodes."""
+    N = len(nodes)
+    place = (times - nodes[0]) / (nodes[1] - nodes[0])
+    first = np.clip(place.astype(int) - 1, 0, N - 4)
+    x = (place - first)[:, None] - np.arange(4)
+    weights = np.stack(
+        [
+            x[:, 1] * x[:, 2] * x[:, 3] / -6,
+            x[:, 0] * x[:, 2] * x[:, 3] / 2,
+            x[:, 0] * x[:, 1] * x[:, 3] / -2,
+            x[:, 0] * x[:, 1] * x[:, 2] / 6,
+        ],
+        axis=1,
+    )
+    columns = first[:, None] + np.arange(4)
+    ends = 4 * np.arange(len(times) + 1)
+    return csr_array((weights.ravel(), columns.ravel(), ends), shape=(len(times), N))
+
+
+def step_integrals(f: NDArray[np.float64], h: float) -> NDArray[np.float64]:
+    """Return the integrals (N − 1, ...) of f (N, ...) over each of the steps h."""
+    result = np.empty_like(f[1:])
+    result[1:-1] = h / 24 * (13 * (f[1:-2] + f[2:-1]) - f[:-3] - f[3:])
+    result[0] = h / 24 * (9 * f[0] + 19 * f[1] - 5 * f[2] + f[3])
+    result[-1] = h / 24 * (9 * f[-1] + 19 * f[-2] - 5 * f[-3] + f[-4])
+    return result
+
+
+@lru_cache(maxsize=64)
+def _slopes(count: int) -> NDArray[np.float64]:
+    """Return the slopes (N, N) at N nodes, one apart, of the splines through the unit vectors."""
+    nodes = np.arange(count)
+    return np.asarray(CubicSpline(nodes, np.eye(count))(nodes, 1))

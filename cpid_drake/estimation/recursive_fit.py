@@ -1,0 +1,405 @@
+"""Recursive fit: the likelihood solved online, block after block.
+
+At first, sensor errors look like effects of the target. Therefore the first blocks are stored, and
+all of them are fitted together at growing intervals (`window_fit`), until the target is known well
+enough to linearize each block once. From then on, every block is solved when it is complete, and
+only what is known at its end is kept. The state is a value: every function returns a new one.
+"""
+
+from collections.abc import Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.block_state import BlockState
+from cpid_drake.estimation.blocks import BlockSolver
+from cpid_drake.estimation.faults import Block, Explained, explain
+from cpid_drake.estimation.likelihood.priors import Prior
+from cpid_drake.estimation.whiteness import LagSums
+from cpid_drake.estimation.window_fit import (
+    WELL_KNOWN,
+    Sweep,
+    WindowFit,
+    explained_sweep,
+    fit_window,
+    inertia_uncertainty,
+)
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.suite import SensorSuite
+
+NEXT_FIT = 1.3
+"""Ratio of the lengths of successive windows that are fitted."""
+
+LONGEST_WINDOW = 60
+"""Largest number of blocks that are fitted together."""
+
+LARGEST_MISFIT = 1.1
+"""χ² per degree of freedom above which the model misses the samples by more than noise."""
+
+_SEARCHED_BLOCKS = 4  # a longer first window is not searched for a change of momentum
+_REST_BLOCKS = 5  # blocks that are kept while the joints do not move
+_SUSPECT_BLOCKS = 10  # an unlikely window of more blocks loses its older half
+_HOPELESS = 20.0  # χ² per degree of freedom that no later block of a window can explain
+_FEWEST_HOPELESS = 3  # blocks of a window that may be hopeless
+_TRIES = 2  # hopeless windows after which longer ones with the same beginning are not fitted
+_PATIENCE = 2  # beginnings that may be given up before blocks pass without a fit
+_MOST_IDLE = 300  # blocks that pass without a fit after many hopeless windows
+_MOST_FITS = 6  # of one window, with other priors and about other zeros of the joints
+_FINER = 1  # sizes by which splines of the joints are finer for a large target
+_REST = 1e-3  # motion of a joint that counts as rest [rad or m]
+
+
+@dataclass(frozen=True, eq=False)
+class RecursiveState:
+    """The state of the estimator.
+
+    Attributes:
+        queue: samples of the block that is not complete.
+        prior: what is known before the first stored block.
+        window: stored blocks, while the target is fitted to all of them.
+        explained: number of stored blocks that the latest fit explained.
+        changed: number of the stored block in which the momentum has changed; −1 for none.
+        next_fit: length of the window of the next fit [s].
+        hopeless: number of successive windows that nothing explained by far. What does not explain
+            some blocks does not explain them together with later ones either.
+        given_up: number of successive beginnings of windows that were given up as hopeless.
+        finer: see `BlockSolver.finer`.
+        idle: number of blocks to come before the next fit.
+        sweep: of the latest fit of a window; None before the first.
+        rough: of a fit of the whole window that does not explain it; None without such a fit.
+        block: what is known at the end of the last block; None while the window is fitted.
+        is_explained: whether noise, outliers and changes of momentum explain the samples.
+        expected_misfit: χ² per degree of freedom that is expected; see `BlockSolver.misfit`.
+        changes: number of changes of momentum found.
+        change_time: end of the latest of them [s]; NaN without one.
+        bridged_time: length of all pieces that nothing explained [s].
+        chi_squared, freedom: of the samples of the base's sensors.
+        used, left_out: number of samples used and left out, by sensor.
+        lags: sums over the residuals of each sensor, which tell whether these are white.
+        first_edge: start of the first counted block [s]; NaN before it.
+        has_thrust: whether thrusters have changed the momentum.
+
+    """
+
+    queue: BlockQueue
+    prior: Prior
+    window: tuple[Block, ...] = ()
+    explained: int = 0
+    changed: int = -1
+    next_fit: float = 0.0
+    hopeless: int = 0
+    given_up: int = 0
+    idle: int = 0
+    finer: int = 0
+    sweep: Sweep | None = None
+    rough: Sweep | None = None
+    block: BlockState | None = None
+    is_explained: bool = True
+    expected_misfit: float = 1.0
+    changes: int = 0
+    change_time: float = np.nan
+    bridged_time: float = 0.0
+    chi_squared: float = 0.0
+    freedom: int = 0
+    used: dict[str, int] = field(default_factory=dict)
+    left_out: dict[str, int] = field(default_factory=dict)
+    lags: dict[str, LagSums] = field(default_factory=dict)
+    first_edge: float = np.nan
+    has_thrust: bool = False
+
+    @property
+    def start(self) -> float:
+        """Start of the first block that was used [s]; NaN before it."""
+        return self.window[0].start if self.window else self.first_edge
+
+    @property
+    def initializing(self) -> bool:
+        """Whether the target is still fitted to all samples so far."""
+        return self.block is None
+
+    @property
+    def processed(self) -> dict[str, int]:
+        """Number of samples by sensor that the estimate is based on, those left out included."""
+        fitted = self.sweep.state.time if self.sweep is not None else -np.inf
+        counts = self.used
+        for block in self.window:
+            if block.end <= fitted:
+                counts = _sum(counts, [(n, len(s)) for n, s in block.samples.items() if len(s)])
+        return counts
+
+    @property
+    def all_left_out(self) -> dict[str, int]:
+        """Number of samples left out so far, by sensor."""
+        window = self.sweep.left_out if self.sweep is not None and self.window else ()
+        return _sum(self.left_out, window)
+
+    @property
+    def misfit(self) -> float:
+        """χ² per degree of freedom, or 1 if that is not much larger than noise makes it."""
+        chi_squared, freedom = self.chi_squared, self.freedom
+        if self.initializing and self.sweep is not None:
+            chi_squared = self.sweep.cost
+            freedom = sum(fit.freedom for fit in self.sweep.fits)
+        freedom = max(freedom, 1)
+        limit = max(LARGEST_MISFIT, 1 + 5 * np.sqrt(2 / freedom))
+        return chi_squared / freedom if chi_squared > limit * freedom else 1.0
+
+    @property
+    def known(self) -> BlockState | None:
+        """What is known at the end of the last block that was used; None before the first."""
+        return self.block or (None if self.sweep is None else self.sweep.state)
+
+
+class RecursiveFit:
+    """The recursive estimator for one spacecraft and its sensors; it contains no state.
+
+    Args:
+        tree: the known spacecraft.
+        suite: its sensors.
+        prior: what is known before the first sample.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
+
+    """
+
+    def __init__(
+        self,
+        tree: KinematicTree,
+        suite: SensorSuite,
+        prior: Prior,
+        known_bodies: BodyUncertainty | None = None,
+    ) -> None:
+        self.solver, self.prior = BlockSolver(tree, suite, known_bodies), prior
+
+    def as_in(self, state: RecursiveState) -> "RecursiveFit":
+        """Return the estimator with the prior's width and the joints' splines of a state."""
+        result = copy(self)
+        result.prior = self.prior.as_wide_as(state.prior)
+        result.solver = replace(self.solver, finer=state.finer)
+        return result
+
+    def start(self) -> RecursiveState:
+        """Return the state before the first sample."""
+        return RecursiveState(BlockQueue.of(self.solver.suite), self.prior)
+
+    def process(
+        self, state: RecursiveState, measurements: Measurements, until: float
+    ) -> RecursiveState:
+        """Return the state after more samples.
+
+        Args:
+            state: before.
+            measurements: screened samples, later than those before.
+            until: time up to which all samples have been given [s].
+
+        """
+        queue, blocks = state.queue.added(measurements, until)
+        state = replace(state, queue=queue)
+        for block in blocks:
+            state = self._take(state, block)
+        return state
+
+    def finish(self, state: RecursiveState) -> RecursiveState:
+        """Return the state after the incomplete block; samples that follow begin another one."""
+        for block in state.queue.finished():
+            queue = replace(state.queue, edge=block.end, waiting=None)
+            state = self._take(replace(state, queue=queue), block)
+        moved = bool(state.window) and has_moved(state.window, self.solver.suite)
+        if state.initializing and moved and state.hopeless < _TRIES:
+            state = self._fit(state)
+        if state.known is None and state.rough is not None:
+            return replace(state, sweep=state.rough, is_explained=False)
+        if state.known is None and state.window and moved:
+            try:
+                fit = fit_window(
+                    self.solver_of(state), state.prior, state.window, state.prior.psi, plain=True
+                )
+            except (InputError, np.linalg.LinAlgError):
+                return state
+            state = replace(state, sweep=fit.sweep, is_explained=False)
+        return state
+
+    def run(self, chunks: Iterable[Measurements]) -> RecursiveState:
+        """Return the state after all samples of successive chunks."""
+        state = self.start()
+        for chunk in chunks:
+            state = self.process(state, chunk, last_time(chunk))
+        return self.finish(state)
+
+    def _take(self, state: RecursiveState, block: Block) -> RecursiveState:
+        if state.block is not None:
+            prior = state.prior
+            solver = replace(self.solver_of(state), misfit=state.expected_misfit)
+            found = explain(solver, prior, state.block, block, prior.plausible)
+            return counted(replace(state, block=found.state), block, found)
+        window = (*state.window, block)
+        state = replace(state, rough=None)
+        if state.idle or not has_moved(window, self.solver.suite):
+            return replace(state, window=window[-_REST_BLOCKS:], idle=max(state.idle - 1, 0))
+        state = replace(state, window=window)
+        if state.hopeless >= _TRIES:
+            return state if len(window) <= _SUSPECT_BLOCKS else self._restarted(state)
+        if block.end - window[0].start < state.next_fit - 1e-6:
+            return state
+        return self._fit(state)
+
+    def _fit(self, state: RecursiveState) -> RecursiveState:
+        """Fit the window, and decide whether blocks can be solved one after the other from now."""
+        window = state.window
+        length = window[-1].end - window[0].start
+        state = replace(state, next_fit=length * NEXT_FIT)
+        psi = state.prior.psi if state.sweep is None else state.sweep.state.nominal.psi
+        suspects = range(state.explained, len(window))
+        if not state.explained:  # a search in all blocks is for a short window
+            is_searched = len(window) <= _SEARCHED_BLOCKS and not state.hopeless
+            suspects = range(len(window) if is_searched else 0)
+        try:
+            fit, state = self._suited(state, psi, suspects)
+        except (InputError, np.linalg.LinAlgError):
+            return self._without_first(state)
+        sweep = fit.sweep
+        if not fit.converged:
+            is_hopeless = len(window) >= _FEWEST_HOPELESS and sweep.misfit > _HOPELESS
+            hopeless = state.hopeless + 1 if is_hopeless else 0
+            rough = sweep if fit.changed < 0 else None
+            state = replace(
+                state, sweep=None, rough=rough, explained=0, changed=-1, hopeless=hopeless
+            )
+            return state if len(window) <= _SUSPECT_BLOCKS else self._restarted(state)
+        misfit = 1.0 if sweep.is_likely else sweep.misfit
+        state = replace(state, sweep=sweep, explained=len(window), expected_misfit=misfit)
+        state = replace(state, changed=fit.changed, hopeless=0, given_up=0)
+        # The joints are lost after a block that is skipped.
+        is_known = (
+            sweep.state.track is not None
+            and inertia_uncertainty(sweep.state, self.solver) < WELL_KNOWN
+        )
+        if not is_known and len(window) <= LONGEST_WINDOW:
+            return state
+        if sweep.bridged:
+            at = sweep.state.nominal
+            solver = self.solver_of(state)
+            sweep = explained_sweep(solver, state.prior, window, at.psi, at.constants)
+        whole = Explained(sweep.state, sweep.fits, sweep.bridged, sweep.left_out)
+        block = self.solver.settled(sweep.state, state.prior.plausible)
+        state = replace(state, block=block, window=(), sweep=None, is_explained=True)
+        for one in window:
+            state = counted(state, one, Explained(block))
+        return counted(state, None, whole)
+
+    def _suited(
+        self, state: RecursiveState, psi: NDArray[np.float64], suspects: Sequence[int]
+    ) -> tuple[WindowFit, RecursiveState]:
+        """Fit the window with a prior, splines and zeros of the joints that suit it.
+
+        The vague prior is too narrow for a target that is much larger than the spacecraft. Such a
+        target hardly moves. The base moves instead, and its gyro feels errors of the joints'
+        splines that the encoders do not see. The model is linear in the joints' zeros.
+        """
+        constants = self.solver.constants
+        about = state.sweep.state.nominal.constants if state.sweep else np.zeros(constants.size)
+        for _ in range(_MOST_FITS):
+            fit = fit_window(
+                self.solver_of(state),
+                state.prior,
+                state.window,
+                psi,
+                changed=state.changed,
+                suspects=suspects,
+                constants=about,
+            )
+            psi, found = fit.psi, fit.sweep.state.nominal.constants
+            if state.prior.excludes(psi):
+                state = replace(state, prior=state.prior.covering(psi), finer=_FINER)
+            elif constants.agree(about, found):
+                break
+            about = found
+        return fit, state
+
+    def solver_of(self, state: RecursiveState) -> BlockSolver:
+        """Return the solver with the joints' splines of a state."""
+        return replace(self.solver, finer=state.finer)
+
+    def _restarted(self, state: RecursiveState) -> RecursiveState:
+        """Return a state with the later half of the window, before which momentum has changed."""
+        prior = replace(state.prior, momentum=TotalMomentum.unknown(state.prior.momentum))
+        half = state.window[len(state.window) // 2 :]
+        state = replace(state, changes=state.changes + 1, change_time=half[0].start)
+        if state.hopeless >= _TRIES:
+            again = max(state.given_up - _PATIENCE, 0)
+            idle = min(_SUSPECT_BLOCKS * (2**again - 1), _MOST_IDLE)
+            state = replace(state, hopeless=0, given_up=state.given_up + 1, idle=idle)
+        return replace(state, window=half, prior=prior, next_fit=0.0, explained=0, changed=-1)
+
+    def _without_first(self, state: RecursiveState) -> RecursiveState:
+        """Return a state without the first block, which has too few samples to start from."""
+        return replace(state, window=state.window[1:], next_fit=0.0)
+
+
+def last_time(measurements: Measurements) -> float:
+    """Return the time of the latest sample [s]; −inf without samples."""
+    return max(
+        (float(s.time[-1]) for s in measurements.samples.values() if len(s)), default=-np.inf
+    )
+
+
+def has_moved(window: tuple[Block, ...], suite: SensorSuite) -> bool:
+    """Return whether a joint has moved at a rate that was not constant."""
+    encoders = [block.samples.encoders for block in window]
+    times = np.concatenate([samples.time for samples in encoders])
+    values = np.concatenate([samples.value for samples in encoders])
+    if len(times) < 3:
+        return False
+    share = ((times - times[0]) / (times[-1] - times[0]))[:, None]
+    chord = values[0] + share * (values[-1] - values[0])
+    noise = float(suite.sigmas("encoders")[0])
+    return bool(
+        np.median(np.sort(np.abs(values - chord), axis=0)[-5:], axis=0).max() > _REST + 20 * noise
+    )
+
+
+def counted(state: RecursiveState, block: Block | None, found: Explained) -> RecursiveState:
+    """Return the state with the samples of a block and its faults counted."""
+    changes, last, used, lost = state.changes, state.change_time, state.used, state.bridged_time
+    for start, end in found.bridged:
+        changes += not start <= last + 1e-6  # pieces that follow each other are one change
+        last, lost = end, lost + end - start
+    for _ in found.jumps:
+        changes, last = changes + 1, found.state.time
+    lags = dict(state.lags)
+    for fit in found.fits:
+        for name, rest in fit.residuals.items():
+            lags[name] = lags.get(name, LagSums()).added(rest)
+    first, has_thrust = state.first_edge, state.has_thrust
+    if block is not None:
+        first = block.start if np.isnan(first) else first
+        used = _sum(used, [(n, len(s)) for n, s in block.samples.items() if len(s)])
+        has_thrust = has_thrust or block.samples.has_thrust
+    left_out = _sum(state.left_out, found.left_out)
+    return replace(
+        state,
+        changes=changes,
+        change_time=last,
+        bridged_time=lost,
+        chi_squared=state.chi_squared + sum(fit.chi_squared for fit in found.fits),
+        freedom=state.freedom + sum(fit.freedom for fit in found.fits),
+        used=used,
+        left_out=left_out,
+        lags=lags,
+        first_edge=first,
+        has_thrust=has_thrust,
+    )
+
+
+def _sum(counts: dict[str, int], more: Iterable[tuple[str, int]]) -> dict[str, int]:
+    """Return the counts after adding more of them."""
+    total = dict(counts)
+    for name, count in more:
+        total[name] = total.get(name, 0) + count
+    return total

@@ -1,0 +1,241 @@
+"""The estimates of constant errors of sensors and of external forces, and their words."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.estimation.block_state import BlockState, solution
+from cpid_drake.estimation.blocks import BlockSolver
+from cpid_drake.estimation.effect_selection import ModelAverage
+from cpid_drake.estimation.intervals import quantile_95
+
+SIGNIFICANT = 4.0
+"""Size of an entry in units of its σ from which the words mention it."""
+
+LEARNED = 0.5
+"""Share of the prior σ below which the samples have determined an entry."""
+
+_SHOWN = 8
+"""Number of candidates in a comparison."""
+
+_WORDS = {
+    "acceleration": "an external acceleration of {}, in W",
+    "torque": "an external torque of {} about the centre of mass, in W",
+    "thrust_scale": "the true thrust differs from the logged one by {}",
+    "compliance": "the grasp is flexible: the target turns against C by {} about its axes",
+    "delay": "the stamps of the {sensor} are {} late",
+    "mounting": "the {sensor} is turned by {} from the axes of the base",
+    "scale": "the {sensor} shows {} too much about its axes",
+    "misalignment": "the axes of the {sensor} are misaligned by {}",
+    "lever_arm": "the {sensor} is that of a point at {} from the origin of the base",
+    "zero": "the zeros of the joints are off by {}",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class EffectEstimate:
+    """The estimate of one constant error; see `cpid_drake.estimation.likelihood.constants`.
+
+    Attributes:
+        name: such as "acceleration" or "attitude.delay".
+        unit: unit of all numbers.
+        value: (k,) the estimate.
+        sigma: (k,) its σ.
+        prior_sigma: σ of each entry before the first sample.
+        log: name of the log to which an external force belongs; empty for errors that all logs have
+            in common, and if there is only one log.
+
+    """
+
+    name: str
+    unit: str
+    value: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    prior_sigma: float
+    log: str = ""
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether an entry differs from zero by much more than its σ."""
+        return bool((np.abs(self.value) > SIGNIFICANT * self.sigma).any())
+
+    @property
+    def is_learned(self) -> bool:
+        """Whether the samples determine an entry much better than its prior."""
+        return bool((self.sigma < LEARNED * self.prior_sigma).any())
+
+    def describe(self) -> str:
+        """Return the estimate in words, with 95 % intervals."""
+        sensor, _, kind = self.name.rpartition(".")
+        half = quantile_95() * self.sigma
+        numbers = ", ".join(f"{v:.3g} ± {h:.2g}" for v, h in zip(self.value, half))
+        text = f"{numbers} {self.unit}" if len(self.value) == 1 else f"({numbers}) {self.unit}"
+        return _WORDS[kind].format(text, sensor=sensor) + self._where
+
+    def summary(self) -> str:
+        """Return the size of the estimate in words: one number, even if there are several."""
+        if len(self.value) == 1:
+            return self.describe()
+        sensor, _, kind = self.name.rpartition(".")
+        largest = int(np.argmax(np.abs(self.value) / self.sigma))
+        text = f"up to {abs(self.value[largest]):.3g} {self.unit}"
+        return _WORDS[kind].format(text, sensor=sensor) + self._where
+
+    @property
+    def _where(self) -> str:
+        return f" during {self.log}" if self.log else ""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How well a model with more errors predicts samples that were not used, and one without.
+
+    Attributes:
+        seconds: length of the prediction, of all logs together [s].
+        samples: number of predicted values.
+        chi_squared: mean square of the errors of the prediction, in units of the σ that the model
+            expects: about 1 for the right model.
+        without: the same of the prediction by the model without these errors, in the same units.
+
+    """
+
+    seconds: float
+    samples: int
+    chi_squared: float
+    without: float
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the model with more errors predicts better."""
+        return self.chi_squared < self.without
+
+    def describe(self) -> str:
+        """Return the comparison in words."""
+        return (
+            f"fitted to the first two thirds, they predict the other {self.seconds:.3g} s with χ² "
+            f"per sample {self.chi_squared:.3g}; without them {self.without:.3g}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class UndeclaredErrors:
+    """The errors that explain a log best, beyond the declared ones.
+
+    Attributes:
+        effects: their estimates; empty if the declared errors explain the log.
+        gain: gain of the log marginal likelihood by all of them.
+        shift: change of the target by them, in units of the σ of the result without them.
+        fields: what to add to the sensors' file: section, field and σ of each error.
+        is_explained: whether noise explains what these errors leave.
+        alone: gain by each candidate alone, the largest first.
+        held_out: prediction of samples that were not used; None without effects, and for a log that
+            is too short.
+        average: what the probabilities of these and other errors do to the intervals of the target.
+
+    """
+
+    effects: tuple[EffectEstimate, ...]
+    gain: float
+    shift: float
+    fields: tuple[tuple[str, str, float], ...]
+    is_explained: bool
+    alone: tuple[tuple[str, float], ...]
+    held_out: HeldOut | None = None
+    average: ModelAverage | None = None
+
+    @property
+    def is_proposed(self) -> bool:
+        """Whether these errors are proposed: samples that were not used do not contradict them."""
+        return bool(self.effects) and (self.held_out is None or self.held_out.is_better)
+
+    @property
+    def declaration(self) -> list[str]:
+        """What to add to the sensors' file: one line of YAML for each section."""
+        sections: dict[str, list[str]] = {}
+        for section, field, value in self.fields:
+            sections.setdefault(section, []).append(f"{field}: {value:g}")
+        return [f"{name}: {{{', '.join(entries)}}}" for name, entries in sections.items()]
+
+    @property
+    def suspected(self) -> dict[str, float]:
+        """Probabilities of errors that may act, each alone, but that are not proposed."""
+        if self.average is None:
+            return {}
+        named = {effect.name for effect in self.effects}
+        each = self.average.probabilities.items()
+        return {" and ".join(names): share for names, share in each if not named & set(names)}
+
+    def describe(self) -> str:
+        """Return the errors in words."""
+        return ", and ".join(effect.summary() for effect in self.effects)
+
+    def lines(self) -> list[str]:
+        """Return the comparison of all candidates, and the proposal, as lines of text."""
+        result = ["  errors that the sensors do not declare, each alone: gain of log likelihood"]
+        result += [f"    {name:24}{gain:10.1f}" for name, gain in self.alone[:_SHOWN]]
+        if not self.effects:
+            return [*result, "  none explains the samples better: nothing to declare"]
+        result.append(f"  together best, gain {self.gain:.1f}:")
+        result += [f"    {effect.describe()}" for effect in self.effects]
+        if not self.is_explained:
+            result.append("  these errors do not explain all that the samples show")
+        if self.held_out is None:
+            result.append(
+                "  the log is too short, or too broken, to predict a part of it from the rest"
+            )
+        else:
+            result.append(f"  {self.held_out.describe()}")
+        change = f"  they change the target by {self.shift:.1f} sigma"
+        if not self.is_proposed:
+            return [*result, f"{change}; not proposed, because they do not predict better"]
+        return [
+            *result,
+            f"{change}; to declare them, add to the file of the sensors:",
+            *(f"    {line}" for line in self.declaration),
+        ]
+
+
+def estimated_effects(
+    solver: BlockSolver, known: BlockState, plausible: NDArray[np.float64], misfit: float
+) -> tuple[EffectEstimate, ...]:
+    """Return the estimates of all constant errors.
+
+    Args:
+        solver: the solver of the blocks.
+        known: what is known at the end of the last block.
+        plausible: (10,) plausible sizes of ψ.
+        misfit: factor of the covariance.
+
+    """
+    errors = solver.constants.errors
+    if not errors:
+        return ()
+    change = solution(known.root, known.rest, plausible)
+    inverse = np.linalg.inv(known.root)
+    gain = inverse @ known.by_bodies
+    variance = misfit * np.sum(inverse**2, axis=1) + np.sum(gain**2, axis=1)
+    found = []
+    for error in errors.values():
+        place, unit = solver.places[error.name], error.sigma / error.scale
+        nominal = solver.constants.value(known.nominal.constants, error.name)
+        assert nominal is not None
+        value = nominal / error.scale + unit * change[place]
+        sigma = unit * np.sqrt(variance[place])
+        found.append(EffectEstimate(error.name, error.unit, value, sigma, unit))
+    return tuple(found)
+
+
+def shared_errors(solver: BlockSolver, known: BlockState) -> NDArray[np.float64] | None:
+    """Return the error (10, c) of ψ for errors of one σ that all logs of a spacecraft share.
+
+    These are the constant errors of the sensors and the errors of the known bodies; None without.
+    """
+    names = [name for name, error in solver.constants.errors.items() if error.sensor]
+    if not (names or solver.consider_count):
+        return None
+    inverse = np.linalg.inv(known.root)
+    columns = np.concatenate([np.empty(0, int), *(np.r_[solver.places[name]] for name in names)])
+    # The error of a Bayesian estimate, given a constant, is minus their posterior covariance.
+    by_constants = -inverse[-10:] @ inverse[columns].T
+    return np.hstack([by_constants, inverse[-10:] @ known.by_bodies])

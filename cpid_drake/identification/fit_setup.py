@@ -1,0 +1,126 @@
+"""The recursive fit of a spacecraft with its sensors, and the Cramér-Rao bound."""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.least_squares import solution_of_information
+from cpid_drake.estimation.likelihood.priors import Prior, guessed_prior, vague_prior
+from cpid_drake.estimation.recursive_fit import RecursiveFit
+from cpid_drake.estimation.trajectory_fit import target_information
+from cpid_drake.identification.problem import Problem
+from cpid_drake.identification.result import Identification
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.suite import SensorSuite
+
+if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+
+def recursive_fit(
+    spacecraft: "Spacecraft",
+    sensors: SensorSuite,
+    *,
+    momentum: TotalMomentum | None = None,
+    known_bodies: BodyUncertainty | None = None,
+    guess: InertialParameters | None = None,
+    guess_sigma: float = 0.5,
+) -> RecursiveFit:
+    """Return the recursive fit for a spacecraft's sensors.
+
+    Args:
+        spacecraft: the known spacecraft.
+        sensors: its sensors and their errors.
+        momentum: the total momentum; default: zero.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
+        guess: prior estimate of the target; default: none, for a vague prior.
+        guess_sigma: relative standard deviation of the guess; see
+            `cpid_drake.estimation.likelihood.priors.guessed_prior`.
+
+    Raises:
+        InputError: the guess is not a rigid body, or is a point mass at C's origin; the standard
+            deviation is out of range.
+
+    """
+    prior = prior_of(spacecraft.tree, momentum)
+    if guess is not None:
+        check_guess(guess, guess_sigma)
+        psi = relative_parameterization(spacecraft.mass).from_parameters(guess.to_vector())
+        prior = guessed_prior(prior, psi, guess_sigma)
+    return RecursiveFit(spacecraft.tree, sensors, prior, known_bodies)
+
+
+def check_guess(guess: InertialParameters, sigma: float) -> None:
+    """Refuse a guess of the target with which the recursive fit cannot start.
+
+    Raises:
+        InputError: for the same reasons as `recursive_fit`.
+
+    """
+    problems = guess.infeasibilities()
+    if problems:
+        raise InputError(f"not a rigid body: {'; '.join(problems)}")
+    if not (guess.p_CTcm_C.any() or guess.I_TTcm_C.any()):
+        raise InputError("a point at C's origin has no size; give an inertia")
+    if not 1e-6 <= sigma <= 100:
+        raise InputError(f"sigma must be a number from 1e-6 to 100, not {sigma}")
+
+
+def prior_of(tree: KinematicTree, momentum: TotalMomentum | None) -> Prior:
+    """Return the vague prior for the known bodies `tree`."""
+    still = np.zeros((1, sum(body.joint >= 0 for body in tree.bodies)))
+    known = relative_dynamics(tree, still, still)
+    return vague_prior(known.mass, known.I_K[0], momentum)
+
+
+def estimator_of(problem: Problem, sensors: SensorSuite) -> RecursiveFit:
+    """Return the recursive fit for a problem with these sensors."""
+    return recursive_fit(
+        problem.spacecraft, sensors, momentum=problem.momentum, known_bodies=problem.known_bodies
+    )
+
+
+def cramer_rao_bound(
+    tree: KinematicTree,
+    psi: NDArray[np.float64],
+    measurements: Iterable[Measurements] | Measurements,
+    sensors: SensorSuite,
+    *,
+    momentum: TotalMomentum | None = None,
+    known_bodies: BodyUncertainty | None = None,
+) -> NDArray[np.float64]:
+    """Return the Cramér-Rao bound (10, 10) on the covariance of the parameters π.
+
+    Rows and columns of parameters that the measurements do not determine are NaN. Attitude and
+    position at the start, gyro bias, an unknown momentum and all errors of the joint motion are
+    estimated as well. The bound holds for unbiased estimators.
+
+    Args:
+        tree: the known bodies.
+        psi: (10,) relative unknowns of the target.
+        measurements: ideal samples of the sensors, or a stream of them.
+        sensors: the sensors' errors.
+        momentum: the total momentum, marked as unknown if it is to be estimated; default: zero.
+        known_bodies: uncertainty of the known bodies, which are estimated too.
+
+    """
+    prior = prior_of(tree, momentum).covering(np.asarray(psi))
+    estimator = RecursiveFit(tree, sensors, prior, known_bodies)
+    stream = [measurements] if isinstance(measurements, Measurements) else measurements
+    known = target_information(estimator, stream, psi)
+    if known_bodies is not None:
+        known = known.with_estimated_bodies(curvature=known_bodies.curvature)
+    information = known.psi_information() - np.diag(prior.psi_sigma**-2.0)
+    consider = known.psi_consider() if known_bodies is not None else None
+    solution = solution_of_information(psi, information, prior.plausible, consider=consider)
+    parameterization = relative_parameterization(tree.mass)
+    return Identification(parameterization, solution, 0, "trajectory_fit").covariance

@@ -1,0 +1,175 @@
+"""Whether a table carries the spacecraft of a log, and what contradicts that.
+
+A log whose base has x, y and yaw only is identified in the plane: nothing else is possible. Such
+a log is recognized by tilts and heights that are exactly zero. A log of all six coordinates is
+identified in the plane if the caller says so; if it looks like one of a table, a warning proposes
+it, because a free spacecraft whose bodies are all symmetric about a plane moves in the same way,
+and then shows more than four parameters.
+"""
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
+from cpid_drake.dynamics.rows import eq18_to_world
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.errors import InputError
+from cpid_drake.identification.result import Identification
+from cpid_drake.identification.table_setting import PLACES, TableSetting
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.noise_estimation import sensor_noise
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+LEVEL = np.radians(5.0)
+"""Angle between the table's normal and an axis of B up to which they are taken for the same."""
+
+WOBBLE = np.radians(1.0)
+"""Largest change of the tilt of a base on a table, as a standard deviation [rad]."""
+
+RISE = 0.2
+"""Largest change of the height of a base on a table, as a share of its travel in the plane."""
+
+HEIGHT = 0.005
+"""Change of the height that a base on a table may have in any case, as a standard deviation [m]."""
+
+_MOST_NOISE = 3.0  # ratio of the tilt's spread to the noise of a base that does not tilt
+_LEAST_TURN = 0.05  # largest ratio of the tilt's spread to the turn of a base that only turns
+
+ASSUMED = (
+    "the log has x, y and yaw only, so the spacecraft is taken to float on a table: only momentum "
+    "in the plane is used (--planar says so, --no-planar is for a spacecraft that floats freely)"
+)
+"""The warning if a log without tilt and height is identified in the plane."""
+
+PROPOSED = (
+    "all joints turn about one axis, and the base only turns about it: if a table carries the "
+    "spacecraft, say so with --planar, because its reactions are not in the equations otherwise"
+)
+"""The warning if a log of all six coordinates looks like one of a table."""
+
+
+def placed(
+    spacecraft: Spacecraft, measurements: Measurements, planar: bool | None
+) -> tuple[Spacecraft, tuple[str, ...], tuple[str, ...]]:
+    """Return the spacecraft, on a table if the log is one of a table, with warnings and doubts.
+
+    Args:
+        spacecraft: the known spacecraft.
+        measurements: the beginning of the log.
+        planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
+
+    """
+    normal = spacecraft.tree.normal_B
+    warnings: tuple[str, ...] = ()
+    if normal is None:
+        if planar is None and is_held(measurements):
+            planar, warnings = True, (ASSUMED,)
+        if not planar:
+            looks = planar is None and looks_planar(spacecraft.tree, measurements)
+            return spacecraft, ((PROPOSED,) if looks else ()), ()
+        normal = normal_in_base(measurements.attitude.value)
+        spacecraft = spacecraft.on_table(normal)
+    return spacecraft, warnings, doubts_of(normal, measurements)
+
+
+def in_frame(spacecraft: Spacecraft, R_CF: NDArray[np.float64]) -> Spacecraft:
+    """Return the spacecraft with a frame F in the place of C, at the same origin."""
+    other = copy(spacecraft)
+    other.tree = replace(spacecraft.tree, R_BC=spacecraft.tree.R_BC @ R_CF)
+    return other
+
+
+def in_capture_frame(found: Identification, R_CF: NDArray[np.float64]) -> Identification:
+    """Return an identification in a frame F, whose z axis is the table's normal, in C.
+
+    Of the ten parameters in C only the mass is known, unless F is C; the others of the four are
+    combinations of them.
+    """
+    places = np.array(PLACES[2])
+    table = TableSetting(
+        R_CF[:, 2],
+        R_CF.T,
+        found.parameters[places],
+        found.covariance[np.ix_(places, places)],
+    )
+    solution, keep = found.solution, np.arange(10) == 0
+    to_C, to_F = (eq18_to_world(R[None])[0] for R in (R_CF, R_CF.T))
+    unit = solution.unit.copy()
+    unit[1:4], unit[4:] = unit[1:4].max(), unit[4:].max()
+    hidden_directions = (to_C @ (solution.unit[:, None] * solution.unobservable.T)) / unit[:, None]
+    in_C = replace(
+        solution,
+        values=to_C @ solution.values,
+        unit=unit,
+        estimate=np.where(keep, solution.estimate, np.nan),
+        covariance=np.where(np.outer(keep, keep), solution.covariance, np.nan),
+        information=to_F.T @ solution.information @ to_F,
+        unobservable=np.linalg.qr(hidden_directions)[0].T,
+    )
+    return replace(found, solution=in_C, table=table)
+
+
+def is_held(measurements: Measurements) -> bool:
+    """Return whether all tilts and heights are exactly zero, and the yaw is not constant."""
+    attitude, position = measurements.attitude.value, measurements.position.value
+    if not len(attitude) or attitude[:, 1:3].any() or position[:, 2].any():
+        return False
+    return bool(np.ptp(attitude[:, 3]) > 0)
+
+
+def looks_planar(tree: KinematicTree, measurements: Measurements) -> bool:
+    """Return whether a log of all six coordinates looks like one of a base on a table."""
+    attitude, position = measurements.attitude.value, measurements.position.value
+    if len(attitude) < 3:
+        return False
+    normal = mean_normal(attitude)
+    if replace(tree, normal_B=normal_in_base(attitude)).normal_C is None:
+        return False
+    wobble = np.sqrt(np.sum(np.var(tilt(attitude, normal), axis=0)))
+    try:
+        noise = sensor_noise("attitude", measurements.attitude)
+    except InputError:
+        return False
+    turns = np.ptp(np.unwrap(2 * np.arctan2(attitude[:, 3], attitude[:, 0])))
+    is_level = wobble < _MOST_NOISE * noise + 1e-9 and wobble < _LEAST_TURN * turns
+    return is_level and not _contradictions(normal, attitude, position)
+
+
+def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the table's normal (3,) in B, of attitudes (N, 4).
+
+    It is the axis of B that is nearest to it, unless it is more than `LEVEL` away from all axes.
+    """
+    if not len(attitude):
+        return NORMAL_W
+    normal = mean_normal(attitude)
+    axis = int(np.abs(normal).argmax())
+    nearest = np.sign(normal[axis]) * np.eye(3)[axis]
+    return nearest if normal @ nearest > np.cos(LEVEL) else normal
+
+
+def doubts_of(normal_B: NDArray[np.float64], measurements: Measurements) -> tuple[str, ...]:
+    """Return the reasons why no table can have carried the base of a log."""
+    return _contradictions(normal_B, measurements.attitude.value, measurements.position.value)
+
+
+def _contradictions(
+    normal_B: NDArray[np.float64], attitude: NDArray[np.float64], position: NDArray[np.float64]
+) -> tuple[str, ...]:
+    found = []
+    if len(attitude):
+        angles = tilt(attitude, normal_B)
+        wobble = np.sqrt(np.sum(np.var(angles, axis=0)))
+        if wobble > WOBBLE:
+            largest = np.degrees(np.linalg.norm(angles - angles.mean(axis=0), axis=1).max())
+            found.append(f"the base tilts by up to {largest:.2g} deg")
+    if len(position):
+        spread = np.std(position, axis=0)
+        if spread[2] > max(HEIGHT, RISE * np.hypot(*spread[:2])):
+            found.append(f"the base's height changes by {np.ptp(position[:, 2]):.2g} m")
+    if not found:
+        return ()
+    return (f"no table carries this spacecraft: {', and '.join(found)}; leave out --planar",)

@@ -1,0 +1,92 @@
+"""What is known about a target before a log: from its design, or from an earlier identification."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.parameterizations import Parameterization
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.combination import SourceRows
+from cpid_drake.estimation.intervals import quantile_95
+
+
+@dataclass(frozen=True, eq=False)
+class Combinations:
+    """An estimate that determines some combinations of ten unknowns.
+
+    Attributes:
+        unknowns: name of the parameterization of the unknowns.
+        values: (10,) unknowns; those of undetermined combinations are arbitrary.
+        information: (10, 10) inverse covariance, zero for undetermined combinations.
+
+    """
+
+    unknowns: str
+    values: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TargetPrior:
+    """A prior of the target.
+
+    Attributes:
+        name: its name in messages.
+        parameters: (10,) π in the spacecraft's capture frame; NaN where not known.
+        covariance: (10, 10) of `parameters`; NaN where not known.
+        combinations: a prior that determines combinations of parameters, in place of the
+            parameters; None if `parameters` contains everything.
+        doubts: reasons not to trust the prior.
+
+    """
+
+    name: str
+    parameters: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    combinations: Combinations | None = None
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def intervals(self) -> NDArray[np.float64]:
+        """(10, 2) 95 % intervals of `parameters`; NaN where not known."""
+        half = quantile_95() * np.sqrt(np.diag(self.covariance))
+        return self.parameters[:, None] + half[:, None] * np.array([-1.0, 1.0])
+
+    def moved(self, form: Parameterization, at: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the unknowns `at` (10,) with the prior's values where the prior has any."""
+        if self.combinations is not None:
+            return self.combinations.values if self.combinations.unknowns == form.name else at
+        known = np.isfinite(self.parameters)
+        return form.from_parameters(np.where(known, self.parameters, form.to_parameters(at)))
+
+    def rows(
+        self, form: Parameterization, at: NDArray[np.float64], unit: NDArray[np.float64]
+    ) -> SourceRows:
+        """Return the prior as rows about the unknowns of a parameterization.
+
+        Args:
+            form: the parameterization.
+            at: (10,) unknowns about which the parameters are linearized.
+            unit: (10,) plausible sizes of the unknowns.
+
+        Raises:
+            InputError: the prior determines combinations of other unknowns.
+
+        """
+        known = self.combinations
+        if known is not None:
+            if known.unknowns != form.name:
+                raise InputError(
+                    f"{self.name} determines combinations of {known.unknowns} unknowns, and the "
+                    f"estimator has {form.name} unknowns: use the estimator of the prior"
+                )
+            return SourceRows.of_information(known.values, known.information, unit)
+        given = np.isfinite(self.parameters)
+        covariance = self.covariance[np.ix_(given, given)]
+        sigma = np.sqrt(np.diag(covariance))
+        root = np.linalg.cholesky(covariance / sigma / sigma[:, None])
+        whiten = np.linalg.solve(root, np.diag(1 / sigma))
+        jacobian = form.jacobian(at)[given]
+        change = self.parameters[given] - form.to_parameters(at)[given]
+        return SourceRows(whiten @ jacobian, whiten @ (change + jacobian @ at))

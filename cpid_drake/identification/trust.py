@@ -1,0 +1,136 @@
+"""The gate that every answer passes: reasons not to trust an identification.
+
+An estimator computes its intervals under the assumption that the world is as modelled. Each check
+here tests one consequence of this assumption with the data. An answer that fails a check is marked
+by a sentence in `Identification.doubts`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.identification.problem import LARGEST_NOISE
+from cpid_drake.identification.result import Identification
+
+IMPOSSIBLE = 1e-4
+"""Probability of an estimate so far from every rigid body below which the answer is doubted."""
+
+SMALLEST_VIOLATION = 1e-4
+"""A change of the parameters by this share of their scale is not a doubt: rounding causes it."""
+
+MOST_UNEXPLAINED = 0.1
+"""Share of the log that nothing explains, above which the answer is doubted."""
+
+MOST_REJECTED = 0.5
+"""Share of unusable samples of one sensor above which the answer is doubted."""
+
+ROUNDING = 1e-9
+"""A change of the inertia by this share of the inertia about C is not a doubt."""
+
+_SIGMAS = 4.0  # of a single quantity that no rigid body can have
+
+_NOT_NEGATIVE = {
+    "m": {0: 1.0},
+    "Ixx": {4: 1.0},
+    "Iyy": {5: 1.0},
+    "Izz": {6: 1.0},
+    "Ixx + Iyy - Izz": {4: 1.0, 5: 1.0, 6: -1.0},
+    "Ixx - Iyy + Izz": {4: 1.0, 5: -1.0, 6: 1.0},
+    "-Ixx + Iyy + Izz": {4: -1.0, 5: 1.0, 6: 1.0},
+}
+"""Sums of parameters that no rigid body makes negative: indices and factors of the parameters."""
+
+
+def gated(
+    found: Identification, reasons: tuple[str, ...] = (), *, is_part: bool = False
+) -> Identification:
+    """Return an identification with all doubts, those of `reasons` first.
+
+    Args:
+        found: the identification as its estimator returns it.
+        reasons: doubts from tests that need the data, such as that of the momentum.
+        is_part: whether the identification becomes a part of a joint one, to which a combination
+            of parameters contributes even if no single parameter is determined.
+
+    """
+    is_used = is_part and found.solution.rank > 0
+    if not (is_used or np.isfinite(found.parameters).any()):
+        return found  # no number is shown
+    doubts = (*reasons, *_of_the_fit(found), *_of_the_body(found))
+    return replace(found, doubts=(*found.doubts, *doubts))
+
+
+def _of_the_fit(found: Identification) -> Iterator[str]:
+    """Yield doubts about the residuals and the solver."""
+    if not found.converged:
+        yield "the estimator did not converge: its result is not the best fit"
+    white = found.whiteness
+    coloured = white is not None and not white.is_white
+    if found.misfit > LARGEST_NOISE:
+        yield f"the fit misses the samples by {found.misfit:.2g} times the assumed noise"
+    elif found.misfit > 1 and found.rows is not None:
+        yield (
+            f"the momentum balance misses the samples by {found.misfit:.2g} times their errors: "
+            "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
+        )
+    elif found.misfit > 1 and white is not None and coloured:
+        yield (
+            f"the fit misses the samples by {found.misfit:.2g} times the assumed noise, and its "
+            f"residuals are correlated ({white.lag_one:+.2f}), so noise does not explain them"
+        )
+    if found.unexplained > MOST_UNEXPLAINED:
+        yield f"nothing explains {100 * found.unexplained:.0f} % of the log"
+    for name, count in found.rejected.items():
+        if count > MOST_REJECTED * (count + found.sample_count):
+            yield f"{count} samples of {name} could not be used"
+
+
+def _of_the_body(found: Identification) -> Iterator[str]:
+    """Yield doubts because no rigid body has the estimate, within its covariance."""
+    parameters, covariance = found.parameters, found.covariance
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # NaN stays NaN
+    shown = np.isfinite(parameters)
+    if not np.isfinite(sigma[shown]).all():
+        if found.sensors is None and 0 < found.solution.row_count <= found.solution.rank:
+            return  # as many rows as unknowns: no residuals show the noise
+        yield "the uncertainty of the estimate could not be computed"
+        return
+    # The inertia of a small body far from C is a small difference of large numbers.
+    about_C = ROUNDING * np.nan_to_num(abs(parameters[0]) * np.nansum(parameters[1:4] ** 2))
+    for text, entries in _NOT_NEGATIVE.items():
+        places, signs = list(entries), np.array(list(entries.values()))
+        value = signs @ parameters[places]
+        own = np.sqrt(max(signs @ covariance[np.ix_(places, places)] @ signs, 0.0))
+        rounding = SMALLEST_VIOLATION * np.abs(parameters[places]).max() * (len(places) > 1)
+        if min(places) >= 4:
+            rounding += about_C
+        if shown[places].all() and value + _SIGMAS * own < -rounding:
+            yield f"no rigid body has the estimate: {text} = {value:.4g} ± {2 * own:.2g}"
+            return
+    if not found.is_observable:
+        if found.consistency is not None and not found.consistency.is_possible:
+            yield "no rigid body agrees with what is known of the target, within its uncertainty"
+        return
+    problems = found.raw().infeasibilities()
+    if not problems:
+        return
+    if found.consistent is None:
+        yield f"no rigid body is near the estimate: {'; '.join(problems)}"
+        return
+    nearest = found.consistent.to_vector()
+    change = parameters - nearest
+    if np.abs(change / parameter_scale(nearest)).max() < SMALLEST_VIOLATION:
+        return
+    if np.abs(change[4:]).max() < about_C and abs(change[0]) < ROUNDING * nearest[0]:
+        return
+    sigma = np.maximum(sigma, np.finfo(float).tiny)
+    scaled = covariance / sigma / sigma[:, None]
+    distance = float(change / sigma @ np.linalg.pinv(scaled, hermitian=True) @ (change / sigma))
+    if distance > chi2.isf(IMPOSSIBLE, 10):
+        yield (
+            f"no rigid body has the estimate within its uncertainty ({'; '.join(problems)}): the "
+            "momentum, the spacecraft's model, units, signs or frames are not as assumed"
+        )

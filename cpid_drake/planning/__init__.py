@@ -1,0 +1,1 @@
+"""Joint motions that determine the target well: criteria, limits, search."""

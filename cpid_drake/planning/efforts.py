@@ -1,0 +1,121 @@
+"""Joint efforts of a free-floating spacecraft with a target, for many joint motions at once.
+
+No force acts on the system, so the force on all bodies outboard of a joint comes through the joint:
+it is the rate of their momentum. With the joint's screw S and the momentum Π and the base's twist V
+about B's origin, in B,
+
+    τ = Sᵀ (dΠ/dt + V ×* Π)
+
+(Featherstone 2008, ch. 2). Splines through the nodes give dΠ/dt.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from cpid_drake.dynamics.kinematics import CaptureMotion
+from cpid_drake.dynamics.outboard import Outboard, joined_bodies, joint_screw
+from cpid_drake.dynamics.parameterizations import parameters_to_standard, vector_to_tensor
+from cpid_drake.dynamics.rotations import cross, rotate
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.planning.motion_batch import MotionBatch
+from cpid_drake.planning.objective import Objective, PlausibleTarget
+
+SHARE = 0.85
+"""Share of the largest effort that is imposed at the nodes: peaks between them are larger."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointEfforts:
+    """Efforts of some joints, for all plausible targets.
+
+    Attributes:
+        objective: the model of the base's motion.
+        joints: (Q,) the joints whose efforts are limited.
+        largest: (J,) largest efforts of all joints [N·m or N].
+
+    """
+
+    objective: Objective
+    joints: NDArray[np.intp]
+    largest: NDArray[np.float64]
+    name: str = "torque"
+
+    def evaluate(
+        self, parameters: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """See `constraints.Constraint`."""
+        shares = self.shares(parameters[None])[..., 0].ravel()
+        gradients = []
+        for chunk, step in self.objective.steps(parameters):
+            found = self.shares(chunk).imag / step
+            gradients.append(found.reshape(-1, found.shape[-1]))
+        gradient = np.concatenate(gradients, axis=1)
+        return np.concatenate([1 - shares, 1 + shares]), np.concatenate([-gradient, gradient])
+
+    def demands(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the largest share (T, Q) of what is imposed, in motions (B, F, K)."""
+        return np.asarray(np.abs(self.shares(parameters)).max(axis=(1, 3)))
+
+    def shares(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the efforts (T, N, Q, B) of B motions as shares of what is imposed."""
+        model = self.objective.model
+        motions = model.motions(self.objective.samples(parameters))
+        q, qdot = np.moveaxis(motions.joints.evaluate(motions.nodes), 1, 0)
+        known = Outboard.of(model.tree, Telemetry.seen_from_base(q, qdot))
+        found = [self._efforts(motions, known, target) for target in self.objective.targets]
+        return np.moveaxis(np.stack(found), -1, 2)
+
+    def _efforts(
+        self, motions: MotionBatch, known: Outboard, target: PlausibleTarget
+    ) -> NDArray[np.float64]:
+        """Return the efforts (N, B, Q) as shares of what is imposed; `known` is without target."""
+        model, psi = self.objective.model, self.objective.psi(target)
+        trajectory, dynamics = motions.trajectory(model.state(psi)), motions.instants.dynamics
+        w = trajectory.w
+        v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
+        V = np.concatenate([w, v], axis=1)
+        of_target = _target_momentum(known.capture, w, v, target.parameters)
+        N, tree, carrying = len(model.times), model.tree, model.tree.carrying
+        derivative = CubicSpline(model.times, np.eye(N))(model.times, 1)
+        result = np.zeros((N, motions.count, self.joints.size), w.dtype)
+        for k in joined_bodies(tree):
+            place = np.flatnonzero(self.joints == tree.bodies[k].joint)
+            if not place.size:
+                continue
+            momentum = known.momentum[k] + (known.inertia[k] @ V[..., None])[..., 0]
+            if k in carrying:
+                momentum = momentum + of_target
+            rate = np.tensordot(derivative, momentum.reshape(N, -1), axes=1).reshape(-1, 6)
+            L, P = momentum[:, :3], momentum[:, 3:]
+            rate += np.concatenate([cross(w, L) + cross(v, P), cross(w, P)], axis=1)
+            screw = joint_screw(tree.bodies[k], known.bodies.R[k], known.bodies.r[k])
+            effort = np.sum(screw * rate, axis=1).reshape(N, -1)
+            result[..., place[0]] = effort / (SHARE * self.largest[self.joints[place[0]]])
+        return result
+
+
+def _target_momentum(
+    capture: CaptureMotion,
+    w: NDArray[np.float64],
+    v: NDArray[np.float64],
+    parameters: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the target's momentum [L; P] (N, 6) about B's origin, in B.
+
+    Args:
+        capture: the motion of C seen from the base.
+        w, v: (N, 3) velocities of the base, in B.
+        parameters: (10,) π.
+
+    """
+    phi = parameters_to_standard(parameters)
+    turning = w + capture.w_WC
+    moving = v + cross(w, capture.p_WC) + capture.v_WC
+    first = capture.R_WC @ phi[1:4]
+    inertia = capture.R_WC @ vector_to_tensor(phi[4:]) @ np.swapaxes(capture.R_WC, -1, -2)
+    P = phi[0] * moving + cross(turning, first)
+    L = rotate(inertia, turning) + cross(first, moving) + cross(capture.p_WC, P)
+    return np.concatenate([L, P], axis=1)

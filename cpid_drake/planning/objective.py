@@ -1,0 +1,208 @@
+"""What a motion is planned for: criteria of the covariance of the target, and their gradients.
+
+A planner does not know the target. It knows plausible targets, and a motion is as good as it is for
+the least favourable of them. Parameters are compared in units of their scale: the mass, a length
+for the centre of mass, and the trace of the inertia; see `parameterizations.parameter_scale`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.parameterizations import (
+    SCALE_LENGTH,
+    parameter_scale,
+    relative_parameterization,
+)
+from cpid_drake.errors import InputError, choose_from
+from cpid_drake.planning.covariance import TargetCovariance
+from cpid_drake.planning.families import MotionFamily
+from cpid_drake.planning.information import InformationModel
+
+STEP = 1e-20
+"""Imaginary step of the parameters of a motion."""
+
+DIRECTIONS = 24
+"""Number of parameters whose derivatives are computed at once."""
+
+# A component of a criterion is ½ log of a mean variance. It is a function of the covariance (d, d)
+# in units of the scale, with derivatives as weighted combinations v: (value, weights, v).
+Component = tuple[float, NDArray[np.float64], NDArray[np.float64]]
+
+
+def _worst(covariance: NDArray[np.float64]) -> list[Component]:
+    variances = np.diag(covariance)
+    one = np.eye(len(covariance))
+    return [
+        (float(np.log(v) / 2), np.array([0.5 / v]), one[k : k + 1]) for k, v in enumerate(variances)
+    ]
+
+
+def _a_optimal(covariance: NDArray[np.float64]) -> list[Component]:
+    d, trace = len(covariance), np.trace(covariance)
+    return [(float(np.log(trace / d) / 2), np.full(d, 0.5 / trace), np.eye(d))]
+
+
+def _d_optimal(covariance: NDArray[np.float64]) -> list[Component]:
+    d = len(covariance)
+    values, axes = np.linalg.eigh(covariance)
+    return [(float(np.log(values).sum() / (2 * d)), 0.5 / d / values, axes.T)]
+
+
+def _e_optimal(covariance: NDArray[np.float64]) -> list[Component]:
+    values, axes = np.linalg.eigh(covariance)
+    return [(float(np.log(values[-1]) / 2), np.array([0.5 / values[-1]]), axes.T[-1:])]
+
+
+CRITERIA: dict[str, Callable[[NDArray[np.float64]], list[Component]]] = {
+    "worst": _worst,
+    "A": _a_optimal,
+    "D": _d_optimal,
+    "E": _e_optimal,
+}
+"""The criteria by name: largest σ, mean variance, volume of the ellipsoid, its longest axis."""
+
+
+def check_criterion(name: str) -> None:
+    """Refuse an unknown criterion.
+
+    Raises:
+        InputError: there is no such criterion.
+
+    """
+    if name not in CRITERIA:
+        raise InputError(f"no criterion '{name}'; {choose_from(name, list(CRITERIA))}")
+
+
+@dataclass(frozen=True, eq=False)
+class PlausibleTarget:
+    """A target that is possible as far as the planner knows.
+
+    Attributes:
+        parameters: (10,) π.
+        information: (10, 10) what is known about π before the motion; default: nothing.
+
+    """
+
+    parameters: NDArray[np.float64]
+    information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((10, 10)))
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """The criterion of a motion of a family, for all plausible targets.
+
+    Attributes:
+        model: the information that sensors give.
+        family: the motions.
+        targets: the plausible targets, at least one.
+        criterion: name of one of `CRITERIA`.
+
+    """
+
+    model: InformationModel
+    family: MotionFamily
+    targets: tuple[PlausibleTarget, ...]
+    criterion: str = "worst"
+
+    def samples(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return positions and rates (N, B, 2, J) at the nodes, from parameters (B, F, K)."""
+        times = self.model.times
+        known = self.family.known(times)[:, None, :2]
+        moved = np.einsum("ndf,bfk->nbdk", self.family.functions(times)[:, :2], parameters)
+        samples = np.repeat(known, len(parameters), axis=1).astype(moved.dtype)
+        samples[..., self.family.moving] += moved
+        return samples
+
+    def covariances(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the covariances (T, B, d, d) for T targets, from positions and rates.
+
+        The d parameters are those on which the motion depends; they are in units of their scale.
+
+        Args:
+            samples: (N, B, 2, J) as from `samples`.
+
+        """
+        motions, found = self.model.motions(samples), []
+        for target in self.targets:
+            by_psi, _, covariance = self._covariance(
+                target, self.model.jacobian(motions, self.psi(target))
+            )
+            found.append(by_psi @ covariance.psi @ by_psi.T)
+        return np.stack(found)
+
+    def scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the criterion (B,) of motions (B, F, K): a σ in units of the scale."""
+        covariances = self.covariances(self.samples(parameters))
+        criterion = CRITERIA[self.criterion]
+        return np.array(
+            [
+                np.exp(max(part[0] for one in of_motion for part in criterion(one)))
+                for of_motion in np.swapaxes(covariances, 0, 1)
+            ]
+        )
+
+    def components(
+        self, parameters: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the criterion's components (C,) and their gradients (C, F K) for (F, K).
+
+        The criterion is exp of the largest component. The gradients are exact up to rounding.
+        """
+        criterion = CRITERIA[self.criterion]
+        motions = self.model.motions(self.samples(parameters[None]))
+        values, gradients, by_jacobian = [], [], []
+        for target in self.targets:
+            H = self.model.jacobian(motions, self.psi(target))
+            by_psi, _, covariance = self._covariance(target, H)
+            for value, weights, v in criterion(by_psi @ covariance.psi[0] @ by_psi.T):
+                left, right = covariance.weights(0, v @ by_psi)
+                right = right * weights[:, None, None]
+                left, right = (each.reshape(-1, H.shape[2]) for each in (left, right))
+                # Σ lᵀ (dHᵀ H + Hᵀ dH) r = ⟨dH, H r lᵀ + H l rᵀ⟩
+                values.append(value)
+                by_jacobian.append(H[0] @ (right.T @ left + left.T @ right))
+        each = len(values) // len(self.targets)
+        stacked = np.reshape(by_jacobian, (len(self.targets), each, -1))
+        for chunk, step in self.steps(parameters):
+            motions = self.model.motions(self.samples(chunk))
+            parts = []
+            for target, G in zip(self.targets, stacked, strict=True):
+                dH = self.model.jacobian(motions, self.psi(target)).imag / step
+                parts.append(G @ dH.reshape(len(dH), -1).T)
+            gradients.append(np.concatenate(parts))
+        return np.array(values), np.concatenate(gradients, axis=1)
+
+    def steps(self, parameters: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], float]]:
+        """Return parameters (D, F, K) with an imaginary step of one parameter each, and the step.
+
+        There are `DIRECTIONS` parameters in each entry of the list.
+        """
+        steps = 1j * STEP * np.eye(parameters.size).reshape(-1, *parameters.shape)
+        complex_ones: NDArray[Any] = parameters + steps
+        firsts = range(0, len(steps), DIRECTIONS)
+        return [(complex_ones[k : k + DIRECTIONS], STEP) for k in firsts]
+
+    def psi(self, target: PlausibleTarget) -> NDArray[np.float64]:
+        """Return the relative unknowns ψ (10,) of a target."""
+        return relative_parameterization(self.model.tree.mass).from_parameters(target.parameters)
+
+    def _covariance(
+        self, target: PlausibleTarget, H: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], TargetCovariance]:
+        """Return ∂π/∂ψ in units of the scale (d, 10), the scale (10,) and the covariance of ψ."""
+        jacobian = relative_parameterization(self.model.tree.mass).jacobian(self.psi(target))
+        scale = parameter_scale(target.parameters, SCALE_LENGTH)
+        F, end = self.model.information(H), self.model.unknowns
+        F[:, end - 10 : end, end - 10 : end] += jacobian.T @ target.information @ jacobian
+        bodies = self.model.known_bodies
+        curvature = 0.0 if bodies is None else bodies.curvature
+        kept = self.model.tree.unknowns
+        return (
+            (jacobian / scale[:, None])[kept],
+            scale,
+            TargetCovariance(F, self.model.unknowns, curvature),
+        )

@@ -1,0 +1,176 @@
+"""Plans the joint motion of a scenario that determines the target best."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.errors import InputError
+from cpid_drake.planning.plan_problem import PlanProblem
+from cpid_drake.planning.search import Candidate, candidates, ranked, refined
+
+TIGHTENINGS = 3
+"""Largest number of times that limits are lowered, or demanding targets are added."""
+
+SEEN_CANDIDATES = 4
+"""Number of the best candidates that show which joints and targets need much."""
+
+SPARE_STARTS = 4
+"""Number of further candidates, one of which is used if no start leads to a plan."""
+
+START_SHARES = (1.0, 0.5, 0.2)
+"""Shares of candidates' parameters that are tried as starts if the base's motion is limited."""
+
+START_EXCESS = 1.5
+"""Largest share of a limit of the base's motion that such a start may reach."""
+
+LESS_MOTION = (0.97, 0.94, 0.9, 0.8, 0.7, 0.6, 0.5)
+"""Shares of the parameters of a motion that moves the base too much, which are tried in turn."""
+
+MOST_EXAMINED = 300
+"""Largest number of candidates, the best first, in which constraints are evaluated."""
+
+
+@dataclass(eq=False)
+class Planner:
+    """Plans one motion.
+
+    Args:
+        problem: the motion's family, targets and constraints.
+        best: the best motion so far, also after an interrupt.
+
+    """
+
+    problem: PlanProblem
+    best: Candidate | None = None
+
+    def run(self, progress: Callable[[str, float], None] = lambda what, best: None) -> Candidate:
+        """Search; return the best motion that keeps all constraints.
+
+        Args:
+            progress: called with the present step in words and the best criterion so far.
+
+        Raises:
+            InputError: none of the candidates keeps the constraints, or motors are too weak for the
+                stops of all of them.
+
+        """
+        options, limited, start = self.problem.options, self.problem.limited, time.perf_counter()
+
+        def scored(done: int, best: float) -> None:
+            progress(f"{done} of {options.candidates} candidates", best)
+
+        drawn = candidates(limited, options.candidates, options.seed)
+        order = ranked(self.problem.objective, drawn, options.jobs, scored)
+        seen = np.stack([each.parameters for each in order[:SEEN_CANDIDATES]])
+        self.problem.demands.begin(seen)
+        self._check_stops(order[:SEEN_CANDIDATES])
+        starts = self._kept(order, options.starts)
+        self.best = next((each for each in starts if np.isfinite(each.score)), None)
+
+        def better(candidate: Candidate) -> None:
+            if self.best is None or candidate.score < self.best.score:
+                self.best = candidate
+            progress(f"gradient method, {time.perf_counter() - start:.0f} s", self.best.score)
+
+        finished = [self._improved(each, better) for each in starts]
+        best = min(filter(self._is_plan, finished), key=lambda one: one.score, default=None)
+        if best is None:  # the gradient method met a dead end
+            others = self._kept(order, options.starts + SPARE_STARTS)[options.starts :]
+            tried = (self._improved(each, better) for each in others)
+            best = next(filter(self._is_plan, tried), None)
+        if best is None:
+            raise InputError(
+                "no motion keeps the constraints; allow smaller distances or more motion of the "
+                "base, a longer duration, or give more --candidates"
+            )
+        self.best = best
+        return best
+
+    def _check_stops(self, seen: list[Candidate]) -> None:
+        """Raise InputError if motors are too weak for the stops of all these candidates."""
+        share = min(self.problem.torque_of_stops(each) for each in seen)
+        if share > 1:
+            a = self.problem.options.acceleration
+            raise InputError(
+                f"joints that brake with {a:g} need {100 * share:.0f} % of a motor's torque with a "
+                "heavy target; give a --prior that excludes such targets, or --acceleration "
+                f"{0.9 * a / share:.2g} and a longer --duration"
+            )
+
+    def _improved(self, start: Candidate, better: Callable[[Candidate], None]) -> Candidate:
+        """Return the best motion that the gradient method finds; see `run`."""
+        problem = self.problem
+        first, iterations, pool = start, problem.options.iterations, [start]
+        for _ in range(1 + TIGHTENINGS):
+            found = refined(
+                problem.objective,
+                problem.limited,
+                problem.constraints,
+                first,
+                iterations,
+                better,
+            )
+            pool = [*found, *pool]
+            is_enough = not problem.demands.demand_more(found[0].parameters)
+            needed = problem.needed(found[0])
+            if needed.largest <= 1 and is_enough:
+                break
+            problem.demands.tighten(found[0].parameters, needed)
+            first, iterations = Candidate(found[0].parameters, np.inf), iterations // 2
+        if problem.demands.base_limits:
+            pool[1:1] = self._moving_less(found[0].parameters)
+        finite = (one for one in pool if np.isfinite(one.score))
+        return next((one for one in finite if problem.is_kept(one)), replace(start, score=np.inf))
+
+    def _moving_less(self, parameters: NDArray[np.float64]) -> Iterator[Candidate]:
+        """Yield motions that move the joints less than one that moves the base too much."""
+        for share in LESS_MOTION:
+            scaled = share * parameters
+            yield Candidate(scaled, float(self.problem.objective.scores(scaled[None])[0]))
+
+    def _kept(self, order: list[Candidate], count: int) -> list[Candidate]:
+        """Return the first candidates that keep the distances and the limits of the base's motion.
+
+        If all candidates move the base too much, motions that move the joints less are returned,
+        and at last those that move the base a little too much: the gradient method changes them.
+        The score is infinite if the base moves too much or efforts are too large.
+        """
+        problem = self.problem
+        base, found = problem.demands.base_limits, list[Candidate]()
+        tried = [*((share, 1.0) for share in START_SHARES), (START_SHARES[-1], START_EXCESS)]
+        for share, largest in tried if base else [(1.0, 1.0)]:
+            for each in order[:MOST_EXAMINED]:
+                x = share * each.parameters
+                if any(limit.demands(x[None]).max() > largest for limit in base):
+                    continue
+                if all(one.evaluate(x)[0].min() >= 0 for one in problem.geometric):
+                    start = Candidate(x, each.score if share == 1 else np.inf)
+                    found.append(start if problem.is_kept(start) else replace(start, score=np.inf))
+                if len(found) == count:
+                    return found
+        return found
+
+    def _is_plan(self, candidate: Candidate) -> bool:
+        return bool(np.isfinite(candidate.score)) and self.problem.is_kept(candidate)
+
+    def own_needs(self) -> float:
+        """Return the share of the limits that the scenario's motion needs, over checked targets."""
+        problem = self.problem
+        return problem.demands.needed(problem.own_motion, list(problem.checked_targets)).largest
+
+    def active(self, candidate: Candidate) -> list[str]:
+        """Return the limits that a motion uses to more than 97 %, in words."""
+        problem = self.problem
+        found, names = [], problem.family.joint_names
+        usage = problem.limited.usage(candidate.parameters)
+        for row, what in zip(usage, ("position", "rate", "acceleration"), strict=True):
+            at = [names[problem.family.moving[k]] for k in np.flatnonzero(row > 0.97)]
+            if at:
+                found.append(f"{what} of {', '.join(at)}")
+        for each in problem.constraints:
+            if each.evaluate(candidate.parameters)[0].min() < 0.03:
+                found.append(each.name)
+        return found

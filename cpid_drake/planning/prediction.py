@@ -1,0 +1,147 @@
+"""The exact bound for one motion, and what the motion asks of the spacecraft."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.joint_motion import JointMotion
+from cpid_drake.dynamics.parameterizations import (
+    SCALE_LENGTH,
+    parameter_scale,
+    relative_parameterization,
+)
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.identification.fit_setup import cramer_rao_bound
+from cpid_drake.scenario.schema import Scenario
+from cpid_drake.scenario.simulation import predicted_motion
+from cpid_drake.sensing.measurements import Measurements, ideal_measurements
+from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+_EFFORT_SAMPLES = 150
+"""Number of instants at which efforts are computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is expected of a motion with one target.
+
+    Attributes:
+        sigma: (10,) Cramér-Rao bound on σ of π, with all effects; NaN where not determined.
+        scale: (10,) scale of each parameter.
+        condition: ratio of the longest to the shortest axis of the ellipsoid of equal probability,
+            in units of the scale; NaN if not all ten are determined.
+        base_angle: largest turn of the base from its attitude at the start [rad].
+        base_rate: its largest angular velocity [rad/s].
+        base_shift: largest displacement of its origin [m].
+
+    """
+
+    sigma: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    condition: float
+    base_angle: float
+    base_rate: float
+    base_shift: float
+
+    @property
+    def worst(self) -> float:
+        """Largest σ in units of the scale, of the parameters that are determined."""
+        return float(np.nanmax(self.sigma / self.scale))
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSetting:
+    """What a prediction depends on besides motion and target.
+
+    Attributes:
+        spacecraft: the known spacecraft.
+        suite: its sensors.
+        momentum_W: (6,) total momentum [L; P] about W's origin at the start [N·m·s, N·s].
+        is_unknown: whether the momentum is estimated.
+        known_bodies: uncertainty of the known bodies; None if they are exact.
+
+    """
+
+    spacecraft: Spacecraft
+    suite: SensorSuite
+    momentum_W: NDArray[np.float64]
+    is_unknown: bool
+    known_bodies: BodyUncertainty | None
+
+    @classmethod
+    def of(cls, scenario: Scenario, spacecraft: Spacecraft, suite: SensorSuite) -> "MotionSetting":
+        """Return the setting of a scenario with these sensors."""
+        momentum = np.asarray(scenario.simulation.momentum_W, dtype=float)
+        unknown = bool(momentum.any() or scenario.identification.unknown_momentum)
+        return cls(spacecraft, suite, momentum, unknown, scenario.body_uncertainty())
+
+    def momentum(self, target: InertialParameters, q: NDArray[np.float64]) -> TotalMomentum:
+        """Return the momentum about the system's centre of mass, at joint positions q (J,)."""
+        start = SystemMomentum.with_base_at_origin(self.spacecraft.tree, target, q, self.momentum_W)
+        known = TotalMomentum.known_about_origin(self.momentum_W, start.p_WScm, start.mass)
+        return TotalMomentum.unknown(known) if self.is_unknown else known
+
+    def predict(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Prediction:
+        """Return what is expected of a motion with a target of parameters π (10,)."""
+        target, tree = InertialParameters.from_vector(parameters), self.spacecraft.tree
+
+        covariance = cramer_rao_bound(
+            tree,
+            relative_parameterization(tree.mass).from_parameters(parameters),
+            self.ideal(motion, parameters),
+            self.suite,
+            momentum=self.momentum(target, motion.evaluate(0.0)[0]),
+            known_bodies=self.known_bodies,
+        )
+        base = self.telemetry(motion, parameters, motion.instants())
+        scale = parameter_scale(parameters, SCALE_LENGTH)
+        axes = np.full(10, np.nan)
+        if np.isfinite(covariance).all():
+            axes = np.linalg.eigvalsh(covariance / scale / scale[:, None])
+        cosine = np.abs(base.quaternion_WB @ base.quaternion_WB[0])
+        return Prediction(
+            np.sqrt(np.diag(covariance)),
+            scale,
+            float(np.sqrt(axes[-1] / axes[0])),
+            float(2 * np.arccos(np.clip(cosine, 0, 1)).max()),
+            float(np.linalg.norm(base.w_WB, axis=1).max()),
+            float(np.linalg.norm(base.p_WB - base.p_WB[0], axis=1).max()),
+        )
+
+    def ideal(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Measurements:
+        """Return the samples that the sensors would give without errors."""
+        names = self.spacecraft.joint_names
+
+        def at(times: NDArray[np.float64]) -> Telemetry:
+            return self.telemetry(motion, parameters, times)
+
+        return ideal_measurements(self.suite, names, at, motion.duration)
+
+    def telemetry(
+        self, motion: JointMotion, parameters: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> Telemetry:
+        """Return the motion of base and joints at times (N,) [s], with a target of π (10,)."""
+        momentum = self.momentum_W if self.momentum_W.any() else None
+        target = InertialParameters.from_vector(parameters)
+        return predicted_motion(self.spacecraft, target, motion, times, momentum)
+
+    def largest_efforts(
+        self, motion: JointMotion, parameters: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the largest joint efforts (J,) of a motion with a target [N·m or N]."""
+        craft, target = self.spacecraft, InertialParameters.from_vector(parameters)
+        plant = craft.make_simulation_plant(target)
+        times = motion.instants()
+        times = times[:: max(1, len(times) // _EFFORT_SAMPLES)]
+        states = craft.to_states(self.telemetry(motion, parameters, times))
+        dynamics = FreeFloatingDynamics(craft, plant)
+        accelerations = motion.evaluate(times)[:, 2]
+        efforts = dynamics.joint_efforts(plant.CreateDefaultContext(), states, accelerations)
+        return np.asarray(np.abs(efforts).max(axis=0))

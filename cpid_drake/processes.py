@@ -1,0 +1,119 @@
+"""Processes that share the work of a command, and end with it."""
+
+import os
+import pickle
+import signal
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context, parent_process
+from pathlib import Path
+from typing import Any, TypeVar
+
+Inputs = TypeVar("Inputs")
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def shared_work(
+    prepare: Callable[[Inputs], Callable[[Task], Result]],
+    inputs: Inputs,
+    tasks: Sequence[Task],
+    jobs: int,
+) -> Iterator[Result]:
+    """Yield the results of tasks in their order, from this process or from several others.
+
+    Args:
+        prepare: returns the function of a task from the inputs; called once in every process. It
+            must be importable.
+        inputs: what all tasks share.
+        tasks: the arguments of that function.
+        jobs: number of processes; with one, the tasks are done in this process.
+
+    """
+    if jobs <= 1:
+        yield from map(prepare(inputs), tasks)
+        return
+    # The inputs are in a file: a start with large arguments waits for the process to read them.
+    with (
+        one_thread_each(),
+        tempfile.NamedTemporaryFile() as file,
+        ProcessPoolExecutor(jobs, get_context("spawn"), _start, (file.name,)) as pool,
+    ):
+        pickle.dump((prepare, inputs), file)
+        file.flush()
+        try:
+            with interrupts_held():
+                results = [pool.submit(_work, task) for task in tasks]
+            for result in results:
+                yield result.result()
+        except BaseException:  # also where the caller stops early, or an interrupt
+            for process in active_children():
+                process.terminate()
+            raise
+
+
+_function: Callable[[Any], Any] | None = None
+
+
+def _start(file: str) -> None:
+    """Prepare a process from the file with its inputs."""
+    global _function
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    prepare, inputs = pickle.loads(Path(file).read_bytes())
+    _function = prepare(inputs)
+
+
+def _work(task: Any) -> Any:
+    assert _function is not None
+    return _function(task)
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Limit linear algebra to one thread in new processes, which share the cores already."""
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold interrupts back; processes that are started meanwhile never receive Ctrl-C.
+
+    The main process handles interrupts. It does so when the processes have been started: a process
+    that does not receive its beginning ends with a traceback.
+    """
+    held: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    handlers = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if is_main}
+    handlers = {n: handler for n, handler in handlers.items() if callable(handler)}
+    for number in handlers:
+        signal.signal(number, lambda number, frame: held.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for each in held:
+            signal.raise_signal(each)
+
+
+def end_with_parent() -> None:
+    """End this process when the main process has ended, even if it was killed."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

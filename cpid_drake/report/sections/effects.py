@@ -1,0 +1,71 @@
+"""The sections with errors of the sensors and external forces: declared ones, and others."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.identification.effects import HeldOut
+from cpid_drake.identification.result_files import (
+    EffectRecord,
+    IdentificationResult,
+    UndeclaredRecord,
+)
+from cpid_drake.report.page import Cell, Section, Table
+
+SHOWN = 8
+"""Number of candidates in the comparison."""
+
+
+def effects_section(result: IdentificationResult) -> Section:
+    """Return the section with a row for every entry of every estimated effect."""
+    return Section(
+        "Estimated errors and forces",
+        texts=["The sensors' file declares these unknown constants; they were estimated as well."],
+        tables=[_estimates(result.effects, "effects")],
+    )
+
+
+def undeclared_section(undeclared: UndeclaredRecord) -> Section:
+    """Return the section about errors that the samples show and the sensors do not declare."""
+    texts = [
+        "The sensors' file does not declare these constants, but together they explain the samples "
+        f"best: they change the target by {undeclared.shift:.3g} σ."
+    ]
+    if not undeclared.explained:
+        texts.append("They do not explain all that the samples show.")
+    if undeclared.held_out is not None:
+        words = HeldOut(**asdict(undeclared.held_out)).describe()
+        texts.append(f"{words[0].upper()}{words[1:]}.")
+    if undeclared.proposed:
+        texts.append(f"To declare them, add to the file: {'; '.join(undeclared.declaration)}.")
+    else:
+        texts.append("They are not proposed as the cause, because they do not predict better.")
+    gains = sorted(undeclared.gains.items(), key=lambda each: -each[1])[:SHOWN]
+    rows: list[list[Cell | str]] = [[name, Cell(f"{gain:.1f}", gain)] for name, gain in gains]
+    return Section(
+        "Errors that are not declared",
+        texts=texts,
+        tables=[
+            _estimates(undeclared.effects, "undeclared.effects"),
+            Table(["", "gain"], rows, note="Gain of the log likelihood by each of them alone."),
+        ],
+    )
+
+
+def _estimates(effects: Sequence[EffectRecord], key: str) -> Table:
+    """Return the table of the estimates; `key` is their path in the embedded JSON."""
+    rows: list[list[Cell | str]] = []
+    for k, effect in enumerate(effects):
+        for i, (value, sigma) in enumerate(zip(effect.value, effect.sigma)):
+            rows.append(
+                [
+                    effect.name if i == 0 else "",
+                    Cell(f"{value:.4g}", float(value), f"{key}.{k}.value.{i}"),
+                    Cell(f"{quantile_95() * sigma:.2g}"),
+                    Cell(f"{quantile_95() * effect.prior_sigma:.2g}"),
+                    effect.unit,
+                ]
+            )
+    heads = ["", "estimate", "± 95 %", "± 95 % before", "unit"]
+    texts = [f"{effect.text[0].upper()}{effect.text[1:]}." for effect in effects]
+    return Table(heads, rows, note=" ".join(texts))

@@ -1,0 +1,119 @@
+"""Guesses at the meaning of columns from their names alone."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+_UNITS = {
+    **{name: name for name in ("mm", "cm", "m", "km", "in", "ft", "rad", "mrad", "deg", "rpm")},
+    **{name: name for name in ("s", "ms", "us", "ns")},
+    **{"degree": "deg", "degrees": "deg", "degs": "deg", "°": "deg", "dps": "deg", "rads": "rad"},
+    **{"radians": "rad", "meters": "m", "metres": "m", "millimeters": "mm", "inch": "in"},
+    **{"sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us", "nsec": "ns"},
+    **{
+        "nanoseconds": "ns",
+        "microseconds": "us",
+        "milliseconds": "ms",
+        "µs": "us",
+        "nanosec": "ns",
+    },
+    **{"nsecs": "ns", "millis": "ms", "micros": "us", "nanos": "ns"},
+}
+_BRACKET = re.compile(r"\s*[\[(]\s*([^\[\]():,\d]*?)\s*(?:/\s*s(?:ec)?)?\s*[\])]\s*$")
+_FRAME_RATE = re.compile(r"[\[(]\s*(\d+(?:\.\d+)?)\s*Hz\s*[\])]")
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°|µ")
+_SUFFIX_UNITS = (
+    *("mm", "cm", "meters", "deg", "degs", "degrees", "rad", "rads", "rpm", "dps"),
+    *("ms", "us", "ns", "sec", "secs", "nsec", "nsecs", "usec", "msec", "nanosec"),
+)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that differ only in an axis, an angle or a number.
+
+    Attributes:
+        stem: their common name, with * for the part that differs.
+        members: columns by axis ("w", "x", "y", "z"), angle or number, in the file's order.
+
+    """
+
+    stem: str
+    members: Mapping[str, str]
+
+    @property
+    def words(self) -> set[str]:
+        """The words of the stem, in lower case."""
+        return words_of(self.stem)
+
+
+def words_of(name: str) -> set[str]:
+    """Return the words of a name, in lower case: "field.jointPos_x" has field, joint, pos, x."""
+    return {word.lower() for word in _WORDS.findall(name)}
+
+
+def letters_of(name: str) -> str:
+    """Return letters and digits of a name in lower case, to compare names."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def without_unit(name: str) -> str:
+    """Return a name without its unit, in brackets or behind a separator."""
+    bare = _FRAME_RATE.sub("", _BRACKET.sub("", name)).strip()
+    start, separator, last = bare.rpartition("_")
+    return start if separator and start and last.lower() in _SUFFIX_UNITS else bare
+
+
+def unit_of(name: str) -> str | None:
+    """Return the unit that a name states, without "per second", such as "mm" for "TX [mm]"."""
+    found = _BRACKET.search(name)
+    if found and found.group(1).lower() in _UNITS:
+        return _UNITS[found.group(1).lower()]
+    last = re.split(r"[^a-zA-Z°µ]+", name.strip())[-1].lower()
+    return _UNITS[last] if last in _SUFFIX_UNITS else None
+
+
+def frame_rate_of(name: str) -> float | None:
+    """Return the frames per second that a name states, such as 100 for "Frame [100 Hz]"."""
+    found = _FRAME_RATE.search(name)
+    return float(found.group(1)) if found else None
+
+
+_AXES = (
+    r"^(?P<a>.*?)(?P<key>[wxyzWXYZ])(?P<b>)$",
+    r"^(?P<a>)(?P<key>[wxyzWXYZ])(?P<b>[_. ].*)$",
+)
+_ANGLES = (r"^(?P<a>.*?)(?P<key>(?i:roll|pitch|yaw))(?P<b>.*)$",)
+_NUMBERS = (r"^(?P<a>.*?)(?P<key>\d+)(?P<b>\D*)$",)
+
+
+def groups_by_axis(names: Iterable[str]) -> list[Group]:
+    """Return the groups of columns that differ in x, y, z and perhaps w, at their end or start."""
+    return _groups(names, _AXES, {"x", "y", "z"})
+
+
+def groups_by_angle(names: Iterable[str]) -> list[Group]:
+    """Return the groups of columns that differ in roll, pitch, yaw."""
+    return _groups(names, _ANGLES, {"roll", "pitch", "yaw"})
+
+
+def groups_by_number(names: Iterable[str]) -> list[Group]:
+    """Return the groups of columns that differ in their last number."""
+    groups = _groups(names, _NUMBERS, set())
+    return [
+        Group(group.stem, dict(sorted(group.members.items(), key=lambda item: int(item[0]))))
+        for group in groups
+        if len(group.members) > 1
+    ]
+
+
+def _groups(names: Iterable[str], patterns: tuple[str, ...], needed: set[str]) -> list[Group]:
+    """Return groups by the first pattern that matches a name; `needed` are keys that all have."""
+    found: dict[str, dict[str, str]] = {}
+    for name in names:
+        for pattern in patterns:
+            match = re.match(pattern, without_unit(name))
+            if match:
+                stem = f"{match['a']}*{match['b']}"
+                found.setdefault(stem, {}).setdefault(match["key"].lower(), name)
+    return [Group(stem, members) for stem, members in found.items() if needed <= members.keys()]

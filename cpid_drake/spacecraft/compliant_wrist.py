@@ -1,0 +1,117 @@
+"""A grasp that is not rigid: a spring and a damper between the capture frame and the target."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BallRpyJoint,
+    Frame,
+    LinearBushingRollPitchYaw,
+    RpyFloatingJoint,
+    SpatialInertia,
+)
+from scipy.linalg import eigh
+
+from cpid_drake.errors import InputError
+
+HIGHEST_FREQUENCY = 200.0
+"""Largest natural frequency of a wrist [Hz]; stiffer ones are too slow to simulate."""
+
+_SINGULAR = 1e-9  # smallest eigenvalue of an inertia, as a share of its trace
+
+
+@dataclass(frozen=True, eq=False)
+class CompliantWrist:
+    """Springs and dampers that hold the target at the capture frame C.
+
+    The target's frame T coincides with C if the springs are relaxed. The moments act along the
+    roll-pitch-yaw axes of T relative to C, and the forces along the axes of a frame halfway between
+    C and T; see Drake's `LinearBushingRollPitchYaw`. They act on both bodies at one point with
+    opposite signs, so linear and angular momentum are conserved.
+
+    Attributes:
+        stiffness: (3,) of the rotation about the axes of C [N·m/rad], greater than zero.
+        damping: (3,) of the rotation [N·m·s/rad].
+        translational_stiffness: (3,) along the axes of C [N/m]; None if T's origin stays at C's.
+        translational_damping: (3,) [N·s/m]; not used without a translational stiffness.
+
+    Raises:
+        InputError: a stiffness is not greater than zero, or a damping is negative.
+
+    """
+
+    stiffness: NDArray[np.float64]
+    damping: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    translational_stiffness: NDArray[np.float64] | None = None
+    translational_damping: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is None:
+                continue
+            is_stiffness = name.endswith("stiffness")
+            if not (np.all(value > 0) if is_stiffness else np.all(value >= 0)):
+                raise InputError(
+                    f"simulation.wrist.{name} must be three numbers {'>' if is_stiffness else '>='}"
+                    f" 0, not {np.asarray(value).tolist()}"
+                )
+
+    def frequencies(self, M_TCo_C: SpatialInertia) -> NDArray[np.float64]:
+        """Return the natural frequencies (3,) or (6,) with C held fixed [Hz], in rising order.
+
+        Args:
+            M_TCo_C: spatial inertia of the target about C's origin, in C.
+
+        Raises:
+            InputError: the target has no inertia in one of the directions in which it can move.
+
+        """
+        if self.translational_stiffness is None:
+            inertia, stiffness = M_TCo_C.CalcRotationalInertia().CopyToFullMatrix3(), self.stiffness
+        else:
+            inertia = M_TCo_C.CopyToFullMatrix6()
+            stiffness = np.concatenate([self.stiffness, self.translational_stiffness])
+        if np.linalg.eigvalsh(inertia)[0] <= _SINGULAR * np.trace(inertia):
+            raise InputError(
+                "simulation.wrist: the target must have inertia in all directions in which the "
+                "wrist lets it move; this one is a point or a thin rod"
+            )
+        squares = eigh(np.diag(stiffness), inertia, eigvals_only=True)
+        return np.asarray(np.sqrt(squares) / (2 * np.pi))
+
+    def connect(self, plant: MultibodyPlant, frame_C: Frame, frame_T: Frame) -> None:
+        """Add the joint, the springs and the dampers to a plant that is not finalized.
+
+        Args:
+            plant: the plant.
+            frame_C: the capture frame.
+            frame_T: the frame of the target's body.
+
+        Raises:
+            InputError: the target has no inertia in one of the directions in which it can move, or
+                is so light that its frequency is above `HIGHEST_FREQUENCY`.
+
+        """
+        highest = self.frequencies(frame_T.body().default_spatial_inertia())[-1]
+        if highest > HIGHEST_FREQUENCY:
+            raise InputError(
+                f"simulation.wrist: with this target its highest natural frequency is "
+                f"{highest:.4g} Hz, the limit is {HIGHEST_FREQUENCY:g} Hz; reduce the stiffness, "
+                "or leave the wrist out for a rigid grasp"
+            )
+        moves = self.translational_stiffness is not None
+        joint = RpyFloatingJoint if moves else BallRpyJoint
+        plant.AddJoint(joint("wrist", frame_C, frame_T))
+        none = np.zeros(3)
+        plant.AddForceElement(
+            LinearBushingRollPitchYaw(
+                frame_C,
+                frame_T,
+                self.stiffness,
+                self.damping,
+                self.translational_stiffness if moves else none,
+                self.translational_damping if moves else none,
+            )
+        )

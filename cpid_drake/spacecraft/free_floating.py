@@ -1,0 +1,78 @@
+"""Inverse dynamics of a spacecraft whose base floats freely."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import MultibodyForces
+from pydrake.systems.framework import Context
+
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+
+class FreeFloatingDynamics:
+    """Computes the joint efforts that accelerate the joints while no force acts on the base.
+
+    The equations of motion are M v̇ + C = τ + τ_applied. B are the coordinates without actuators:
+    those of the base, and of a compliant wrist. Their acceleration is
+    a_B = M_BB⁻¹ (τ_applied,B − C_B − M_BJ a_J), and the acceleration a_J of the joints needs
+    τ_J = M_JB a_B + M_JJ a_J + C_J − τ_applied,J. These efforts act between the links, so they
+    conserve momentum.
+
+    Args:
+        spacecraft: the spacecraft.
+        plant: a plant of the spacecraft, with or without a target. No actuator acts on coordinates
+            that are not the spacecraft's, such as those of a compliant wrist.
+
+    Attributes:
+        plant: the plant.
+
+    Raises:
+        InputError: the plant does not have the spacecraft's joints.
+
+    """
+
+    def __init__(self, spacecraft: Spacecraft, plant: MultibodyPlant) -> None:
+        self.plant = plant
+        J = spacecraft.columns_in(plant)[spacecraft.joint_state_columns[1]] - plant.num_positions()
+        B = np.setdiff1d(np.arange(plant.num_velocities()), J)
+        self._B, self._J = B, J
+        self._BB, self._BJ, self._JJ = np.ix_(B, B), np.ix_(B, J), np.ix_(J, J)
+
+    def generalized_force(self, context: Context, a_J: ArrayLike) -> NDArray[np.float64]:
+        """Return the generalized force (nv,) that gives the joints their acceleration.
+
+        Args:
+            context: a context of the plant with the state.
+            a_J: (J,) accelerations of the joints [rad/s² or m/s²].
+
+        Returns:
+            The joint efforts [N·m or N] in the order of v; zero on the base.
+
+        """
+        plant, B, J = self.plant, self._B, self._J
+        M = plant.CalcMassMatrix(context)
+        applied = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, applied)
+        bias = plant.CalcBiasTerm(context) - plant.CalcGeneralizedForces(context, applied)
+        M_BB, M_BJ, M_JJ = M[self._BB], M[self._BJ], M[self._JJ]
+        a_B = np.linalg.solve(M_BB, -bias[B] - M_BJ @ a_J)
+        force = np.zeros(plant.num_velocities())
+        force[J] = M_BJ.T @ a_B + M_JJ @ a_J + bias[J]
+        return force
+
+    def joint_efforts(
+        self, context: Context, states: NDArray[np.float64], a_J: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the joint efforts (N, J) [N·m or N] of a motion, in the spacecraft's joint order.
+
+        Args:
+            context: a context of the plant; its state is overwritten.
+            states: (N, nx) states x = [q; v].
+            a_J: (N, J) accelerations of the joints [rad/s² or m/s²].
+
+        """
+        efforts = np.zeros(np.shape(a_J))
+        for k, (state, acceleration) in enumerate(zip(states, a_J, strict=True)):
+            self.plant.SetPositionsAndVelocities(context, state)
+            efforts[k] = self.generalized_force(context, acceleration)[self._J]
+        return efforts

@@ -1,0 +1,194 @@
+"""Cases of blocks for tests: the small spacecraft of `sensing_cases` with all kinds of sensors."""
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from sensing_cases import Sines, measured, small_craft, true_psi, true_telemetry
+
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.blocks import BlockSolver
+from cpid_drake.estimation.faults import Block, after
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.sensors import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    SENSORS,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    Sensor,
+    VectorSensor,
+    register_sensor,
+)
+from cpid_drake.sensing.suite import SensorSuite, suite_type
+from cpid_drake.studies import trials
+
+DURATION = 4.0
+ADDED = (
+    Sensor("gyro_2", "second gyro", ANGULAR_VELOCITY, Gyro, ("gx", "gy", "gz"), 20, 21),
+    Sensor("tracker_2", "second tracker", ATTITUDE, AttitudeSensor, ("sw", "sx", "sy", "sz"), 22),
+)
+CONSTANT = Gyro(10.0, 0.02, 2.0)
+WALKING = Gyro(20.0, 0.005, 1.0, 5.0)
+
+
+@contextmanager
+def added_sensors():
+    """Register a second gyro and a second star tracker."""
+    for sensor in ADDED:
+        register_sensor(sensor)
+    try:
+        yield
+    finally:
+        for sensor in ADDED:
+            del SENSORS[sensor.name]
+
+
+def rich_suite() -> SensorSuite:
+    """Return all sensors of the base, a walking and a constant gyro bias, and two trackers."""
+    return suite_type()(
+        attitude=AttitudeSensor(5.0, 5.0, 40.0, np.array([0.0, 0.6, 0.8])),
+        gyro=WALKING,
+        position=VectorSensor(5.0, 1e-3),
+        velocity=VectorSensor(4.0, 1e-3),
+        encoders=JointSensor(50.0, 1e-5),
+        joint_rates=JointSensor(25.0, 1e-4),
+        gyro_2=CONSTANT,
+        tracker_2=AttitudeSensor(2.0, 20.0, 10.0, np.array([1.0, 0.2, 0.0])),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A spacecraft, its target and what its sensors measure without noise."""
+
+    craft: object
+    motion: Sines
+    target: object
+    suite: SensorSuite
+    momentum_W: object
+    samples: Measurements
+
+    @property
+    def psi(self):
+        return true_psi(self.craft, self.target)
+
+    def solver(self, known_bodies=None) -> BlockSolver:
+        return BlockSolver(self.craft.tree, self.suite, known_bodies)
+
+    def block(self, start: float, end: float, samples=None) -> Block:
+        samples = self.samples if samples is None else samples
+        return Block(start, end, after(samples, start, end))
+
+    def state(self, time: float) -> TrajectoryState:
+        """Return the true state at a time, from the simulation in W."""
+        truth = true_telemetry(
+            self.craft.tree,
+            self.craft.joint_names,
+            self.motion,
+            self.target,
+            [time, time + 1.0],
+            self.momentum_W,
+        ).select(slice(0, 1))
+        return self.state_of(truth)
+
+    def state_of(self, truth: Telemetry) -> TrajectoryState:
+        """Return the state of the first instant of a true motion."""
+        dynamics = relative_dynamics(self.craft.tree, truth.q, truth.qdot)
+        R, psi = truth.R_WB[0], self.psi
+        w = R.T @ truth.w_WB[0]
+        L = R @ (dynamics.inertia(psi)[0] @ w + dynamics.momentum_at_rest(psi)[0])
+        com, rate = dynamics.com(psi)[0], dynamics.com_rate(psi)[0]
+        gyros = [e for e in self.suite.present().values() if isinstance(e, Gyro)]
+        return TrajectoryState(
+            psi=psi,
+            attitude=Rotation.from_matrix(R),
+            p_Wcm=truth.p_WB[0] + R @ com,
+            v_Wcm=truth.v_WB[0] + R @ (np.cross(w, com) + rate),
+            L=L,
+            bias=np.zeros((len(gyros), 3)),
+        )
+
+
+def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case:
+    """Return a case with a motion of all joints."""
+    craft, motion = small_craft(folder), Sines.drawn(4, seed=101, duration=duration, size=0.6)
+    samples = measured(craft, motion, target, suite, momentum_W)
+    return Case(craft, motion, target, suite, momentum_W, samples)
+
+
+STEPS = {"start": 1e-5, "momentum": 1e-3, "psi": 1e-3}
+"""Steps of differences by what every block has, in units of the columns."""
+
+
+def check_derivatives(model, state, steps: dict[str, float], drift: float = 1e-3) -> None:
+    """Compare the derivatives of readings and of the end with differences.
+
+    The changes by momentum and by torques are integrated by the trapezoidal rule. The relative
+    error of position and velocity of the centre of mass at the end must be below `drift`.
+    """
+    trajectory = model.motion.trajectory(state)
+    exact, end = model.jacobian(trajectory)
+    total = np.eye(exact.shape[1])
+    total[model.turned] = end
+    for column, by, factor in model.transitions(trajectory):
+        total[by] += factor @ total[column]
+    start, momentum = model.columns["start"].start, model.columns["momentum"].start
+    places = {"p_Wcm": start + 3, "L": momentum, "v_Wcm": momentum + 3}
+    for name, step in steps.items():
+        for k in range(model.columns[name].start, model.columns[name].stop):
+            change = step * np.eye(model.size)[k]
+            moved = [model.motion.trajectory(model.moved(state, s * change)) for s in (1, -1)]
+            ahead, behind = (model.residuals(each) for each in moved)
+            column = -(ahead - behind) / (2 * step)
+            assert np.abs(exact[:, k] - column).max() < 2e-3 * np.abs(column).max()
+            ahead, behind = (model.motion.end(each) for each in moved)
+            for part, place in places.items():
+                by = (getattr(ahead, part) - getattr(behind, part)) / (2 * step)
+                found = total[place : place + 3, k]
+                atol = (1e-3 if part == "L" else drift) * np.abs(by).max() + 1e-8
+                np.testing.assert_allclose(found, by, rtol=0, atol=atol, err_msg=(name, part))
+
+
+def best_psi(state) -> np.ndarray:
+    """Return the target (10,) that solves a state's equations, all combinations included."""
+    return state.nominal.psi + np.linalg.solve(state.root[-10:, -10:], state.rest[-10:])
+
+
+def fired(case: Case, *firings: trials.Firing) -> Measurements:
+    """Return what a case's sensors measure without noise if thrusters fire."""
+    return trials.ideal_samples(trial_of(case, *firings), case.craft.tree, case.craft.joint_names)
+
+
+def trial_of(case: Case, *firings: trials.Firing) -> trials.Case:
+    """Return the inputs of a trial of a case."""
+    momentum_W = np.zeros(6) if case.momentum_W is None else case.momentum_W
+    return trials.Case(
+        spacecraft=None,
+        truth=case.target,
+        motion=case.motion,
+        duration=case.motion.duration,
+        momentum_W=momentum_W,
+        momentum=TotalMomentum.zero(),
+        firings=firings,
+        known_bodies=None,
+        suite=case.suite,
+        estimators=(),
+        seed=0,
+    )
+
+
+def spoiled(samples: Measurements, name: str, which, shift) -> Measurements:
+    """Return samples of which some of one sensor are off by `shift` (3,) or one number."""
+    time, value = samples[name].time, samples[name].value.copy()
+    if value.shape[1] == 4:
+        turned = Rotation.from_quat(value[which], scalar_first=True) * Rotation.from_rotvec(shift)
+        value[which] = turned.as_quat(scalar_first=True)
+    else:
+        value[which] += shift
+    return samples.updated({name: Samples(time, value)})

@@ -1,0 +1,163 @@
+"""Ctrl-C and a request to terminate end every command at once, with one line."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import HUNG, finish, start
+
+from cpid_drake.resources import models_directory
+
+MODELS = models_directory()
+COMMANDS = {
+    "identify": (
+        *("identify", "{inputs}/long.npz", "--sensors", "testbed"),
+        *("--spacecraft", MODELS / "free_flyer/free_flyer.urdf"),
+        *("--base", "body", "--capture-frame", "capture_point"),
+        *("--json", "r.json", "--report", "r.html"),
+    ),
+    "simulate": ("simulate", "{inputs}/exciting_motion.yaml", "--out", "run"),
+    "accuracy": (
+        *("accuracy", "exciting_motion", "--trials", "1000", "--preset", "flight"),
+        *("--jobs", "2", "--out", "study"),
+    ),
+    "plan": ("plan", "paper", "--candidates", "60000", "--jobs", "2", "--out", "motion.yaml"),
+    "view": ("view", "{inputs}/free_flyer_payload.yaml", "--html", "view.html"),
+}
+"""Commands that take minutes, so that none ends before its interrupt."""
+
+LONGEST = 30.0
+"""Longest time to the end [s]; a quiet machine needs less than 1 s, a whole command far longer."""
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """Return a folder with the shipped scenarios and the sample log, made a hundred times longer.
+
+    The log goes forwards and backwards in turn, which conserves momentum just as well.
+    """
+    folder = tmp_path_factory.mktemp("inputs")
+    for name in ("exciting_motion", "free_flyer_payload"):
+        text = (MODELS / f"scenarios/{name}.yaml").read_text()
+        assert text.count(" duration: 10.0") == 2  # of the joint motion and of the simulation
+        long = text.replace(" duration: 10.0", " duration: 1000.0")
+        (folder / f"{name}.yaml").write_text(long)
+    lines = (MODELS / "telemetry/free_flyer.csv").read_text().splitlines()
+    lines = [line for line in lines if not line.startswith("#")]
+    names, forwards = lines[0].split(","), np.loadtxt(lines[1:], delimiter=",")
+    signs = [-1.0 if name in ("bwx", "bwy", "bwz") else 1.0 for name in names]
+    values = np.tile(np.vstack([forwards[:-1], signs * forwards[:0:-1]]), (50, 1))
+    columns = dict(zip(names, values.T)) | {"time": 0.01 * np.arange(len(values))}
+    np.savez(folder / "long.npz", **columns)
+    return folder
+
+
+def heed_interrupts() -> None:
+    """Undo that a shell's background job, which the tests may be, ignores Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def wait_until_handled(process: subprocess.Popen, number: int) -> None:
+    """Wait until Python has started so far that the command handles this signal itself.
+
+    How long that takes depends on the machine; before it, the system ends the process.
+    """
+    status = Path(f"/proc/{process.pid}/status")
+    begin = time.perf_counter()
+    while process.poll() is None:
+        caught = re.search(r"^SigCgt:\s*(\w+)", status.read_text(), re.MULTILINE)
+        if caught and int(caught[1], 16) >> (number - 1) & 1:
+            return
+        assert time.perf_counter() - begin < HUNG
+        time.sleep(0.001)
+
+
+def processes_of_group(group: int) -> list[str]:
+    listed = subprocess.run(["pgrep", "-g", str(group)], text=True, capture_output=True)
+    return listed.stdout.split()
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's process status")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("command", "seconds"), [(c, s) for c in COMMANDS for s in (0, 0.3, 2, 6)])
+def test_an_interrupt_ends_a_command_with_one_line(command, seconds, number, inputs, tmp_path):
+    """At any instant: at the start, while modules are imported, or a long computation runs."""
+    process = start(
+        *("-m", "cpid_drake", *(str(each).format(inputs=inputs) for each in COMMANDS[command])),
+        "--quiet",
+        cwd=tmp_path,
+        start_new_session=True,
+        preexec_fn=heed_interrupts,
+    )
+    wait_until_handled(process, signal.SIGTERM)  # the last that the command begins to handle
+    time.sleep(seconds)
+    begin = time.perf_counter()
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does
+    else:
+        process.send_signal(number)
+    stdout, stderr = process.communicate(timeout=HUNG)
+    assert (process.returncode, stdout) == (130, "")
+    assert stderr == "cpid: interrupted\n"
+    duration = time.perf_counter() - begin
+    while processes_of_group(process.pid):
+        assert time.perf_counter() - begin < HUNG
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    assert duration < LONGEST
+
+
+STARTS_PROCESSES = """
+import os, signal, socket, sys, threading
+from cpid_drake.processes import interrupts_held
+
+def interrupt(number, frame):
+    raise KeyboardInterrupt
+
+number = int(sys.argv[1])
+signal.signal(number, interrupt)
+received, wakes = socket.socketpair()
+wakes.setblocking(False)
+signal.set_wakeup_fd(wakes.fileno())
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+try:
+    with interrupts_held():
+        os.kill(os.getpid(), number)
+        received.recv(1)  # until a thread has received it
+        print("started")
+    print("not interrupted")
+except KeyboardInterrupt:
+    print(signal.getsignal(number) is interrupt)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_waits_until_processes_have_been_started(number, tmp_path):
+    """Also if another thread receives the signal, and with the handler of the command."""
+    ended = finish(start("-c", STARTS_PROCESSES, int(number), cwd=tmp_path))
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "started\nTrue\n", "")
+
+
+NOISY_LIBRARY = """
+import os, signal, time
+from cpid_drake.commands import app, main
+def run():
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)
+    except KeyboardInterrupt:
+        os.write(2, b"CRITICAL: could not initialize")
+        raise ImportError("interrupted")
+app.run = run
+main.main()
+"""
+
+
+def test_what_a_library_says_about_an_interrupt_is_not_shown(tmp_path):
+    """Drake writes a critical error if it is interrupted while it is imported."""
+    ended = finish(start("-c", NOISY_LIBRARY, cwd=tmp_path))
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "cpid: interrupted\n")

@@ -1,0 +1,138 @@
+"""`cpid plan`: a motion in a file that simulates, what to expect of it, one-line errors."""
+
+import re
+import sys
+from contextlib import redirect_stdout
+from io import StringIO
+
+import numpy as np
+import pytest
+
+from cpid_drake import load_scenario, make_simulation, shipped_scenario
+from cpid_drake.commands.main import main
+from cpid_drake.commands.plan import motion
+from cpid_drake.planning.planner import Planner
+from cpid_drake.planning.search import Candidate
+from cpid_drake.scenario.joint_motions import dump_motion, load_motion
+
+SMALL = ("--candidates", 64, "--starts", 1, "--frequency", 0.3, "--targets", 1, "--jobs", 1)
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    """A plan of the paper's scenario: its file, and the command's output."""
+    folder, text = tmp_path_factory.mktemp("plan"), StringIO()
+    file, page = folder / "motion.yaml", folder / "motion.html"
+    arguments = ("plan", "paper", "--out", file, "--report", page, *SMALL)
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(text):
+        patch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert ended.value.code == 0
+    return file, text.getvalue()
+
+
+def worst(text: str) -> list[float]:
+    [line] = [each for each in text.splitlines() if "worst σ" in each]
+    return [float(number) for number in re.findall(r"[-+.\de]+", line.split("scale")[1])]
+
+
+def test_a_plan_is_written_compared_exported_and_simulated(run_cpid, planned, tmp_path):
+    file, text = planned
+    own, plan = worst(text)
+    assert own > 30 * plan
+    assert "σ(Iyz), kg·m²" in text
+    assert "active limits: " in text
+
+    page = file.with_suffix(".html").read_text()
+    assert f"{plan:.3g} % of its scale" in page
+    for heading in ("Conclusion", "Predicted σ", "Joints", "Base motion", "Replay", "Provenance"):
+        assert f">{heading}</h2>" in page
+
+    code, ranking, _ = run_cpid("plan", "paper", "--compare", file, *SMALL)
+    assert code == 0
+    assert "motion.yaml scenario's motion" in " ".join(ranking.split())
+    assert worst(ranking) == [plan, own]
+
+    table = tmp_path / "motion.csv"
+    arguments = ("--scenario", "paper", "--out", table, "--rate", 10)
+    assert run_cpid("plan", "export", file, *arguments)[0] == 0
+    values = np.loadtxt(table, delimiter=",", skiprows=1)
+    assert values.shape == (101, 37)
+
+    scenario = tmp_path / "scenario.yaml"
+    lines = shipped_scenario("paper").read_text().split("joint_motion:")
+    rest = lines[1][lines[1].index("\ncontroller:") :]
+    scenario.write_text(f"{lines[0]}joint_motion: !MotionFile {{file: {file}}}\n{rest}")
+    simulated = make_simulation(load_scenario(scenario)).joint_motion
+    np.testing.assert_allclose(simulated.evaluate(3.0).ravel(), values[30, 1:], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "duration"),
+    [({}, 10.0), ({"opportunistic": 1.0}, 11.0), ({"duration": 12.0}, 12.0)],
+)
+def test_an_interrupt_keeps_the_best_motion_so_far(options, duration, tmp_path, monkeypatch):
+
+    def interrupted(planner, progress):
+        family = planner.problem.family
+        shape = family.count, len(family.moving)
+        planner.best = Candidate(np.full(shape, 0.01), 0.5)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Planner, "run", interrupted)
+    file = tmp_path / "motion.yaml"
+    with pytest.raises(KeyboardInterrupt):
+        motion("paper", file, targets=1, jobs=1, **options)
+    assert "criterion is 0.5" in file.read_text()
+    assert load_motion(file).duration == duration
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("paper",), "give --out FILE to plan a motion, or --compare FILE"),
+        (("nowhere.yaml", "--out", "x.yaml"), "nowhere.yaml: no such file"),
+        (("paper", "--out", "x.csv"), "x.csv"),
+        (("paper", "--out", "x.yaml", "--family", "sines"), "no family of motions 'sines'"),
+        (
+            ("paper", "--out", "x.yaml", "--duration", "12", "--opportunistic", "1"),
+            "give either --duration or --opportunistic",
+        ),
+        (("paper", "--out", "x.yaml", "--opportunistic", "-1"), "opportunistic must be ≥ 0"),
+        (("paper", "--out", "x.yaml", "--criterion", "C"), "no criterion 'C'"),
+        (("paper", "--out", "x.yaml", "--sensors", "none"), "none: no such file"),
+        (("paper", "--out", "x.yaml", "--prior", "none.yaml"), "none.yaml: no such file"),
+        (("paper", "--out", "x.yaml", "--frequency", "100"), "give a highest frequency"),
+        (("paper", "--out", "x.yaml", "--stoppable"), "give --acceleration"),
+        (("paper", "--out", "x.yaml", "--wheel-momentum", "1"), "the spacecraft has no wheels"),
+        (("paper", "--out", "x.yaml", "--base-rate", "-1"), "base_rate must be > 0"),
+        (("paper", "--compare", "nowhere.yaml"), "nowhere.yaml: no such file"),
+        (("export", "nowhere.yaml", "--scenario", "paper", "--out", "x.csv"), "no such file"),
+    ],
+)
+def test_errors_are_one_line(arguments, message, run_cpid, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, error = run_cpid("plan", *arguments)
+    assert (code, out) == (2, "")
+    assert error.count("\n") == 1
+    assert message in error
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_motion_of_another_spacecraft_is_refused(run_cpid, planned, tmp_path):
+    file, _ = planned
+    text = dump_motion(load_motion(file)).replace("capture_arm_joint1", "elbow")
+    other = tmp_path / "other.yaml"
+    other.write_text(text)
+    code, _, error = run_cpid("plan", "paper", "--compare", other)
+    assert code == 2
+    assert "no joint 'elbow'" in error
+
+
+def test_the_help_has_the_units(run_cpid):
+    code, text, _ = run_cpid("plan", "motion", "--help")
+    assert code == 0
+    text = " ".join(re.sub("[│\n]", " ", text).split())
+    for unit in ("[s]", "[Hz]", "[m]", "[deg]", "[deg/s]", "[rad/s² or m/s²]", "[N·m·s]"):
+        assert unit in text

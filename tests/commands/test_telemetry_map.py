@@ -1,0 +1,324 @@
+"""Logs of common tools are identified after `cpid telemetry map`, without editing by hand."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import (
+    Measurements,
+    Telemetry,
+    load_scenario,
+    make_simulation,
+    shipped_scenario,
+    write_telemetry,
+)
+from cpid_drake.resources import models_directory
+from cpid_drake.sensing.files.column_map import load_column_map
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.sensors import SENSORS
+
+MODEL = models_directory() / "free_flyer/free_flyer.urdf"
+CRAFT = ("--spacecraft", MODEL, "--base", "body", "--capture-frame", "capture_point")
+TRUTH = {
+    "mass": 8.5,
+    "com": [0.26, 0.02, -0.015],
+    "inertia": [0.16, 0.19, 0.25, 0.012, -0.008, 0.01],
+}
+"""The target of scenarios/free_flyer_payload.yaml."""
+
+MARKER = np.array([0.12, -0.08, 0.15])
+
+
+@cache
+def truth() -> Telemetry:
+    """Return the exact motion of a shipped scenario."""
+    simulation = make_simulation(load_scenario(shipped_scenario("free_flyer_payload")))
+    return simulation.telemetry(simulation.run())
+
+
+def in_body(motion, vectors):
+    return np.einsum("nji,nj->ni", motion.R_WB, vectors)
+
+
+def write_csv(path, columns):
+    """Write columns of numbers or texts by name."""
+    rows = zip(
+        *(c if isinstance(c, list) else map(repr, np.asarray(c).tolist()) for c in columns.values())
+    )
+    path.write_text("\n".join([",".join(columns), *map(",".join, rows)]) + "\n")
+
+
+def ros_csv(folder, motion):
+    """A topic exported by ROS: nested names, ns since 1970, xyzw, degrees, names in text cells."""
+    stamp = [str(1_700_000_000_000_000_000 + round(t * 1e9)) for t in motion.time]
+    columns = {"%time": stamp, "field.header.seq": np.arange(len(motion))}
+    columns |= {"field.header.stamp": stamp, "field.header.frame_id": ["map"] * len(motion)}
+    for axis, values in zip("xyz", motion.p_WB.T):
+        columns[f"field.pose.position.{axis}"] = values
+    for axis, values in zip("wxyz", motion.quaternion_WB.T):
+        columns[f"field.pose.orientation.{axis}"] = values
+    order = ["x", "y", "z", "w"]
+    moved = {
+        f"field.pose.orientation.{a}": columns.pop(f"field.pose.orientation.{a}") for a in order
+    }
+    columns |= moved
+    for k in range(36):
+        columns[f"field.pose.covariance{k}"] = np.zeros(len(motion))
+    for axis, values in zip("xyz", motion.v_WB.T):
+        columns[f"field.twist.linear.{axis}"] = values
+    for axis, values in zip("xyz", in_body(motion, motion.w_WB).T):
+        columns[f"field.twist.angular.{axis}"] = np.degrees(values)
+    names = [*reversed(motion.joint_names), "gripper"]
+    angles = {**dict(zip(motion.joint_names, np.degrees(motion.q).T)), "gripper": motion.time}
+    rates = {**dict(zip(motion.joint_names, np.degrees(motion.qdot).T)), "gripper": motion.time}
+    for k, name in enumerate(names):
+        columns[f"field.name{k}"] = [name] * len(motion)
+        columns[f"field.position{k}"] = angles[name]
+        columns[f"field.velocity{k}"] = rates[name]
+        columns[f"field.effort{k}"] = np.zeros(len(motion))
+    write_csv(folder / "log.csv", columns)
+    return folder / "log.csv"
+
+
+def vicon_csv(folder, motion):
+    """A file of Vicon's Nexus: five lines of header, frames, millimetres, rotation vectors."""
+    rotation = Rotation.from_quat(motion.quaternion_WB, scalar_first=True).as_rotvec(degrees=True)
+    marker = motion.p_WB + np.einsum("nij,j->ni", motion.R_WB, MARKER)
+    target = np.zeros((len(motion), 6))
+    angles = np.degrees(motion.q)
+    frames = np.arange(len(motion))[:, None] + 101
+    table = np.hstack([frames, 0 * frames, target, rotation, marker * 1000, angles])
+    joints = [f"{joint}" for joint in motion.joint_names]
+    lines = [
+        "Segments",
+        "16",
+        ",,Bag:Bag,,,,,,body:Base,,,,,," + ",".join("Joints" for _ in joints),
+        "Frame,Sub Frame," + "RX,RY,RZ,TX,TY,TZ," * 2 + ",".join(joints),
+        ",," + "deg,deg,deg,mm,mm,mm," * 2 + ",".join("deg" for _ in joints),
+        *(",".join(map(repr, row)) for row in table.tolist()),
+    ]
+    (folder / "log.csv").write_text("\n".join(lines) + "\n")
+    return folder / "log.csv"
+
+
+def flat_vicon_csv(folder, motion):
+    """Vicon's columns in one line of header, without units: those follow from the motion."""
+    columns = {"Frame": np.arange(len(motion)), "Sub Frame": np.zeros(len(motion))}
+    quaternion = motion.quaternion_WB[:, [1, 2, 3, 0]]
+    for name, values in zip(("RX", "RY", "RZ", "RW"), quaternion.T):
+        columns[f"Base:{name}"] = values
+    for name, values in zip(("TX", "TY", "TZ"), 1000 * motion.p_WB.T):
+        columns[f"Base:{name}"] = values
+    for joint, values in zip(motion.joint_names, np.degrees(motion.q).T):
+        columns[f"{joint}_angle"] = values
+    write_csv(folder / "log.csv", columns)
+    return folder / "log.csv"
+
+
+def matlab(folder, motion):
+    """Variables of MATLAB: matrices, a struct, degrees, a quaternion with its scalar last, R_BW."""
+    inverse = motion.quaternion_WB[:, [1, 2, 3, 0]] * [-1, -1, -1, 1]
+    variables = {
+        "t": motion.time * 1000,
+        "base": {
+            "quat": inverse,
+            "pos": motion.p_WB.T,
+            "omega": np.degrees(motion.w_WB),
+            "vel": in_body(motion, motion.v_WB) * 1000,
+        },
+        "q": np.degrees(motion.q),
+        "qd": np.degrees(motion.qdot),
+        "tau": np.zeros_like(motion.q),
+        "description": "run 7",
+    }
+    savemat(folder / "log.mat", variables)
+    return folder / "log.mat"
+
+
+def json_lines(folder, motion):
+    """A log of nested messages with stamps of two keys, and Euler angles."""
+    euler = Rotation.from_quat(motion.quaternion_WB, scalar_first=True).as_euler("ZYX")
+    path = folder / "log.jsonl"
+    with path.open("w") as file:
+        for k, t in enumerate(motion.time):
+            sec, fraction = divmod(float(t), 1.0)
+            message = {
+                "header": {
+                    "stamp": {"sec": 1_700_000_000 + int(sec), "nanosec": round(fraction * 1e9)}
+                },
+                "attitude": dict(zip(("yaw", "pitch", "roll"), euler[k].tolist())),
+                "position": dict(zip("xyz", (motion.p_WB[k] * 100).tolist())),
+                "gyro": dict(zip("xyz", in_body(motion, motion.w_WB)[k].tolist())),
+                "joints": {j: {"pos": float(q)} for j, q in zip(motion.joint_names, motion.q[k])},
+                "mode": "slew",
+            }
+            file.write(json.dumps(message) + "\n")
+    return path
+
+
+POSE = ("attitude", "position", "encoders")
+ALL = (*POSE, "gyro", "velocity", "joint_rates")
+LOGS = {
+    "ros": (ros_csv, (), ALL),
+    "vicon": (vicon_csv, (), POSE),
+    "flat_vicon": (flat_vicon_csv, ("--frame-rate", 16), POSE),
+    "matlab": (matlab, (), ALL),
+    "json_lines": (json_lines, (), (*POSE, "gyro")),
+}
+"""By name, what writes the log, options of `cpid telemetry map`, and the sensors in the log."""
+
+
+@pytest.mark.parametrize("kind", LOGS)
+def test_a_log_of_another_tool_is_identified_like_the_house_log(tmp_path, run_cpid, kind):
+    write, options, sensors = LOGS[kind]
+    log, columns = write(tmp_path, truth()), tmp_path / "map.yaml"
+    house = tmp_path / "house.csv"
+    samples = {n: Samples(truth().time, SENSORS[n].quantity.ideal(truth())) for n in sensors}
+    write_telemetry(house, Measurements(truth().joint_names, samples))
+    code, stdout, stderr = run_cpid("telemetry", "map", log, *CRAFT, "--out", columns, *options)
+    assert code == 0, stderr
+    assert columns.read_text() in stdout + "\n"
+    load_column_map(columns)
+    found, codes = [], []
+    for file, how in ((house, ()), (log, ("--columns", columns))):
+        result = tmp_path / f"{file.stem}.json"
+        codes.append(run_cpid("identify", file, *CRAFT, *how, "--json", result)[0])
+        found.append(json.loads(result.read_text()))
+    assert codes[0] == codes[1]
+    for key in ("mass", "com", "inertia"):
+        size = np.abs(found[0][key]).max()
+        # Stamps since 1970 are exact to 1e-7 s, and the marker's place is rounded to 0.1 mm.
+        np.testing.assert_allclose(found[1][key], found[0][key], rtol=0, atol=2e-4 * size)
+        np.testing.assert_allclose(found[1][key], TRUTH[key], rtol=0, atol=1e-3 * size)
+    code, stdout, _ = run_cpid("telemetry", "check", log, *CRAFT, "--columns", columns)
+    assert code == 0
+    assert "no problems found" in stdout
+
+
+def test_a_converted_log_is_the_house_log(tmp_path, run_cpid):
+    log = ros_csv(tmp_path, truth())
+    assert run_cpid("telemetry", "map", log, *CRAFT, "--out", tmp_path / "map.yaml")[0] == 0
+    out = tmp_path / "house.csv"
+    assert run_cpid("telemetry", "convert", log, out, "--columns", tmp_path / "map.yaml")[0] == 0
+    header, *rows = out.read_text().splitlines()
+    values = np.array([row.split(",") for row in rows], dtype=float)
+    columns = dict(zip(header.split(","), values.T))
+    motion = truth()
+    np.testing.assert_allclose(columns["time"], motion.time, atol=2e-7)
+    np.testing.assert_allclose(columns["qw"], motion.quaternion_WB[:, 0], atol=1e-15)
+    np.testing.assert_allclose(columns["bwx"], in_body(motion, motion.w_WB)[:, 0], atol=1e-15)
+    for k, joint in enumerate(motion.joint_names):
+        np.testing.assert_allclose(columns[f"q:{joint}"], motion.q[:, k], atol=1e-14)
+    assert "q:gripper" not in columns
+
+
+def test_a_marker_off_the_origin_is_found(tmp_path, run_cpid):
+    log = vicon_csv(tmp_path, truth())
+    code, stdout, _ = run_cpid("telemetry", "map", log, *CRAFT)
+    assert code == 0
+    point = yaml.safe_load(stdout)["position"]["point_B"]
+    np.testing.assert_allclose(point, MARKER, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("drop", "phrase"),
+    [
+        ("Frame", "no column can be the time"),
+        ("arm_joint2", "no column can be the position of joint 'arm_joint2'"),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path, run_cpid, drop, phrase):
+    log = flat_vicon_csv(tmp_path, truth())
+    log.write_text(log.read_text().replace(drop, "thing"))
+    code, _, stderr = run_cpid("telemetry", "map", log, *CRAFT, "--frame-rate", 16)
+    assert code == 2
+    assert phrase in stderr
+
+
+def test_frames_of_an_unknown_rate_are_refused(tmp_path, run_cpid):
+    code, _, stderr = run_cpid("telemetry", "map", flat_vicon_csv(tmp_path, truth()), *CRAFT)
+    assert code == 2
+    assert "give --frame-rate" in stderr
+
+
+def test_no_input_is_overwritten(tmp_path, run_cpid):
+    log = flat_vicon_csv(tmp_path, truth())
+    before = log.read_bytes()
+    for command in (("map", log, *CRAFT, "--out", log), ("convert", log, log)):
+        code, _, stderr = run_cpid("telemetry", *command)
+        assert code == 2
+        assert "is the input" in stderr
+    assert log.read_bytes() == before
+
+
+def test_a_model_named_by_its_package_is_not_overwritten(tmp_path, run_cpid):
+    (tmp_path / "arms").mkdir()
+    model = tmp_path / "arms/craft.urdf"
+    model.write_bytes(MODEL.read_bytes())
+    craft = ("--spacecraft", "package://arms/craft.urdf", *CRAFT[2:])
+    options = ("--package", f"arms={model.parent}", "--out", model, "--force")
+    log = flat_vicon_csv(tmp_path, truth())
+    code, _, stderr = run_cpid("telemetry", "map", log, *craft, *options)
+    assert (code, "is the input" in stderr) == (2, True)
+    assert model.read_bytes() == MODEL.read_bytes()
+
+
+def test_a_check_says_what_was_not_checked(tmp_path, run_cpid):
+    write_telemetry(tmp_path / "log.csv", truth())
+    stdout = run_cpid("telemetry", "check", tmp_path / "log.csv")[1]
+    assert "not checked: units of position (needs --spacecraft)" in stdout
+    sample = models_directory() / "telemetry/free_flyer.csv"
+    assert "not checked" not in run_cpid("telemetry", "check", sample, *CRAFT)[1]
+
+
+def test_positions_in_millimetres_are_refused_by_every_command(tmp_path, run_cpid):
+    sample = Path(models_directory() / "telemetry/free_flyer.csv").read_text().splitlines()
+    names = next(line for line in sample if not line.startswith("#")).split(",")
+    rows = [line.split(",") for line in sample if not line.startswith("#")][1:]
+    for row in rows:
+        for axis in "xyz":
+            row[names.index(axis)] = repr(1000 * float(row[names.index(axis)]))
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join([",".join(names), *map(",".join, rows)]) + "\n")
+    for command in (
+        ("telemetry", "check", log),
+        ("identify", log),
+        ("identify", log, "--sensors", "testbed"),
+    ):
+        code, stdout, stderr = run_cpid(*command, *CRAFT)
+        assert code == 2
+        assert "the position seems to be in millimetres" in stdout + stderr
+    (tmp_path / "map.yaml").write_text("position: {unit: mm}\n")
+    assert (
+        run_cpid(
+            "identify", log, *CRAFT, "--columns", tmp_path / "map.yaml", "--sensors", "testbed"
+        )[0]
+        == 0
+    )
+
+
+def test_reports_and_replays_read_the_log_with_its_map(
+    tmp_path, run_cpid, short_reports, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    log = models_directory() / "telemetry/free_flyer_ros.csv"
+    assert run_cpid("telemetry", "map", log, *CRAFT, "--out", "map.yaml")[0] == 0
+    how = ("--columns", "map.yaml", "--sensors", "testbed")
+    code, _, stderr = run_cpid("identify", log, *CRAFT, *how, "--json", "found.json")
+    assert code == 0
+    assert "ignored columns: field.header.frame_id, gripper/position" in stderr
+    assert run_cpid("report", "found.json", "--out", "page.html")[0] == 0
+    page = Path("page.html").read_text()
+    assert "no sections that need the log" not in page
+    assert "Map of columns" in page
+    assert run_cpid("view", log, *CRAFT, *how, "--html", "replay.html")[0] == 0
+    map_text = Path("map.yaml").read_text()
+    Path("map.yaml").write_text(map_text.replace("unit: mm", "unit: cm"))
+    assert run_cpid("report", "found.json", "--out", "page.html")[0] == 0
+    assert "map.yaml has changed since" in Path("page.html").read_text()

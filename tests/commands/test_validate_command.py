@@ -1,0 +1,86 @@
+"""`cpid validate`: the right target predicts another log, and a wrong one does not."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpid_drake import read_telemetry, write_telemetry
+from cpid_drake.identification.result_files import read_result, write_result
+from cpid_drake.resources import models_directory
+
+SAMPLE = models_directory() / "telemetry/free_flyer.csv"
+FREE_FLYER = (
+    *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
+    *("--base", "body", "--capture-frame", "capture_point", "--sensors", "testbed"),
+)
+
+
+@pytest.fixture
+def cpid(run_cpid, monkeypatch, tmp_path):
+    """Return a function that runs `cpid` in a folder with a result and another log."""
+    monkeypatch.chdir(tmp_path)
+    log = read_telemetry(SAMPLE)
+    write_telemetry("first.csv", log.between(0.0, 4.999))
+    write_telemetry("second.csv", log.between(4.999, 20.0))
+    run_cpid("identify", "first.csv", *FREE_FLYER, "--json", "result.json", "--quiet")
+    return run_cpid
+
+
+def refusal(outcome) -> str:
+    code, stdout, stderr = outcome
+    assert (code, stdout) == (2, "")
+    assert stderr.count("\n") == 1
+    return stderr
+
+
+def test_the_right_target_predicts_another_log(cpid):
+    code, stdout, stderr = cpid("validate", "result.json", "second.csv", "--json", "v.json")
+    assert (code, stderr) == (0, "")
+    assert stdout.startswith("valid: the largest error of the prediction is")
+    found = json.loads(Path("v.json").read_text())
+    assert found["is_valid"]
+    assert found["momentum"] == "zero"
+    errors = {error["sensor"]: error for error in found["errors"]}
+    assert errors["attitude"]["unit"] == "deg"
+    for error in errors.values():
+        assert error["in_sigma"] < 2
+        assert error["noise"] <= 1.001 * error["expected"]
+    assert errors["attitude"]["rms"] < 0.05 * errors["attitude"]["without_target"]
+    assert cpid("validate", "result.json", "second.csv", "--json", "v.json", "--quiet")[0] == 0
+
+
+def test_a_wrong_target_is_noticed(cpid):
+    result = read_result("result.json")
+    com = result.com + np.array([0.01, 0.0, 0.0])
+    write_result("wrong.json", replace(result, com=com, feasible=None))
+    code, stdout, _ = cpid("validate", "wrong.json", "second.csv")
+    assert code == 4
+    assert stdout.startswith("not valid: ")
+    assert cpid("validate", "wrong.json", "second.csv", "--threshold", "1000", "--quiet")[0] == 0
+
+
+def test_the_log_of_the_result_is_refused(cpid):
+    outcome = cpid("validate", "result.json", "first.csv")
+    assert "the result was identified from this log" in refusal(outcome)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--threshold", "0"), "--threshold 0: give a positive number"),
+        (("--beginning", "1.5"), "the beginning must be a share between 0 and 1"),
+        (("--to", "5.5"), "too short"),
+        (("--json", "second.csv"), "is the input second.csv"),
+        (("--sensors", "none"), "no sensors"),
+    ],
+)
+def test_bad_options_are_refused(cpid, arguments, words):
+    assert words in refusal(cpid("validate", "result.json", "second.csv", *arguments))
+
+
+def test_what_is_not_there_is_refused(cpid):
+    assert "no such file" in refusal(cpid("validate", "none.json", "second.csv"))
+    assert "none.csv" in refusal(cpid("validate", "result.json", "none.csv"))

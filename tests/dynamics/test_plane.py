@@ -1,0 +1,125 @@
+"""A base on a table: what it can do, what is conserved, and what the rows then contain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planar_cases import DURATION, TARGET, motion, planar_craft
+from scipy.spatial.transform import Rotation
+from sensing_cases import true_psi, true_telemetry
+
+from cpid_drake.dynamics.base_motion import (
+    base_twist,
+    base_twist_sensitivity,
+    known_dynamics,
+)
+from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.parameterizations import standard_to_pseudo_inertia
+from cpid_drake.dynamics.plane import freedom, in_plane, mean_normal, round_body, tilt
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+
+TIMES = np.arange(0.0, DURATION, 0.1)
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    return planar_craft(tmp_path_factory.mktemp("planar")).on_table()
+
+
+@pytest.fixture(scope="module")
+def truth(table):
+    start = np.array([0.0, 0.0, 0.05, 0.2, -0.1, 0.0])
+    return true_telemetry(table.tree, table.joint_names, motion(), TARGET, TIMES, start)
+
+
+def test_the_base_moves_in_the_plane_and_keeps_what_the_table_leaves(table, truth):
+    np.testing.assert_allclose(truth.quaternion_WB[:, 1:3], 0, atol=1e-14)
+    np.testing.assert_allclose(truth.p_WB[:, 2], 0, atol=1e-14)
+    P, L = total_momentum(table.tree, TARGET, truth)
+    np.testing.assert_allclose(P[:, :2], np.tile([0.2, -0.1], (len(P), 1)), atol=1e-9)
+    np.testing.assert_allclose(L[:, 2], 0.05, atol=1e-7)
+    assert np.ptp(L[:, :2], axis=0).min() > 1e-3  # the reactions of the table change the others
+
+
+def test_a_free_base_of_the_same_bodies_would_tilt(table, truth):
+    tree = replace(table.tree, normal_B=None)
+    free = true_telemetry(tree, table.joint_names, motion(), TARGET, TIMES)
+    assert np.abs(free.quaternion_WB[:, 1:3]).max() > 0.05
+
+
+def test_the_relative_dynamics_give_the_same_motion(table, truth):
+    dynamics = relative_dynamics(table.tree, truth.q, truth.qdot)
+    psi, R = true_psi(table, TARGET), truth.R_WB
+    P, L = total_momentum(table.tree, TARGET, truth)
+    p_Wcm = truth.p_WB + (R @ dynamics.com(psi)[..., None])[..., 0]
+    about_cm = L - np.cross(p_Wcm, P)
+    w = (
+        dynamics.mobility(psi)
+        @ ((about_cm[:, None] @ R)[:, 0] - dynamics.momentum_at_rest(psi))[..., None]
+    )
+    np.testing.assert_allclose((R @ w)[..., 0], truth.w_WB, atol=1e-9)
+
+
+def test_the_sensitivity_of_the_twist_is_its_derivative(table, truth):
+    part = truth.select(slice(10, 13))
+    known = known_dynamics(table.tree, part.q, part.qdot)
+    phi, step = TARGET.to_standard_vector(), 1e-6
+    slopes = base_twist_sensitivity(known, phi, base_twist(known, phi))
+    for k, unit in enumerate(np.eye(10)):
+        ahead, behind = (base_twist(known, phi + s * step * unit) for s in (1, -1))
+        np.testing.assert_allclose(slopes[..., k], (ahead - behind) / 2 / step, atol=1e-8)
+    # The columns of what has no effect in the plane are zero.
+    assert not np.abs(slopes[..., [3, 4, 5, 6, 7, 8]]).max() > 1e-12
+
+
+def test_the_twists_of_a_table_are_perpendicular_to_its_reactions():
+    normal = np.array([0.6, 0.0, 0.8])
+    S = freedom(normal)
+    np.testing.assert_allclose(S.T @ S, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(np.cross(normal, S[:3, 0]), 0, atol=1e-15)
+    np.testing.assert_allclose(normal @ S[3:], 0, atol=1e-15)
+
+
+def test_noise_out_of_the_plane_is_removed_and_the_yaw_is_kept(truth):
+    rng = np.random.default_rng(1)
+    noise = Rotation.from_rotvec(1e-2 * rng.standard_normal((len(truth), 3)))
+    noisy = noise * Rotation.from_quat(truth.quaternion_WB, scalar_first=True)
+    level = in_plane(replace(truth, quaternion_WB=noisy.as_quat(scalar_first=True)), np.eye(3)[2])
+    np.testing.assert_allclose(tilt(level.quaternion_WB, np.eye(3)[2]), 0, atol=1e-14)
+    yaw = noise.as_rotvec()[:, 2]
+    np.testing.assert_allclose(
+        np.unwrap(level.euler_321[:, 0] - truth.euler_321[:, 0]), yaw, atol=2e-4
+    )
+
+
+def test_the_mean_normal_of_a_base_that_is_mounted_askew(truth):
+    askew = Rotation.from_euler("xy", [0.3, -0.2])
+    turned = Rotation.from_quat(truth.quaternion_WB, scalar_first=True) * askew
+    normal = mean_normal(turned.as_quat(scalar_first=True))
+    np.testing.assert_allclose(normal, askew.inv().apply([0, 0, 1]), atol=1e-12)
+    np.testing.assert_allclose(tilt(turned.as_quat(scalar_first=True), normal), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_round_body_has_the_same_motion_in_the_plane(axis):
+    psi = TARGET.to_standard_vector()
+    body = round_body(psi, axis)
+    assert np.linalg.eigvalsh(standard_to_pseudo_inertia(body))[0] > 0
+    kept = [0, *(1 + k for k in range(3) if k != axis), (4, 7, 9)[axis]]
+    np.testing.assert_allclose(body[kept], psi[kept], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rpy", "axis"), [("0 0 1", 2), ("1.5707963267948966 0 0", 1), ("0 1.5707963267948966 0.4", 0)]
+)
+def test_the_normal_in_c_does_not_depend_on_the_joints(tmp_path, rpy, axis):
+    tree = planar_craft(tmp_path, grip_rpy=rpy).on_table().tree
+    assert tree.plane_axis == axis
+    assert len(tree.unknowns) == 4
+    assert tree.lumped.plane_axis == axis
+
+
+def test_joints_that_turn_the_target_out_of_the_plane_show_more(tmp_path):
+    tree = planar_craft(tmp_path, wrist_rpy="0.5 0 0").on_table().tree
+    assert tree.normal_C is None
+    assert len(tree.unknowns) == 10

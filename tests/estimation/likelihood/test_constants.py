@@ -1,0 +1,354 @@
+"""Constant errors in the likelihood: predictions and derivatives against independent routes."""
+
+from copy import deepcopy
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from block_cases import added_sensors, best_psi, make_case, rich_suite
+from scipy.spatial.transform import Rotation
+from sensing_cases import MOMENTUM, true_telemetry
+
+from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.blocks import BlockSolver
+from cpid_drake.estimation.faults import block_model
+from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.joint_motion import joint_block
+from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.likelihood.priors import vague_prior
+from cpid_drake.estimation.likelihood.sensors import OFF_DIAGONAL
+from cpid_drake.estimation.window_fit import initial_state
+from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.sensors import SENSORS, JointSensor
+
+START, END = 1.0, 2.5
+STEP = 0.0125
+LATE = 0.013
+SIGMAS = {
+    "attitude": {"mounting_arcsec": 300.0, "delay_ms": 10.0},
+    "tracker_2": {"mounting_arcsec": 100.0},
+    "gyro": {"scale_ppm": 1000.0, "misalignment_arcsec": 200.0, "delay_ms": 10.0},
+    "gyro_2": {"integrates": True, "delay_ms": 5.0},
+    "position": {"lever_arm_mm": 20.0, "delay_ms": 10.0},
+    "velocity": {"lever_arm_mm": 20.0, "delay_ms": 10.0},
+    "encoders": {"zero_mrad": 1.0, "delay_ms": 10.0},
+}
+
+
+def suite_with_all():
+    suite = deepcopy(rich_suite())
+    for sensor, errors in SIGMAS.items():
+        for name, value in errors.items():
+            setattr(suite[sensor], name, value)
+    suite.disturbances = Disturbances(acceleration=0.01, torque=1.0)
+    return suite
+
+
+@pytest.fixture(scope="module", autouse=True)
+def sensors():
+    with added_sensors():
+        yield
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory, skewed_target):
+    folder = tmp_path_factory.mktemp("craft")
+    return make_case(folder, skewed_target, suite_with_all(), MOMENTUM)
+
+
+@pytest.fixture(scope="module")
+def model(case):
+    samples = case.block(START, END).samples
+    joints = joint_block(START, END, samples, case.suite, None)
+    return BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP)
+
+
+@pytest.fixture(scope="module")
+def state(case, model):
+    """The true state with constants that differ from zero."""
+    k = model.motion.constants.size
+    constants = np.random.default_rng(5).uniform(-1.0, 1.0, k)
+    return replace(case.state(START), bias=np.zeros((3, 3)), constants=constants)
+
+
+def with_values(solver_or_model, **values):
+    """Return constants, in units of their σ, with values in SI units and all others zero."""
+    constants = Constants.of(solver_or_model, 4)
+    vector = np.zeros(constants.size)
+    for name, value in values.items():
+        name = name.replace("__", ".")
+        vector = constants.moved(vector, name, np.asarray(value) / constants.errors[name].sigma)
+    return vector
+
+
+def test_every_declared_error_has_its_place_and_scale():
+    """Names, sizes and σ in SI units; errors of σ zero have no place."""
+    found = {e.name: (e.size, e.sigma) for e in Constants.of(suite_with_all(), 4).errors.values()}
+    arcsecond = np.pi / 648000
+    assert found.pop("acceleration") == (3, 0.01)
+    assert found.pop("torque") == (3, 1.0)
+    assert found.pop("attitude.mounting") == (3, pytest.approx(300 * arcsecond))
+    assert found.pop("tracker_2.mounting") == (3, pytest.approx(100 * arcsecond))
+    assert found.pop("gyro.scale") == (3, pytest.approx(1e-3))
+    assert found.pop("gyro.misalignment") == (6, pytest.approx(200 * arcsecond))
+    assert found.pop("encoders.zero") == (4, pytest.approx(1e-3))
+    for sensor in ("position", "velocity"):
+        assert found.pop(f"{sensor}.lever_arm") == (3, pytest.approx(0.02))
+    delays = {"attitude": 0.01, "gyro": 0.01, "gyro_2": 0.005, "encoders": 0.01}
+    for sensor, sigma in (delays | {"position": 0.01, "velocity": 0.01}).items():
+        assert found.pop(f"{sensor}.delay") == (1, pytest.approx(sigma))
+    assert not found
+    assert Constants.of(rich_suite(), 4).size == 0
+
+
+def test_derivatives_by_the_constants(case, model, state):
+    """Of all readings by all entries, and by other unknowns, at constants that are not zero."""
+    exact, _ = model.jacobian(model.motion.trajectory(state))
+    for name in (*model.motion.constants.errors, "momentum", "start", "psi"):
+        if name == "encoders.zero":
+            continue
+        columns = model.columns[name]
+        for k in range(columns.start, columns.stop):
+            step = 1e-3 if name in ("momentum", "psi") else 1e-5 if name == "start" else 0.02
+            change = step * np.eye(model.size)[k]
+            ahead, behind = (
+                model.residuals(model.motion.trajectory(model.moved(state, s * change)))
+                for s in (1, -1)
+            )
+            column = -(ahead - behind) / (2 * step)
+            # The derivatives neglect products of two small errors, as of a mounting and a turn.
+            error = np.abs(exact[:, k] - column).max()
+            assert error < 5e-3 * np.abs(column).max() + 1e-7, f"{name} {k}: {error}"
+
+
+def test_derivatives_by_the_zeros_of_the_joints(case, model):
+    """The joints are behind the positions that their sensors show."""
+    state = replace(case.state(START), bias=np.zeros((3, 3)))
+    state = replace(state, constants=np.zeros(model.motion.constants.size))
+    exact, _ = model.jacobian(model.motion.trajectory(state))
+    sigma = model.motion.constants.errors["encoders.zero"].sigma
+    samples, joints = case.block(START, END).samples, model.motion.joints
+    times = np.linspace(START, END, 200)
+    one = np.linalg.lstsq(joints.basis(times), np.ones(200), rcond=None)[0]
+    for j in range(4):
+        values = []
+        for sign in (1, -1):
+            coefficients = joints.coefficients.copy()
+            coefficients[:, j] -= sign * sigma * 0.1 * one
+            moved = replace(joints, coefficients=coefficients)
+            other = BlockModel(case.craft.tree, moved, samples, case.suite, None, STEP)
+            values.append(other.residuals(other.motion.trajectory(state)))
+        column = -(values[0] - values[1]) / 0.2
+        found = exact[:, model.columns["encoders.zero"].start + j]
+        assert np.abs(found - column).max() < 2e-3 * np.abs(column).max()
+
+
+def exact_block(case, telemetry_at, suite):
+    """Return the samples of a block from a function of time, and its exact joint motion."""
+    samples, parts = case.block(START, END).samples, {}
+    for name, old in samples.items():
+        record = SENSORS[name]
+        if len(old) and record.quantity.width is not None:
+            parts[name] = Samples(old.time, record.quantity.ideal(telemetry_at(old.time, name)))
+    samples = samples.updated(parts | {"joint_rates": Samples(np.empty(0), np.empty((0, 4)))})
+    exact = replace(suite, encoders=replace(suite.encoders, sigma=0.0, bits=0), joint_rates=None)
+    joints = joint_block(START, END, samples, exact, None)
+    return samples, joints
+
+
+def largest_residual(case, samples, joints, constants):
+    model = BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP)
+    state = replace(case.state(START), bias=np.zeros((3, 3)), constants=constants)
+    return np.abs(model.residuals(model.motion.trajectory(state))).max()
+
+
+def truth(case, times):
+    tree, names = case.craft.tree, case.craft.joint_names
+    return true_telemetry(tree, names, case.motion, case.target, times, case.momentum_W)
+
+
+@pytest.mark.parametrize("late", [LATE, -LATE])
+def test_late_sensors_show_an_earlier_motion(case, late):
+    """The stamps of all sensors of the base are late; or those of the encoders are early."""
+
+    def telemetry(times, name):
+        return truth(case, times - (0.0 if name in ("tracker_2", "gyro_2") else late))
+
+    suite = case.suite
+    samples, joints = exact_block(case, telemetry, suite)
+    samples = samples.updated(
+        {
+            name: Samples(np.empty(0), np.empty((0, w)))
+            for name, w in (("tracker_2", 4), ("gyro_2", 3))
+        }
+    )
+    delays = {f"{name}__delay": late for name in ("attitude", "gyro", "position", "velocity")}
+    assert largest_residual(case, samples, joints, with_values(suite, **delays)) < 0.02
+    early = with_values(suite, encoders__delay=-late)
+    assert largest_residual(case, samples, joints, early) < 0.02
+    assert largest_residual(case, samples, joints, with_values(suite)) > 1.0
+
+
+def test_mountings_scales_and_lever_arms_are_those_of_the_readings(case):
+    """R_WB Exp(ε), (1 + S) ω, p + R l, v + R (ω × l)."""
+    suite = case.suite
+    eps, arm, scale = np.array([1e-3, -2e-3, 3e-3]), np.array([0.02, -0.03, 0.01]), [1e-3, -2e-3, 0]
+    off = 1e-3 * np.array([0.5, -1.0, 0.7, 0.2, -0.4, 0.9])
+    S = np.diag(scale)
+    S[tuple(zip(*OFF_DIAGONAL))] = off
+    samples, joints = exact_block(case, lambda times, name: truth(case, times), suite)
+
+    def changed(name, change):
+        old = samples[name]
+        return Samples(old.time, change(truth(case, old.time), old.value))
+
+    def turned(motion, value):
+        R = Rotation.from_quat(value, scalar_first=True) * Rotation.from_rotvec(eps)
+        return R.as_quat(scalar_first=True)
+
+    nothing = {"gyro_2": Samples(np.empty(0), np.empty((0, 3)))}
+    samples = samples.updated(
+        {
+            "attitude": changed("attitude", turned),
+            "gyro": changed("gyro", lambda motion, w: w + w @ S.T),
+            "position": changed("position", lambda motion, p: p + motion.R_WB @ arm),
+            "velocity": changed(
+                "velocity", lambda motion, v: v + np.cross(motion.w_WB, motion.R_WB @ arm)
+            ),
+            **nothing,
+        }
+    )
+    values = {
+        "attitude__mounting": eps,
+        "gyro__scale": scale,
+        "gyro__misalignment": off,
+        "position__lever_arm": arm,
+        "velocity__lever_arm": arm,
+    }
+    assert largest_residual(case, samples, joints, with_values(suite, **values)) < 0.02
+    for name in values:
+        less = {key: value for key, value in values.items() if key != name}
+        assert largest_residual(case, samples, joints, with_values(suite, **less)) > 1.0, name
+
+
+def test_an_integrating_gyro_shows_the_mean_over_its_period(case):
+    """The mean of ω in B over the time since the sample before."""
+    suite, period = case.suite, 1 / case.suite["gyro_2"].rate
+    samples, joints = exact_block(case, lambda times, name: truth(case, times), suite)
+    points, weights = np.polynomial.legendre.leggauss(8)
+    times = samples["gyro_2"].time
+    times = times[times >= START + period]
+    grid = times[:, None] + period * (points - 1) / 2
+    w = SENSORS["gyro_2"].quantity.ideal(truth(case, grid.ravel())).reshape(len(times), 8, 3)
+    mean = np.einsum("q,mqi->mi", weights / 2, w)
+    samples = samples.updated({"gyro_2": Samples(times, mean)})
+    assert largest_residual(case, samples, joints, with_values(suite)) < 0.02
+    shown = samples.updated({"gyro_2": Samples(times, w[:, -1])})
+    assert largest_residual(case, shown, joints, with_values(suite)) > 0.5
+
+
+def test_a_torque_turns_and_an_acceleration_moves(case):
+    """Against an integration with the torque, and against a frame that falls."""
+    torque, a = np.array([0.8, -0.5, 0.6]), np.array([0.003, -0.002, 0.004])
+
+    begin, mass = case.state(START), case.craft.mass + case.target.mass
+    first = truth(case, np.array([START, START + 1.0]))
+    motion = Shifted(case.motion, START)
+
+    def momentum(time):
+        p = begin.p_Wcm + begin.v_Wcm * time + a * time**2 / 2
+        P = mass * (begin.v_Wcm + a * time)
+        return np.concatenate([begin.L + torque * time + np.cross(p, P), P])
+
+    def telemetry(times, name):
+        grid = np.unique(np.concatenate([[START], times])) - START
+        base = propagate_base(
+            case.craft.tree,
+            motion,
+            case.target.to_standard_vector(),
+            grid,
+            quaternion_WB=begin.attitude.as_quat(scalar_first=True),
+            p_WB=first.p_WB[0],
+            momentum_W=momentum,
+            max_step=0.02,
+        )
+        shown = base.to_telemetry(case.craft.joint_names, grid, motion)
+        return shown.select(np.isin(grid + START, times))
+
+    suite = case.suite
+    samples, joints = exact_block(case, telemetry, suite)
+    samples = samples.updated({"gyro_2": Samples(np.empty(0), np.empty((0, 3)))})
+    values = with_values(suite, torque=torque, acceleration=a)
+    assert largest_residual(case, samples, joints, values) < 0.02
+    assert largest_residual(case, samples, joints, with_values(suite, torque=torque)) > 1.0
+    assert largest_residual(case, samples, joints, with_values(suite, acceleration=a)) > 1.0
+
+
+class Shifted:
+    """A joint motion that begins later."""
+
+    def __init__(self, motion, start):
+        self._motion, self._start = motion, start
+        self.duration = motion.duration - start
+
+    def evaluate(self, time):
+        return self._motion.evaluate(np.asarray(time) + self._start)
+
+
+def test_the_state_at_the_end_is_that_of_the_next_block(case, model, state):
+    """Two halves of a block end where the whole does, with forces that change the momentum."""
+    samples, middle = case.block(START, END).samples, (START + END) / 2
+    now = state
+    for a, b in ((START, middle), (middle, END)):
+        half = case.block(a, b, samples).samples
+        piece = joint_block(a, b, half, replace(case.suite, encoders=JointSensor(50.0)), None)
+        part = BlockModel(case.craft.tree, piece, half, case.suite, None, STEP)
+        now = part.motion.end(part.motion.trajectory(now))
+    whole = model.motion.end(model.motion.trajectory(state))
+    np.testing.assert_allclose(now.L, whole.L, atol=1e-9)
+    np.testing.assert_allclose(now.v_Wcm, whole.v_Wcm, atol=1e-12)
+    np.testing.assert_allclose(now.p_Wcm, whole.p_Wcm, atol=1e-12)
+    assert (now.attitude.inv() * whole.attitude).magnitude() < 1e-5
+    assert np.abs(whole.L - state.L).max() > 0.1
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_blocks_find_constants_and_target(case, parts):
+    """From samples without noise: late, turned and pushed; however many blocks there are."""
+    suite = deepcopy(rich_suite())
+    suite.joint_rates, suite.attitude.delay_ms, suite.gyro_2.integrates = None, 10.0, True
+    suite.disturbances = Disturbances(acceleration=0.01, torque=1.0)
+    known = relative_dynamics(case.craft.tree, *np.zeros((2, 1, 4)))
+    prior = vague_prior(case.craft.mass, known.I_K[0], TotalMomentum.unknown())
+    solver = BlockSolver(case.craft.tree, suite)
+    samples = case.samples
+    late = samples.attitude
+    samples = samples.updated(
+        {
+            "attitude": Samples(late.time + 0.008, late.value),
+            "joint_rates": Samples(np.empty(0), np.empty((0, 4))),
+        }
+    )
+    a = np.array([0.004, -0.003, 0.002])
+    p, v = samples.position, samples.velocity
+    samples = samples.updated(
+        {
+            "position": Samples(p.time, p.value + a * p.time[:, None] ** 2 / 2),
+            "velocity": Samples(v.time, v.value + a * v.time[:, None]),
+        }
+    )
+    edges = np.linspace(0.0, 4.0, parts + 1)
+    blocks = [case.block(s if s else -1e-7, e, samples) for s, e in pairwise(edges)]
+    now = initial_state(solver, prior, case.psi, blocks[0])
+    for block in blocks:
+        now = solver.solve(now, block_model(solver, now, block)).state
+    found = solver.settled(now, prior.plausible).nominal.constants
+    value = solver.constants.value
+    assert value(found, "attitude.delay")[0] == pytest.approx(0.008, abs=1e-4)
+    np.testing.assert_allclose(value(found, "acceleration"), a, atol=1e-4)
+    np.testing.assert_allclose(value(found, "torque"), 0.0, atol=0.05)
+    np.testing.assert_allclose(best_psi(now), case.psi, rtol=0.02, atol=0.5)

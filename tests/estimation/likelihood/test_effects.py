@@ -1,0 +1,99 @@
+"""Effects: the random walk of a bias, the joints' information, and the moves of the state."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.estimation.likelihood.effects import GyroBias, Momentum, Start
+from cpid_drake.estimation.likelihood.model import gyro_biases
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.sensing.noise import SensorNoise
+from cpid_drake.sensing.sensors import Gyro
+from cpid_drake.sensing.suite import SensorSuite
+
+WALKING = Gyro(rate=5.0, bias=1.0, bias_random_walk=60.0)
+
+
+def some_state(bias):
+    return TrajectoryState(
+        psi=np.arange(10.0),
+        attitude=Rotation.from_rotvec([0.3, -0.5, 0.8]),
+        p_Wcm=np.array([1.0, 2.0, 3.0]),
+        v_Wcm=np.array([0.1, 0.2, 0.3]),
+        L=np.array([5.0, 6.0, 7.0]),
+        bias=np.asarray(bias, dtype=float),
+    )
+
+
+def test_a_chain_of_blocks_has_the_covariance_of_a_random_walk():
+    """Wiener process: cov(b(s), b(t)) = σ² + growth² min(s, t), whatever the blocks' lengths."""
+    edges = np.array([100.0, 101.0, 101.5, 104.0])
+    information = np.zeros((4, 4))
+    information[0, 0] = WALKING.bias_sigma**-2
+    for k in range(3):
+        bias = GyroBias("gyro", WALKING, 0, edges[k], edges[k + 1])
+        rows, rest = bias.links(some_state(np.zeros((2, 3))))
+        np.testing.assert_array_equal(rest, 0)
+        part = (rows.T @ rows)[::3, ::3]
+        information[k : k + 2, k : k + 2] += part
+    elapsed = edges - edges[0]
+    expected = WALKING.bias_sigma**2 + WALKING.bias_growth**2 * np.minimum.outer(elapsed, elapsed)
+    np.testing.assert_allclose(np.linalg.inv(information), expected, rtol=1e-9)
+
+
+def test_simulated_biases_walk_as_the_effect_says():
+    suite = SensorSuite(gyro=WALKING)
+    ends = np.array([SensorNoise(suite, seed).gyro_bias(21)[[0, 20]] for seed in range(1500)])
+    rows, _ = GyroBias("gyro", WALKING, 0, 0.0, 4.0).links(some_state(np.zeros((2, 3))))
+    steps = ends.reshape(-1, 6) @ rows.T
+    assert np.mean(steps**2) == pytest.approx(1.0, rel=0.08)
+
+
+def test_the_walk_pulls_both_ends_together():
+    """The right-hand side is what the rows leave of the present biases."""
+    state = some_state([[9.0, 9.0, 9.0], [1.0, 2.0, 3.0], [1.5, 2.0, 2.0]])
+    bias = GyroBias("gyro", WALKING, 1, 0.0, 2.0)
+    rows, rest = bias.links(state)
+    np.testing.assert_allclose(rows @ state.bias[1:].ravel() + rest, 0, atol=1e-9)
+    assert np.abs(rest).max() > 0
+
+
+def test_a_constant_bias_has_one_node_and_no_walk():
+    bias = GyroBias("gyro", Gyro(bias=3.0), 0, 5.0, 20.0)
+    assert (bias.nodes, bias.size) == (1, 3)
+    np.testing.assert_array_equal(bias.weights(np.array([5.0, 20.0])), [[1.0], [1.0]])
+    np.testing.assert_array_equal(bias.at_start, bias.at_end)
+    rows, rest = bias.links(some_state(np.zeros((1, 3))))
+    assert rows.shape == (0, 3)
+    assert rest.shape == (0,)
+
+
+def test_a_bias_between_its_nodes_is_interpolated():
+    bias = GyroBias("gyro", WALKING, 0, 10.0, 14.0)
+    times = np.array([10.0, 10.25, 12.5, 14.0])
+    np.testing.assert_allclose(bias.weights(times) @ [10.0, 14.0], times)
+
+
+def test_biases_of_several_gyros_do_not_share_nodes():
+    """The rows of all gyros' nodes follow each other."""
+    suite = SensorSuite(gyro=WALKING)
+    biases = gyro_biases(suite, 0.0, 1.0)
+    assert list(biases) == ["gyro"]
+    second = GyroBias("gyro_2", Gyro(bias=1.0), biases["gyro"].rows.stop, 0.0, 1.0)
+    state = some_state(np.zeros((3, 3)))
+    moved = second.moved(biases["gyro"].moved(state, np.arange(1.0, 7.0)), np.array([7.0, 8, 9]))
+    np.testing.assert_array_equal(moved.bias, [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+    np.testing.assert_array_equal(state.bias, 0)
+
+
+def test_steps_of_start_and_momentum():
+    """The attitude turns about W's axes; everything else is a sum."""
+    state = some_state(np.zeros((1, 3)))
+    step = np.array([0.1, -0.2, 0.3, 1.0, 2.0, 3.0])
+    started = Start().moved(state, step)
+    expected = Rotation.from_rotvec(step[:3]).as_matrix() @ state.attitude.as_matrix()
+    np.testing.assert_allclose(started.attitude.as_matrix(), expected, atol=1e-12)
+    np.testing.assert_allclose(started.p_Wcm, state.p_Wcm + step[3:])
+    moved = Momentum().moved(state, step)
+    np.testing.assert_allclose(moved.L, state.L + step[:3])
+    np.testing.assert_allclose(moved.v_Wcm, state.v_Wcm + step[3:])

@@ -1,0 +1,266 @@
+"""The joints' splines over many blocks: one least-squares problem, and what does not fit it."""
+
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.likelihood.effects import JointErrors
+from cpid_drake.estimation.likelihood.joint_motion import (
+    LARGEST_SHARE,
+    ORDER,
+    TIME_SCALE,
+    joint_block,
+)
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.sensors import JointSensor
+from cpid_drake.sensing.suite import SensorSuite
+
+SIGMA, RATE_SIGMA = 1e-5, 1e-4
+SUITE = SensorSuite(encoders=JointSensor(50.0, SIGMA), joint_rates=JointSensor(20.0, RATE_SIGMA))
+EDGES = np.array([-1e-7, 1.0, 1.7, 3.0])
+FREQUENCY = 2 * np.pi * np.array([0.15, 0.4, 0.9])
+
+
+def motion(times, derivative=0):
+    """Three joints, each a sine of its own frequency."""
+    phase = FREQUENCY * times[:, None] + derivative * np.pi / 2
+    return 0.4 * FREQUENCY**derivative * np.sin(phase)
+
+
+def measured(seed=0, noise=1.0, duration=3.0, rates=True):
+    rng = np.random.default_rng(seed)
+    t, t_rate = np.arange(0, duration + 1e-9, 0.02), np.arange(0, duration + 1e-9, 0.05)
+    q = motion(t) + noise * SIGMA * rng.normal(size=(len(t), 3))
+    qdot = motion(t_rate, 1) + noise * RATE_SIGMA * rng.normal(size=(len(t_rate), 3))
+    samples = {"encoders": Samples(t, q)}
+    return Measurements(
+        ("a", "b", "c"), samples | ({"joint_rates": Samples(t_rate, qdot)} if rates else {})
+    )
+
+
+def part(samples, start, end):
+    kept = {n: s.where((s.time > start) & (s.time <= end)) for n, s in samples.samples.items()}
+    return Measurements(samples.joint_names, kept)
+
+
+def chain(samples, edges=EDGES, suite=SUITE):
+    """Return successive blocks."""
+    blocks, track = [], None
+    for start, end in itertools.pairwise(edges):
+        blocks.append(joint_block(start, end, part(samples, start, end), suite, track))
+        track = blocks[-1].track
+    return blocks
+
+
+def rows_of(samples, block):
+    """Return the plain rows A c = b of a block's samples, in units of σ."""
+    inside = part(samples, block.start, block.end)
+    encoders, rates = SUITE.sigmas("encoders"), SUITE.sigmas("joint_rates")
+    A = [
+        block.basis(inside.encoders.time) / encoders,
+        block.basis(inside.joint_rates.time, 1) / rates,
+    ]
+    return np.vstack(A), np.vstack(
+        [inside.encoders.value / encoders, inside.joint_rates.value / rates]
+    )
+
+
+@pytest.fixture(scope="module")
+def blocks():
+    return chain(measured())
+
+
+@pytest.mark.parametrize("derivative", range(ORDER))
+def test_coefficients_at_both_ends_are_scaled_derivatives(blocks, derivative):
+    """s = h^d / d! q^(d), of each block's spline at its own ends."""
+    factor = TIME_SCALE**derivative / [1, 1, 2][derivative]
+    for block in blocks:
+        ends = np.array([block.start, block.end])
+        values = factor * block.basis(ends, derivative) @ block.coefficients
+        np.testing.assert_allclose(values[0], block.coefficients[derivative], atol=1e-9)
+        np.testing.assert_allclose(values[1], block.coefficients[derivative - ORDER], atol=1e-9)
+        assert not np.abs(block.basis(ends[:1], derivative)[:, ORDER:]).max() > 1e-9
+
+
+def test_the_track_and_its_covariance_are_those_of_one_problem(blocks):
+    """All samples so far, in one spline that is continuous to the second derivative."""
+    samples = measured()
+    sizes = [block.size for block in blocks]
+    plain, right = zip(*(rows_of(samples, block) for block in blocks))
+    # Columns: all coefficients of the first block, then those of later ones without their heads.
+    n = sizes[0] + sum(size - ORDER for size in sizes[1:])
+    A, place = np.zeros((sum(map(len, plain)), n)), []
+    first, row = 0, 0
+    for rows, size in zip(plain, sizes):
+        place = np.arange(first, first + size)
+        A[row : row + len(rows), place] += rows
+        row, first = row + len(rows), first + size - ORDER
+    b = np.vstack(right)
+    solution, rest, *_ = np.linalg.lstsq(A, b, rcond=None)
+    track = blocks[-1].track
+    np.testing.assert_allclose(track.mean, solution[-ORDER:], rtol=0, atol=1e-3 * SIGMA)
+    covariance = np.linalg.inv(A.T @ A)[-ORDER:, -ORDER:]
+    found = np.linalg.inv(track.root.T @ track.root)
+    np.testing.assert_allclose(found, covariance, rtol=1e-4, atol=1e-5 * np.abs(covariance).max())
+    assert sum(block.chi_squared for block in blocks) == pytest.approx(rest.sum(), rel=1e-6)
+
+
+def test_a_blocks_own_information_contains_its_samples_only(blocks):
+    """rows δc = rest is the least-squares problem of the block's own samples."""
+    block = blocks[1]
+    A, b = rows_of(measured(), block)
+    b = b - A @ block.coefficients
+    N, size = A.T @ A, np.abs(A.T).sum(axis=1).max()
+    np.testing.assert_allclose(block.rows.T @ block.rows, N, rtol=1e-6, atol=1e-6 * N.max())
+    np.testing.assert_allclose(block.rows.T @ block.rest, A.T @ b, atol=1e-3 * size)
+
+
+def test_the_motion_is_smooth_over_a_boundary(blocks):
+    """Up to what the block after it learned: positions, rates and accelerations, in their σ."""
+    for before, after in itertools.pairwise(blocks):
+        moved = after.coefficients[:ORDER] - before.track.mean
+        assert np.sqrt(np.sum((before.track.root @ moved) ** 2, axis=0)).max() < 5
+
+
+def test_errors_are_those_of_the_noise():
+    """Position and rate at every time within their σ; χ² is that of its degrees of freedom."""
+    squares, chi_squared, freedom = [], 0.0, 0
+    for seed in range(12):
+        blocks = chain(measured(seed))
+        track = blocks[-1].track
+        factor = np.array([[1.0], [TIME_SCALE], [TIME_SCALE**2 / 2]])
+        end = np.array([EDGES[-1]])
+        truth = factor * np.vstack([motion(end, d) for d in range(3)])
+        squares.append(np.sum((track.root @ (track.mean - truth)) ** 2, axis=0))
+        chi_squared += sum(block.chi_squared for block in blocks)
+        freedom += sum(block.freedom for block in blocks)
+    assert 0.5 * ORDER < np.mean(squares) < 1.7 * ORDER
+    assert abs(chi_squared / freedom - 1) < 5 * np.sqrt(2 / freedom) + 0.02
+
+
+def test_a_fast_motion_gets_more_pieces():
+    """Akaike's criterion: the misfit stays below the noise."""
+    pieces = []
+    for factor in (1.0, 6.0):
+        t = np.arange(0, 1.0, 0.01)
+        true = 0.4 * np.sin(factor * 2 * np.pi * t)[:, None]
+        q = true + SIGMA * np.random.default_rng(1).normal(size=true.shape)
+        suite = SensorSuite(encoders=JointSensor(100.0, SIGMA))
+        block = joint_block(-1e-7, 1.0, Measurements(("a",), encoders=Samples(t, q)), suite, None)
+        pieces.append(block.pieces)
+        error = block.basis(t) @ block.coefficients - true
+        assert np.sqrt(np.mean(error**2)) < SIGMA
+        assert block.size <= LARGEST_SHARE * 100 + 5
+    assert pieces[1] > 2 * pieces[0]
+
+
+def test_pieces_become_at_most_one_size_longer_from_block_to_block():
+    """The pieces of the block before limit those of a block that needs few."""
+    samples = measured(rates=False)
+    suite = replace(SUITE, joint_rates=None)
+    first = joint_block(EDGES[0], 1.0, part(samples, EDGES[0], 1.0), suite, None)
+    pieces = []
+    for before in (1.0, 1 / 32):
+        track = replace(first.track, piece=before)
+        pieces.append(joint_block(1.0, 2.0, part(samples, 1.0, 2.0), suite, track).pieces)
+    assert pieces[0] < 32 / 1.5
+    assert 32 / 1.5 <= pieces[1] <= 32
+
+
+def test_outliers_of_one_joint_are_left_out_and_nothing_else():
+    """The others keep all their samples; the fit is as if the entries were missing."""
+    clean = measured(rates=False)
+    value = clean.encoders.value.copy()
+    value[[20, 70, 110], 1] += [0.05, -40 * SIGMA, 3.0]
+    spoiled = Measurements(clean.joint_names, encoders=Samples(clean.encoders.time, value))
+    suite = replace(SUITE, joint_rates=None)
+    reference, blocks = chain(clean, suite=suite), chain(spoiled, suite=suite)
+    assert [block.outliers for block in reference] == [0, 0, 0]
+    assert [block.outliers for block in blocks] == [1, 1, 1]
+    root = reference[-1].track.root
+    shift = root @ (blocks[-1].track.mean - reference[-1].track.mean)
+    np.testing.assert_allclose(shift[:, [0, 2]], 0, atol=1e-3)
+    assert np.abs(shift[:, 1]).max() < 1.0
+
+
+def test_noise_that_is_larger_than_given_widens_the_covariance():
+    """By χ² per degree of freedom; the errors are then as large as their σ again."""
+    squares, factor = [], np.array([[1.0], [TIME_SCALE], [TIME_SCALE**2 / 2]])
+    for seed in range(12):
+        track = chain(measured(seed, noise=4.0))[-1].track
+        truth = factor * np.vstack([motion(EDGES[-1:], d) for d in range(3)])
+        squares.append(np.sum((track.root @ (track.mean - truth)) ** 2, axis=0))
+    assert 0.4 * ORDER < np.mean(squares) < 2.5 * ORDER
+    plain, wide = (chain(measured(1, noise=noise))[0] for noise in (1.0, 4.0))
+    if plain.pieces == wide.pieces:
+        ratio = np.linalg.norm(plain.rows) / np.linalg.norm(wide.rows)
+        assert ratio == pytest.approx(4.0, rel=0.3)
+
+
+def test_a_gap_is_bridged_with_the_jerk_so_far():
+    """Without samples the σ at the end is that of the jerk, not that of a free polynomial."""
+    samples = measured(rates=False)
+    before = chain(samples, EDGES[:2], replace(SUITE, joint_rates=None))[0].track
+    time = samples.encoders.time
+    few = Measurements(
+        samples.joint_names, encoders=samples.encoders.where((time < 1.15) | (time > 1.695))
+    )
+    block = joint_block(1.0, 1.7, part(few, 1.0, 1.7), replace(SUITE, joint_rates=None), before)
+    t = np.array([1.4])
+    error = np.abs(block.basis(t) @ block.coefficients - motion(t)).max()
+    assert error < 0.05 * before.jerk * 0.7**3
+    assert block.track.jerk > 0
+
+
+def test_too_few_samples_are_refused():
+    samples = measured(rates=False)
+    with pytest.raises(InputError, match="5 samples of the joints' positions are too few"):
+        joint_block(-1e-7, 0.09, part(samples, -1e-7, 0.09), SUITE, None)
+    nothing = part(samples, 50.0, 51.0)
+    with pytest.raises(InputError, match="0 samples"):
+        joint_block(1.0, 2.0, nothing, SUITE, chain(samples)[0].track)
+
+
+def test_errors_of_resolution_do_not_average_at_rest():
+    """Over all places of a resting joint between two steps, the error is as large as its σ."""
+    suite = SensorSuite(encoders=JointSensor(100.0, 0.0, bits=16))
+    step, times = suite.encoders.step, np.arange(0, 1.001, 0.01)
+    true = np.linspace(-0.5, 0.5, 41) * step + 0.3
+    value = np.tile(np.round(true / step) * step, (len(times), 1))
+    names = tuple(f"joint {k}" for k in range(len(true)))
+    samples = Measurements(names, encoders=Samples(times, value))
+    block = joint_block(-1e-7, 1.0, samples, suite, None)
+    errors = block.evaluate(np.array([0.5]))[0, 0] - true
+    basis = block.basis(np.array([0.5]))[0]
+    for joint, error in enumerate(errors):
+        sigma = np.linalg.norm(np.linalg.solve(block.rows.T, basis)) * block.growth[joint]
+        assert sigma > abs(error) / np.sqrt(3) * 0.9  # a uniform error is at most √3 σ
+        assert sigma < step
+
+
+def test_errors_of_resolution_average_in_motion_and_with_noise():
+    """A joint that crosses many steps between samples, or whose noise does, has white errors."""
+    fine = SensorSuite(encoders=JointSensor(50.0, 0.0, bits=20))
+    moving = part(measured(rates=False), 0.0, 1.0)
+    np.testing.assert_allclose(joint_block(0.0, 1.0, moving, fine, None).growth, 1.0, atol=0.02)
+    noisy = replace(SUITE, joint_rates=None)
+    assert (joint_block(0.0, 1.0, moving, noisy, None).growth == 1.0).all()
+
+
+def test_the_likelihood_has_the_larger_error_of_resting_joints():
+    """The rows of each joint in the likelihood have unit noise after division by its growth."""
+    samples = part(measured(rates=False), 0.0, 1.0)
+    block = joint_block(0.0, 1.0, samples, replace(SUITE, joint_rates=None), None)
+    block = replace(block, growth=np.array([1.0, 2.0, 5.0]))
+    instants = SimpleNamespace(times=np.array([0.0, 0.5]))
+    rows, rest = JointErrors(SimpleNamespace(joints=block, instants=instants)).links(None)
+    K = block.size
+    for j, growth in enumerate(block.growth):
+        own = slice(j * K, (j + 1) * K)
+        np.testing.assert_allclose(rows[own, own] * growth, block.rows)
+        np.testing.assert_allclose(rest[own] * growth, block.rest[:, j])
+        assert not np.delete(rows[own], np.arange(K * 3)[own], axis=1).any()

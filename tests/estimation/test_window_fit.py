@@ -1,0 +1,208 @@
+"""The fit of a window: its optimum, its derivatives, and the way to it."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from block_cases import make_case
+from scipy.stats import chi2
+from sensing_cases import MOMENTUM, coarse_suite
+
+from cpid_drake import InertialParameters, InputError
+from cpid_drake.dynamics.parameterizations import (
+    LogCholesky,
+    relative_parameterization,
+    standard_to_pseudo_inertia,
+)
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation import window_fit
+from cpid_drake.estimation.window_fit import (
+    explained_sweep,
+    fit_window,
+    inertia_uncertainty,
+    initial_state,
+)
+from cpid_drake.identification.fit_setup import prior_of
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import JointSensor
+
+SUITE = coarse_suite(encoders=JointSensor(25.0, 1e-5))
+EDGES = (-1e-7, 1.0, 2.0, 3.0)
+FLAT = InertialParameters(60.0, [0.4, 0.1, 0.0], np.diag([10.0, 20.0, 30.0]))
+
+
+@pytest.fixture(scope="module", params=["at rest", "tumbling", "flat"])
+def window(request, tmp_path_factory, skewed_target):
+    """Return case, solver, prior and blocks of a window."""
+    momentum = MOMENTUM if request.param == "tumbling" else None
+    target = FLAT if request.param == "flat" else skewed_target
+    case = make_case(tmp_path_factory.mktemp("craft"), target, SUITE, momentum, 3.0)
+    total = TotalMomentum.zero() if momentum is None else TotalMomentum.unknown()
+    samples = add_noise(SUITE, case.samples, 1)
+    blocks = [case.block(a, b, samples) for a, b in itertools.pairwise(EDGES)]
+    return case, case.solver(), prior_of(case.craft.tree, total), blocks
+
+
+@pytest.fixture(scope="module")
+def found(window):
+    _case, solver, prior, blocks = window
+    return fit_window(solver, prior, blocks, prior.psi)
+
+
+def starts(case):
+    """Yield solid spheres about C's origin, of different masses and radii."""
+    for share, radius in ((0.02, 0.3), (0.3, 0.5)):
+        m = share * case.craft.mass
+        target = InertialParameters(m, np.zeros(3), 0.4 * m * radius**2 * np.eye(3))
+        yield relative_parameterization(case.craft.mass).from_parameters(target.to_vector())
+
+
+def test_the_start_does_not_matter(window, found):
+    """All starts end at one optimum, also that of a flat target at the limit of rigid bodies."""
+    case, solver, prior, blocks = window
+    assert found.converged
+    root = found.sweep.state.root[-10:, -10:]
+    for start in starts(case):
+        other = fit_window(solver, prior, blocks, start)
+        assert other.converged
+        assert np.linalg.norm(root @ (other.psi - found.psi)) < 0.1  # σ
+
+
+def far_starts(mass):
+    """Yield targets of a fiftieth to all of the spacecraft's mass, up to 1.7 m from C's origin."""
+    rng = np.random.default_rng(103)
+    for _ in range(3):
+        m = mass * np.exp(rng.uniform(np.log(0.02), 0.0))
+        A = rng.normal(size=(3, 3))
+        moment = 0.3 * m * A @ A.T
+        inertia = np.trace(moment) * np.eye(3) - moment
+        target = InertialParameters(m, rng.uniform(-1, 1, 3), inertia)
+        yield relative_parameterization(mass).from_parameters(target.to_vector())
+
+
+def test_a_far_start_gives_the_optimum_or_none(window, found):
+    """The fit from a far start either ends at the optimum, or does not say that it converged."""
+    case, solver, prior, blocks = window
+    root = found.sweep.state.root[-10:, -10:]
+    fits = [fit_window(solver, prior, blocks, start) for start in far_starts(case.craft.mass)]
+    assert any(fit.converged for fit in fits)
+    for fit in fits:
+        if fit.converged:
+            assert np.linalg.norm(root @ (fit.psi - found.psi)) < 0.1  # σ
+
+
+def test_the_optimum_is_consistent(window, found):
+    case, *_ = window
+    error = found.psi - case.psi
+    assert error @ found.sweep.state.psi_information() @ error < chi2.isf(1e-3, 10)
+    assert found.sweep.is_likely
+    assert 0.7 < found.sweep.misfit < 1.3
+
+
+def test_the_information_is_the_derivative_of_the_cost(window, found):
+    """χ² as a function of ψ alone: its gradient, by differences, is −2 Rᵀ z."""
+    _, solver, prior, blocks = window
+    state = found.sweep.state
+    step = np.linalg.inv(state.root[-10:, -10:])  # columns: one σ of independent combinations
+    psi = found.psi + step @ np.linspace(-1.0, 1.0, 10)
+    here = explained_sweep(solver, prior, blocks, psi)
+    expected = -2 * (here.state.root[-10:, -10:] @ step).T @ here.state.rest[-10:]
+    for k in (0, 3, 6, 9):
+        costs = [
+            explained_sweep(solver, prior, blocks, psi + s * 0.3 * step[:, k]).cost for s in (1, -1)
+        ]
+        assert (costs[0] - costs[1]) / 0.6 == pytest.approx(expected[k], abs=0.15)
+
+
+def test_the_first_stage_goes_through_rigid_bodies(window, monkeypatch):
+    """Every target that it tries is one, even if the optimum is not."""
+    _, solver, prior, blocks = window
+    tried, free = [], []
+    sweep, freed = window_fit._Models.sweep, window_fit._freed
+
+    def watched(self, psi, changed=-1):
+        (free if free else tried).append(psi)
+        return sweep(self, psi, changed)
+
+    def watching(*arguments):
+        free.append(None)
+        return freed(*arguments)
+
+    monkeypatch.setattr(window_fit._Models, "sweep", watched)
+    monkeypatch.setattr(window_fit, "_freed", watching)
+    fit_window(solver, prior, blocks[:1], prior.psi)
+    assert len(tried) > 2
+    for psi in tried:
+        assert np.linalg.eigvalsh(standard_to_pseudo_inertia(psi))[0] > 0
+
+
+def test_the_uncertainty_of_the_inertia_is_that_of_samples(window, found):
+    """RMS relative error of J over targets drawn from the information about ψ."""
+    _, solver, _, _ = window
+    state = found.sweep.state
+    q = state.track.mean[:1]
+    dynamics = relative_dynamics(solver.tree, q, 0 * q)
+    J = dynamics.inertia(state.nominal.psi)[0]
+    root = np.linalg.inv(np.linalg.cholesky(J))
+    spread = np.linalg.inv(state.root[-10:, -10:])
+    rng = np.random.default_rng(5)
+    errors = []
+    for _ in range(2000):
+        moved = dynamics.inertia(state.nominal.psi + spread @ rng.normal(size=10))[0] - J
+        errors.append(np.sum((root @ moved @ root.T) ** 2) / 3)
+    assert inertia_uncertainty(state, solver) == pytest.approx(np.sqrt(np.mean(errors)), rel=0.1)
+
+
+def test_it_begins_with_what_the_prior_says(window):
+    """Estimate and covariance of the state before the first block."""
+    case, solver, prior, blocks = window
+    psi = 1.3 * case.psi
+    state = initial_state(solver, prior, psi, blocks[0])
+    solution = np.linalg.solve(state.root, state.rest)
+    sigma = 1 / np.diag(state.root)
+    places = solver.places
+    np.testing.assert_allclose(psi + solution[places["psi"]], prior.psi, atol=1e-9)
+    np.testing.assert_allclose(sigma[places["psi"]], prior.psi_sigma)
+    mean = state.nominal.L + solution[places["L"]]
+    np.testing.assert_allclose(mean, prior.momentum.L_WScm_W, atol=1e-9)
+    np.testing.assert_allclose(sigma[places["L"]], prior.L_sigma)
+    np.testing.assert_allclose(sigma[places["bias"]], SUITE.gyro.bias_sigma)
+    if prior.momentum.is_unknown:
+        assert prior.L_sigma > np.linalg.norm(case.state(0.0).L)
+        # The first rates tell the momentum of that target.
+        dynamics = relative_dynamics(
+            solver.tree, *case.motion.evaluate(np.zeros(1))[:, :2].swapaxes(0, 1)
+        )
+        w = blocks[0].samples.gyro.value[0]
+        expected = dynamics.inertia(psi)[0] @ w + dynamics.momentum_at_rest(psi)[0]
+        np.testing.assert_allclose(state.nominal.L, expected, rtol=1e-3, atol=0.05)
+    else:
+        assert prior.L_sigma < 1e-6
+
+
+def test_without_attitude_there_is_no_start(window):
+    _, solver, prior, blocks = window
+    nothing = {"attitude": Samples(np.empty(0), np.empty((0, 4)))}
+    blind = [replace(b, samples=b.samples.updated(nothing)) for b in blocks]
+    with pytest.raises(InputError, match="no attitude samples"):
+        fit_window(solver, prior, blind, prior.psi)
+
+
+def test_log_cholesky():
+    """ψ is a rigid body for any parameters; the derivative and the inverse are right."""
+    rng = np.random.default_rng(102)
+    form = LogCholesky(np.array([50.0, 1, 1, 1, 20, 0, 0, 25, 0, 30]))
+    for _ in range(20):
+        parameters = 2 * rng.normal(size=10)
+        psi, jacobian = form.to_psi(parameters)
+        assert np.linalg.eigvalsh(standard_to_pseudo_inertia(psi))[0] > 0
+        for k, unit in enumerate(np.eye(10)):
+            ahead, behind = (form.to_psi(parameters + s * 1e-6 * unit)[0] for s in (1, -1))
+            tolerance = 1e-8 * np.abs(jacobian).max()
+            column = (ahead - behind) / 2e-6
+            np.testing.assert_allclose(jacobian[:, k], column, rtol=0, atol=tolerance)
+    mild = 0.3 * rng.normal(size=10)
+    np.testing.assert_allclose(form.from_psi(form.to_psi(mild)[0]), mild, rtol=0, atol=1e-12)

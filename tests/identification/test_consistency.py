@@ -1,0 +1,114 @@
+"""No impossible number is shown with an interval, whatever the rank of the estimate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planar_cases import KNOWN, TARGET, planar_craft
+
+from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
+from cpid_drake.estimation.least_squares import among_ten, solution_of_information
+from cpid_drake.identification.consistency import consistency_of, narrowed_names
+from cpid_drake.identification.description import describe, result_of
+from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result_files import (
+    Source,
+    SpacecraftReference,
+    read_result,
+    write_result,
+)
+from cpid_drake.identification.trust import gated
+from cpid_drake.sensing.suite import SensorSuite
+
+PLACES = np.array([0, 1, 2, 9])
+SOURCE = Source("log.csv", None, None, "zero", {}, False, "cpid identify", 0.0, 1.0, "1")
+REFERENCE = SpacecraftReference("craft.urdf", "base", "grip")
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    return planar_craft(tmp_path_factory.mktemp("planar")).on_table().tree
+
+
+def in_plane(m, hx, hy, J33, sigma, tree) -> Identification:
+    """Return an identification of the four standard unknowns of motion in the plane."""
+    information = np.diag(np.asarray(sigma, dtype=float) ** -2.0)
+    x = np.array([m, hx, hy, J33])
+    four = solution_of_information(x, information, 1e6 * np.ones(4), row_count=100)
+    found = Identification(
+        STANDARD, among_ten(four, PLACES), 100, "least_squares", sensors=SensorSuite()
+    )
+    return replace(found, consistency=consistency_of(found, tree))
+
+
+def text_of(found: Identification) -> str:
+    return "\n".join(describe(found, result_of(found, REFERENCE, [SOURCE])))
+
+
+def test_an_interval_shows_only_what_a_rigid_body_can_have(tree):
+    found = in_plane(2.0, 0.0, 0.0, 0.01, [0.01, 0.001, 0.001, 0.02], tree)
+    assert found.intervals[6, 0] < 0  # the free interval, which is kept
+    assert narrowed_names(found.consistency) == ["Izz"]
+    np.testing.assert_allclose(found.consistency.intervals[6], [0, found.intervals[6, 1]])
+    for place in (0, 1, 2):
+        np.testing.assert_allclose(found.consistency.intervals[place], found.intervals[place])
+    text = text_of(found)
+    assert "* the part of the interval that a rigid body can have" in text
+    assert f"[{found.intervals[6, 0]:.4f}" not in text
+    assert gated(found).is_trustworthy
+
+
+def test_a_negative_estimate_within_its_uncertainty_has_a_possible_interval(tree):
+    found = in_plane(2.0, 0.0, 0.0, -0.02, [0.01, 0.001, 0.001, 0.01], tree)
+    low, high = found.consistency.intervals[6]
+    assert low == 0
+    assert 0 < high < 0.03
+    assert found.consistency.parameters[6] == pytest.approx(0, abs=1e-4)
+    assert gated(found).is_trustworthy
+
+
+def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
+    found = gated(in_plane(2.0, 0.0, 0.0, -0.05, [0.01, 0.001, 0.001, 0.001], tree))
+    assert not found.consistency.is_possible
+    assert found.doubts
+    text = text_of(found)
+    assert "[" not in text.replace("[kg", "")
+    assert "No interval is given" in text
+
+
+def test_a_centre_of_mass_too_far_for_the_moment_is_doubted(tree):
+    """J about C is at least m |c|²: every number alone is possible, all together are not."""
+    found = gated(in_plane(2.0, 0.4, 0.0, 0.05, [0.01, 0.001, 0.001, 0.001], tree))
+    assert not found.consistency.is_possible  # m |c|² = 0.08
+    assert any("no rigid body" in doubt for doubt in found.doubts)
+
+
+def test_random_estimates_of_a_real_body_keep_it_inside(tree):
+    """The shown interval holds the truth whenever the free interval does."""
+    truth = TARGET.to_vector()
+    x = parameters_to_standard(truth)[PLACES]
+    sigma = np.array([0.1, 0.01, 0.01, 0.08])
+    rng = np.random.default_rng(2)
+    kept = 0
+    for _ in range(40):
+        found = in_plane(*(x + sigma * rng.standard_normal(4)), sigma, tree)
+        low, high = found.intervals[KNOWN].T
+        is_in = (low <= truth[KNOWN]) & (truth[KNOWN] <= high)
+        low, high = found.consistency.intervals[KNOWN].T
+        assert (is_in <= ((low <= truth[KNOWN]) & (truth[KNOWN] <= high))).all()
+        assert (low[[0, 3]] >= 0).all()
+        others = np.delete(np.arange(10), KNOWN)
+        low, high = found.consistency.intervals[others].T
+        assert ((low <= truth[others]) & (truth[others] <= high)).all()
+        kept += bool(found.consistency.narrowed.any())
+    assert kept > 10  # the trial is about narrowed intervals
+
+
+def test_the_result_file_keeps_the_free_estimate_and_what_bodies_can_have(tree, tmp_path):
+    found = in_plane(2.0, 0.0, 0.0, -0.02, [0.01, 0.001, 0.001, 0.01], tree)
+    write_result(tmp_path / "result.json", result_of(found, REFERENCE, [SOURCE]))
+    read = read_result(tmp_path / "result.json")
+    assert read.parameters[6] == pytest.approx(-0.02, abs=1e-3)
+    assert read.interval_95[6, 0] < 0
+    assert read.bodies.interval_low[6] == 0
+    assert read.bodies.possible

@@ -1,0 +1,268 @@
+"""One target from several logs: together they know more, and a log of another target is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sensing_cases import (
+    MOMENTUM,
+    Sines,
+    coarse_suite,
+    log_of,
+    measured,
+    true_telemetry,
+)
+
+from cpid_drake import InertialParameters, InputError, TotalMomentum, identify
+from cpid_drake.dynamics.parameterizations import STANDARD
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.identification.identify import identify_together
+from cpid_drake.identification.target_prior import Combinations, TargetPrior
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, VectorSensor
+
+POOR = {
+    "attitude": AttitudeSensor(5.0, 200.0, 1600.0, np.array([0.0, 0.6, 0.8])),
+    "gyro": Gyro(20.0, 0.3, 60.0, 6.0),
+    "position": VectorSensor(5.0, 2e-2),
+}
+"""Sensors that do not see the base's slow turning about the axes that no joint turns about."""
+
+DURATION = 5.0
+TIMES = np.arange(0.0, DURATION, 0.05)
+
+
+@pytest.fixture(scope="module")
+def suite():
+    return coarse_suite()
+
+
+@pytest.fixture(scope="module")
+def logs(craft, suite, skewed_target):
+    """Three logs of one target; the second one has momentum."""
+    samples = {}
+    for k, momentum_W in enumerate((None, MOMENTUM, None)):
+        motion = Sines.drawn(4, 101 + k, DURATION, 0.6)
+        exact = measured(craft, motion, skewed_target, suite, momentum_W=momentum_W)
+        samples[f"log {k}"] = add_noise(suite, exact, seed=k)
+    return samples
+
+
+def sigmas(found):
+    return np.sqrt(np.diag(found.covariance))
+
+
+def nees(found, target):
+    error = found.parameters - target.to_vector()
+    return error @ np.linalg.solve(found.covariance, error)
+
+
+def turned(craft, joints, seed):
+    """Return exact states of a motion of some joints only."""
+    motion = Sines.drawn(4, seed, DURATION, 0.6)
+    amplitude = np.zeros_like(motion.amplitude)
+    amplitude[:, joints] = motion.amplitude[:, joints]
+    return replace(motion, amplitude=amplitude)
+
+
+class TestSeveralLogs:
+    @pytest.fixture(scope="class", params=["trajectory_fit", "least_squares"])
+    @classmethod
+    def joint(cls, request, craft, suite, logs):
+        return identify_together(craft, logs, sensors=suite, estimator=request.param)
+
+    def test_each_log_has_its_own_momentum(self, joint, skewed_target):
+        assert joint.is_trustworthy
+        assert joint.momentum == "unknown"
+        assert nees(joint, skewed_target) < 35
+
+    def test_together_they_know_more_than_each(self, joint, craft, suite, logs):
+        alone = identify(craft, logs["log 0"], sensors=suite, estimator=joint.estimator)
+        assert np.all(sigmas(joint) < sigmas(alone))
+        assert joint.sample_count == sum(log.sample_count for log in joint.joint.logs)
+        np.testing.assert_allclose(joint.joint.logs[0].parameters, alone.parameters)
+
+    def test_logs_of_one_target_agree(self, joint):
+        assert joint.joint.probability > 1e-3
+        assert joint.joint.freedom == 20
+
+    def test_the_order_of_the_logs_does_not_matter(self, joint, craft, suite, logs):
+        backwards = dict(reversed(logs.items()))
+        again = identify_together(craft, backwards, sensors=suite, estimator=joint.estimator)
+        np.testing.assert_allclose(again.parameters, joint.parameters, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(again.covariance, joint.covariance, rtol=1e-4, atol=1e-14)
+
+
+@pytest.mark.parametrize("estimator", ["trajectory_fit", "least_squares"])
+def test_one_log_twice_has_twice_the_information(craft, suite, logs, estimator):
+    log = logs["log 0"]
+    alone = identify(craft, log, sensors=suite, estimator=estimator)
+    twice = identify_together(craft, {"a": log, "b": log}, sensors=suite, estimator=estimator)
+    assert np.all(np.abs(twice.parameters - alone.parameters) < 0.1 * sigmas(alone))
+    np.testing.assert_allclose(sigmas(twice), sigmas(alone) / np.sqrt(2), rtol=0.02)
+    assert twice.joint.chi_squared < 1e-6
+
+
+def test_uncertainty_of_the_spacecraft_does_not_average(craft, suite, logs):
+    """Of one log twice, the noise averages, and the errors of the known bodies do not."""
+    log = logs["log 0"]
+    options = {"sensors": suite, "momentum": TotalMomentum.zero()}
+    noise = sigmas(identify(craft, log, **options))
+    options["known_bodies"] = BodyUncertainty(0.02, 2e-3, 0.02)
+    alone = sigmas(identify(craft, log, **options))
+    twice = sigmas(identify_together(craft, {"a": log, "b": log}, **options))
+    assert np.all(alone > 2 * noise)
+    np.testing.assert_allclose(twice**2, alone**2 - noise**2 / 2, rtol=0.05)
+
+
+def test_errors_of_a_sensor_that_no_log_determines_do_not_average(craft, logs):
+    """Zeros of the joints are errors of cz, and not of the mass."""
+    log, plain = logs["log 0"], coarse_suite()
+    zeros = coarse_suite(encoders=replace(plain["encoders"], zero_mrad=1.0))
+    options = {"sensors": zeros, "momentum": TotalMomentum.zero()}
+    alone = sigmas(identify(craft, log, **options))
+    twice = sigmas(identify_together(craft, {"a": log, "b": log}, **options))
+    assert twice[3] > 0.95 * alone[3]
+    assert twice[0] == pytest.approx(alone[0] / np.sqrt(2), rel=0.05)
+
+
+def test_a_log_of_another_target_is_named(craft, suite, logs, skewed_target):
+    heavier = InertialParameters(
+        1.02 * skewed_target.mass, skewed_target.p_CTcm_C, skewed_target.I_TTcm_C
+    )
+    motion = Sines.drawn(4, 104, DURATION, 0.6)
+    other = add_noise(suite, measured(craft, motion, heavier, suite), seed=4)
+    found = identify_together(craft, {**logs, "other": other}, sensors=suite)
+    assert "other disagrees most" in found.doubts[0]
+    assert "most in m: 61" in found.doubts[0]
+    assert found.joint.widening > 3
+    two = identify_together(craft, {"log 0": logs["log 0"], "other": other}, sensors=suite)
+    assert "log 0 and other contradict each other" in two.doubts[0]
+
+
+def test_a_doubt_about_one_log_is_a_doubt_about_the_joint_estimate(craft, suite, logs):
+    tumbling = {"log 0": logs["log 0"], "log 1": logs["log 1"]}
+    options = {"sensors": suite, "momentum": TotalMomentum.zero()}
+    found = identify_together(craft, tumbling, estimator="least_squares", **options)
+    assert any(doubt.startswith("log 1: ") for doubt in found.doubts)
+    assert not any(doubt.startswith("log 0: ") for doubt in found.doubts)
+    found = identify_together(craft, tumbling, **options)
+    assert "log 1 determines nothing about the target, and was not used" in found.warnings
+    assert found.joint.logs[1].rank == 0
+
+
+def test_fits_that_leave_combinations_open_determine_all_together(craft, skewed_target):
+    """Each log turns one joint, and so the target about one axis only."""
+    suite, logs = coarse_suite(**POOR), {}
+    for joint in (3, 0):
+        samples = measured(craft, turned(craft, [joint], 100 + joint), skewed_target, suite)
+        logs[f"joint {joint}"] = add_noise(suite, samples, seed=joint)
+    found = identify_together(craft, logs, sensors=suite)
+    assert max(log.rank for log in found.joint.logs) < 10
+    assert found.solution.rank == 10
+    assert found.is_trustworthy
+    assert nees(found, skewed_target) < 35
+
+
+class TestExactLogs:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def states(cls, craft, skewed_target):
+        """Each of the first two logs turns one joint: the target turns about one axis only."""
+        tree, names = craft.tree, craft.joint_names
+        return {
+            f"joint {j}": true_telemetry(
+                tree, names, turned(craft, [j], 100 + j), skewed_target, TIMES
+            )
+            for j in (3, 0)
+        }
+
+    def test_rounding_is_no_disagreement(self, craft, states, skewed_target):
+        found = identify_together(craft, states)
+        assert found.joint.probability == pytest.approx(1.0)
+        assert found.is_trustworthy
+        np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-7)
+
+    def test_two_logs_of_two_samples_determine_all_together(
+        self, servicer, zero_momentum_motion, skewed_target
+    ):
+        """Two samples leave one combination open, another one in each log."""
+        motions = {str(seed): zero_momentum_motion(skewed_target, 2, seed) for seed in (1, 2)}
+        found = identify_together(servicer, motions)
+        assert [log.rank for log in found.joint.logs] == [9, 9]
+        assert found.solution.rank == 10
+        np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-5)
+
+    def test_a_log_without_positions_is_joined_by_relative_rows(self, craft, states):
+        whole, other = (log_of(telemetry) for telemetry in states.values())
+        kept = {n: s for n, s in other.samples.items() if n not in ("position", "velocity")}
+        found = identify_together(craft, {"a": whole, "b": replace(other, samples=kept)})
+        assert found.rows == "relative"
+        assert found.solution.rank == 10
+
+    def test_no_log_is_refused(self, craft):
+        with pytest.raises(InputError, match="there is no log"):
+            identify_together(craft, {})
+
+
+class TestPrior:
+    SIGMA = np.array([6.0, *3 * [0.05], *6 * [1.5]])
+
+    def prior(self, target, shift=0.0):
+        return TargetPrior(
+            "the prior", target.to_vector() + shift * self.SIGMA, np.diag(self.SIGMA**2)
+        )
+
+    def test_it_determines_what_the_log_does_not(self, craft, skewed_target):
+        suite = coarse_suite(**POOR)
+        samples = measured(craft, turned(craft, [3], 103), skewed_target, suite)
+        samples = add_noise(suite, samples, seed=3)
+        alone = identify(craft, samples, sensors=suite)
+        assert alone.solution.rank < 10
+        found = identify(craft, samples, sensors=suite, prior=self.prior(skewed_target, 0.5))
+        assert found.solution.rank == 10
+        assert found.is_trustworthy
+        assert found.joint.dominated
+        assert np.all(sigmas(found) < 1.01 * self.SIGMA)
+        assert any("more than the samples do" in text for text in found.warnings)
+
+    @pytest.mark.parametrize("estimator", ["trajectory_fit", "least_squares"])
+    def test_a_vague_prior_changes_nothing(self, craft, suite, logs, skewed_target, estimator):
+        log = logs["log 0"]
+        options = {"sensors": suite, "estimator": estimator}
+        alone = identify(craft, log, **options)
+        found = identify(craft, log, prior=self.prior(skewed_target, 0.5), **options)
+        assert not found.joint.dominated
+        assert np.all(np.abs(found.parameters - alone.parameters) < 0.1 * sigmas(alone))
+        np.testing.assert_allclose(sigmas(found), sigmas(alone), rtol=0.02)
+        assert found.joint.prior.probability > 0.01
+
+    def test_a_prior_of_another_target_is_doubted(self, craft, suite, logs, skewed_target):
+        prior = self.prior(skewed_target, 8.0)
+        found = identify(craft, logs["log 0"], sensors=suite, prior=prior)
+        assert "the prior and the log contradict each other" in found.doubts[0]
+
+    def test_an_earlier_result_counts_like_its_log(self, craft, suite, logs, skewed_target):
+        first = identify(craft, logs["log 0"], sensors=suite)
+        prior = TargetPrior("earlier", first.parameters, first.covariance)
+        found = identify(craft, logs["log 2"], sensors=suite, prior=prior)
+        both = {name: logs[name] for name in ("log 0", "log 2")}
+        joint = identify_together(craft, both, sensors=suite)
+        assert np.all(np.abs(found.parameters - joint.parameters) < 0.2 * sigmas(joint))
+        np.testing.assert_allclose(sigmas(found), sigmas(joint), rtol=0.05)
+
+    def test_a_known_mass_alone_is_a_prior(self, craft, suite, logs, skewed_target):
+        parameters, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
+        parameters[0], covariance[0, 0] = skewed_target.mass, 1e-8
+        prior = TargetPrior("the scale", parameters, covariance)
+        alone = identify(craft, logs["log 0"], sensors=suite)
+        found = identify(craft, logs["log 0"], sensors=suite, prior=prior)
+        assert found.joint.dominated[0] == "m"
+        assert sigmas(found)[0] == pytest.approx(1e-4, rel=0.01)
+        assert np.all(sigmas(found) <= 1.001 * sigmas(alone))
+
+    def test_combinations_of_other_unknowns_are_refused(self, craft, suite, logs):
+        known = Combinations(STANDARD.name, np.ones(10), np.eye(10))
+        nothing = np.full(10, np.nan), np.full((10, 10), np.nan)
+        with pytest.raises(InputError, match="combinations of standard unknowns"):
+            identify(craft, logs["log 0"], sensors=suite, prior=TargetPrior("p", *nothing, known))

@@ -1,0 +1,38 @@
+"""Large errors of the joints' zeros: the fits are linear in them about their estimates."""
+
+import numpy as np
+import pytest
+from sensing_cases import MOMENTUM, Sines, coarse_suite, measured
+
+from cpid_drake import identify
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.sensors import JointSensor
+
+ZEROS = np.array([0.012, -0.008, 0.01, 0.0])  # the last one is a turn of the capture frame
+SUITE = coarse_suite(encoders=JointSensor(20.0, 1e-5, zero_mrad=10.0))
+
+
+@pytest.fixture(scope="module", params=[None, MOMENTUM], ids=["at rest", "tumbling"])
+def log(craft, skewed_target, request):
+    """Samples without noise."""
+    motion = Sines.drawn(4, seed=101, duration=8.0, size=0.6)
+    exact = measured(craft, motion, skewed_target, SUITE, momentum_W=request.param)
+    encoders = exact.encoders
+    return exact.updated({"encoders": Samples(encoders.time, encoders.value + ZEROS)})
+
+
+@pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
+def test_the_target_is_found(craft, log, skewed_target, estimator):
+    """A model that is linear about zero, or about an early estimate, would be wrong by many σ."""
+    found = identify(
+        craft,
+        log,
+        sensors=SUITE,
+        estimator=estimator,
+        momentum=TotalMomentum.unknown(),
+        is_final=False,
+    )
+    error = found.parameters - skewed_target.to_vector()
+    assert found.doubts == ()
+    assert error @ np.linalg.solve(found.covariance, error) < 0.02

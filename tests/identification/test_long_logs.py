@@ -1,0 +1,187 @@
+"""Streams and windows give the answer of the whole log, in memory that does not grow with it."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_telemetry
+
+from cpid_drake import InertialParameters, identify
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.errors import InputError
+from cpid_drake.identification import checked_log
+from cpid_drake.identification.checked_log import check_log, log_of_states
+from cpid_drake.identification.requirements import in_joint_order
+from cpid_drake.sensing import smoothing
+from cpid_drake.sensing.measurement_stream import Stream, joined, stream_of
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import JointSensor
+
+TARGET = InertialParameters.from_vector([80.0, 0.3, 0.1, -0.2, 15.0, 18.0, 12.0, 0.5, -1.0, 0.8])
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def wheeled(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("wheeled"), wheels=True)
+
+
+def exact(craft, duration=30.0, momentum_W=None):
+    motion = Sines.drawn(len(craft.joint_names), 3, duration)
+    times = np.arange(0, duration, 0.05)
+    return true_telemetry(craft.tree, craft.joint_names, motion, TARGET, times, momentum_W)
+
+
+def samples_of(states) -> Measurements:
+    return log_of_states(states).measurements
+
+
+@pytest.fixture
+def short_head(monkeypatch):
+    """Treat all streams as long, so that they are read again and again."""
+    monkeypatch.setattr(checked_log, "LONGEST_HEAD", 100)
+
+
+@pytest.mark.parametrize("momentum", ["zero", "unknown"])
+@pytest.mark.parametrize("rows", ["standard", "relative"])
+def test_exact_samples_as_a_stream_give_the_answer_in_memory(craft, short_head, rows, momentum):
+    log = samples_of(exact(craft, momentum_W=MOMENTUM * (momentum == "unknown")))
+    options = {"rows": rows, "momentum": TotalMomentum.named(momentum)}
+    whole = identify(craft, log, **options)
+    streamed = identify(craft, stream_of(log, 2.0), **options)
+    np.testing.assert_allclose(streamed.parameters, whole.parameters, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(streamed.covariance, whole.covariance, rtol=1e-3, atol=1e-20)
+    assert streamed.sample_count == whole.sample_count
+    assert streamed.whiteness.count == whole.whiteness.count
+
+
+def test_unusable_samples_are_counted_and_left_out_of_every_chunk(craft, short_head):
+    log = samples_of(exact(craft))
+    value = log.gyro.value.copy()
+    value[[10, 300, 500]] = np.nan
+    log = log.updated({"gyro": Samples(log.gyro.time, value)})
+    found = identify(craft, stream_of(log, 2.0))
+    assert found.rejected == {"gyro": 3}
+    assert found.sample_count == len(log.gyro) - 3
+    np.testing.assert_allclose(found.parameters, TARGET.to_vector(), atol=1e-6)
+
+
+def test_a_stream_is_checked_like_a_log_in_memory(craft, short_head):
+    log = samples_of(exact(craft))
+    degrees = Samples(log.encoders.time, np.degrees(log.encoders.value))
+    with pytest.raises(InputError, match=r"is it in degrees"):
+        identify(craft, stream_of(log.updated({"encoders": degrees}), 2.0))
+    renamed = Measurements(("other", *log.joint_names[1:]), log.samples)
+    with pytest.raises(InputError, match=r"no column 'q:\w+'; .* the log's are 'other', "):
+        identify(craft, stream_of(renamed, 2.0))
+    end = log.encoders.value.copy()
+    end[-1, 0] = 9.5  # beyond the limit of 9 rad, in the last chunk
+    far = log.updated({"encoders": Samples(log.encoders.time, end)})
+    assert "q:shoulder goes to 9.5" in check_log(craft, stream_of(far, 2.0)).warnings[-1]
+
+
+def test_the_angle_of_a_rotor_without_encoder_continues_from_chunk_to_chunk(wheeled, short_head):
+    log = samples_of(exact(wheeled))
+    value = log.encoders.value.copy()
+    value[:, [name.startswith("spin") for name in log.joint_names]] = np.nan
+    log = log.updated({"encoders": Samples(log.encoders.time, value)})
+    whole = in_joint_order(log, wheeled).encoders.value
+    streamed = joined(check_log(wheeled, stream_of(log, 2.0)).stream).encoders.value
+    np.testing.assert_allclose(streamed, whole, atol=1e-9)
+
+
+# -- smoothed rows --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def noisy(craft):
+    """Return noisy samples of a minute, with a momentum, and the suite."""
+    suite = coarse_suite(encoders=JointSensor(20.0, 1e-5))
+    motion = Sines.drawn(len(craft.joint_names), 5, 58.0)
+    logs = {
+        "zero": measured(craft, motion, TARGET, suite),
+        "unknown": measured(craft, motion, TARGET, suite, MOMENTUM),
+    }
+    return {name: add_noise(suite, log, 7) for name, log in logs.items()}, suite
+
+
+@pytest.mark.parametrize("momentum", ["zero", "unknown"])
+@pytest.mark.parametrize("rows", ["standard", "relative"])
+def test_smoothing_in_windows_gives_the_answer_of_the_whole_log(
+    craft, noisy, monkeypatch, rows, momentum
+):
+    logs, suite = noisy
+    options = {"rows": rows, "sensors": suite, "momentum": TotalMomentum.named(momentum)}
+    whole = identify(craft, logs[momentum], **options)
+    monkeypatch.setattr(smoothing, "LONGEST_WHOLE", 30.0)
+    windows = identify(craft, logs[momentum], **options)
+    sigma = np.sqrt(np.diag(whole.covariance))
+    change = (windows.parameters - whole.parameters) / sigma
+    # The number of intervals between knots is chosen in each window.
+    assert 0 < np.sqrt(np.mean(change**2)) < 0.4
+    np.testing.assert_allclose(np.sqrt(np.diag(windows.covariance)) / sigma, 1, atol=0.2)
+
+
+def test_windows_have_the_same_times_once_and_no_edges(noisy, monkeypatch):
+    logs, suite = noisy
+    whole = smoothing.smooth(logs["zero"], suite)
+    monkeypatch.setattr(smoothing, "LONGEST_WHOLE", 30.0)
+    windows = list(smoothing.smooth_windows(stream_of(logs["zero"]), suite))
+    assert len(windows) == 2
+    time = np.concatenate([each.telemetry.time for each in windows])
+    assert (np.diff(time) > 0.05).all()
+    assert (np.diff(time) < 0.15).all()
+    sigma = np.sqrt(np.concatenate([each.covariance()[:, 6, 6] for each in windows]))
+    inside = slice(20, -20)
+    usual = np.sqrt(np.median(whole.covariance()[inside, 6, 6]))
+    assert sigma[inside].max() < 3 * usual  # at an edge it would be far larger
+
+
+def test_a_window_without_attitude_is_left_out(craft, noisy, monkeypatch):
+    logs, suite = noisy
+    monkeypatch.setattr(smoothing, "LONGEST_WHOLE", 30.0)
+    attitude = logs["zero"].attitude
+    outage = attitude.where((attitude.time < 15) | (attitude.time > 45))
+    found = identify(
+        craft, logs["zero"].updated({"attitude": outage}), rows="relative", sensors=suite
+    )
+    assert found.is_observable
+    nothing = logs["zero"].updated({"attitude": attitude.where(attitude.time < 0.5)})
+    with pytest.raises(InputError, match="at least 4 samples of attitude"):
+        identify(craft, nothing, rows="relative", sensors=suite)
+
+
+# -- memory ---------------------------------------------------------------------------------------
+
+
+def test_the_memory_of_a_stream_does_not_grow_with_its_length(craft):
+    base = samples_of(exact(craft, 10.0))
+
+    def repeated(times: int) -> Stream:
+        def read():
+            for k in range(times):
+                shift = {n: Samples(s.time + 10 * k, s.value) for n, s in base.items()}
+                yield base.updated(shift)
+
+        return Stream(base.joint_names, read)
+
+    peaks, found = [], []
+    for times in (300, 900):
+        tracemalloc.start()
+        found.append(identify(craft, repeated(times), rows="relative"))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.1 * peaks[0]
+    for result, times in zip(found, (300, 900)):
+        np.testing.assert_allclose(result.parameters, TARGET.to_vector(), atol=1e-5)
+        series = result.residuals["angular"]
+        assert len(series) <= 4000
+        assert series.every * (len(series) - 1) < result.sample_count <= series.every * len(series)
+        assert result.sample_count == times * len(base.gyro)
+        assert len(series.neighbours) == result.whiteness.count == 20_000
+        np.testing.assert_allclose(np.diff(series.time), 0.05 * series.every, atol=1e-6)

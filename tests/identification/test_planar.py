@@ -1,0 +1,227 @@
+"""Identification on a table: four parameters, from what is conserved on a table only."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planar_cases import DURATION, KNOWN, SUITE, TARGET, errors, motion, planar_craft, samples
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+from sensing_cases import measured, true_psi, true_telemetry
+
+from cpid_drake import identify
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.identification.description import gap_sentences, result_of
+from cpid_drake.identification.fit_setup import cramer_rao_bound, recursive_fit
+from cpid_drake.identification.planar import ASSUMED, PROPOSED
+from cpid_drake.identification.result_files import SpacecraftReference
+from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.sensing.noise import add_noise
+
+TIMES = np.arange(0.0, DURATION, 0.1)
+TRUTH = TARGET.to_vector()[KNOWN]
+OTHERS = np.delete(np.arange(10), KNOWN)
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return planar_craft(tmp_path_factory.mktemp("planar"))
+
+
+@pytest.fixture(scope="module")
+def table(craft):
+    return craft.on_table()
+
+
+@pytest.fixture(scope="module")
+def exact(table):
+    return true_telemetry(table.tree, table.joint_names, motion(), TARGET, TIMES)
+
+
+@pytest.mark.parametrize("rows", ["eq18", "standard", "relative"])
+def test_exact_motion_shows_four_parameters_and_no_other(table, exact, rows):
+    found = identify(table, exact, rows=rows)
+    np.testing.assert_allclose(found.parameters[KNOWN], TRUTH, rtol=1e-9)
+    assert np.isnan(found.parameters[OTHERS]).all()
+    assert found.solution.rank == 4
+    assert found.is_trustworthy
+
+
+def test_the_equations_of_a_free_base_would_be_wrong(craft, exact):
+    found = identify(craft, exact, rows="standard")
+    assert found.doubts  # the reactions of the table are not in these equations
+
+
+@pytest.mark.parametrize("rows", ["standard", "relative"])
+def test_a_momentum_in_the_plane_is_estimated(table, rows):
+    start = np.array([0.0, 0.0, 0.05, 0.2, -0.1, 0.0])
+    moving = true_telemetry(table.tree, table.joint_names, motion(), TARGET, TIMES, start)
+    found = identify(table, moving, rows=rows, momentum=TotalMomentum.unknown())
+    np.testing.assert_allclose(found.parameters[KNOWN], TRUTH, rtol=1e-7)
+
+
+@pytest.mark.parametrize("estimator", ["trajectory_fit", "standard"])
+def test_the_errors_are_those_that_the_covariance_says(craft, table, estimator):
+    squares, count = [], 6
+    for seed in range(count):
+        found = identify(
+            table, samples(craft, seed), sensors=SUITE, estimator=estimator, is_final=False
+        )
+        assert found.solution.rank == 4
+        block = found.covariance[np.ix_(KNOWN, KNOWN)]
+        error = found.parameters[KNOWN] - TRUTH
+        squares.append(error @ np.linalg.solve(block, error))
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], 4 * count)
+    assert sum(squares) < high
+    if estimator == "trajectory_fit":
+        assert sum(squares) > low
+
+
+def test_the_fit_reaches_the_bound(craft, table):
+    ideal = measured(table, motion(), TARGET, SUITE)
+    bound = cramer_rao_bound(table.tree, true_psi(table, TARGET), ideal, SUITE)
+    found = identify(table, samples(craft, 1), sensors=SUITE, is_final=False)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(found.covariance))[KNOWN], np.sqrt(np.diag(bound))[KNOWN], rtol=0.15
+    )
+
+
+def test_what_the_table_holds_tells_nothing(craft, table):
+    """Tilt and height may read anything that is constant: the answer is the same."""
+    log = samples(craft, 2)
+    found = identify(table, log, sensors=SUITE, is_final=False)
+    position = log.position
+    lifted = replace(position, value=position.value * [1, 1, 0] + [0, 0, 0.4])
+    again = identify(table, log.updated({"position": lifted}), sensors=SUITE, is_final=False)
+    np.testing.assert_allclose(again.parameters[KNOWN], found.parameters[KNOWN], rtol=1e-9)
+
+
+@pytest.mark.parametrize("momentum", [TotalMomentum.zero(), TotalMomentum.unknown()])
+def test_nothing_grows_out_of_the_plane(craft, table, momentum):
+    """Rounding errors of what no sample determines must not grow, with external forces or not."""
+    pushed = replace(SUITE, disturbances=Disturbances(acceleration=5e-4, torque=1e-4))
+    for suite in (SUITE, pushed):
+        state = recursive_fit(table, suite, momentum=momentum).run([samples(craft, 3)])
+        nominal = state.known.nominal
+        np.testing.assert_array_equal(nominal.L[:2], 0.0)
+        np.testing.assert_array_equal(nominal.v_Wcm[2], 0.0)
+        np.testing.assert_allclose(nominal.attitude.apply([0, 0, 1]), [0, 0, 1], atol=1e-12)
+
+
+def test_a_table_out_of_level_is_estimated(craft, table):
+    """A steady acceleration in the plane; the table holds the one across it."""
+    pushed = replace(SUITE, disturbances=Disturbances(acceleration=1e-3))
+    push = np.array([8e-4, -5e-4, 0.0])
+    log = samples(craft, 4)
+    along = 0.5 * log.position.time[:, None] ** 2 * push
+    log = log.updated({"position": replace(log.position, value=log.position.value + along)})
+    found = identify(table, log, sensors=pushed, momentum=TotalMomentum.unknown())
+    [effect] = found.effects
+    np.testing.assert_allclose(effect.value[:2], push[:2], atol=4 * effect.sigma[:2].max())
+    assert effect.sigma[:2].max() < 1e-4
+    assert np.abs(errors(found)).max() < 4
+    assert found.is_trustworthy
+
+
+def in_three_coordinates(log):
+    """Return a log as one of x, y and yaw only: what the table holds is exactly zero."""
+    yaw = Rotation.from_quat(log.attitude.value, scalar_first=True).as_euler("ZYX")[:, 0]
+    attitude = Rotation.from_euler("z", yaw[:, None]).as_quat(scalar_first=True)
+    return log.updated(
+        {
+            "attitude": replace(log.attitude, value=attitude),
+            "position": replace(log.position, value=log.position.value * [1, 1, 0]),
+        }
+    )
+
+
+def test_a_log_of_x_y_and_yaw_is_recognized(craft, table):
+    log = in_three_coordinates(samples(craft, 1))
+    found = identify(craft, log, sensors=SUITE, is_final=False)
+    assert ASSUMED in found.warnings
+    same = identify(table, samples(craft, 1), sensors=SUITE, is_final=False)
+    np.testing.assert_allclose(found.parameters[KNOWN], same.parameters[KNOWN], rtol=1e-4)
+    assert found.is_complete
+    assert not found.is_observable
+    assert "turn the target" not in found.explain()
+
+
+def test_its_noise_is_estimated_from_what_is_measured(craft):
+    log = in_three_coordinates(samples(craft, 1))
+    found = identify(craft, log, estimator="trajectory_fit", is_final=False)
+    assert np.abs(errors(found)).max() < 4
+    assert found.misfit < 1.2
+
+
+def test_a_log_of_six_coordinates_is_proposed_to_be_planar(craft):
+    log = samples(craft, 1)
+    found = identify(craft, log, sensors=SUITE, rows="standard", is_final=False)
+    assert PROPOSED in found.warnings
+    said = identify(craft, log, sensors=SUITE, rows="standard", planar=True, is_final=False)
+    assert PROPOSED not in said.warnings
+    assert said.table.names == ("m", "cx", "cy", "Izz")
+    denied = identify(craft, log, sensors=SUITE, rows="standard", planar=False, is_final=False)
+    assert PROPOSED not in denied.warnings
+    assert denied.table is None
+
+
+def test_a_free_spacecraft_that_tilts_is_not_on_a_table(craft):
+    free = add_noise(SUITE, measured(craft, motion(), TARGET, SUITE), 1)
+    assert PROPOSED not in identify(craft, free, sensors=SUITE, rows="standard").warnings
+    found = identify(craft, free, sensors=SUITE, rows="standard", planar=True)
+    assert any("the base tilts by up to" in doubt for doubt in found.doubts)
+
+
+def test_a_frame_c_that_is_turned_has_its_own_four(tmp_path):
+    """C's y axis is the normal: m, cx, cz and Iyy."""
+    turned = planar_craft(tmp_path, grip_rpy="-1.5707963267948966 0 0")
+    level = planar_craft(tmp_path, grip_rpy="0 0 0").on_table()
+    motion_of_level = true_telemetry(level.tree, level.joint_names, motion(), TARGET, TIMES)
+    found = identify(turned.on_table(), motion_of_level, rows="standard")
+    assert found.table.names == ("m", "cx", "cz", "Iyy")
+    values = found.parameters[[0, 1, 3, 5]]
+    m, cx, cy, Izz = TRUTH
+    np.testing.assert_allclose(values, [m, cx, cy, Izz], rtol=1e-9)
+
+
+def test_an_oblique_frame_c_has_four_combinations(tmp_path):
+    level = planar_craft(tmp_path, grip_rpy="0 0 0").on_table()
+    data = true_telemetry(level.tree, level.joint_names, motion(), TARGET, TIMES)
+    oblique = planar_craft(tmp_path, grip_rpy="0.5 -0.3 0.2")
+    found = identify(oblique, data, rows="standard", planar=True)
+    assert np.flatnonzero(np.isfinite(found.parameters)).tolist() == [0]
+    assert found.is_complete
+    R_LC = Rotation.from_euler("ZYX", [0.2, -0.3, 0.5]).as_matrix()  # C in the level frame L
+    axes_L = found.table.axes_C @ R_LC.T
+    m, along_1, along_2, about = found.table.values
+    np.testing.assert_allclose(
+        [m, along_1, along_2, about],
+        [
+            TARGET.mass,
+            axes_L[0] @ TARGET.p_CTcm_C,
+            axes_L[1] @ TARGET.p_CTcm_C,
+            axes_L[2] @ TARGET.I_TTcm_C @ axes_L[2],
+        ],
+        rtol=1e-9,
+    )
+    assert "oblique" in found.explain()
+
+
+def test_joints_that_leave_the_plane_can_show_all_ten(tmp_path):
+    craft = planar_craft(tmp_path, wrist_rpy="0.6 0 0")
+    table = craft.on_table()
+    data = true_telemetry(table.tree, table.joint_names, motion(), TARGET, TIMES)
+    found = identify(table, data, rows="standard")
+    assert found.table.size == 10
+    known = np.isfinite(found.parameters)
+    assert known.sum() > 4
+    np.testing.assert_allclose(found.parameters[known], TARGET.to_vector()[known], rtol=1e-6)
+
+
+def test_a_weak_motion_is_not_told_to_turn_about_other_axes(table, exact):
+    found = identify(table, exact.select(slice(1, 2)), rows="relative")  # a single equation
+    assert not found.is_complete
+    result = result_of(found, SpacecraftReference("craft", "base", "grip"), [])
+    text = " ".join(gap_sentences(result))
+    assert "three axes" not in text
+    assert "move the joints by larger angles" in text

@@ -1,0 +1,278 @@
+"""Logs with thrust: the target is found with intervals that hold; unlogged thrust is noticed."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from planar_cases import SUITE, planar_craft
+from planar_cases import TARGET as PLANAR_TARGET
+from planar_cases import errors as planar_errors
+from planar_cases import motion as planar_motion
+
+from cpid_drake import TargetPrior, identify, load_scenario, shipped_scenario
+from cpid_drake.dynamics.base_motion import BaseTrajectory
+from cpid_drake.dynamics.forced_motion import propagate_forced
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.faults import after
+from cpid_drake.estimation.likelihood.joint_motion import TIME_SCALE, joint_block
+from cpid_drake.estimation.likelihood.thrust import impulses
+from cpid_drake.estimation.trajectory_fit import blocks_of
+from cpid_drake.identification.validation import validate
+from cpid_drake.scenario.schema import BurnConfig
+from cpid_drake.sensing.burns import Burn, log_of_burns
+from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.sensing.measurement_stream import stream_of
+from cpid_drake.sensing.measurements import THRUST, Measurements, Samples, ideal_measurements
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.noise_colour import noise_factors
+from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.studies.trials import draw, ideal_samples, make_case
+
+BURNS = [
+    BurnConfig(3.1, 1.3, np.array([0.6, -0.4, 0.3]), np.array([0.2, 0.15, -0.1])),
+    BurnConfig(5.0, 0.4, torque_B=np.array([0.0, 0.1, -0.1])),
+]
+
+
+class Flight:
+    """A simulated motion with burns, its sensors and its target."""
+
+    def __init__(self, scenario, preset, burns, scale=0.02, momentum=(0.0,) * 6):
+        config = load_scenario(shipped_scenario(scenario))
+        config.simulation.momentum_W = np.array(momentum)
+        config.simulation.burns = burns
+        self.suite = load_sensors(preset)
+        self.suite.disturbances = Disturbances(thrust_scale=scale)
+        self.craft = config.spacecraft.make()
+        self.target = config.target_truth().to_vector()
+        self.case = make_case(config, self.craft, config.target_truth(), self.suite, (), 11)
+        tree = self.craft.tree
+        ideal = ideal_samples(self.case, tree, self.craft.joint_names)
+        self.log = draw(self.case, self.craft, ideal, 0)
+
+    def identify(self, log, **options):
+        return identify(self.craft, log, sensors=self.suite, **options)
+
+    def errors(self, found):
+        """Return the errors of all parameters in units of their σ."""
+        return (found.parameters - self.target) / np.sqrt(np.diag(found.covariance))
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return Flight("free_flyer_payload", "testbed", BURNS)
+
+
+@pytest.fixture(scope="module")
+def found(flight):
+    return flight.identify(flight.log)
+
+
+def test_the_target_and_the_scale_are_found(flight, found):
+    """Nothing is doubted, no change of momentum is found, and kicks of thrusters are no noise."""
+    assert found.doubts == ()
+    assert found.momentum_changes.count == 0
+    assert found.misfit == 1.0
+    assert found.warnings == ()
+    assert np.abs(flight.errors(found)).max() < 3.5
+    [scale] = [effect for effect in found.effects if effect.name == "thrust_scale"]
+    true = BURNS[0].force_B[0] / flight.log.thrust.value[0, 3] - 1
+    assert abs(scale.value[0] - 100 * true) < 3.5 * scale.sigma[0]
+    assert scale.sigma[0] < 0.5
+    assert "the true thrust differs" in scale.describe()
+
+
+@pytest.mark.parametrize(("burns", "size"), [(BURNS, 0.05), ([replace(BURNS[0], time=0.1)], 0.005)])
+def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust(burns, size):
+    """Thrusters change the momentum: its estimate at the end does not show that of the start."""
+    momentum = size * np.array([0.6, -0.8, 0.5, 0.0, 0.0, 0.0])
+    case = Flight("free_flyer_payload", "testbed", burns, momentum=momentum)
+    found = case.identify(case.log)
+    assert found.momentum == "unknown"
+    assert found.doubts == ()
+    assert any("contradict a total momentum of zero" in warning for warning in found.warnings)
+    assert found.momentum_estimate is None
+    assert np.abs(case.errors(found)).max() < 3.5
+
+
+def test_a_value_in_every_row_is_the_same_log(flight):
+    times = np.unique(np.concatenate([flight.log.encoders.time, flight.log.thrust.time]))
+    dense = Samples(times, flight.log.thrust.held_at(times))
+    logs = (flight.log, flight.log.updated({THRUST: dense}))
+    one, other = (flight.identify(log, is_final=False) for log in logs)
+    np.testing.assert_allclose(other.parameters, one.parameters, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-5, atol=1e-15)
+
+
+def test_a_scale_that_is_not_declared_is_proposed(flight):
+    """With the value that the sensors' file needs: the share itself."""
+    silent = replace(flight.suite, disturbances=None)
+    found = identify(flight.craft, flight.log, sensors=silent)
+    [doubt] = found.doubts
+    assert "the true thrust differs from the logged one by 2.18 ± " in doubt
+    assert "(disturbances: {thrust_scale: 0.1})" in doubt
+
+
+def test_thrust_without_a_log_is_noticed(flight):
+    """As a change of the momentum, or as a misfit that leaves no number to show, or as a doubt."""
+    nothing = Samples(np.empty(0), np.empty((0, 6)))
+    found = flight.identify(flight.log.updated({THRUST: nothing}))
+    assert any("misses the samples" in warning for warning in found.warnings)
+    assert found.doubts or not np.isfinite(found.parameters).any()
+
+
+def test_a_log_of_the_wrong_sign_is_noticed(flight):
+    """Axes or signs of thrusters that are not those of the base contradict the motion."""
+    log = flight.log.thrust
+    turned = flight.log.updated({THRUST: Samples(log.time, -log.value)})
+    found = flight.identify(turned, is_final=False)
+    assert found.momentum_changes.count or found.doubts
+
+
+def test_a_gap_of_the_encoders_in_a_burn_leaves_the_momentum_open(flight):
+    kept = np.abs(flight.log.encoders.time - 3.6) > 0.35
+    gap = flight.log.updated({"encoders": flight.log.encoders.where(kept)})
+    again = flight.identify(gap, momentum=TotalMomentum.zero(), is_final=False)
+    assert np.abs(flight.errors(again)).max() < 4
+    assert again.misfit == 1.0
+    assert again.momentum_changes.count == 0
+
+
+def test_impulses_of_a_log():
+    """The magnitudes of torque and force are integrated over the time in which they hold."""
+    values = np.array([[0, 3.0, 4.0, 0, 0, 2.0], [0] * 6, [1.0, 0, 0, 0, 5.0, 0]])
+    log = Samples(np.array([1.0, 2.0, 4.0]), values)
+    np.testing.assert_allclose(impulses(log, 1.5, 3.0), (0.5 * 5 + 0.5, 0.5 * 2 + 0.5 * 5))
+
+
+def test_wheels_are_unloaded_by_a_logged_torque():
+    """The wheels give their momentum to the thrusters while the arm moves."""
+    burn = BurnConfig(4.0, 3.0, torque_B=np.array([0.5, -0.3, 0.4]))
+    flight = Flight("single_arm_wheels", "flight", [burn])
+    found = flight.identify(flight.log, is_final=False)
+    assert found.momentum_changes.count == 0
+    assert found.misfit == 1.0
+    assert np.abs(flight.errors(found)).max() < 3.5
+
+
+def test_an_exact_log_is_fitted_exactly(flight):
+    """The thrust switches between samples, which are exact to 1e-8; so it is without thrust."""
+    case = replace(flight.case, suite=load_sensors("ideal"))
+    exact = ideal_samples(case, flight.craft.tree, flight.craft.joint_names)
+    found = identify(flight.craft, exact, sensors=case.suite, is_final=False)
+    np.testing.assert_allclose(found.parameters, flight.target, rtol=0, atol=1e-5)
+
+
+def test_a_burn_is_no_noise():
+    """A gyro sees the slope of the angular velocity jump, at all frequencies."""
+    burn = BurnConfig(4.0, 1.0, np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6]))
+    flight = Flight("exciting_motion", "flight", [burn])
+    assert noise_factors(flight.log, flight.suite) == {}
+    found = flight.identify(flight.log, is_final=False)
+    assert found.warnings == found.doubts == ()
+    assert np.abs(flight.errors(found)).max() < 3.5
+
+
+def test_many_pulses_are_no_noise():
+    """They leave no quiet pieces of the log, but their log tells where the thrust is steady."""
+    force, point = np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6])
+    pulses = [BurnConfig(1.0 + 0.4 * k, 0.05, force, point) for k in range(15)]
+    flight = Flight("exciting_motion", "flight", pulses)
+    assert noise_factors(flight.log, flight.suite)["gyro"] > 1.2
+    found = flight.identify(flight.log, is_final=False)
+    assert not any("noise" in text for text in (*found.warnings, *found.doubts))
+    assert np.abs(flight.errors(found)).max() < 3.5
+
+
+def test_a_log_in_chunks_is_the_same_log(flight):
+    """Also where the burns begin in another chunk than they end."""
+    options = {"is_final": False, "estimator": "recursive_fit"}
+    whole, chunked = (
+        flight.identify(log, **options) for log in (flight.log, stream_of(flight.log, 1.7))
+    )
+    np.testing.assert_allclose(chunked.parameters, whole.parameters, rtol=0, atol=1e-9)
+
+
+def test_a_log_with_thrust_is_predicted(flight):
+    """The rest of a log follows from its beginning, the target and the thrust."""
+    target = TargetPrior("the target", flight.target, np.diag((1e-3 * np.ones(10)) ** 2))
+    nothing = flight.log.updated({THRUST: Samples(np.empty(0), np.empty((0, 6)))})
+    options = {"sensors": flight.suite, "momentum": TotalMomentum.zero()}
+    assert validate(flight.craft, target, flight.log, **options).in_sigma < 2
+    assert validate(flight.craft, target, nothing, **options).in_sigma > 5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_thrusters_on_a_table(tmp_path, seed):
+    """Force in the plane and torque about its normal push; the table holds the rest."""
+    craft = planar_craft(tmp_path)
+    burn = Burn(4.03, 2.0, np.array([0.5, 0.5, 0.12, 0.5, -0.3, 2.0]))
+    suite = replace(SUITE, disturbances=Disturbances(thrust_scale=0.05))
+
+    def motion_of(times):
+        table, joints = craft.on_table().tree, planar_motion()
+        edges = [0.0, burn.time, burn.end, times[-1]]
+        parts, state = [], {"momentum_W": np.zeros(6)}
+        for k, (start, end) in enumerate(pairwise(edges)):
+            grid = np.unique([start, *times[(times > start) & (times < end)], end])
+            base, momentum = propagate_forced(
+                table, joints, PLANAR_TARGET.to_standard_vector(), grid, None,
+                wrench_B=burn.wrench_B * (k == 1), **state,
+            )  # fmt: skip
+            kept = np.isin(grid, times) & ((grid < end) | (end == times[-1]))
+            parts.append({name: value[kept] for name, value in vars(base).items()})
+            state = {
+                "momentum_W": momentum,
+                "quaternion_WB": base.quaternion_WB[-1],
+                "p_WB": base.p_WB[-1],
+            }
+        whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        return BaseTrajectory(**whole).to_telemetry(craft.joint_names, times, joints)
+
+    ideal = ideal_measurements(suite, craft.joint_names, motion_of, planar_motion().duration)
+    log = add_noise(suite, ideal.updated({THRUST: log_of_burns([burn])}), seed)
+    found = identify(craft, log, sensors=suite, planar=True)
+    assert found.doubts == ()
+    assert found.momentum_changes.count == 0
+    assert np.abs(planar_errors(found)).max() < 3.5
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.03, 0.5])
+def test_blocks_end_where_the_thrust_changes(flight, shift):
+    """The same blocks in chunks of any length; each has every sample once."""
+    changes = flight.log.thrust_changes
+    log = flight.log.thrust
+    moved = flight.log.updated({THRUST: Samples(log.time - changes[0] + 3 + shift, log.value)})
+    queue = BlockQueue.of(flight.suite)
+    whole = list(blocks_of(queue, [moved]))
+    chunked = list(blocks_of(queue, stream_of(moved, 0.37)))
+    assert [b.start for b in chunked] == [b.start for b in whole]
+    assert [b.is_kicked for b in chunked] == [b.is_kicked for b in whole]
+    starts = {round(b.start, 9) for b in whole if b.is_kicked}
+    assert starts == {round(t, 9) for t in moved.thrust_changes}
+    assert sum(len(b.samples.encoders) for b in whole) == len(moved.encoders)
+    for one, following in pairwise(whole):
+        assert one.end == following.start
+        assert one.end - one.start > 0.1
+
+
+def test_a_kick_changes_the_accelerations_of_the_joints(flight):
+    """A step of the accelerations at the start of a block is followed; its sensors show it."""
+    suite = replace(flight.suite, joint_rates=None)
+    time = np.arange(0, 2.001, 0.01)
+    angle = 0.1 * np.sin(time) + np.where(time > 1, 0.4 * (time - 1) ** 2, 0.0)
+    names = flight.craft.joint_names
+    value = np.tile(angle[:, None], (1, len(names)))
+    samples = Measurements(names, encoders=Samples(time, value))
+    first = joint_block(-1e-7, 1.0, after(samples, -1e-7, 1.0), suite, None)
+    late = after(samples, 1.0, 2.0)
+    blocks = [
+        joint_block(1.0, 2.0, late, suite, first.track, is_kicked=is_kicked)
+        for is_kicked in (True, False)
+    ]
+    before, later = -0.1 * np.sin(1.0), 0.8 - 0.1 * np.sin(1.0)
+    kicked, steady = (2 * block.coefficients[2] / TIME_SCALE**2 for block in blocks)
+    np.testing.assert_allclose(kicked, later, rtol=0.1)
+    np.testing.assert_allclose(steady, before, rtol=0, atol=0.5 * (later - before))

@@ -1,0 +1,264 @@
+"""No path to an answer leads around the gate: what is wrong is estimated, or the answer doubted."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from sensing_cases import (
+    MOMENTUM,
+    Sines,
+    coarse_suite,
+    log_of,
+    measured,
+    small_craft,
+    true_telemetry,
+)
+
+from cpid_drake import InertialParameters, TotalMomentum, identify
+from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.estimation.least_squares import solution_of_information
+from cpid_drake.identification import checked_log
+from cpid_drake.identification.description import describe, result_of
+from cpid_drake.identification.result import Identification, MomentumEstimate
+from cpid_drake.identification.result_files import Source, SpacecraftReference
+from cpid_drake.identification.trust import gated
+from cpid_drake.report.replay import estimate_text
+from cpid_drake.sensing.measurement_stream import Stream
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.noise import add_noise
+
+DURATION = 6.0
+METHODS = ("least_squares", "recursive_fit", "trajectory_fit")
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return Sines.drawn(4, seed=101, duration=DURATION, size=0.6)
+
+
+@pytest.fixture(scope="module")
+def suite():
+    return coarse_suite()
+
+
+def errors_in_sigma(found, target):
+    return (found.parameters - target.to_vector()) / np.sqrt(np.diag(found.covariance))
+
+
+class TestMomentum:
+    @pytest.mark.parametrize("estimator", METHODS)
+    def test_a_forgotten_tumble_is_estimated(self, craft, motion, suite, skewed_target, estimator):
+        samples = measured(craft, motion, skewed_target, suite, momentum_W=MOMENTUM)
+        samples = add_noise(suite, samples, seed=3)
+        found = identify(craft, samples, sensors=suite, estimator=estimator)
+        assert found.momentum == "unknown"
+        assert found.is_trustworthy
+        assert any("momentum was estimated" in warning for warning in found.warnings)
+        assert np.abs(errors_in_sigma(found, skewed_target)).max() < 5
+
+    @pytest.mark.parametrize("estimator", METHODS)
+    def test_a_tumble_that_is_said_to_be_zero_is_not_believed(
+        self, craft, motion, suite, skewed_target, estimator
+    ):
+        samples = measured(craft, motion, skewed_target, suite, momentum_W=MOMENTUM)
+        zero = TotalMomentum.zero()
+        found = identify(craft, samples, sensors=suite, estimator=estimator, momentum=zero)
+        if np.isfinite(found.parameters).any():
+            assert "--momentum unknown" in found.doubts[0]
+
+    @pytest.mark.parametrize("estimator", METHODS)
+    def test_a_momentum_of_zero_is_believed(self, craft, motion, suite, skewed_target, estimator):
+        samples = add_noise(suite, measured(craft, motion, skewed_target, suite), seed=4)
+        zero = TotalMomentum.zero()
+        found = identify(craft, samples, sensors=suite, estimator=estimator, momentum=zero)
+        assert found.momentum == "zero"
+        assert found.is_trustworthy
+
+    @pytest.mark.parametrize("momentum_W", [None, MOMENTUM])
+    def test_the_beginning_of_a_long_log_is_tested(
+        self, craft, motion, suite, skewed_target, monkeypatch, momentum_W
+    ):
+        monkeypatch.setattr(checked_log, "LONGEST_HEAD", 100)
+        samples = measured(craft, motion, skewed_target, suite, momentum_W=momentum_W)
+        samples = add_noise(suite, samples, seed=3)
+        edges = [-1.0, 2.0, 4.0, DURATION + 1]
+        chunks = [samples.between(a + 1e-6, b) for a, b in pairwise(edges)]
+        stream = Stream(samples.joint_names, lambda: iter(chunks))
+        found = identify(craft, stream, sensors=suite)
+        assert found.momentum == ("zero" if momentum_W is None else "unknown")
+        assert found.is_trustworthy
+        assert np.abs(errors_in_sigma(found, skewed_target)).max() < 5
+
+    def test_eq18_says_that_it_cannot_estimate_a_momentum(self, craft, motion, skewed_target):
+        times = np.arange(0.0, DURATION, 0.02)
+        log = log_of(
+            true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times, MOMENTUM)
+        )
+        found = identify(craft, log, rows="eq18")
+        assert "eq18 cannot estimate it" in found.doubts[0]
+
+    @pytest.mark.parametrize("momentum_W", [None, MOMENTUM])
+    def test_standard_rows_test_the_momentum_for_eq18(
+        self, craft, motion, suite, skewed_target, momentum_W
+    ):
+        samples = measured(craft, motion, skewed_target, suite, momentum_W=momentum_W)
+        found = identify(craft, add_noise(suite, samples, seed=3), sensors=suite, rows="eq18")
+        assert any("eq18 cannot estimate it" in d for d in found.doubts) == (momentum_W is not None)
+
+    def test_the_probability_of_zero_is_that_of_chi_squared(self):
+        covariance = np.diag([4.0, 9.0])
+        # χ² with two degrees of freedom: P = exp(-χ²/2)
+        estimate = MomentumEstimate(np.array([2.0, -6.0]), covariance)
+        assert estimate.probability_of_zero == pytest.approx(np.exp(-(1 + 4) / 2))
+        assert MomentumEstimate(np.zeros(2), covariance).probability_of_zero == 1.0
+
+
+class TestBodies:
+    """Only estimates that some rigid body may have pass."""
+
+    def found(self, parameters, sigmas) -> Identification:
+        """Return an identification with independent errors of its relative unknowns."""
+        form = relative_parameterization(400.0)
+        psi = form.from_parameters(np.array(parameters, dtype=float))
+        jacobian = form.jacobian(psi)
+        information = jacobian.T @ np.diag(np.array(sigmas, dtype=float) ** -2.0) @ jacobian
+        solution = solution_of_information(psi, information, 1e6 * np.ones(10))
+        return Identification(form, solution, 100, "trajectory_fit")
+
+    @pytest.mark.parametrize(
+        ("moments", "sigma", "is_trusted"),
+        [
+            ((5.0, 6.0, 7.0), 0.01, True),
+            ((5.0, 6.0, 11.2), 0.1, True),  # beyond the triangle inequality by one σ
+            ((5.0, 6.0, 12.5), 0.1, False),  # by nine σ
+            ((5.0, 6.0, 11.0), 1e-9, True),  # a flat body
+            ((-2.0, 6.0, 7.0), 0.1, False),
+        ],
+    )
+    def test_the_distance_to_a_rigid_body_is_measured_in_sigma(self, moments, sigma, is_trusted):
+        found = self.found([50, 0.1, 0, 0, *moments, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [sigma]])
+        assert gated(found).is_trustworthy == is_trusted
+
+    def test_a_negative_mass_is_doubted(self):
+        found = self.found([-10, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [1.0, *3 * [1e-3], *6 * [0.1]])
+        assert "m = -10 ± 2" in gated(found).doubts[0]
+
+    def test_known_moments_are_tested_even_if_other_parameters_are_not_known(self):
+        """The three products of inertia are open; the moments violate the triangle inequality."""
+        for moments, is_trusted in (((5.0, 6.0, 7.0), True), ((5.0, 6.0, 12.5), False)):
+            form = relative_parameterization(400.0)
+            psi = form.from_parameters(np.array([50, 0, 0, 0, *moments, 0, 0, 0], dtype=float))
+            sigma = np.array([1.0, *3 * [0.1], 0.1, 1e9, 1e9, 0.1, 1e9, 0.1])
+            found = solution_of_information(psi, np.diag(sigma**-2.0), 1e6 * np.ones(10))
+            found = Identification(form, found, 100, "trajectory_fit")
+            assert found.solution.rank == 7
+            assert gated(found).is_trustworthy == is_trusted
+
+    def test_an_uncertainty_that_is_not_a_number_is_doubted(self):
+        found = self.found([50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
+        broken = replace(found.solution, covariance=np.full((10, 10), np.nan))
+        assert "uncertainty" in gated(replace(found, solution=broken)).doubts[0]
+
+    def test_a_solver_that_fails_is_a_doubt_and_no_crash(self, monkeypatch):
+        def fail(phi, information):
+            raise RuntimeError("the solver failed")
+
+        monkeypatch.setattr("cpid_drake.dynamics.inertia.nearest_consistent", fail)
+        # The triangle inequality holds along C's axes, but not along the principal ones.
+        parameters = [50, 0.1, 0, 0, 8.9, 8.9, 9.1, 8.0, 0, 0]
+        found = self.found(parameters, [0.1, *3 * [1e-3], *6 * [1e-3]])
+        assert found.consistent is None
+        assert "no rigid body is near" in gated(found).doubts[0]
+        assert "no rigid body is near" in estimate_text(found)
+        assert np.isnan(found.spatial_inertia().get_mass())
+        reference = SpacecraftReference("model.urdf", "base", "capture")
+        source = Source("log.csv", None, None, "zero", {}, False, "cpid", 0.0, 1.0, None)
+        result = result_of(gated(found), reference, [source])
+        assert result.feasible is None
+        assert any("no rigid body is near" in line for line in describe(found, result))
+
+    def test_an_answer_without_numbers_is_not_doubted(self):
+        found = self.found([50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], 10 * [1e9])
+        assert not np.isfinite(found.parameters).any()
+        assert gated(replace(found, converged=False)).is_trustworthy
+
+    @pytest.mark.parametrize(
+        "change",
+        [{"converged": False}, {"misfit": 11.0}, {"unexplained": 0.2}, {"rejected": {"gyro": 101}}],
+    )
+    def test_every_other_reason_is_enough(self, change):
+        found = self.found([50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
+        assert gated(found).is_trustworthy
+        assert len(gated(replace(found, **change)).doubts) == 1
+
+    def test_larger_white_noise_is_no_reason(self):
+        found = self.found([50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
+        assert gated(replace(found, misfit=5.0)).is_trustworthy
+        assert not gated(replace(found, misfit=5.0, rows="standard")).is_trustworthy
+
+
+class TestNoiseInRegressors:
+    @pytest.mark.parametrize("decimals", [6, 9, 12])
+    def test_rounding_is_no_information(self, craft, skewed_target, decimals):
+        """One joint turns the target about one axis: 7 of 10 combinations can be known."""
+        motion = Sines.drawn(4, seed=101, duration=DURATION, size=0.6)
+        amplitudes = np.zeros_like(motion.amplitude)
+        amplitudes[:, 3] = motion.amplitude[:, 3]
+        motion = replace(motion, amplitude=amplitudes)
+        times = np.arange(0.0, DURATION, 0.02)
+        telemetry = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
+        exact = identify(craft, log_of(telemetry))
+        rounded = identify(craft, log_of(telemetry, decimals))
+        assert rounded.solution.rank <= max(exact.solution.rank, 9)
+        known = np.isfinite(rounded.parameters)
+        assert np.all(np.abs(errors_in_sigma(rounded, skewed_target)[known]) < 5)
+
+    @pytest.mark.parametrize("decimals", [3, 4, 6, 9])
+    def test_intervals_of_rounded_logs_hold(self, craft, motion, skewed_target, decimals):
+        times = np.arange(0.0, DURATION, 0.02)
+        telemetry = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
+        found = identify(craft, log_of(telemetry, decimals))
+        assert found.is_trustworthy
+        assert np.abs(errors_in_sigma(found, skewed_target)).max() < 4
+
+    def test_a_joint_whose_zero_is_off_is_not_noise(self, craft, motion, skewed_target):
+        """The residuals are small, but larger than the noise in an exact log."""
+        times = np.arange(0.0, DURATION, 0.02)
+        telemetry = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
+        assert identify(craft, log_of(telemetry)).is_trustworthy
+        spoiled = replace(telemetry, q=telemetry.q + np.array([0.0, 0.0, 0.02, 0.0]))
+        assert not identify(craft, log_of(spoiled)).is_trustworthy
+
+    @pytest.mark.parametrize("estimator", METHODS)
+    def test_a_wrong_joint_in_a_noisy_log_is_doubted(
+        self, craft, motion, suite, skewed_target, estimator
+    ):
+        samples = add_noise(suite, measured(craft, motion, skewed_target, suite), seed=5)
+        encoders = samples.encoders
+        value = encoders.value + np.array([0.0, 0.0, 0.1, 0.0])
+        spoiled = samples.updated({"encoders": Samples(encoders.time, value)})
+        found = identify(craft, spoiled, sensors=suite, estimator=estimator)
+        assert not (found.is_trustworthy and np.isfinite(found.parameters).any())
+
+    @pytest.mark.parametrize("rate", [12.0, 50.0])
+    def test_an_exact_log_without_rates_is_trusted(self, craft, motion, skewed_target, rate):
+        """The splines of slow samples have errors that are larger than the noise, but small."""
+        times = np.arange(0.0, DURATION, 1 / rate)
+        telemetry = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
+        samples = log_of(telemetry).samples
+        poses = {n: samples[n] for n in ("attitude", "gyro", "position", "encoders")}
+        found = identify(craft, Measurements(telemetry.joint_names, poses))
+        assert found.is_trustworthy
+        assert found.parameters[0] == pytest.approx(skewed_target.mass, rel=1e-3)
+
+
+def test_an_exact_point_mass_is_not_doubted(tmp_path):
+    """Its inertia about its centre of mass is zero up to rounding, of either sign."""
+    craft = small_craft(tmp_path)
+    point = InertialParameters(20.0, [0.4, 0.1, -0.2], np.zeros((3, 3)))
+    exact = true_telemetry(
+        craft.tree, craft.joint_names, Sines.drawn(4, 1, 10.0), point, np.arange(0, 10, 0.1)
+    )
+    for rows in ("standard", "relative", "eq18"):
+        assert identify(craft, exact, rows=rows).is_trustworthy

@@ -1,0 +1,243 @@
+"""Errors that the sensors do not declare are named, if they change the target."""
+
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
+
+from cpid_drake import InertialParameters, TargetPrior, TotalMomentum
+from cpid_drake.identification import undeclared
+from cpid_drake.identification.checked_log import check_log
+from cpid_drake.identification.description import result_of
+from cpid_drake.identification.error_fit import LogPart, fit_errors
+from cpid_drake.identification.held_out import held_out
+from cpid_drake.identification.identify import identify
+from cpid_drake.identification.problem import Problem
+from cpid_drake.identification.result_files import SpacecraftReference
+from cpid_drake.identification.undeclared import with_plausible
+from cpid_drake.identification.validation import validate
+from cpid_drake.sensing.measurement_stream import joined
+from cpid_drake.sensing.noise import SensorNoise, add_noise
+from cpid_drake.sensing.suite import check_sensors
+
+HIDDEN = {
+    "attitude.delay": ("attitude", "delay_ms", 30.0),
+    "gyro.scale": ("gyro", "scale_ppm", 3000.0),
+    "gyro.delay": ("gyro", "delay_ms", 30.0),
+    "encoders.zero": ("encoders", "zero_mrad", 5.0),
+}
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return Sines.drawn(4, seed=101, duration=10.0, size=0.6)
+
+
+@pytest.fixture(scope="module")
+def log(craft, motion, skewed_target):
+    """Return a function from hidden errors to a noisy log and the drawn errors."""
+
+    def make(name="", seed=4, target=skewed_target):
+        suite = deepcopy(coarse_suite())
+        if name:
+            sensor, key, value = HIDDEN[name]
+            setattr(suite[sensor], key, value)
+        ideal = measured(craft, motion, target, suite)
+        return add_noise(suite, ideal, seed), SensorNoise(suite, seed)
+
+    return make
+
+
+def test_a_clean_log_shows_no_errors(craft, log, skewed_target):
+    measurements, _ = log()
+    found = identify(craft, measurements, sensors=coarse_suite())
+    assert found.is_trustworthy
+    assert not any("do not declare" in warning for warning in found.warnings)
+    error = found.parameters - skewed_target.to_vector()
+    assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_hidden_error_is_named_with_its_value(craft, log, name):
+    measurements, truth = log(name)
+    found = identify(craft, measurements, sensors=coarse_suite())
+    assert not found.is_trustworthy
+    sensor, key, _ = HIDDEN[name]
+    assert "do not declare" in found.doubts[0]
+    assert f"{sensor}: {{{key}: " in found.doubts[0]
+    assert [effect.name for effect in found.undeclared.effects] == [name]
+    prediction = found.undeclared.held_out
+    assert prediction.seconds == pytest.approx(10 / 3, abs=1.0)
+    assert prediction.chi_squared == pytest.approx(1.0, abs=0.3)
+    assert prediction.without > 100
+    assert prediction.describe() in "\n".join(found.undeclared.lines())
+    record = result_of(found, SpacecraftReference("craft.urdf", "base", "C")).undeclared
+    assert record.proposed
+    assert record.held_out.chi_squared == prediction.chi_squared
+    if name == "attitude.delay":
+        [effect] = found.undeclared.effects
+        delay = 1e3 * truth.constants("attitude").delay
+        assert abs(effect.value[0] - delay) < 4 * effect.sigma[0]
+        assert f"{effect.value[0]:.3g} ± " in found.doubts[0]
+
+
+def test_an_error_that_does_not_predict_the_end_is_not_proposed(craft, log):
+    """A position that drifts like one under an acceleration, and is then calibrated again."""
+    measurements, _ = log()
+    position = measurements.position
+    drift = np.where(position.time < 7.0, 0.5e-3 * position.time**2, 0.0)
+    position = replace(position, value=position.value + drift[:, None] * np.eye(3)[0])
+    drifting = measurements.updated({"position": position})
+    momentum = TotalMomentum.zero()
+    found = identify(craft, drifting, sensors=coarse_suite(), momentum=momentum)
+    undeclared = found.undeclared
+    assert [effect.name for effect in undeclared.effects] == ["acceleration"]
+    assert undeclared.gain > 100  # it explains the whole log
+    assert undeclared.held_out.without < 0.5 * undeclared.held_out.chi_squared
+    assert not undeclared.is_proposed
+    said = " ".join((*found.doubts, *found.warnings, *undeclared.lines()))
+    assert "the cause is not known" in said
+    assert "do not predict better" in said
+    assert "add it to" not in said
+    assert "to declare them" not in said
+
+
+def test_the_end_is_predicted_from_the_beginning_alone(craft, log, motion, skewed_target):
+    """As `validate` predicts it with the target of an identification from the beginning."""
+    suite, (measurements, _) = coarse_suite(), log()
+    zero = TotalMomentum.zero()
+    options = {"sensors": suite, "momentum": zero}
+    problem = Problem(craft, check_log(craft, measurements, suite), None, suite, zero)
+    psi = true_psi(craft, skewed_target)
+    seconds = held_out([LogPart(problem)], [LogPart(problem)], (psi, psi)).seconds
+    cut = round(10.0 - seconds, 6)  # the last sample of the beginning
+    heavier = InertialParameters(60.1, [0.5, -0.12, 0.08], skewed_target.I_TTcm_C)
+    other, _ = log(target=heavier)
+    mixed = {
+        name: samples.where(samples.time <= cut)
+        for name, samples in measurements.items()
+        if len(samples)
+    }
+    mixed = joined([measurements.updated(mixed), other.between(np.nextafter(cut, np.inf), np.inf)])
+    # So large an expected misfit that no block is left out of a fit.
+    parts = [LogPart(problem.with_measurements(mixed), misfit=100.0)]
+    found = held_out(parts, parts, (psi, psi))
+    assert found.chi_squared == found.without
+    assert found.chi_squared > 10
+    beginning = identify(craft, mixed.between(0.0, cut), **options)
+    target = TargetPrior("the beginning", beginning.parameters, beginning.covariance)
+    errors = validate(craft, target, mixed, beginning=2 / 3, **options).errors
+    squares = np.average([e.in_sigma**2 for e in errors], weights=[e.samples for e in errors])
+    assert found.chi_squared == pytest.approx(squares, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_declared_error_is_estimated(craft, log, skewed_target, name):
+    """Its interval and those of the target contain the truth, and nothing is doubted."""
+    measurements, truth = log(name)
+    sensor, key, value = HIDDEN[name]
+    suite = deepcopy(coarse_suite())
+    setattr(suite[sensor], key, value)
+    found = identify(craft, measurements, sensors=suite)
+    assert found.is_trustworthy
+    error = found.parameters - skewed_target.to_vector()
+    assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
+    [effect] = found.effects
+    drawn = truth.constants(sensor, 4)
+    true = {
+        "delay": 1e3 * drawn.delay,
+        "scale": 1e6 * np.diag(drawn.scale),
+        "zero": 1e3 * drawn.zero,
+    }[name.rpartition(".")[2]]
+    assert effect.name == name
+    assert (np.abs(effect.value - true) < 4 * effect.sigma).all()
+    assert effect.is_learned
+    assert (effect.sigma <= effect.prior_sigma).all()
+
+
+def test_plausible_errors_do_not_replace_declared_ones():
+    suite = deepcopy(coarse_suite())
+    suite.attitude.delay_ms = 1.5
+    full = with_plausible(suite)
+    assert full.attitude.delay_ms == 1.5
+    assert min(full.gyro.delay_ms, full.position.lever_arm_mm, full.encoders.zero_mrad) > 0
+    assert full.disturbances.acceleration > 0
+    assert suite.gyro.delay_ms == 0
+    check_sensors(full, "sensors")
+
+
+def test_an_error_that_does_not_matter_is_a_warning(craft, log, motion, skewed_target):
+    """A lever arm of the position, with an excellent attitude, hardly changes the target."""
+    suite = deepcopy(coarse_suite())
+    hidden = replace(suite, position=replace(suite.position, lever_arm_mm=10.0))
+    hidden.position.sigma = suite.position.sigma = 0.02
+    ideal = measured(craft, motion, skewed_target, hidden)
+    found = identify(craft, add_noise(hidden, ideal, 4), sensors=suite)
+    assert found.is_trustworthy
+
+
+def test_intervals_include_an_error_that_is_too_small_to_be_proposed(craft, motion, skewed_target):
+    """Between what is not seen and what is named, an answer must not be confidently wrong."""
+    suite = deepcopy(coarse_suite())
+    suite.gyro.scale_ppm = 28.0
+    log = add_noise(suite, measured(craft, motion, skewed_target, suite), 4)
+    found = identify(craft, log, sensors=coarse_suite())
+    assert found.is_trustworthy
+    assert not found.undeclared.effects
+    probability = found.undeclared.suspected["gyro.scale"]
+    assert 0.1 < probability < 0.99
+    assert any(f"gyro.scale (probability {probability:.2g})" in each for each in found.warnings)
+    plain = identify(craft, log, sensors=coarse_suite(), is_final=False)
+    np.testing.assert_array_equal(found.parameters, plain.parameters)
+    scale = np.sqrt(np.diag(plain.covariance))
+    wider = (found.covariance - plain.covariance) / scale / scale[:, None]
+    assert np.linalg.eigvalsh(wider).max() > 2.0
+    assert np.linalg.eigvalsh(wider).min() > -1e-6
+    shown = found.consistency.intervals
+    np.testing.assert_allclose(shown, found.intervals, rtol=1e-9)
+    error = skewed_target.to_vector() - found.parameters
+    assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance))).all()
+
+
+def test_intervals_of_a_clean_log_are_those_of_the_fit(craft, log):
+    measurements, _ = log()
+    found = identify(craft, measurements, sensors=coarse_suite())
+    plain = identify(craft, measurements, sensors=coarse_suite(), is_final=False)
+    np.testing.assert_array_equal(found.covariance, plain.covariance)
+
+
+@pytest.mark.parametrize(("share", "is_explained"), [(0.3, True), (0.9, False)])
+def test_errors_that_leave_out_most_of_a_log_do_not_explain_it(
+    craft, log, monkeypatch, share, is_explained
+):
+    """The rest of the log may agree with them by chance."""
+    measurements, _ = log("gyro.scale")
+    monkeypatch.setattr(
+        undeclared, "fit_errors", lambda *given: replace(fit_errors(*given), lost=share)
+    )
+    found = identify(craft, measurements, sensors=coarse_suite())
+    assert not found.is_trustworthy
+    assert found.undeclared.is_explained == is_explained
+    assert (found.undeclared.held_out is not None) == is_explained
+    assert ("do not declare" in found.doubts[0]) == is_explained
+
+
+def test_a_fit_tells_how_much_of_a_log_it_leaves_out(craft, log, skewed_target):
+    """A piece that nothing explains is counted, also where sensors are slow."""
+    measurements, _ = log()
+    encoders, suite = measurements.encoders, coarse_suite()
+    scaled = measurements.updated({"encoders": replace(encoders, value=1.3 * encoders.value)})
+    lost = []
+    for samples in (measurements, scaled):
+        checked = check_log(craft, samples, suite)
+        problem = Problem(craft, checked, None, with_plausible(suite), TotalMomentum.zero())
+        lost.append(fit_errors([LogPart(problem)], true_psi(craft, skewed_target)).lost)
+    assert lost[0] < 0.01
+    assert lost[1] > 0.9

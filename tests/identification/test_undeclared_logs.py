@@ -1,0 +1,114 @@
+"""Errors that the sensors do not declare are named from several logs, and on a table."""
+
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planar_cases import SUITE, TARGET, planar_craft
+from planar_cases import motion as planar_motion
+from sensing_cases import Sines, coarse_suite, measured, small_craft
+
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.identification.identify import identify, identify_together
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.noise import SensorNoise, add_noise
+
+PUSH = np.array([1e-3, -5e-4, 0.0])
+
+
+def pushed(log: Measurements) -> Measurements:
+    """Return a log with the motion under a steady acceleration in the plane."""
+    position = log.position
+    way = 0.5 * position.time[:, None] ** 2 * PUSH
+    return log.updated({"position": replace(position, value=position.value + way)})
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """A spacecraft on a table whose normal is no axis of C."""
+    return planar_craft(tmp_path_factory.mktemp("planar"), grip_rpy="0.4 -0.3 0.7")
+
+
+@pytest.fixture(scope="module")
+def logs(craft, skewed_target):
+    """Two clean logs."""
+    motions = (Sines.drawn(4, seed=seed, duration=10.0, size=0.6) for seed in (101, 102))
+    suite = coarse_suite()
+    return [
+        add_noise(suite, measured(craft, motion, skewed_target, suite), seed=10)
+        for motion in motions
+    ]
+
+
+def test_clean_logs_show_no_errors(craft, logs):
+    found = identify_together(craft, dict(zip("ab", logs)), sensors=coarse_suite())
+    assert found.is_trustworthy
+    assert found.undeclared.effects == ()
+
+
+def test_a_force_is_named_with_its_log(craft, logs):
+    mixed = {"a": logs[0], "b": pushed(logs[1])}
+    found = identify_together(craft, mixed, sensors=coarse_suite())
+    undeclared = found.undeclared
+    [effect] = undeclared.effects
+    assert (effect.name, effect.log) == ("acceleration", "b")
+    assert (np.abs(effect.value - PUSH) < 4 * effect.sigma).all()
+    assert effect.describe().endswith("during b")
+    assert undeclared.declaration == ["disturbances: {acceleration: 0.001}"]
+    assert undeclared.held_out.chi_squared == pytest.approx(1.0, abs=0.3)
+    assert undeclared.held_out.without > 5
+    assert not found.is_trustworthy
+    assert "do not declare" in found.doubts[0]
+
+
+def test_an_error_of_a_sensor_on_a_table_is_named(table):
+    """A delay so large that nothing explains some blocks without it."""
+    suite = deepcopy(SUITE)
+    suite.attitude.delay_ms = 30.0
+    log = add_noise(suite, measured(table.on_table(), planar_motion(), TARGET, suite), 5)
+    found = identify(table, log, sensors=SUITE, planar=True)
+    [effect] = found.undeclared.effects
+    assert effect.name == "attitude.delay"
+    delay = 1e3 * SensorNoise(suite, 5).constants("attitude").delay
+    assert abs(effect.value[0] - delay) < 4 * effect.sigma[0]
+    assert found.undeclared.held_out.chi_squared == pytest.approx(1.0, abs=0.3)
+    assert "add it to" in found.doubts[0]
+
+
+def test_a_table_out_of_level_is_named_with_its_log(table):
+    clean = [
+        add_noise(SUITE, measured(table.on_table(), planar_motion(k), TARGET, SUITE), 4 + k)
+        for k in (0, 1)
+    ]
+    mixed = {"level": clean[0], "tilted": pushed(clean[1])}
+    options = {"sensors": SUITE, "planar": True, "momentum": TotalMomentum.unknown()}
+    found = identify_together(table, mixed, **options)
+    [effect] = found.undeclared.effects
+    assert (effect.name, effect.log) == ("acceleration", "tilted")
+    assert (np.abs(effect.value - PUSH) < 4 * effect.sigma)[:2].all()
+    assert found.undeclared.is_proposed
+
+
+def test_a_clean_log_on_a_table_shows_no_errors(table):
+    log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
+    found = identify(table, log, sensors=SUITE, planar=True)
+    assert found.is_trustworthy
+    assert found.undeclared.effects == ()
+
+
+def test_the_diagnosis_does_not_depend_on_the_orientation_of_c(table, tmp_path):
+    level = planar_craft(tmp_path, grip_rpy="0 0 0")
+    log = add_noise(SUITE, measured(level.on_table(), planar_motion(), TARGET, SUITE), 4)
+    options = {"sensors": SUITE, "planar": True, "momentum": TotalMomentum.unknown()}
+    one, other = (identify(craft, pushed(log), **options).undeclared for craft in (level, table))
+    assert [effect.name for effect in one.effects] == ["acceleration"]
+    np.testing.assert_allclose(other.effects[0].value, one.effects[0].value, rtol=1e-3, atol=1e-8)
+    assert other.gain == pytest.approx(one.gain, rel=1e-3)
+    # The fit without the force finds two or three changes of momentum, depending on rounding.
+    assert min(one.shift, other.shift) > 5

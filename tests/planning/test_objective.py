@@ -1,0 +1,129 @@
+"""Criteria of a motion, and their exact gradients."""
+
+import time
+
+import numpy as np
+import pytest
+
+from cpid_drake import InputError
+from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
+from cpid_drake.planning.families import FAMILIES
+from cpid_drake.planning.limits import LimitedFamily, MotionLimits
+from cpid_drake.planning.objective import (
+    CRITERIA,
+    Objective,
+    PlausibleTarget,
+    check_criterion,
+)
+
+
+def objective(case, criterion="worst", targets=None, joints=4) -> Objective:
+    craft, motion = case.spacecraft, case.case.motion
+    start = motion.evaluate(0.0)[0]
+    family = FAMILIES["spline"](
+        craft.joint_names, start, start, np.arange(joints), case.case.duration, 0.4
+    )
+    targets = targets or (PlausibleTarget(case.parameters),)
+    return Objective(case.model, family, targets, criterion)
+
+
+def parameters(objective, *shape, seed=3) -> np.ndarray:
+    family = objective.family
+    size = np.random.default_rng(seed).normal(size=(*shape, family.count, len(family.moving)))
+    return 0.2 * size
+
+
+def other_target(case) -> PlausibleTarget:
+    return PlausibleTarget(case.parameters * np.array([0.5, *3 * [0.8], *6 * [0.7]]))
+
+
+def check_gradient(goal, x, h, tolerance) -> None:
+    """Compare the gradient along random directions with differences of sixth order."""
+    values, gradient = goal.components(x)
+    for seed in range(3):
+        d = parameters(goal, seed=seed)
+        d /= np.linalg.norm(d)
+        slopes = [
+            (goal.components(x + s * h * d)[0] - goal.components(x - s * h * d)[0]) / (2 * s * h)
+            for s in (1, 2, 3)
+        ]
+        found = gradient @ d.ravel()
+        limit = tolerance * np.abs(found).max()
+        np.testing.assert_allclose(found, np.dot([1.5, -0.6, 0.1], slopes), atol=limit)
+    assert len(values) == len(gradient)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_gradients_are_those_of_differences(exciting, criterion):
+    goal = objective(exciting, criterion)
+    check_gradient(goal, parameters(goal), 2e-3, 1e-6)
+
+
+def test_gradients_with_an_uncertain_spacecraft_and_two_targets(uncertain):
+    targets = PlausibleTarget(uncertain.parameters), other_target(uncertain)
+    goal = objective(uncertain, "worst", targets, joints=2)
+    check_gradient(goal, parameters(goal), 4e-2, 1e-3)
+
+
+def test_scores_are_the_largest_components(exciting):
+    targets = PlausibleTarget(exciting.parameters), other_target(exciting)
+    for criterion in CRITERIA:
+        goal = objective(exciting, criterion, targets)
+        x = parameters(goal, 2)
+        expected = [np.exp(goal.components(each)[0].max()) for each in x]
+        np.testing.assert_allclose(goal.scores(x), expected, rtol=1e-9)
+
+
+def test_criteria_of_a_covariance(exciting):
+    goal = objective(exciting)
+    x = parameters(goal, 1)
+    [[C]] = goal.covariances(goal.samples(x))
+    scores = {name: objective(exciting, name).scores(x)[0] for name in CRITERIA}
+    assert scores["worst"] == pytest.approx(np.sqrt(np.diag(C)).max())
+    assert scores["A"] == pytest.approx(np.sqrt(np.trace(C) / 10))
+    assert scores["D"] == pytest.approx(np.linalg.det(C) ** (1 / 20))
+    assert scores["E"] == pytest.approx(np.sqrt(np.linalg.eigvalsh(C)[-1]))
+
+
+def test_the_least_favourable_target_decides(exciting):
+    targets = PlausibleTarget(exciting.parameters), other_target(exciting)
+    x = parameters(objective(exciting), 3)
+    each = [objective(exciting, targets=(target,)).scores(x) for target in targets]
+    both = objective(exciting, targets=targets).scores(x)
+    np.testing.assert_allclose(both, np.max(each, axis=0))
+
+
+def test_what_is_known_before_bounds_the_result(exciting):
+    """With a prior of 1e-6 of the scale, the motion can only add to that."""
+    scale = parameter_scale(exciting.parameters, SCALE_LENGTH)
+    known = PlausibleTarget(exciting.parameters, np.diag((1e-6 * scale) ** -2))
+    goal = objective(exciting, targets=(known,))
+    assert goal.scores(parameters(goal, 1))[0] < 1e-6
+    without = objective(exciting)
+    assert without.scores(parameters(without, 1))[0] > 1e-6
+
+
+def test_random_motions_are_scored_fast_enough(exciting):
+    """10,000 candidates in 60 s with two processes are 12 ms for each; a slow machine has time."""
+    goal = objective(exciting, joints=12)
+    x = parameters(goal, 64)
+    goal.scores(x)
+    start = time.process_time()
+    goal.scores(x)
+    assert (time.process_time() - start) / 64 < 0.012
+
+
+def test_moving_less_teaches_less(exciting):
+    """Limits decide the precision: a tenth of the motion is much less certain."""
+    goal = objective(exciting)
+    limits = MotionLimits.of_model(exciting.spacecraft.limits)
+    limited = LimitedFamily(goal.family, limits)
+    x = parameters(goal)
+    x /= limited.usage(x).max()
+    full, tenth = goal.scores(np.stack([x, x / 10]))
+    assert tenth > 5 * full
+
+
+def test_an_unknown_criterion_is_refused():
+    with pytest.raises(InputError, match="no criterion 'best'"):
+        check_criterion("best")

@@ -1,0 +1,198 @@
+"""A target on a compliant wrist: momentum is conserved, and the modes are those of two bodies."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import eigvalsh
+
+from cpid_drake import (
+    InertialParameters,
+    InputError,
+    load_scenario,
+    make_simulation,
+    shipped_scenario,
+)
+from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.rotations import skew
+from cpid_drake.scenario.checks import check_scenario
+from cpid_drake.scenario.schema import WristConfig
+from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
+
+STIFFNESS = np.array([3.0, 4.0, 5.0])
+SPRINGS = np.array([400.0, 500.0, 600.0])
+
+
+def with_wrist(factor: float = 1.0, *, moves: bool = False):
+    """Return a scenario with a wrist whose springs and dampers are so many times as stiff."""
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    scenario.simulation.duration = 2.0
+    scenario.simulation.simulator.accuracy = 1e-10
+    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
+    scenario.simulation.wrist = WristConfig(
+        factor * STIFFNESS,
+        np.sqrt(factor) * np.array([0.5, 0.6, 0.7]),
+        factor * SPRINGS if moves else None,
+        np.sqrt(factor) * np.array([20.0, 30.0, 40.0]),
+    )
+    return scenario
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["turns", "turns and moves"])
+def compliant(request):
+    simulation = make_simulation(with_wrist(moves=request.param))
+    return simulation, simulation.run()
+
+
+def test_a_compliant_wrist_conserves_momentum(compliant):
+    """The rigid model alone does not: the target moves relative to C."""
+    simulation, context = compliant
+    telemetry = simulation.telemetry(context)
+    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    expected = simulation.expected_momentum(telemetry, context)
+    np.testing.assert_allclose(np.hstack([L, P]), expected, rtol=0, atol=1e-7)
+    [relative] = [sink.FindLog(context).data() for sink in simulation.forces.logs]
+    assert np.abs(relative).max() > 1e-2
+    assert np.abs(relative[:, 0]).max() < 1e-14, "the springs are relaxed at the start"
+
+
+def test_drake_finds_the_same_constant_momentum(compliant):
+    """Drake's sum over the bodies of the plant at the end is that of the start."""
+    simulation, context = compliant
+    plant_context = simulation.plant.GetMyContextFromRoot(context)
+    momentum = simulation.plant.CalcSpatialMomentumInWorldAboutPoint(plant_context, np.zeros(3))
+    expected = simulation.scenario.simulation.momentum_W
+    np.testing.assert_allclose(momentum.get_coeffs(), expected, rtol=0, atol=1e-7)
+
+
+def test_the_joints_follow_their_motion(compliant):
+    """The controller knows the wrist, so the spring disturbs no joint."""
+    simulation, context = compliant
+    telemetry = simulation.telemetry(context)
+    expected = simulation.joint_motion.evaluate(telemetry.time)[:, 0]
+    np.testing.assert_allclose(telemetry.q, expected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_stiff_wrist_is_a_rigid_grasp(moves):
+    rigid = with_wrist()
+    rigid.simulation.wrist = None
+    rigid = make_simulation(rigid)
+    expected = rigid.telemetry(rigid.run()).quaternion_WB[-1]
+    off = []
+    for factor in (1.0, 100.0):
+        simulation = make_simulation(with_wrist(factor, moves=moves))
+        found = simulation.telemetry(simulation.run()).quaternion_WB[-1]
+        off.append(np.linalg.norm(found - expected))
+    assert off[0] > 1e-4
+    assert off[1] < 0.03 * off[0]
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_modes_are_those_of_two_free_bodies(moves):
+    """With the joints at rest, spacecraft and target are two rigid bodies on a spring."""
+    scenario = with_wrist(moves=moves)
+    scenario.simulation.momentum_W = np.zeros(6)
+    simulation = make_simulation(scenario)
+    plant, size = simulation.plant, 6 if moves else 3
+    root = simulation.make_simulator().get_mutable_context()
+    context = plant.GetMyMutableContextFromRoot(root)
+    x = plant.GetPositionsAndVelocities(context)
+    places = np.setdiff1d(np.arange(plant.num_positions()), simulation.state_columns)
+    rates = np.setdiff1d(np.arange(plant.num_positions(), x.size), simulation.state_columns)
+    assert len(places) == len(rates) == size
+    port, step = plant.get_generalized_acceleration_output_port(), 1e-6
+
+    def accelerations(columns, change):
+        state = x.copy()
+        state[columns] += change
+        plant.SetPositionsAndVelocities(context, state)
+        return port.Eval(context)[rates - plant.num_positions()]
+
+    by_deflection, by_rate = (
+        np.transpose(
+            [
+                (accelerations(columns, each) - accelerations(columns, -each)) / (2 * step)
+                for each in step * np.eye(size)
+            ]
+        )
+        for columns in (places, rates)
+    )
+    found = np.sort(np.sqrt(-np.linalg.eigvals(by_deflection).real)) / (2 * np.pi)
+
+    tree, q = simulation.spacecraft.tree, simulation.joint_motion.evaluate(0.0)[0]
+    known = relative_dynamics(tree, q[None], 0 * q[None])
+    capture = simulation.spacecraft.plant.CreateDefaultContext()
+    simulation.spacecraft.plant.SetPositionsAndVelocities(capture, x[simulation.state_columns])
+    X_WC = simulation.spacecraft.capture_frame.CalcPoseInWorld(capture)  # B is at W
+    R = X_WC.rotation().matrix()
+    p_CK = R.T @ (known.p_BK[0] - X_WC.translation())
+    parts = [
+        (tree.mass, p_CK, R.T @ known.I_K[0] @ R),
+        (simulation.truth.mass, simulation.truth.p_CTcm_C, simulation.truth.I_TTcm_C),
+    ]
+    mobility = np.zeros((6, 6))
+    for mass, p, inertia in parts:
+        mixed = mass * skew(p)
+        about_C = inertia - mixed @ skew(p)
+        mobility += np.linalg.inv(np.block([[about_C, mixed], [mixed.T, mass * np.eye(3)]]))
+    reduced = np.linalg.inv(mobility)[:size, :size]
+    stiffness = np.diag(np.concatenate([STIFFNESS, SPRINGS])[:size])
+    expected = np.sqrt(eigvalsh(stiffness, reduced)) / (2 * np.pi)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    wrist = scenario.simulation.wrist
+    damping = np.diag(np.concatenate([wrist.damping, wrist.translational_damping])[:size])
+    expected_by_rate = -np.linalg.solve(reduced, damping)
+    np.testing.assert_allclose(by_rate, expected_by_rate, atol=1e-6 * np.abs(by_rate).max())
+    held = wrist.make().frequencies(simulation.truth.to_spatial_inertia())
+    assert (held < expected).all(), "a body that is free moves faster than one on a wall"
+
+
+def test_the_spacecraft_alone_has_its_own_coordinates(servicer, skewed_target):
+    """The coordinates of the wrist lie between those of the two arms."""
+    plant = servicer.make_simulation_plant(skewed_target, CompliantWrist(1e3 * STIFFNESS).connect)
+    columns = servicer.columns_in(plant)
+    assert (np.diff(columns) > 1).sum() == 2
+    x = np.random.default_rng(3).uniform(-0.5, 0.5, plant.num_multibody_states())
+    x[servicer.quaternion_columns] = [0.5, -0.5, 0.5, 0.5]
+    whole, alone = plant.CreateDefaultContext(), servicer.plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(whole, x)
+    servicer.plant.SetPositionsAndVelocities(alone, x[columns])
+    for name in ("capture_point", "operating_arm_link6"):
+        there, here = plant.GetFrameByName(name), servicer.plant.GetFrameByName(name)
+        assert there.CalcPoseInWorld(whole).IsNearlyEqualTo(here.CalcPoseInWorld(alone), 1e-12)
+        np.testing.assert_allclose(
+            there.CalcSpatialVelocityInWorld(whole).get_coeffs(),
+            here.CalcSpatialVelocityInWorld(alone).get_coeffs(),
+            atol=1e-12,
+        )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stiffness": np.array([3.0, 0.0, 5.0])}, "wrist.stiffness must be three numbers > 0"),
+        ({"damping": np.array([0.1, -0.1, 0.1])}, "wrist.damping must be three numbers >= 0"),
+        ({"translational_stiffness": np.zeros(3)}, "wrist.translational_stiffness must be three"),
+        ({"stiffness": 1e7 * STIFFNESS}, "highest natural frequency is .* Hz, the limit is 200 Hz"),
+    ],
+)
+def test_a_wrist_that_cannot_be_simulated_is_refused(change, message):
+    scenario = with_wrist()
+    scenario.simulation.wrist = replace(scenario.simulation.wrist, **change)
+    with pytest.raises(InputError, match=message):
+        make_simulation(scenario)
+
+
+def test_a_point_mass_cannot_turn_on_a_wrist():
+    point = InertialParameters(2.0, np.array([0.1, 0.0, 0.0]), np.zeros((3, 3)))
+    with pytest.raises(InputError, match="must have inertia in all directions"):
+        make_simulation(with_wrist(), target=point)
+
+
+def test_the_controller_must_know_the_target_on_a_wrist():
+    scenario = with_wrist()
+    scenario.controller.knows_target, scenario.controller.nominal_mass = False, 5.0
+    with pytest.raises(InputError, match="knows_target must be true with"):
+        check_scenario(scenario, "mine.yaml")

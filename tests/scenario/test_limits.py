@@ -1,0 +1,134 @@
+"""A scenario that asks too much is simulated all the same, and every limit it exceeds is named."""
+
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+from cpid_drake import load_scenario, make_simulation, shipped_scenario
+from cpid_drake.resources import models_directory
+from cpid_drake.scenario.limits import check_limits
+
+
+@pytest.fixture
+def checked(tmp_path):
+    """Return a function (scenario's name, edit of its YAML) -> its `LimitCheck`."""
+
+    def check(name, edit, tag=""):
+        text = shipped_scenario(name).read_text().replace("!MultiSineMotion", "")
+        document = yaml.safe_load(text)
+        edit(document)
+        motion = document.pop("joint_motion")
+        path = tmp_path / "edited.yaml"
+        flow = yaml.safe_dump(motion, default_flow_style=True, width=1000)
+        path.write_text(f"{yaml.safe_dump(document)}joint_motion: {tag} {flow}")
+        return check_limits(make_simulation(load_scenario(path)))
+
+    return check
+
+
+def test_a_position_beyond_its_limits_is_named_with_its_time(checked):
+    def edit(document):
+        document["joint_motion"]["final"]["operating_arm_joint4"] = -3.3
+
+    found = [text for text in checked("paper", edit).exceeded if "is at" in text]
+    assert found == ["operating_arm_joint4 is at -3.3 rad at 10 s, its limits are -3.1 and 3.1 rad"]
+
+
+def test_a_rate_beyond_its_limit_is_named_with_its_time(checked):
+    """Half the time: twice the rates, the largest at half time, and four times the efforts."""
+
+    def edit(document):
+        document["joint_motion"]["duration"] = 5.0
+        document["simulation"]["duration"] = 5.0
+
+    found = checked("paper", edit).exceeded
+    assert "capture_arm_joint4 moves at 0.565 rad/s" not in " ".join(found)  # its limit is 0.6
+    expected = np.pi / 5.0 * 1.5 / 2  # of the half cosine from 0.3 to -1.2 rad
+    assert f"capture_arm_joint2 moves at {expected:.3g} rad/s at 2.5 s, its limit is 0.4 rad/s" in (
+        found
+    )
+
+
+def test_a_wheels_torque_is_that_of_its_rotor(checked):
+    """A wheel that is 23 times as fast needs about the rotor's inertia times its acceleration."""
+
+    def edit(document):
+        sines = document["joint_motion"]
+        sines["amplitudes"]["wheel1_spin"][0] *= 23
+
+    (text,) = checked("single_arm_wheels", edit, "!MultiSineMotion").exceeded
+    needed, time = re.match(
+        r"wheel1_spin needs (\S+) N·m at (\S+) s, its motor gives 0.2 N·m$", text
+    ).groups()
+    scenario = load_scenario(shipped_scenario("single_arm_wheels"))
+    motion = scenario.make_joint_motion(scenario.spacecraft.make())
+    acceleration = 23 * motion.evaluate(float(time))[2, 0]
+    assert float(needed) == pytest.approx(0.01815 * abs(acceleration), rel=0.05)
+    assert float(needed) > 1.0
+
+
+def test_an_arm_through_the_bus_is_named(checked):
+    """Its shoulder turns the upper arm back by 2.4 rad, into the bus."""
+
+    def edit(document):
+        document["joint_motion"]["final"]["operating_arm_joint2"] = -2.4
+
+    found = " ".join(checked("paper", edit).exceeded)
+    assert re.search(r"bus and operating_arm_link2 overlap by 0\.\d+ m at \S+ s", found)
+
+
+def test_a_brief_overlap_between_the_motions_instants_is_found(checked):
+    """In a slow, wide motion the arm swings through the bus and out of it again."""
+
+    def edit(document):
+        motion = document["joint_motion"]
+        motion["initial"]["operating_arm_joint2"] = -1.3
+        motion["final"]["operating_arm_joint2"] = -1.3
+        motion["initial"]["operating_arm_joint1"] = -6.2
+        motion["final"]["operating_arm_joint1"] = 6.2
+
+    found = " ".join(checked("paper", edit).exceeded)
+    assert "operating_arm_link" in found
+    assert " overlap by " in found
+
+
+def test_the_efforts_are_those_of_the_scenarios_momentum(checked):
+    """A capture that tumbles fast needs efforts that the same motion at rest does not need."""
+
+    def edit(document):
+        document["simulation"]["momentum_W"] = [0.0, 0.0, 1500.0, 0.0, 0.0, 0.0]
+
+    assert checked("paper", lambda document: None).exceeded == ()
+    assert any(" needs " in text for text in checked("paper", edit).exceeded)
+
+
+def test_a_target_without_geometry_is_said_to_be_unchecked(checked):
+    def edit(document):
+        document["target"]["visual_model"] = None
+
+    assert checked("paper", edit).unchecked == (
+        "distances of captured_target (no collision geometry)",
+    )
+
+
+def test_a_motion_beyond_all_numbers_is_not_checked(checked):
+    def edit(document):
+        document["simulation"]["momentum_W"] = [1e300] * 6
+
+    found = checked("paper", edit)
+    assert found.exceeded == ()
+    assert found.unchecked == ("limits (the motion of the base is not finite)",)
+
+
+def test_a_joint_without_an_effort_limit_is_said_to_be_unchecked(tmp_path):
+    text = (models_directory() / "free_flyer" / "free_flyer.urdf").read_text()
+    text = re.sub(r"  <transmission.*</transmission>\n", "", text, flags=re.S)
+    (tmp_path / "flyer.urdf").write_text(text.replace(' effort="1"', ' effort="0"'))
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    scenario.spacecraft.model = str(tmp_path / "flyer.urdf")
+    found = check_limits(make_simulation(scenario))
+    assert found.exceeded == ()
+    assert found.unchecked == ("efforts of arm_joint4 (no limit in the model)",)
+    assert re.fullmatch(r"0.17 m between body and captured_target at 7.\d+ s", found.closest)

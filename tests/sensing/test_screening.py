@@ -1,0 +1,863 @@
+"""Screening: grossly wrong samples are rejected and no others; chunks give what the whole gives."""
+
+import copy
+import pickle
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InputError, Telemetry, load_scenario, shipped_scenario
+from cpid_drake.sensing.measurements import (
+    IdealMeasurements,
+    Measurements,
+    Samples,
+    ideal_measurements,
+    sample_times,
+)
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.presets import load_sensors, sensor_presets
+from cpid_drake.sensing.screening import ScreeningLimits, ScreeningMemory, screen
+from cpid_drake.sensing.sensors import (
+    SENSORS,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    VectorSensor,
+)
+from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.studies.trials import base_trajectory, make_case
+
+JOINTS = ("a", "b")
+LIMITS = ScreeningLimits()
+NONE_REJECTED = dict.fromkeys(SENSORS, 0)
+
+# -- motions -------------------------------------------------------------------------------------
+
+
+def telemetry(t, q, qdot, turned=None, w=None, p=None, v=None) -> Telemetry:
+    """Return a motion; the base is at rest unless something else is given."""
+    zero = np.zeros((t.size, 3))
+    turned = Rotation.from_rotvec(zero) if turned is None else turned
+    return Telemetry(
+        JOINTS,
+        t,
+        quaternion_WB=turned.as_quat(scalar_first=True),
+        p_WB=zero if p is None else p,
+        w_WB=zero if w is None else w,
+        v_WB=zero if v is None else v,
+        q=q,
+        qdot=qdot,
+    )
+
+
+def swing(t, speed=1.0):
+    """Return positions and rates of two joints that swing at 0.35 Hz, or faster."""
+    phase = 2.2 * speed * t[:, None] + [0.0, 1.0]
+    return [0.4, -0.3] * np.sin(phase), 2.2 * speed * np.array([0.4, -0.3]) * np.cos(phase)
+
+
+def turn_about(axis, angle, rate):
+    """Return attitude and angular velocity of a turn about a fixed axis."""
+    axis = np.array(axis) / np.linalg.norm(axis)
+    return {"turned": Rotation.from_rotvec(angle[:, None] * axis), "w": rate[:, None] * axis}
+
+
+def slow(t):
+    """Both joints swing; the base reacts."""
+    q, qdot = swing(t)
+    base = turn_about([1, 2, -1], 0.3 * np.sin(0.9 * t), 0.27 * np.cos(0.9 * t))
+    along = np.array([0.01, 0.02, -0.03])
+    p, v = np.sin(t)[:, None] * along, np.cos(t)[:, None] * along
+    return telemetry(t, q, qdot, p=p, v=v, **base)
+
+
+def fast(t):
+    """Three times as fast."""
+    q, qdot = swing(t, speed=3.0)
+    base = turn_about([1, 2, -1], 0.1 * np.sin(6.6 * t), 0.66 * np.cos(6.6 * t))
+    return telemetry(t, q, qdot, **base)
+
+
+def tumble(t):
+    """The base turns by 30°/s and more, about an axis that moves."""
+    q, qdot = swing(t)
+    turned = Rotation.from_rotvec(t[:, None] * [0, 0, 0.5]) * Rotation.from_rotvec(
+        t[:, None] * [0.3, 0.1, 0.0]
+    )
+    w = np.stack([0.3 + 0 * t, 0.1 + 0 * t, 0.5 + 0 * t], axis=1)
+    return telemetry(t, q, qdot, turned, w, p=t[:, None] * [0.1, 0.0, 0.2])
+
+
+def wheel(t):
+    """One joint swings; the other is a wheel at 3000 rpm that speeds up."""
+    q, qdot = swing(t)
+    q[:, 1], qdot[:, 1] = 314.0 * t + 0.5 * t**2, 314.0 + t
+    return telemetry(t, q, qdot)
+
+
+def rest(t):
+    """Nothing moves; the positions are not zero."""
+    return telemetry(t, np.tile([0.4, -0.3], (t.size, 1)), np.zeros((t.size, 2)))
+
+
+def stop_and_go(t, start=0.0, end=np.inf):
+    """The joints move by half cosines, with rests of 2 s between; the base moves with them."""
+    clock = np.clip(t, start, end) - start
+    phase = np.clip(clock % 4.0, 0.0, 2.0) * np.pi / 2
+    s = clock // 4.0 + (1 - np.cos(phase)) / 2
+    rate = np.pi / 4 * np.sin(phase) * (clock % 4.0 < 2.0)
+    move = np.array([0.5, -0.2])
+    base = turn_about([0, 1, 1], 0.2 * s, 0.2 * rate)
+    return telemetry(t, s[:, None] * move, rate[:, None] * move, **base)
+
+
+def one_joint(t):
+    """One joint swings and the other is locked; the base turns about one axis."""
+    q, qdot = swing(t)
+    q[:, 1], qdot[:, 1] = 0.7, 0.0
+    return telemetry(t, q, qdot, **turn_about([0, 0, 1], -0.1 * q[:, 0], -0.1 * qdot[:, 0]))
+
+
+def firings(t):
+    """Thrusters change the base's rates: at once, in a short burn, and back again."""
+    q, qdot = swing(t)
+    rate = 0.02 * (t >= 3.0) + 0.03 * np.clip((t - 5.0) / 0.5, 0, 1) - 0.05 * (t >= 7.013)
+    angle = (
+        0.02 * np.maximum(t - 3.0, 0)
+        + 0.03 * (np.clip(t - 5.0, 0, 0.5) ** 2 + np.maximum(t - 5.5, 0))
+        - 0.05 * np.maximum(t - 7.013, 0)
+    )
+    along = np.array([0.3, -0.2, 0.1])
+    base = turn_about([3, -2, 2], angle, rate)
+    return telemetry(t, q, qdot, p=angle[:, None] * along, v=rate[:, None] * along, **base)
+
+
+MOTIONS = [slow, fast, tumble, wheel, rest, stop_and_go, one_joint, firings]
+
+
+def at_rate(suite: SensorSuite, rate: float) -> SensorSuite:
+    """Return the same sensors at another rate, without dropouts, in which motion can hide."""
+    present = suite.present().items()
+    others = {name: replace(errors, rate=rate, dropouts=0.0) for name, errors in present}
+    return replace(suite, **others)
+
+
+def everything(**options) -> SensorSuite:
+    """All sensors, at rates that do not divide each other."""
+    suite = SensorSuite(
+        attitude=AttitudeSensor(rate=4.0, cross_boresight_arcsec=5.0, boresight_arcsec=40.0),
+        gyro=Gyro(rate=100.0, angle_random_walk=0.07, bias=1.0, bias_random_walk=0.5),
+        position=VectorSensor(rate=10.0, sigma=1e-3),
+        velocity=VectorSensor(rate=7.0, sigma=1e-3),
+        encoders=JointSensor(rate=30.0, bits=17),
+        joint_rates=JointSensor(rate=3.0, sigma=1e-4),
+    )
+    return replace(suite, **options)
+
+
+def recorded(suite, motion, duration=10.0, seed=1) -> Measurements:
+    """Return what the sensors of a suite record of a motion."""
+    return add_noise(suite, ideal_measurements(suite, JOINTS, motion, duration), seed)
+
+
+def in_chunks(measurements, suite, cuts) -> tuple[dict, dict]:
+    """Return kept samples and counts if a log is screened in chunks between the times `cuts`.
+
+    A sample belongs to the chunk of the undamaged log's time, which is its place among the
+    samples: sensors send at even times.
+    """
+    memory, rejected, kept = None, dict(NONE_REJECTED), {name: [] for name in SENSORS}
+    for start, end in zip([-np.inf, *cuts], [*cuts, np.inf]):
+        chunk = {}
+        for name, samples in measurements.items():
+            sent = np.arange(len(samples)) / (suite[name].rate if len(samples) else 1.0)
+            chunk[name] = samples.where((sent >= start) & (sent < end))
+        result = screen(measurements.updated(chunk), suite, memory)
+        memory = result.memory
+        for name in SENSORS:
+            rejected[name] += result.rejected[name]
+            kept[name].append(result.measurements[name].time)
+    return {name: np.concatenate(times) for name, times in kept.items()}, rejected
+
+
+# -- clean samples -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [None, 5.0, 10.0, 20.0, 1000.0])
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: motion.__name__)
+def test_no_clean_sample_is_rejected(motion, rate):
+    """Neither for the motion nor for the rate, in whole logs and in chunks."""
+    for preset in sensor_presets():
+        suite = load_sensors(preset)
+        suite = suite if rate is None else at_rate(suite, rate)
+        measurements = recorded(suite, motion, 9.0 if rate == 1000.0 else 20.0)
+        assert screen(measurements, suite).rejected == NONE_REJECTED, preset
+        for length in (0.5, 1.0):
+            _, rejected = in_chunks(measurements, suite, np.arange(length, 20.0, length))
+            assert rejected == NONE_REJECTED, preset
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "exciting_motion",
+        "paper",
+        "thruster_firing",
+        "tumbling_capture",
+        "uncertain_spacecraft",
+        "free_flyer_payload",
+        "single_arm_wheels",
+    ],
+)
+def test_no_sample_of_a_scenario_is_rejected(name):
+    """With the sensors of every preset, whose rates all divide 100 Hz."""
+    scenario = load_scenario(shipped_scenario(name))
+    spacecraft, ideal = scenario.spacecraft.make(), load_sensors("ideal")
+    case = make_case(scenario, spacecraft, scenario.target_truth(), ideal, (), 1)
+    times = sample_times(100.0, case.duration)
+    base = base_trajectory(case, spacecraft.tree, times)
+    telemetry = base.to_telemetry(spacecraft.joint_names, times, case.motion)
+    for preset in sensor_presets():
+        suite = load_sensors(preset)
+        motion = {
+            n: telemetry.select(slice(None, None, round(100 / suite[n].rate)))
+            for n in suite.present()
+        }
+        exact = {
+            n: Samples(each.time, SENSORS[n].quantity.ideal(each)) for n, each in motion.items()
+        }
+        noisy = add_noise(suite, IdealMeasurements(spacecraft.joint_names, exact, motion), 3)
+        assert screen(noisy, suite).rejected == NONE_REJECTED
+        assert in_chunks(noisy, suite, np.arange(0.5, 12.0, 0.5))[1] == NONE_REJECTED
+
+
+@pytest.mark.parametrize("preset", sensor_presets())
+@pytest.mark.parametrize("rate", [5.0, 100.0])
+def test_a_minute_at_rest_is_not_stuck(preset, rate):
+    """Quantized encoders repeat themselves at rest, before the motion and after it."""
+    suite = at_rate(load_sensors(preset), rate)
+
+    def motion(t):
+        return stop_and_go(t, 60.0, 62.0)
+
+    measurements = recorded(suite, motion, 125.0)
+    assert screen(measurements, suite).rejected == NONE_REJECTED
+    assert in_chunks(measurements, suite, np.arange(1.0, 125.0))[1] == NONE_REJECTED
+
+
+def test_noise_and_jitter_larger_than_given_are_not_spikes():
+    """The samples around a sample show what is usual, not σ alone."""
+    suite = load_sensors("flight")
+    loud = replace(
+        suite,
+        gyro=replace(suite.gyro, angle_random_walk=100 * suite.gyro.angle_random_walk),
+        position=replace(suite.position, sigma=100 * suite.position.sigma),
+    )
+    noisy = recorded(loud, slow, 60.0)
+    encoders = noisy.encoders
+    jitter = np.random.default_rng(2).uniform(0, 2e-3, len(encoders))
+    noisy = noisy.updated({"encoders": Samples(encoders.time + jitter, encoders.value)})
+    assert screen(noisy, suite).rejected == NONE_REJECTED
+
+
+@pytest.mark.parametrize("decimals", [3, 4, 5, 6])
+def test_rounding_in_a_file_is_not_a_stuck_sensor(decimals):
+    """Rounded samples repeat themselves at rest, even if the suite says nothing of it."""
+    suite = replace(load_sensors("flight"), attitude=None)
+    noisy = recorded(suite, rest, 60.0)
+    rounded = {
+        name: Samples(samples.time, np.round(samples.value, decimals))
+        for name, samples in noisy.items()
+    }
+    assert screen(noisy.updated(rounded), suite).rejected == NONE_REJECTED
+
+
+# -- spikes --------------------------------------------------------------------------------------
+
+
+def with_spikes(measurements, suite, name, size, rows, entry=0) -> Measurements:
+    """Return measurements with errors of `size` σ or more in one entry of some samples."""
+    samples, value = measurements[name], measurements[name].value.copy()
+    scale = 0.5 if name == "attitude" else 1.0
+    sizes = size * np.resize([1.0, -1.3, 1.7], len(rows))
+    entry += name == "attitude"  # the first entry of a quaternion hardly changes its direction
+    value[rows, entry] += scale * suite.sigmas(name).max() * sizes
+    if name == "attitude":
+        value /= np.linalg.norm(value, axis=1)[:, None]
+    return measurements.updated({name: Samples(samples.time, value)})
+
+
+def rejects_exactly(measurements, suite, name, rows) -> None:
+    """Screening rejects these samples of a sensor, and no others."""
+    result = screen(measurements, suite)
+    assert result.rejected == NONE_REJECTED | {name: len(rows)}
+    expected = np.delete(measurements[name].time, rows)
+    np.testing.assert_array_equal(result.measurements[name].time, expected)
+
+
+@pytest.mark.parametrize("size", [3000.0, 1e5])
+@pytest.mark.parametrize("motion", [slow, rest, firings], ids=lambda motion: motion.__name__)
+@pytest.mark.parametrize("name", ["attitude", "gyro", "position", "encoders"])
+def test_spikes_are_rejected_and_their_neighbours_are_not(name, motion, size):
+    suite = load_sensors("flight")
+    measurements = recorded(suite, motion)
+    rows = np.array([0.12, 0.23, 0.41, 0.66, 0.8]) * len(measurements[name])
+    rows = rows.astype(int)
+    rejects_exactly(with_spikes(measurements, suite, name, size, rows), suite, name, rows)
+
+
+@pytest.mark.parametrize("apart", [1, 2, 3])
+def test_two_spikes_side_by_side_are_rejected(apart):
+    suite = load_sensors("flight")
+    rows = np.array([400, 400 + apart])
+    measurements = with_spikes(recorded(suite, slow), suite, "gyro", 1000.0, rows, entry=1)
+    rejects_exactly(measurements, suite, "gyro", rows)
+
+
+def test_a_spike_of_an_arm_beside_a_wheel_is_rejected():
+    """The motion of one joint does not hide the spike of another."""
+    suite = load_sensors("flight")
+    measurements = with_spikes(recorded(suite, wheel), suite, "encoders", 1e4, [500], entry=0)
+    rejects_exactly(measurements, suite, "encoders", [500])
+
+
+def test_a_spike_at_a_wheels_full_speed_is_rejected():
+    suite = load_sensors("flight")
+    measurements = with_spikes(recorded(suite, wheel), suite, "encoders", 1e6, [500], entry=1)
+    rejects_exactly(measurements, suite, "encoders", [500])
+
+
+@pytest.mark.parametrize(
+    ("rate", "size"), [(5.0, 1e6), (20.0, 1e4), (100.0, 1000.0), (1000.0, 300.0)]
+)
+def test_spikes_are_found_at_all_rates(rate, size):
+    """At low rates the motion between samples hides small ones."""
+    suite = at_rate(load_sensors("servicer"), rate)
+    rows = np.array([20, 33])
+    for name in ("attitude", "gyro", "position", "encoders"):
+        measurements = with_spikes(recorded(suite, slow), suite, name, size, rows)
+        rejects_exactly(measurements, suite, name, rows)
+
+
+def test_spikes_at_uneven_times_are_found():
+    """Even if stamps are close together, which amplifies the noise of extrapolation."""
+    suite, rng = load_sensors("servicer"), np.random.default_rng(7)
+    time = np.sort(rng.uniform(0.0, 10.0, 800))
+    exact = slow(time).q
+    value = exact + suite.sigmas("encoders")[0] * rng.normal(size=exact.shape)
+    measurements = Measurements(JOINTS, encoders=Samples(time, value))
+    assert screen(measurements, suite).rejected == NONE_REJECTED
+    rejects_exactly(
+        with_spikes(measurements, suite, "encoders", 3e4, [99], 1), suite, "encoders", [99]
+    )
+
+
+@pytest.mark.parametrize("name", ["attitude", "gyro", "position", "encoders"])
+def test_spikes_of_150_sigma_are_found_at_rest(name):
+    suite = load_sensors("flight")
+    measurements = with_spikes(recorded(suite, rest), suite, name, 150.0, [14, 30])
+    rejects_exactly(measurements, suite, name, [14, 30])
+
+
+def test_a_short_motion_between_few_samples_is_no_spike():
+    """At 5 Hz, a joint that swings out and back in 0.6 s deviates in three samples only."""
+    suite = at_rate(load_sensors("flight"), 5.0)
+
+    def motion(t):
+        s = np.clip(t - 3.1, 0.0, 0.6) * 2 * np.pi / 0.6
+        q = (1 - np.cos(s))[:, None] * [0.3, -0.1]
+        return telemetry(t, q, np.sin(s)[:, None] * [0.3, -0.1] * 2 * np.pi / 0.6)
+
+    measurements = recorded(suite, motion)
+    assert np.count_nonzero(np.abs(measurements.encoders.value[:, 0]) > 0.01) == 3
+    assert screen(measurements, suite).rejected == NONE_REJECTED
+
+
+def test_a_lasting_step_is_no_spike():
+    """The samples after a step agree with each other; the likelihood must judge them."""
+    suite = load_sensors("flight")
+    measurements = recorded(suite, slow)
+    for length in (4, 50, 300):
+        value = measurements.gyro.value.copy()
+        value[500 : 500 + length] += 0.01
+        stepped = measurements.updated({"gyro": Samples(measurements.gyro.time, value)})
+        assert screen(stepped, suite).rejected == NONE_REJECTED
+
+
+def test_flips_of_a_quaternion_are_no_spikes_and_hide_none():
+    suite = load_sensors("flight")
+    measurements = recorded(suite, tumble)
+    sign = np.random.default_rng(1).choice([-1.0, 1.0], (len(measurements.attitude), 1))
+    flipped = Samples(measurements.attitude.time, sign * measurements.attitude.value)
+    flipped = measurements.updated({"attitude": flipped})
+    kept = screen(flipped, suite).measurements.attitude
+    np.testing.assert_allclose(kept.value, flipped.attitude.value, rtol=0, atol=1e-15)
+    rejects_exactly(with_spikes(flipped, suite, "attitude", 1e4, [17]), suite, "attitude", [17])
+
+
+def test_an_impossible_value_is_rejected():
+    suite = load_sensors("flight")
+    measurements = recorded(suite, slow)
+    value = measurements.position.value.copy()
+    value[0, 1], value[-1, 2] = 1e10, -1e300
+    damaged = measurements.updated({"position": Samples(measurements.position.time, value)})
+    assert screen(damaged, suite).rejected["position"] == 2
+
+
+# -- repeats -------------------------------------------------------------------------------------
+
+
+def stuck(measurements, name, rows, entries=slice(None)) -> Measurements:
+    """Return measurements in which a sensor repeats the sample before `rows` (a slice)."""
+    value = measurements[name].value.copy()
+    value[rows, entries] = value[rows.start - 1, entries]
+    return measurements.updated({name: Samples(measurements[name].time, value)})
+
+
+@pytest.mark.parametrize("motion", [slow, rest], ids=lambda motion: motion.__name__)
+@pytest.mark.parametrize("name", ["attitude", "gyro", "position"])
+def test_a_noisy_sensor_that_repeats_itself_is_stuck(name, motion):
+    """Even at rest: noise never repeats itself. The first of the equal samples is good."""
+    suite = load_sensors("flight")
+    measurements = recorded(suite, motion)
+    rows = slice(20, 27)
+    rejects_exactly(stuck(measurements, name, rows), suite, name, range(20, 27))
+
+
+def test_a_gyro_with_one_stuck_axis_is_rejected():
+    suite = load_sensors("flight")
+    measurements = stuck(recorded(suite, rest), "gyro", slice(300, 400), 1)
+    rejects_exactly(measurements, suite, "gyro", range(300, 400))
+
+
+def test_an_axis_that_never_varied_is_not_stuck():
+    """On an air bearing, software may fill the other axes with zeros."""
+    suite = load_sensors("testbed")
+    measurements = recorded(suite, rest)
+    value = measurements.gyro.value * [0.0, 0.0, 1.0]
+    planar = measurements.updated({"gyro": Samples(measurements.gyro.time, value)})
+    assert screen(planar, suite).rejected == NONE_REJECTED
+    assert in_chunks(planar, suite, np.arange(0.5, 10.0, 0.5))[1] == NONE_REJECTED
+
+
+def test_noise_beside_rounding_allows_a_few_repeats():
+    """Noise of half a step repeats about every second value, but not forty in a row."""
+    suite = SensorSuite(encoders=JointSensor(rate=100.0, sigma=5e-4), decimals=3)
+    measurements = recorded(suite, rest, 60.0)
+    assert screen(measurements, suite).rejected == NONE_REJECTED
+    damaged = stuck(measurements, "encoders", slice(3000, 3400))
+    rejected = screen(damaged, suite).rejected["encoders"]
+    assert 350 < rejected < 400
+    assert in_chunks(damaged, suite, np.arange(0.1, 60.0, 0.1))[1]["encoders"] == rejected
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("preset", ["flight", "servicer", "ideal"])
+def test_encoders_that_stop_in_the_middle_of_a_motion_are_stuck(preset, rate):
+    """Nothing stops an arm within a sample interval; the rest is rejected until values change."""
+    suite = replace(load_sensors(preset), joint_rates=None)
+    suite = replace(suite, encoders=replace(suite.encoders, rate=rate))
+    measurements = recorded(suite, slow, 5.0)
+    first = int(1.9 * rate)
+    damaged = stuck(measurements, "encoders", slice(first, first + int(rate)))
+    rejects_exactly(damaged, suite, "encoders", range(first, first + int(rate)))
+
+
+def test_a_stuck_joint_is_found_by_its_rate():
+    """Another joint moves, so that the sample as a whole does not repeat itself."""
+    suite = load_sensors("ideal")
+    measurements = recorded(suite, slow)
+    damaged = stuck(measurements, "encoders", slice(300, 400), 0)
+    rejects_exactly(damaged, suite, "encoders", range(300, 400))
+
+
+def test_rates_before_and_after_a_gap_are_no_proof_of_motion_between():
+    """The joints rest while the tachometers are silent, and move before and after that."""
+    suite = load_sensors("ideal")
+    measurements = recorded(suite, stop_and_go, 6.0)
+    rates = measurements.joint_rates
+    heard = rates.where((rates.time < 1.5) | (rates.time > 4.5))
+    measurements = measurements.updated({"joint_rates": heard})
+    assert screen(measurements, suite).rejected == NONE_REJECTED
+
+
+def test_stuck_rates_are_no_proof_against_joints_at_rest():
+    """Rates that repeat a value of the motion are rejected before positions are judged by them."""
+    suite = replace(load_sensors("ideal"), joint_rates=JointSensor(rate=100.0, sigma=1e-6))
+
+    def motion(t):
+        return stop_and_go(t, end=2.0)
+
+    damaged = stuck(recorded(suite, motion), "joint_rates", slice(100, 400))
+    result = screen(damaged, suite).rejected
+    assert result["encoders"] == 0
+    assert result["joint_rates"] == 300
+
+
+@pytest.mark.parametrize("times", [2, 5])
+def test_samples_that_a_transport_sends_again_are_rejected(times):
+    """The transport sends at 100 Hz what sensors measured at a lower rate."""
+    suite = at_rate(load_sensors("servicer"), 100.0)
+    measurements = recorded(suite, slow)
+    first = np.arange(1001) // times * times
+    for name in ("attitude", "gyro", "position", "encoders"):
+        held = Samples(measurements[name].time, measurements[name].value[first])
+        result = screen(measurements.updated({name: held}), suite)
+        # Nothing follows the last sample and its copies, and encoders may stand still.
+        again = first != np.arange(1001)
+        missed = again.sum() - result.rejected[name]
+        assert 0 <= missed <= (0.02 * again.sum() if name == "encoders" else 0)
+        assert all(count == 0 for other, count in result.rejected.items() if other != name)
+
+
+# -- stamps --------------------------------------------------------------------------------------
+
+
+def test_a_clock_that_stands_still_costs_its_samples_only():
+    suite = load_sensors("flight")
+    measurements = recorded(suite, slow)
+    time = measurements.gyro.time.copy()
+    time[300:350] = time[299]
+    damaged = measurements.updated({"gyro": Samples(time, measurements.gyro.value)})
+    rejects_exactly(damaged, suite, "gyro", range(300, 350))
+    assert in_chunks(damaged, suite, np.arange(0.5, 10, 0.5))[1]["gyro"] == 50
+
+
+@pytest.mark.parametrize("wild", [5.0, 2000.0, 1e9, 1e300, -5.0, -1e9])
+@pytest.mark.parametrize("row", [0, 49, 50, 777, 999])
+def test_one_wild_stamp_costs_one_sample_at_any_place_in_a_chunk(wild, row):
+    """Also if it is the last of its chunk, or the first of all."""
+    suite = load_sensors("flight")
+    measurements = recorded(suite, slow)
+    time = measurements.gyro.time.copy()
+    time[row] += wild
+    damaged = measurements.updated({"gyro": Samples(time, measurements.gyro.value)})
+    assert screen(damaged, suite).rejected == NONE_REJECTED | {"gyro": 1}
+    kept, rejected = in_chunks(damaged, suite, np.arange(0.5, 10, 0.5))
+    assert rejected == NONE_REJECTED | {"gyro": 1}
+    np.testing.assert_array_equal(kept["gyro"], np.delete(measurements.gyro.time, row))
+
+
+@pytest.mark.parametrize("row", [3, 49, 999])
+def test_a_row_of_all_sensors_with_one_wild_stamp_does_not_confirm_itself(row):
+    """In a table, all sensors share a stamp; a driver may add some microseconds to each."""
+    suite = load_sensors("ideal")
+    measurements = recorded(suite, slow)
+    damaged = {}
+    for k, (name, samples) in enumerate(measurements.items()):
+        time = samples.time.copy()
+        time[row] += 300.0 + 1e-6 * k
+        damaged[name] = Samples(time, samples.value)
+    _, rejected = in_chunks(measurements.updated(damaged), suite, np.arange(0.5, 10, 0.5))
+    assert rejected == dict.fromkeys(SENSORS, 1)
+
+
+@pytest.mark.parametrize("length", [0.4, 0.5, 0.8, 1.0])
+def test_a_gap_in_the_log_costs_no_sample_of_fast_sensors(length):
+    suite = load_sensors("flight")
+    measurements = recorded(suite, slow, 60.0)
+    gap = {n: s.where((s.time < 10) | (s.time > 40)) for n, s in measurements.items()}
+    measurements = measurements.updated(gap)
+    assert screen(measurements, suite).rejected == NONE_REJECTED
+    memory = None
+    edges = np.arange(0.0, 60.0, length)
+    for start, end in pairwise(edges):
+        chunk = {n: s.where((s.time >= start) & (s.time < end)) for n, s in gap.items()}
+        result = screen(measurements.updated(chunk), suite, memory)
+        memory = result.memory
+        assert result.rejected == NONE_REJECTED
+
+
+@pytest.mark.parametrize(
+    ("motion", "start", "end", "last"), [(firings, 3.1, 6.0, 7.1), (stop_and_go, 4.75, 7.75, 8.3)]
+)
+def test_the_motion_in_a_gap_does_not_make_spikes_of_the_samples_behind(motion, start, end, last):
+    """A polynomial through samples on both sides of a gap says nothing of the motion."""
+    suite = at_rate(load_sensors("flight"), 5.0)
+    measurements = recorded(suite, motion)
+    gap = {
+        name: s.where(((s.time < start) | (s.time > end)) & (s.time < last))
+        for name, s in measurements.items()
+    }
+    assert screen(measurements.updated(gap), suite).rejected == NONE_REJECTED
+
+
+def test_a_clock_that_is_set_late_is_followed():
+    """After three samples at the new time, the old time was wrong."""
+    suite = SensorSuite(encoders=JointSensor(rate=1.0, bits=20))
+    memory, kept = None, []
+    for time in [0.0, 1.0, 2.0, *(1.7e9 + np.arange(10.0))]:
+        chunk = Measurements(JOINTS, encoders=Samples(np.array([time]), slow(np.array([time])).q))
+        result = screen(chunk, suite, memory)
+        memory = result.memory
+        kept.extend(result.measurements.encoders.time)
+    np.testing.assert_array_equal(kept, [0.0, 1.0, 2.0, *(1.7e9 + np.arange(2.0, 10.0))])
+
+
+def test_a_slow_sensor_needs_no_confirmation():
+    """One sample in five seconds, and in each chunk."""
+    suite = SensorSuite(encoders=JointSensor(rate=0.2, bits=20))
+    memory = None
+    for time in 5.0 * np.arange(10):
+        chunk = Measurements(JOINTS, encoders=Samples(np.array([time]), slow(np.array([time])).q))
+        result = screen(chunk, suite, memory)
+        memory = result.memory
+        assert result.rejected == NONE_REJECTED
+
+
+# -- chunks --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_chunks_keep_what_the_whole_keeps(seed):
+    """Random faults and cuts; only spikes among the last samples of a chunk are kept in doubt."""
+    rng = np.random.default_rng(seed)
+    preset = ("flight", "servicer", "testbed", "ideal", "coarse", "flight")[seed]
+    suite = load_sensors(preset)
+    measurements = recorded(suite, MOTIONS[seed], 20.0, seed)
+    for name in suite.present():
+        count = len(measurements[name])
+        rows = 5 + rng.choice(count - 10, max(count // 100, 1), replace=False)
+        measurements = with_spikes(measurements, suite, name, 1e4, rows)
+        samples = measurements[name]
+        time, value = samples.time.copy(), samples.value.copy()
+        wild = rng.integers(5, count - 5, 2)
+        time[wild] += rng.uniform(-100.0, 100.0, 2)
+        value[rng.integers(5, count - 5), 0] = np.nan
+        first = int(rng.integers(5, count - 5))
+        value[first : first + count // 20] = value[first - 1]
+        measurements = measurements.updated({name: Samples(time, value)})
+    whole = screen(measurements, suite)
+    cuts = np.sort(rng.uniform(0.0, 20.0, 12))
+    kept, rejected = in_chunks(measurements, suite, cuts)
+    for name in suite.present():
+        samples = measurements[name]
+        assert rejected[name] + len(kept[name]) == len(samples)
+        of_whole = whole.measurements[name].time
+        assert np.isin(of_whole, kept[name]).all()
+        row = np.flatnonzero(np.isin(samples.time, np.setdiff1d(kept[name], of_whole)))
+        to_cut = (cuts - row[:, None] / suite[name].rate) * suite[name].rate
+        # Other faults may remove up to two samples between the spike and the end of the chunk.
+        assert ((to_cut > 0) & (to_cut <= 4)).any(axis=1).all()
+
+
+def test_memory_is_bounded_and_can_be_copied_and_saved():
+    suite = load_sensors("flight")
+    measurements = recorded(suite, slow, 30.0)
+    memory, sizes, results = None, [], []
+    for start in np.arange(0.0, 30.0):
+        chunk = measurements.updated(
+            {n: s.where((s.time >= start) & (s.time < start + 1)) for n, s in measurements.items()}
+        )
+        again = memory and pickle.loads(pickle.dumps(copy.deepcopy(memory)))
+        result = screen(chunk, suite, memory)
+        assert screen(chunk, suite, again).rejected == result.rejected
+        memory = result.memory
+        sizes.append(len(pickle.dumps(memory)))
+        results.append(result)
+    assert max(sizes) == sizes[5]
+    assert isinstance(memory, ScreeningMemory)
+    for sensor in memory.sensors.values():
+        assert sensor.recent.value.base is None
+
+
+def test_screening_does_not_change_the_memory():
+    """An online estimator may repeat an update from an earlier state."""
+    suite = load_sensors("flight")
+    measurements = stuck(recorded(suite, slow), "encoders", slice(480, 520))
+    memory = screen(measurements.between(0.0, 4.99), suite).memory
+    before = pickle.dumps(memory)
+    first, second = (screen(measurements.between(4.995, 6.0), suite, memory) for _ in range(2))
+    assert pickle.dumps(memory) == before
+    assert first.rejected == second.rejected
+    assert first.rejected["encoders"] == 20
+
+
+def test_an_empty_chunk_keeps_the_memory():
+    suite = load_sensors("flight")
+    memory = screen(recorded(suite, slow), suite).memory
+    after = screen(Measurements(JOINTS), suite, memory)
+    assert after.rejected == NONE_REJECTED
+    assert after.memory.newest == memory.newest == 10.0
+
+
+# -- what needs no sensors -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def perfect() -> Measurements:
+    return ideal_measurements(everything(), JOINTS, slow, 10.0)
+
+
+def test_without_sensors_values_are_not_judged():
+    """σ is not known: neither spikes nor repeats can be told from good samples."""
+    suite = load_sensors("flight")
+    measurements = with_spikes(recorded(suite, slow), suite, "gyro", 1e4, [500])
+    measurements = stuck(measurements, "position", slice(40, 60))
+    assert screen(measurements).rejected == NONE_REJECTED
+
+
+def screened(name, time, value=None, **others):
+    """Return one sensor's samples that survive, and how many do not."""
+    width = dict(zip(SENSORS, (4, 3, 3, 3, 2, 2)))[name]
+    time = np.asarray(time, dtype=float)
+    if value is None:
+        value = np.tile(np.eye(width)[0], (time.size, 1))
+    empty = {
+        other: Samples(np.empty(0), np.empty((0, w)))
+        for other, w in zip(SENSORS, (4, 3, 3, 3, 2, 2))
+    }
+    result = screen(Measurements(JOINTS, **(empty | {name: Samples(time, value)})))
+    kept, rejected = result.measurements, result.rejected
+    assert all(rejected[other] == 0 for other in SENSORS if other != name)
+    assert rejected[name] + len(getattr(kept, name)) == time.size
+    return getattr(kept, name), rejected[name]
+
+
+@pytest.mark.parametrize("suite", [None, everything()], ids=["unknown", "known"])
+def test_good_samples_survive(perfect, suite):
+    noisy = add_noise(everything(), perfect, seed=1)
+    result = screen(noisy, suite)
+    assert result.rejected == dict.fromkeys(SENSORS, 0)
+    assert result.measurements.joint_names == JOINTS
+    for name, samples in noisy.items():
+        np.testing.assert_array_equal(result.measurements[name].time, samples.time)
+        np.testing.assert_allclose(result.measurements[name].value, samples.value, atol=1e-15)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", SENSORS)
+def test_samples_that_are_not_finite_are_left_out(perfect, name, bad):
+    samples = getattr(perfect, name)
+    time, value = samples.time.copy(), samples.value.copy()
+    value[3, -1] = bad
+    time[5] = bad
+    kept, rejected = screened(name, time, value)
+    assert rejected == 2
+    np.testing.assert_array_equal(kept.time, np.delete(samples.time, [3, 5]))
+
+
+@pytest.mark.parametrize(
+    ("time", "kept"),
+    [
+        ([0, 1, 2, 3], [0, 1, 2, 3]),
+        ([0, 1, 1, 2], [0, 1, 3]),
+        ([0, 1, 2, 0, 1, 2, 3], [0, 1, 2, 6]),
+        ([0, 2, 1, 3], [0, 1, 3]),
+        ([0, 1, 2, 0.5, 3, 4], [0, 1, 2, 4, 5]),
+        ([0, 1, 2, 1e9, 3, 4, 5], [0, 1, 2, 4, 5, 6]),
+        ([0, 1, 2, 2.9, 2.8, 3], [0, 1, 2, 3, 5]),
+        ([0, 1, 2, -1e9, 3, 4, 5], [0, 1, 2, 4, 5, 6]),
+        ([1e9, 0, 1, 2], [1, 2, 3]),
+        ([0, 1, 2, 1e9], [0, 1, 2]),
+        ([0, 1, 2, 1e9, 1e9 + 1], [0, 1, 2]),
+        ([0, 1, 2, 1e308, -1e308, 3], [0, 1, 2, 5]),
+        ([0, 1.7e9, 1.7e9 + 1, 1.7e9 + 2], [1, 2, 3]),
+        ([0, 1, LIMITS.longest_gap, 1.5 * LIMITS.longest_gap], [0, 1, 2, 3]),
+        ([0, 1, 2, 2 + 1.5 * LIMITS.longest_gap], [0, 1, 2]),
+        ([0, 1, 2, 3, 4000, 4001, 4002], [0, 1, 2, 3]),
+        ([0, 1, 2, 3, 3000, 3001, 3002], [0, 1, 2, 3, 4, 5, 6]),
+        ([3, 2, 1], [0]),
+        ([1, 1, 1], [0]),
+        ([5], [0]),
+        ([], []),
+    ],
+)
+def test_stamps_that_do_not_increase_cost_as_few_samples_as_can_be(time, kept):
+    value = np.arange(3.0 * len(time)).reshape(-1, 3)
+    samples, rejected = screened("position", time, value)
+    np.testing.assert_array_equal(samples.time, np.array(time, dtype=float)[kept])
+    np.testing.assert_array_equal(samples.value, value[kept])
+    assert rejected == len(time) - len(kept)
+
+
+def test_no_choice_of_increasing_stamps_is_longer():
+    """Against all choices."""
+    from itertools import combinations
+
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        time = rng.integers(0, 6, size=7).astype(float)
+        longest = max(
+            size
+            for size in range(1, 8)
+            if any((np.diff(time[list(pick)]) > 0).all() for pick in combinations(range(7), size))
+        )
+        samples, _ = screened("position", time)
+        assert len(samples) == longest
+        assert (np.diff(samples.time) > 0).all()
+
+
+def test_many_stamps_out_of_order_are_quickly_sorted_out():
+    rng = np.random.default_rng(4)
+    time = np.arange(100_000) / 100.0
+    time[rng.choice(time.size, 1000, replace=False)] = 1e9
+    samples, rejected = screened("gyro", time)
+    assert rejected == 1000
+    assert samples.time.max() < 1001.0
+
+
+@pytest.mark.parametrize(
+    "scale", [0.0, 0.5, 0.998, 1.002, 2.0, 1e200, 1e-200], ids=lambda scale: f"{scale:g}"
+)
+def test_attitudes_that_are_none_are_left_out(scale):
+    quaternion = np.tile([0.5, -0.5, 0.5, 0.5], (4, 1))
+    quaternion[2] *= scale
+    samples, rejected = screened("attitude", np.arange(4), quaternion)
+    assert rejected == 1
+    np.testing.assert_array_equal(samples.time, [0, 1, 3])
+
+
+def test_attitudes_are_normalized_and_may_flip_their_sign():
+    quaternion = np.tile([0.5, -0.5, 0.5, 0.5], (4, 1))
+    quaternion[1] *= -1
+    quaternion[2] *= 1.0009
+    quaternion[3] *= -0.9991
+    samples, rejected = screened("attitude", np.arange(4), quaternion)
+    assert rejected == 0
+    np.testing.assert_allclose(np.linalg.norm(samples.value, axis=1), 1.0, rtol=1e-15)
+    np.testing.assert_array_equal(np.sign(samples.value[:, 0]), [1, -1, 1, -1])
+
+
+def test_a_bad_sample_does_not_stand_in_the_way_of_a_good_one():
+    """A sample without value does not make a later one of the same stamp a repetition."""
+    value = np.ones((4, 3))
+    value[1] = np.nan
+    samples, rejected = screened("gyro", [0, 1, 1, 2], value)
+    assert rejected == 1
+    np.testing.assert_array_equal(samples.time, [0, 1, 2])
+
+
+def test_screening_leaves_the_original_alone(perfect):
+    time, value = perfect.attitude.time.copy(), 1.0005 * perfect.attitude.value
+    before = value.copy()
+    screened("attitude", time[::-1].copy(), value)
+    np.testing.assert_array_equal(value, before)
+
+
+def test_nothing_is_left_of_nothing_good():
+    samples, rejected = screened("encoders", [np.nan, 0.0], [[0.0, 0.0], [np.nan, 0.0]])
+    assert rejected == 2
+    assert samples.value.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "time", "value"),
+    [
+        ("attitude", [0.0], [[0.0, 0.0, 1.0]]),
+        ("encoders", [0.0, 1.0], [[0.0] * 3] * 2),
+        ("gyro", [0.0, 1.0], [[0.0] * 3] * 3),
+        ("gyro", [[0.0, 1.0]], [[0.0] * 3] * 2),
+        ("gyro", 0.0, [0.0] * 3),
+        ("gyro", [0.0], ["a", "b", "c"]),
+        ("gyro", [0.0, 1.0], [[0.0] * 3, [0.0] * 2]),
+        ("gyro", None, None),
+    ],
+    ids=range(8),
+)
+def test_samples_of_the_wrong_shape_are_refused(perfect, name, time, value):
+    with pytest.raises(InputError, match=f"measurements: '{name}'"):
+        screen(replace(perfect, **{name: Samples(time, value)}))

@@ -1,0 +1,37 @@
+"""Selections of long series are even and bounded, however the series is cut into parts."""
+
+import numpy as np
+import pytest
+
+from cpid_drake.sensing.measurement_stream import stream_of
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.thinning import EvenSelection, excerpt_of
+
+
+@pytest.mark.parametrize("part", [1, 7, 64, 10_000])
+@pytest.mark.parametrize("count", [1, 99, 100, 101, 1234])
+def test_every_kth_sample_is_kept_and_k_is_as_small_as_possible(part, count):
+    time = np.arange(count, dtype=float)
+    selection = EvenSelection(100)
+    for start in range(0, count, part):
+        piece = time[start : start + part]
+        selection.add(Samples(piece, piece[:, None, None] * np.ones((2, 3))))
+    samples = selection.samples()
+    np.testing.assert_array_equal(samples.time, time[:: selection.every])
+    np.testing.assert_array_equal(samples.value[:, 1, 2], samples.time)
+    assert selection.count == count
+    assert len(samples) <= 100
+    assert selection.every == 1 or len(time[:: selection.every // 2]) > 100
+
+
+def test_an_excerpt_knows_the_number_and_the_period_of_all_samples():
+    time = np.arange(1000) * 0.01
+    log = Measurements((), gyro=Samples(time, np.ones((1000, 3))))
+    excerpt = excerpt_of(stream_of(log, 1.0), 100)
+    assert excerpt.counts["gyro"] == 1000
+    assert len(excerpt.measurements.gyro) <= 100
+    assert excerpt.every["gyro"] > 1
+    assert excerpt.period("gyro") == pytest.approx(0.01)
+    whole = excerpt_of(log, 100)
+    assert whole.measurements is log
+    assert whole.period("gyro") == pytest.approx(0.01)

@@ -1,0 +1,113 @@
+"""The truth of trials: external forces and torques change the momentum as Newton's laws say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sensing_cases import MOMENTUM, Sines, coarse_suite, small_craft
+
+from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.studies.trials import Case, Firing, base_trajectory, draw, ideal_samples
+
+SIZES = Disturbances(1e-3, 0.2, acceleration_walk=5e-4, torque_walk=0.1)
+TIMES = np.array([0.0, 0.3, 0.5, 1.1, 1.9, 2.5, 4.0])
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def case(skewed_target) -> Case:
+    return Case(
+        spacecraft=None,
+        truth=skewed_target,
+        motion=Sines.drawn(4, seed=101, duration=4.0),
+        duration=4.0,
+        momentum_W=MOMENTUM,
+        momentum=TotalMomentum.unknown(),
+        firings=(),
+        known_bodies=None,
+        suite=coarse_suite(disturbances=SIZES),
+        estimators=(),
+        seed=3,
+    )
+
+
+def momenta(case, craft, disturbance):
+    """Return P, L about the centre of mass, and this centre (N, 3), by sums over the bodies."""
+    base = base_trajectory(case, craft.tree, TIMES, disturbance)
+    telemetry = base.to_telemetry(craft.joint_names, TIMES, case.motion)
+    P, L = total_momentum(craft.tree, case.truth, telemetry)
+    mass = case.truth.mass + craft.mass
+    still = replace(telemetry, w_WB=0 * telemetry.w_WB, v_WB=np.zeros_like(P), qdot=0 * telemetry.q)
+    # The angular momentum of a system in pure translation with velocity u is m p × u.
+    p = np.zeros_like(P)
+    for axis in range(3):
+        u = np.eye(3)[(axis + 1) % 3]
+        _, moving = total_momentum(craft.tree, case.truth, replace(still, v_WB=np.tile(u, (7, 1))))
+        p[:, axis] = moving[:, (axis + 2) % 3] / mass
+    return P, L - np.cross(p, P), p
+
+
+@pytest.mark.parametrize(
+    "firings", [(), (Firing(1.3, np.array([6.0, -4, 5, 3, -2, 2]), 0.4),)], ids=["quiet", "firing"]
+)
+def test_forces_and_torques_change_the_momentum(case, craft, firings):
+    fired, disturbance = replace(case, firings=firings), case.disturbance(8)
+    (P, L, p), (P0, L0, p0) = (
+        momenta(fired, craft, each) for each in (disturbance, fired.disturbance())
+    )
+    fine = np.arange(0.0, 4.0, 0.01)
+    values = np.array([disturbance.at(t) for t in fine])
+    summed = np.vstack([np.zeros(6), np.cumsum(values * 0.01, axis=0)])
+    impulses = np.array([summed[round(t / 0.01)] for t in TIMES])
+    mass = case.truth.mass + craft.mass
+    np.testing.assert_allclose(P - P0, mass * impulses[:, 3:], atol=1e-9 * mass)
+    speeds = np.vstack([np.zeros(3), np.cumsum(summed[:-1, 3:] * 0.01, axis=0)])
+    moved = np.array([speeds[round(t / 0.01)] for t in TIMES])
+    np.testing.assert_allclose(p - p0, moved, atol=3e-5)  # a sum of rectangles
+    if firings:  # the firing acts about W's origin, so it turns a system that has moved otherwise
+        lever = np.cross(p - p0, firings[0].momentum_W[3:])
+        np.testing.assert_allclose(L - L0, impulses[:, :3], atol=2 * np.abs(lever).max())
+    else:
+        np.testing.assert_allclose(L - L0, impulses[:, :3], atol=1e-7)
+
+
+def test_an_orbit_leaves_firings_and_disturbances_as_they_are(case, craft):
+    """The momentum is integrated in an orbit, and has a closed form without one."""
+    firing = Firing(1.3, np.array([6.0, -4, 5, 3, -2, 2]), 0.4)
+    free = replace(case, firings=(firing,))
+    sizes = replace(SIZES, orbit=Orbit(rate=1e-9))
+    slow = replace(free, suite=replace(case.suite, disturbances=sizes))
+    expected, found = (
+        base_trajectory(each, craft.tree, TIMES, case.disturbance(8)) for each in (free, slow)
+    )
+    for name, value in vars(expected).items():
+        np.testing.assert_allclose(getattr(found, name), value, rtol=0, atol=1e-8, err_msg=name)
+
+
+def test_every_trial_has_its_own_disturbance(case, craft):
+    ideal = ideal_samples(case, craft.tree, craft.joint_names)
+    one, again, other = (draw(case, craft, ideal, number) for number in (0, 0, 1))
+    np.testing.assert_array_equal(one.position.value, again.position.value)
+    drift = np.abs(one.position.value - ideal.position.value)
+    assert drift[-1].max() > 10 * case.suite.position.sigma / 4
+    assert np.abs(one.position.value - other.position.value)[-1].max() > 1e-3
+
+
+def test_given_values_act_in_all_trials(case, craft):
+    push = np.array([0.01, 0.0, 0.0])
+    pushed = replace(
+        case,
+        suite=coarse_suite(position=replace(case.suite.position, sigma=0.0)),
+        acceleration_W=push,
+    )
+    quiet = replace(pushed, acceleration_W=None)
+    one, other = (ideal_samples(each, craft.tree, craft.joint_names) for each in (pushed, quiet))
+    drift = draw(pushed, craft, one, 0).position.value - draw(quiet, craft, other, 0).position.value
+    np.testing.assert_allclose(drift[-1], 0.5 * push * 4.0**2, atol=1e-9)
