@@ -29,8 +29,8 @@ ESTIMATED = (
 """The warning if the momentum was estimated because zero does not explain the samples."""
 
 NOT_ZERO = (
-    "the samples contradict a total momentum of zero, and the estimate is biased by it: identify "
-    "with --momentum unknown"
+    "the samples contradict a total momentum of zero, which may bias the estimate: identify with "
+    "--momentum unknown"
 )
 """The doubt if the momentum is not zero and has not been estimated."""
 

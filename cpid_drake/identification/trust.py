@@ -51,14 +51,15 @@ def gated(
 
     Args:
         found: the identification as its estimator returns it.
-        reasons: doubts from tests that need the data, such as that of the momentum.
+        reasons: doubts from tests that need the data, such as that of the momentum. They are kept
+            if no number is shown: they may be why.
         is_part: whether the identification becomes a part of a joint one, to which a combination
             of parameters contributes even if no single parameter is determined.
 
     """
     is_used = is_part and found.solution.rank > 0
     if not (is_used or np.isfinite(found.parameters).any()):
-        return found  # no number is shown
+        return replace(found, doubts=(*found.doubts, *reasons))  # no number is shown
     doubts = (*reasons, *_of_the_fit(found), *_of_the_body(found))
     return replace(found, doubts=(*found.doubts, *doubts))
 

@@ -147,8 +147,18 @@ def test_a_doubt_about_one_log_is_a_doubt_about_the_joint_estimate(craft, suite,
     assert any(doubt.startswith("log 1: ") for doubt in found.doubts)
     assert not any(doubt.startswith("log 0: ") for doubt in found.doubts)
     found = identify_together(craft, tumbling, **options)
-    assert "log 1 determines nothing about the target, and was not used" in found.warnings
+    assert found.doubts[0].startswith("log 1: the samples contradict a total momentum of zero")
+    assert not any("log 0" in doubt for doubt in found.doubts)
+
+
+def test_a_log_without_motion_is_not_used(craft, suite, logs, skewed_target):
+    still = measured(craft, Sines.drawn(4, 101, DURATION, 0.0), skewed_target, suite)
+    both = {"log 0": logs["log 0"], "still": add_noise(suite, still, seed=3)}
+    found = identify_together(craft, both, sensors=suite)
+    assert "still determines nothing about the target, and was not used" in found.warnings
     assert found.joint.logs[1].rank == 0
+    alone = identify(craft, logs["log 0"], sensors=suite)
+    assert found.parameters == pytest.approx(alone.parameters, rel=1e-6)
 
 
 def test_fits_that_leave_combinations_open_determine_all_together(craft, skewed_target):
