@@ -38,6 +38,7 @@ class BlockState:
         bodies: (c, c + 1) triangle and right-hand side of the information about the known bodies'
             errors alone, their prior included.
         jumps: assumed changes that are tested.
+        unexplained: number of blocks in a row, up to this instant, that are mostly bridged.
 
     """
 
@@ -49,6 +50,7 @@ class BlockState:
     rest: NDArray[np.float64]
     bodies: NDArray[np.float64]
     jumps: tuple[Jump, ...] = ()
+    unexplained: int = 0
 
     @property
     def extra(self) -> NDArray[np.float64]:

@@ -43,6 +43,12 @@ FEWEST, FEWEST_AT_START = 5, 8
 A part with fewer has no model of its joint motion, and would be lost without a word.
 """
 
+HOPELESS = 2
+"""After this number of mostly bridged blocks in a row, a block is divided into halves only once.
+
+What lasts so long is no short fault: a model that is wrong would need all pieces of all blocks.
+"""
+
 LOST = {"attitude": 0.5, "p_Wcm": 10.0}
 """σ of attitude [rad] and centre of mass [m] after an unexplained piece or a gap."""
 
@@ -155,9 +161,13 @@ def explain(
     """
     fewest = FEWEST_AT_START if state.track is None else FEWEST
     shares = len(block.samples.encoders) / fewest
-    halvings = min(HALVINGS, int(np.log2(max(shares, 1.0))))
+    most = HALVINGS if state.unexplained < HOPELESS else 1
+    halvings = min(most, int(np.log2(max(shares, 1.0))))
     found = _pieces(solver, prior, state, block, plausible, halvings)
-    state = found.state
+    is_lost = sum(end - start for start, end in found.bridged) > block.length / 2
+    unexplained = state.unexplained + 1 if is_lost else 0
+    state = replace(found.state, unexplained=unexplained)
+    found = replace(found, state=state)
     jump = max(state.jumps, key=lambda each: each.gain, default=None)
     if jump is not None and jump.exceeds_noise(solver.misfit, UNLIKELY):
         state = solver.with_jump(state, jump, opened(prior))

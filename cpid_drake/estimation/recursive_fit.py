@@ -156,6 +156,10 @@ class RecursiveState:
         """What is known at the end of the last block that was used; None before the first."""
         return self.block or (None if self.sweep is None else self.sweep.state)
 
+    def bridged_share(self, time: float) -> float:
+        """Return the share of the log up to a time [s] that nothing explained."""
+        return self.bridged_time / max(time - self.start, 1e-9) if self.bridged_time else 0.0
+
 
 class RecursiveFit:
     """The recursive estimator for one spacecraft and its sensors; it contains no state.

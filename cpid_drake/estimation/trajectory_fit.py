@@ -30,6 +30,9 @@ from cpid_drake.sensing.thinning import EvenSelection
 MOST_PASSES = 6
 """Largest number of passes after the recursive fit."""
 
+MOST_LOST = 0.5
+"""Share of a log that is left out, above which no further pass is tried."""
+
 STEP_TOLERANCE = 0.02
 """Change of the target from pass to pass, in units of σ, at which the passes end."""
 
@@ -108,13 +111,15 @@ def fit_trajectory(estimator: RecursiveFit, stream: Iterable[Measurements]) -> T
     estimator = estimator.as_in(state)
     psi = known.nominal.psi + psi_step(known, state.prior)
     constants = known.nominal.constants
-    for _ in range(MOST_PASSES):
+    for k in range(MOST_PASSES):
         residuals, misfit = Residuals(), state.expected_misfit
         known, state = pass_about(estimator, stream, psi, residuals, misfit, constants)
         step = psi_step(known, estimator.prior)
         is_linear = estimator.solver.constants.agree(constants, known.nominal.constants)
         if is_linear and np.linalg.norm(known.root[-10:, -10:] @ step) < STEP_TOLERANCE:
             converged = True
+            break
+        if k and state.bridged_share(known.time) > MOST_LOST:
             break
         psi, constants = psi + step, known.nominal.constants
     return TrajectoryFit(known, state, residuals, converged)

@@ -9,12 +9,9 @@ from numpy.typing import NDArray
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.effect_selection import EffectSelection, LogFit
 from cpid_drake.estimation.recursive_fit import RecursiveFit, RecursiveState
-from cpid_drake.estimation.trajectory_fit import Residuals, pass_about
+from cpid_drake.estimation.trajectory_fit import MOST_LOST, Residuals, pass_about
 from cpid_drake.identification.fit_setup import estimator_of
 from cpid_drake.identification.problem import Problem
-
-MOST_LOST = 0.5
-"""Share of a log that is left out, above which the errors do not explain it."""
 
 _MOST_PASSES = 4
 _CLOSE = 0.1
@@ -111,6 +108,6 @@ def fit_errors(
 
 def _lost(known: BlockState, state: RecursiveState) -> float:
     """Return the largest share of a log, or of a sensor's samples, that was left out."""
-    shares = [state.bridged_time / max(known.time - state.start, 1e-9)]
+    shares = [state.bridged_share(known.time)]
     shares += [state.left_out.get(name, 0) / max(n, 1) for name, n in state.processed.items()]
     return max(shares)

@@ -20,7 +20,7 @@ from cpid_drake.estimation.trajectory_fit import (
 from cpid_drake.estimation.whiteness import least_white, whiteness
 from cpid_drake.identification.fit_results import identification_at, nothing_known
 from cpid_drake.identification.fit_setup import estimator_of
-from cpid_drake.identification.problem import LARGEST_NOISE, Estimator, Problem
+from cpid_drake.identification.problem import LARGEST_NOISE, MOST_UNEXPLAINED, Estimator, Problem
 from cpid_drake.identification.result import (
     Identification,
     ResidualSeries,
@@ -65,7 +65,7 @@ def estimate_by_fit(problem: Problem) -> Identification:
     warnings = list(seen.warnings)
     if not fit.converged:
         warnings.append(NOT_CONVERGED)
-    found = _of_residuals(problem, estimator, fit.known, fit.recursive, fit.residuals)
+    found = _of_residuals(estimator, fit.known, fit.recursive, fit.residuals)
     if not problem.known_bodies:
         found = _repeated(seen, found, fit.known.nominal)
     return replace(
@@ -82,8 +82,8 @@ def _repeated(seen: SeenNoise, found: Identification, about: TrajectoryState) ->
     factors = residual_factors(tests)
     if not factors:
         return found
-    if found.misfit > LARGEST_NOISE:  # no noise, and the gate doubts it
-        return _widened(found)
+    if found.misfit > LARGEST_NOISE or found.unexplained > MOST_UNEXPLAINED:
+        return _widened(found)  # no noise, and the gate doubts it
     again = with_larger_noise(seen.problem, seen.sensors, factors)
     estimator = estimator_of(again.problem, again.sensors)
     changes = found.momentum_changes
@@ -137,12 +137,11 @@ def fit_about(problem: Problem, psi: NDArray[np.float64], misfit: float) -> Iden
     if not estimator.solver.constants.agree(np.zeros_like(about), about):
         residuals = Residuals()
         known, state = pass_about(estimator, problem.stream, psi, residuals, misfit**2, about)
-    found = _of_residuals(seen.problem, estimator, known, state, residuals)
+    found = _of_residuals(estimator, known, state, residuals)
     return found if problem.known_bodies else _widened(found)
 
 
 def _of_residuals(
-    problem: Problem,
     estimator: RecursiveFit,
     known: BlockState,
     state: RecursiveState,
@@ -157,8 +156,7 @@ def _of_residuals(
             series[name] = ResidualSeries(kept.time, kept.value, "σ", every, beginning)
     found = identification_at(estimator, known, state, TRAJECTORY_FIT.name)
     white = least_white(whiteness(rest.neighbours) for rest in series.values())
-    unexplained = _unexplained(problem, state)
-    return replace(found, residuals=series, whiteness=white, unexplained=unexplained)
+    return replace(found, residuals=series, whiteness=white)
 
 
 def estimate_recursively(problem: Problem) -> Identification:
@@ -178,21 +176,12 @@ def estimate_recursively(problem: Problem) -> Identification:
         warnings.append(NOT_STARTED)
     found = replace(
         found,
-        unexplained=_unexplained(problem, state),
         whiteness=least_white(sums.whiteness for sums in state.lags.values()),
         warnings=tuple(warnings),
         doubts=seen.doubts,
     )
     # Errors of the known bodies cause correlated residuals, and are in the covariance already.
     return found if problem.known_bodies else _widened(found)
-
-
-def _unexplained(problem: Problem, state: RecursiveState) -> float:
-    """Return the share of the log that was bridged."""
-    if state.known is None:
-        return 0.0
-    start = float(problem.log.head.encoders.time[0])
-    return state.bridged_time / max(state.known.time - start, 1e-9)
 
 
 def _widened(found: Identification) -> Identification:

@@ -70,6 +70,7 @@ def identification_at(
         momentum=prior.momentum.name,
         misfit=float(np.sqrt(state.misfit)),
         momentum_estimate=_momentum_of(estimator, known, state),
+        unexplained=state.bridged_share(known.time),
         effects=estimated_effects(solver, known, prior.plausible, state.misfit),
         shared=shared_errors(solver, known),
     )

@@ -253,7 +253,7 @@ def _identified(
         known = len(found.doubts)
         # Exact states may belong to instants that are not connected.
         is_connected = states is None
-        if not is_part:
+        if not is_part and not reasons:
             alone = found
             found = with_undeclared([IdentifiedLog("", record, problem, found)], found, fitted)
             if found.solution is not alone.solution:

@@ -27,6 +27,9 @@ NOISE_ESTIMATED = "the sensors' noise was estimated from the log; give the senso
 LARGEST_NOISE = 10.0
 """Ratio of residuals to the assumed noise that larger noise may explain."""
 
+MOST_UNEXPLAINED = 0.1
+"""Share of the log that nothing explains, above which the answer is doubted."""
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from cpid_drake.dynamics.parameterizations import parameter_scale
-from cpid_drake.identification.problem import LARGEST_NOISE
+from cpid_drake.identification.problem import LARGEST_NOISE, MOST_UNEXPLAINED
 from cpid_drake.identification.result import Identification
 
 IMPOSSIBLE = 1e-4
@@ -20,9 +20,6 @@ IMPOSSIBLE = 1e-4
 
 SMALLEST_VIOLATION = 1e-4
 """A change of the parameters by this share of their scale is not a doubt: rounding causes it."""
-
-MOST_UNEXPLAINED = 0.1
-"""Share of the log that nothing explains, above which the answer is doubted."""
 
 MOST_REJECTED = 0.5
 """Share of unusable samples of one sensor above which the answer is doubted."""

@@ -19,8 +19,9 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.effect_selection import EffectSelection, Submodel, model_average
 from cpid_drake.estimation.least_squares import LeastSquaresSolution, widened
 from cpid_drake.estimation.likelihood.constants import COMPLIANCE, Constants
+from cpid_drake.estimation.trajectory_fit import MOST_LOST
 from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
-from cpid_drake.identification.error_fit import MOST_LOST, LogPart, fit_errors
+from cpid_drake.identification.error_fit import LogPart, fit_errors
 from cpid_drake.identification.held_out import held_out
 from cpid_drake.identification.joint import IdentifiedLog
 from cpid_drake.identification.result import Identification

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_cases import best_psi, fired, make_case, spoiled
+from scipy.stats import chi2
 from sensing_cases import coarse_suite
 
 from cpid_drake.errors import InputError
@@ -118,6 +119,21 @@ def test_a_firing_is_bridged_and_the_momentum_after_it_estimated(case, prior, du
     moved = state.nominal.L - found[1].state.nominal.L
     r = case.state(2.4).p_Wcm
     np.testing.assert_allclose(moved, added[:3] - np.cross(r, added[3:]), atol=0.1)
+
+
+def test_pieces_are_sought_in_the_first_blocks_of_a_long_fault_only(case, prior, clean):
+    """After the fault the rest is explained."""
+    gyro = clean.gyro
+    jitter = np.random.default_rng(3).normal(size=gyro.value.shape)
+    wrong = gyro.value + jitter * (gyro.time < 3.0)[:, None]
+    samples = clean.updated({"gyro": replace(gyro, value=wrong)})
+    first, second, third, last = explained(case, prior, samples)
+    assert [found.state.unexplained for found in (first, second, third, last)] == [1, 2, 3, 0]
+    assert [len(found.bridged) for found in (first, second, third)] == [4, 8, 2]
+    assert third.bridged[0][0] == second.bridged[-1][1]
+    assert third.bridged[-1][1] == pytest.approx(3.0)
+    assert not last.bridged
+    assert nees(case, last.state) < chi2.isf(1e-3, 10)
 
 
 def test_a_bridge_keeps_target_and_bias_and_opens_the_rest(case, prior, clean, reference):

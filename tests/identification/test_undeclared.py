@@ -241,3 +241,19 @@ def test_a_fit_tells_how_much_of_a_log_it_leaves_out(craft, log, skewed_target):
         lost.append(fit_errors([LogPart(problem)], true_psi(craft, skewed_target)).lost)
     assert lost[0] < 0.01
     assert lost[1] > 0.9
+
+
+@pytest.mark.parametrize("estimator", ["recursive_fit", "trajectory_fit"])
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_a_fit_tells_the_share_of_its_log_that_it_leaves_out(craft, log, share, estimator):
+    """The gyro is lost in noise for a while, and the answer is that of the rest."""
+    measurements, _ = log()
+    gyro, length = measurements.gyro, np.ptp(measurements.encoders.time)
+    is_bad = np.abs(gyro.time - 0.7 * length) < share * length / 2
+    jitter = np.random.default_rng(3).normal(scale=0.2, size=gyro.value.shape)
+    samples = {"gyro": replace(gyro, value=gyro.value + jitter * is_bad[:, None])}
+    measurements = measurements.updated(samples)
+    found = identify(craft, measurements, sensors=coarse_suite(), estimator=estimator)
+    assert found.unexplained == pytest.approx(share, abs=0.05)
+    doubt = f"nothing explains {100 * found.unexplained:.0f} % of the log"
+    assert (doubt in found.doubts) == (share > 0.1)
