@@ -20,6 +20,7 @@ from cpid_drake.studies.parameter_errors import max_relative_error
 Identify = Callable[[Telemetry], Identification]
 
 _STEP = 0.02  # of the propagation of the base's motion [s]
+_FINEST = 7  # decimals to which splines through the samples of the log follow its joint motion
 _SUITE = "digits6"  # the suite of a state that is known but for rounding
 
 
@@ -159,7 +160,7 @@ def livelier_motion(
 
         def by_fit(data: Telemetry, number: int = number) -> Identification:
             measured = log_of_states(data).measurements
-            sensors = replace(suite, decimals=number, digits=None)
+            sensors = replace(suite, decimals=min(number, _FINEST), digits=None)
             return identify(spacecraft, measured, sensors=sensors, momentum=zero)
 
         fits += rounded_cases(log, [number], by_fit, truth)
