@@ -2,26 +2,22 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-from pydrake.common.value import Value
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
     OutputPort,
 )
 
 from cpid_drake.sensing.disturbances import WALK_PERIOD, SimulatedDisturbance
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.spatial_forces import SpatialForces, force_on
 
 
-class DisturbanceSource(LeafSystem):
+class DisturbanceSource(SpatialForces):
     """Accelerates the centre of mass of spacecraft and target, and turns them about it.
 
     The force acts on the base, at the current centre of mass of the system. It is the acceleration
@@ -57,14 +53,11 @@ class DisturbanceSource(LeafSystem):
         disturbance: SimulatedDisturbance,
         masses: int = 0,
     ) -> None:
-        super().__init__()
-        self.set_name("disturbance_source")
-        self._plant, self._disturbance = plant, disturbance
+        super().__init__("disturbance_source", plant, self.xd_ticket())
+        self._disturbance = disturbance
         # The spacecraft is the plant's first model, so its bodies have the same indices.
         self._base = plant.get_body(spacecraft.base.index())
-        self._scratch = PlantScratch(plant)
         self._mass = plant.CalcTotalMass(self._scratch.context)
-        self._state_port = self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self._moment_ports = [
             self.DeclareVectorInputPort(f"moment{k + 1}", 3) for k in range(masses)
         ]
@@ -73,12 +66,6 @@ class DisturbanceSource(LeafSystem):
             self.DeclarePeriodicDiscreteUpdateEvent(
                 period_sec=WALK_PERIOD, offset_sec=0.0, update=self._update
             )
-        self.DeclareAbstractOutputPort(
-            name="spatial_forces",
-            alloc=lambda: Value([ExternallyAppliedSpatialForce()]),
-            calc=self._calc_spatial_forces,
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
-        )
 
     @staticmethod
     def AddToBuilder(
@@ -89,12 +76,8 @@ class DisturbanceSource(LeafSystem):
         disturbance: SimulatedDisturbance,
         moments: Sequence[OutputPort] = (),
     ) -> "DisturbanceSource":
-        """Add a source and connect its input to a plant of the same diagram; see the constructor.
-
-        `spatial_forces` remains to be connected, since a plant has one input for all such forces.
-        """
-        source = builder.AddSystem(DisturbanceSource(spacecraft, plant, disturbance, len(moments)))
-        builder.Connect(plant.get_state_output_port(), source.GetInputPort("state"))
+        """Add a source and connect its inputs; see the constructor and `SpatialForces`."""
+        source = DisturbanceSource(spacecraft, plant, disturbance, len(moments))._added(builder)
         for port, moment in zip(source._moment_ports, moments, strict=True):
             builder.Connect(moment, port)
         return source
@@ -104,16 +87,12 @@ class DisturbanceSource(LeafSystem):
         discrete_state.set_value(self._index, self._disturbance.piece(number))
         return EventStatus.Succeeded()
 
-    def _calc_spatial_forces(self, context: Context, output: Value) -> None:
-        scratch = self._scratch.context
-        self._plant.SetPositionsAndVelocities(scratch, self._state_port.Eval(context))
+    def _forces(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
+        scratch = self._plant_context(context)
         X_WB: RigidTransform = self._base.EvalPoseInWorld(scratch)
         p_WScm = self._plant.CalcCenterOfMassPositionInWorld(scratch)
         for port in self._moment_ports:
             p_WScm = p_WScm + port.Eval(context) / self._mass
         value = context.get_discrete_state(self._index).value()
-        force = ExternallyAppliedSpatialForce()
-        force.body_index = self._base.index()
-        force.p_BoBq_B = X_WB.inverse() @ p_WScm
-        force.F_Bq_W = SpatialForce(np.asarray(value[:3]), self._mass * value[3:])
-        output.set_value([force])
+        p_BScm = X_WB.inverse() @ p_WScm
+        return [force_on(self._base, p_BScm, value[:3], self._mass * value[3:])]

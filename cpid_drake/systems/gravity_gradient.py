@@ -1,18 +1,16 @@
 """The gravity gradient of an orbit on a simulated spacecraft, as a Drake system."""
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.spatial_forces import SpatialForces, force_on
 
 
-class GravityGradient(LeafSystem):
+class GravityGradient(SpatialForces):
     """Applies force and torque of an orbit's gravity gradient to every body of a plant.
 
     The force acts at the body's centre of mass: W's origin moves along the orbit, so that only the
@@ -36,10 +34,8 @@ class GravityGradient(LeafSystem):
     """
 
     def __init__(self, plant: MultibodyPlant, orbit: Orbit) -> None:
-        super().__init__()
-        self.set_name("gravity_gradient")
-        self._plant, self._orbit = plant, orbit
-        self._scratch = PlantScratch(plant)
+        super().__init__("gravity_gradient", plant, self.time_ticket())
+        self._orbit = orbit
         indices = map(BodyIndex, range(1, plant.num_bodies()))  # 0 is the world
         self._bodies: list[RigidBody] = []
         inertias = []
@@ -53,39 +49,20 @@ class GravityGradient(LeafSystem):
         self._central = np.array(
             [i.Shift(i.get_com()).CalcRotationalInertia().CopyToFullMatrix3() for i in inertias]
         )
-        self._state_port = self.DeclareVectorInputPort("state", plant.num_multibody_states())
-        self.DeclareAbstractOutputPort(
-            name="spatial_forces",
-            alloc=lambda: Value([ExternallyAppliedSpatialForce()]),
-            calc=self._calc_spatial_forces,
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.time_ticket()},
-        )
 
     @staticmethod
     def AddToBuilder(
         builder: DiagramBuilder, *, plant: MultibodyPlant, orbit: Orbit
     ) -> "GravityGradient":
-        """Add a system and connect its input to a plant of the same diagram; see the constructor.
+        """Add a system and connect its input; see the constructor and `SpatialForces`."""
+        return GravityGradient(plant, orbit)._added(builder)
 
-        `spatial_forces` remains to be connected, since a plant has one input for all such forces.
-        """
-        system = builder.AddSystem(GravityGradient(plant, orbit))
-        builder.Connect(plant.get_state_output_port(), system.GetInputPort("state"))
-        return system
-
-    def _calc_spatial_forces(self, context: Context, output: Value) -> None:
-        scratch, time = self._scratch.context, np.array([context.get_time()])
-        self._plant.SetPositionsAndVelocities(scratch, self._state_port.Eval(context))
+    def _forces(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
+        scratch, time = self._plant_context(context), np.array([context.get_time()])
         poses = [body.EvalPoseInWorld(scratch) for body in self._bodies]
         R = np.array([pose.rotation().matrix() for pose in poses])
         p_WBcm = np.array([pose.translation() for pose in poses]) + rotate(R, self._coms)
         force_W = self._masses[:, None] * (p_WBcm @ self._orbit.tide(time)[0].T)
         inertia_W = R @ self._central @ np.swapaxes(R, -1, -2)
         torque_W = self._orbit.torque(inertia_W, np.repeat(time, len(R)))
-        forces = []
-        for body, com, torque, force in zip(self._bodies, self._coms, torque_W, force_W):
-            applied = ExternallyAppliedSpatialForce()
-            applied.body_index, applied.p_BoBq_B = body.index(), com
-            applied.F_Bq_W = SpatialForce(torque, force)
-            forces.append(applied)
-        output.set_value(forces)
+        return [force_on(*each) for each in zip(self._bodies, self._coms, torque_W, force_W)]

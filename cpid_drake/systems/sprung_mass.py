@@ -2,8 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import Value
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import (
@@ -11,15 +9,14 @@ from pydrake.systems.framework import (
     Context,
     ContinuousState,
     DiagramBuilder,
-    LeafSystem,
 )
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError, choose_from
-from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.spatial_forces import SpatialForces, force_on
 
 
-class SprungMass(LeafSystem):
+class SprungMass(SpatialForces):
     """Moves a part of a body's mass as a point mass on a spring and a damper.
 
     The point mass S is a part of the body's mass in the model. At rest it is at a given place in
@@ -69,9 +66,8 @@ class SprungMass(LeafSystem):
         frequency: float,
         damping_ratio: float,
     ) -> None:
-        super().__init__()
-        self.set_name(f"sprung_mass_in_{body}")
-        self._plant, self._mass, self._p_BS = plant, mass, np.asarray(p_BS, dtype=float)
+        super().__init__(f"sprung_mass_in_{body}", plant, self.xc_ticket())
+        self._mass, self._p_BS = mass, np.asarray(p_BS, dtype=float)
         self._body = _body(plant, body)
         whole = InertialParameters.from_spatial_inertia(self._body.default_spatial_inertia())
         part = InertialParameters(mass, self._p_BS, np.zeros((3, 3)))
@@ -83,23 +79,14 @@ class SprungMass(LeafSystem):
         self._rest = InertialParameters.from_standard_vector(rest)
         w = 2 * np.pi * frequency
         self._stiffness, self._damping = mass * w**2, 2 * damping_ratio * mass * w
-        self._scratch = PlantScratch(plant)
-        self._state_port = self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self._index = self.DeclareContinuousState(3, 3, 0)
         sources = {self.all_input_ports_ticket(), self.xc_ticket()}
-        self.DeclareAbstractOutputPort(
-            name="spatial_forces",
-            alloc=lambda: Value([ExternallyAppliedSpatialForce()]),
-            calc=self._calc_spatial_forces,
-            prerequisites_of_calc=sources,
-        )
         self.DeclareVectorOutputPort(
             name="relative_momentum",
             size=6,
             calc=self._calc_relative_momentum,
             prerequisites_of_calc=sources,
         )
-
         self.DeclareVectorOutputPort(
             name="relative_moment",
             size=3,
@@ -118,22 +105,16 @@ class SprungMass(LeafSystem):
         frequency: float,
         damping_ratio: float,
     ) -> "SprungMass":
-        """Add a sprung mass and connect its input; see the constructor.
-
-        `spatial_forces` remains to be connected, since a plant has one input for all such forces.
-        """
-        system = builder.AddSystem(
-            SprungMass(
-                plant,
-                body=body,
-                p_BS=p_BS,
-                mass=mass,
-                frequency=frequency,
-                damping_ratio=damping_ratio,
-            )
+        """Add a sprung mass and connect its input; see the constructor and `SpatialForces`."""
+        system = SprungMass(
+            plant,
+            body=body,
+            p_BS=p_BS,
+            mass=mass,
+            frequency=frequency,
+            damping_ratio=damping_ratio,
         )
-        builder.Connect(plant.get_state_output_port(), system.GetInputPort("state"))
-        return system
+        return system._added(builder)
 
     def start(self, root_context: Context) -> None:
         """Put the mass at rest in the body, and take it out of the rigid body of the plant.
@@ -156,10 +137,6 @@ class SprungMass(LeafSystem):
             np.concatenate([velocity, -force / self._mass])
         )
 
-    def _plant_context(self, context: Context) -> Context:
-        self._plant.SetPositionsAndVelocities(self._scratch.context, self._state_port.Eval(context))
-        return self._scratch.context
-
     def _moving(self, context: Context) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return position and velocity of the mass in W."""
         place, velocity = np.split(context.get_continuous_state_vector().CopyToVector(), 2)
@@ -181,14 +158,10 @@ class SprungMass(LeafSystem):
         rest, v_body = self._held(self._plant_context(context), place)
         return self._stiffness * (place - rest) + self._damping * (velocity - v_body)
 
-    def _calc_spatial_forces(self, context: Context, output: Value) -> None:
+    def _forces(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         place, _ = self._moving(context)
-        force = ExternallyAppliedSpatialForce()
-        force.F_Bq_W = SpatialForce(np.zeros(3), self._force(context))
-        force.body_index = self._body.index()
-        X_WB = self._body.EvalPoseInWorld(self._scratch.context)
-        force.p_BoBq_B = X_WB.inverse() @ place
-        output.set_value([force])
+        X_WB = self._body.EvalPoseInWorld(self._plant_context(context))
+        return [force_on(self._body, X_WB.inverse() @ place, np.zeros(3), self._force(context))]
 
     def _calc_relative_momentum(self, context: Context, output: BasicVector) -> None:
         moving = self._moving(context)

@@ -2,8 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import Value
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.systems.framework import (
     BasicVector,
@@ -11,17 +9,16 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
 )
 
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.spatial_forces import SpatialForces, force_on
 
 _ONCE = 1e12  # a period so long that a periodic event happens once [s]
 
 
-class ThrusterSource(LeafSystem):
+class ThrusterSource(SpatialForces):
     """Pushes and turns the base of a spacecraft, and reports its thrust.
 
     .. pydrake_system::
@@ -54,22 +51,13 @@ class ThrusterSource(LeafSystem):
     def __init__(
         self, spacecraft: Spacecraft, plant: MultibodyPlant, log: Samples, scale: float = 1.0
     ) -> None:
-        super().__init__()
-        self.set_name("thruster_source")
-        self._plant, self.scale = plant, scale
+        super().__init__("thruster_source", plant, self.xd_ticket())
+        self.scale = scale
         # The spacecraft is the plant's first model, so its bodies have the same indices.
         self._base = plant.get_body(spacecraft.base.index())
-        self._scratch = PlantScratch(plant)
-        self._state_port = self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self._index = self.DeclareDiscreteState(np.full(7, np.nan))
         for time, value in zip(log.time.tolist(), log.value, strict=True):
             self._declare_change(np.append(time, value))
-        self.DeclareAbstractOutputPort(
-            name="spatial_forces",
-            alloc=lambda: Value([ExternallyAppliedSpatialForce()]),
-            calc=self._calc_spatial_forces,
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
-        )
         self.DeclareVectorOutputPort(
             name="thrust", size=7, calc=self._calc_thrust, prerequisites_of_calc={self.xd_ticket()}
         )
@@ -83,13 +71,8 @@ class ThrusterSource(LeafSystem):
         log: Samples,
         scale: float = 1.0,
     ) -> "ThrusterSource":
-        """Add a source and connect its input to a plant of the same diagram; see the constructor.
-
-        `spatial_forces` remains to be connected, since a plant has one input for all such forces.
-        """
-        source = builder.AddSystem(ThrusterSource(spacecraft, plant, log, scale))
-        builder.Connect(plant.get_state_output_port(), source.GetInputPort("state"))
-        return source
+        """Add a source and connect its input; see the constructor and `SpatialForces`."""
+        return ThrusterSource(spacecraft, plant, log, scale)._added(builder)
 
     def _declare_change(self, entry: NDArray[np.float64]) -> None:
         def update(context: Context, discrete_state: DiscreteValues) -> EventStatus:
@@ -103,12 +86,7 @@ class ThrusterSource(LeafSystem):
     def _calc_thrust(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(self._index).value())
 
-    def _calc_spatial_forces(self, context: Context, output: Value) -> None:
-        scratch = self._scratch.context
-        self._plant.SetPositionsAndVelocities(scratch, self._state_port.Eval(context))
-        R_WB = self._base.EvalPoseInWorld(scratch).rotation().matrix()
+    def _forces(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
+        R_WB = self._base.EvalPoseInWorld(self._plant_context(context)).rotation().matrix()
         wrench = self.scale * np.nan_to_num(context.get_discrete_state(self._index).value()[1:])
-        force = ExternallyAppliedSpatialForce()
-        force.body_index, force.p_BoBq_B = self._base.index(), np.zeros(3)
-        force.F_Bq_W = SpatialForce(R_WB @ wrench[:3], R_WB @ wrench[3:])
-        output.set_value([force])
+        return [force_on(self._base, np.zeros(3), R_WB @ wrench[:3], R_WB @ wrench[3:])]
