@@ -116,7 +116,8 @@ class BlockEquations:
             used -= int((self.weights == 0).sum())
         self.freedom = int(used - size)
         y = np.zeros(known)
-        y[self.order] = solution(R[:size, :size], R[:size, -1], plausible)
+        held = self.solver.held_count
+        y[self.order] = solution(R[:size, :size], R[:size, -1], plausible, held=held)
         step = y.copy()
         for column, by, factor in reversed(self.transitions):
             step[by] -= factor @ step[column]
@@ -126,8 +127,8 @@ class BlockEquations:
         self.step = step[:size]
         self.step[model.held] = 0.0
 
-    def relinearized(self) -> bool:
-        """Linearize at the solution, if this makes a difference; return whether it did."""
+    def relinearized(self, tolerance: float) -> bool:
+        """Linearize at the solution, if this changes χ² by more than the tolerance; return that."""
         model = self.model
         step = self.step.copy()
         for name in self.solver.held:
@@ -137,7 +138,7 @@ class BlockEquations:
         off = model.residuals(trajectory) - (self.residuals - self.jacobian[:, : model.size] @ step)
         if self.weights is not None:
             off *= self.weights
-        if off @ off < CURVED:
+        if off @ off < tolerance:
             return False
         self.shift += step[model.at_start]
         self._linearize(trajectory)

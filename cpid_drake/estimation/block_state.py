@@ -92,6 +92,13 @@ class BlockState:
         gain = solve_triangular(self.root, self.by_bodies)[-10:]
         return gain @ gain.T
 
+    def best_constants(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the best values (k,) of the constant errors for a ψ (10,)."""
+        k = len(self.nominal.constants)
+        R, z = self.root[-k - 10 :, -k - 10 :], self.rest[-k - 10 :]
+        rest = z[:k] - R[:k, k:] @ (psi - self.nominal.psi)
+        return np.asarray(self.nominal.constants + solve_triangular(R[:k, :k], rest))
+
     def psi_misfit(self) -> float:
         """Return the increase of χ² at the nominal ψ over its minimum."""
         return float(np.sum(self.rest[-10:] ** 2))
@@ -130,14 +137,16 @@ def solution(
     z: NDArray[np.float64],
     plausible: NDArray[np.float64] | None,
     share: float = KNOWN_SHARE,
+    held: int = 10,
 ) -> NDArray[np.float64]:
     """Return x (n,) of R x = z, R upper triangular, with ψ as its last ten entries.
 
     Args:
         R, z: (n, n) and (n,).
         plausible: (10,) plausible sizes of ψ; combinations that are not well known remain zero, and
-            the other entries of x are the best for that. None to keep ψ at zero.
+            the other entries of x are the best for that. None to keep the held entries at zero.
         share: σ of a well-known combination, as a share of its plausible size, is at most this.
+        held: number of the last entries, ψ among them, that `plausible` = None keeps at zero.
 
     Raises:
         numpy.linalg.LinAlgError: the samples contradict each other so much that R or z overflows.
@@ -145,11 +154,11 @@ def solution(
     """
     if not (np.isfinite(R).all() and np.isfinite(z).all()):
         raise np.linalg.LinAlgError("nothing explains the samples")
-    n = len(R) - 10
-    psi = np.zeros(10)
+    last = np.zeros(held if plausible is None else 10)
+    n = len(R) - len(last)
     if plausible is not None:
         U, size, axes = np.linalg.svd(R[n:, n:] * plausible)
         known = size > 1 / share
-        psi = plausible * (axes[known].T @ ((U.T @ z[n:])[known] / size[known]))
-    others = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ psi)
-    return np.concatenate([others, psi])
+        last = plausible * (axes[known].T @ ((U.T @ z[n:])[known] / size[known]))
+    others = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ last)
+    return np.concatenate([others, last])

@@ -18,7 +18,7 @@ from cpid_drake.dynamics.plane import HELD
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.block_equations import BlockEquations
+from cpid_drake.estimation.block_equations import CURVED, BlockEquations
 from cpid_drake.estimation.block_state import BlockFit, BlockState, solution
 from cpid_drake.estimation.jumps import CHANGED, SIZE, Jump
 from cpid_drake.estimation.likelihood.constants import NOT_MOVED, Constants
@@ -48,8 +48,12 @@ class BlockSolver:
         known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
         misfit: expected χ² per degree of freedom: above 1 if the noise is larger than given.
         finer: by how many sizes the joints' splines are finer than the joints' sensors ask for.
+        is_about_constants: whether the constant errors keep their nominal values from block to
+            block, as ψ does, because they were estimated before.
         places: places of all quantities in δX, by name.
         constants: the constant errors of the suite.
+        held_count: number of the last quantities in δX whose nominal values remain if that of ψ
+            does.
 
     """
 
@@ -58,8 +62,10 @@ class BlockSolver:
     known_bodies: BodyUncertainty | None = None
     misfit: float = 1.0
     finer: int = 0
+    is_about_constants: bool = False
     places: dict[str, slice] = field(init=False)
     constants: Constants = field(init=False)
+    held_count: int = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "constants", Constants.of(self.suite, self.joint_count))
@@ -72,6 +78,8 @@ class BlockSolver:
         ends = np.cumsum(list(sizes.values())).tolist()
         places = {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends)}
         object.__setattr__(self, "places", places)
+        held = self.constants.steady_count if self.is_about_constants else 0
+        object.__setattr__(self, "held_count", held + 10)
 
     @property
     def gyros(self) -> list[Gyro]:
@@ -126,6 +134,7 @@ class BlockSolver:
         *,
         plausible: NDArray[np.float64] | None = None,
         weights: NDArray[np.float64] | None = None,
+        tolerance: float = CURVED,
     ) -> BlockFit:
         """Return the solution of a block by the Gauss-Newton method.
 
@@ -135,6 +144,7 @@ class BlockSolver:
             plausible: (10,) plausible sizes of ψ, whose nominal value moves along well-known
                 combinations; None to hold it. All other nominal values become the best for it.
             weights: (samples,) 0 for samples to leave out, in the order of the sensors.
+            tolerance: change of χ² by curvature above which the block is linearized again.
 
         Raises:
             InputError: the readings cannot be predicted at the nominal values.
@@ -143,7 +153,7 @@ class BlockSolver:
         equations = BlockEquations(self, self.kicked(state, model), model, weights)
         for _ in range(MOST_ITERATIONS):
             equations.solve(plausible)
-            if not equations.relinearized():
+            if not equations.relinearized(tolerance):
                 break
         else:  # the last linearization needs its own solution
             equations.solve(plausible)
@@ -286,7 +296,7 @@ class BlockSolver:
 
         """
         now = state.nominal
-        change = solution(state.root, state.rest, plausible)
+        change = solution(state.root, state.rest, plausible, held=self.held_count)
         if not np.abs(change[self.places["attitude"]]).max() < _MOST_TURN:
             raise np.linalg.LinAlgError("nothing explains the samples")
         change[self.places["joints"]] = 0.0

@@ -167,7 +167,6 @@ def explain(
     is_lost = sum(end - start for start, end in found.bridged) > block.length / 2
     unexplained = state.unexplained + 1 if is_lost else 0
     state = replace(found.state, unexplained=unexplained)
-    found = replace(found, state=state)
     jump = max(state.jumps, key=lambda each: each.gain, default=None)
     if jump is not None and jump.exceeds_noise(solver.misfit, UNLIKELY):
         state = solver.with_jump(state, jump, opened(prior))

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.plane import NORMAL_W
+from cpid_drake.dynamics.plane import HELD, NORMAL_W
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.faults import Block, block_model, first_sample, with_first_attitude
-from cpid_drake.estimation.likelihood.constants import FIXED
+from cpid_drake.estimation.likelihood.constants import COMPLIANCE
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, POSITION
@@ -30,8 +30,8 @@ def initial_state(
         prior: what is known before the first sample.
         psi: (10,) nominal value of the target's unknowns.
         block: the first block.
-        constants: (k,) nominal values of the constant errors in units of their σ, of which those of
-            the joints' zeros are used; default: zero.
+        constants: (k,) nominal values of the constant errors in units of their σ, that of the
+            compliance excepted, which is zero; default: zero.
 
     Raises:
         InputError: the block has no attitude sample, or too few samples of the joints' positions.
@@ -45,12 +45,14 @@ def initial_state(
     sigma[places["bias"]] = np.repeat([max(g.bias_sigma, 1e-9) for g in solver.gyros], 3)
     sigma[places["joints"]], sigma[places["psi"]] = 1e6, prior.psi_sigma
     start = np.zeros(solver.constants.size)
-    for name, error in solver.constants.errors.items():
+    for name in solver.constants.errors:
         sigma[places[name]] = 1.0
-        if constants is not None and error.kind in FIXED:
+        if constants is not None and name != COMPLIANCE:
             place = solver.constants.place(name)
             start[place] = constants[place]
-            rest[places[name]] = -constants[place]
+            if name in HELD and solver.tree.normal_B is not None:
+                start[place.start + np.array(HELD[name])] = 0.0
+            rest[places[name]] = -start[place]
     rest[places["psi"]] = (prior.psi - psi) / prior.psi_sigma
     position = first_sample(block.samples, POSITION)
     nominal = TrajectoryState(

@@ -307,7 +307,9 @@ class RecursiveFit:
         splines that the encoders do not see. The model is linear in the joints' zeros.
         """
         constants = self.solver.constants
-        about = state.sweep.state.nominal.constants if state.sweep else np.zeros(constants.size)
+        about = np.zeros(constants.size)
+        if state.sweep is not None:
+            about = state.sweep.state.best_constants(psi)
         for _ in range(_MOST_FITS):
             fit = fit_window(
                 self.solver_of(state),
@@ -318,7 +320,7 @@ class RecursiveFit:
                 suspects=suspects,
                 constants=about,
             )
-            psi, found = fit.psi, fit.sweep.state.nominal.constants
+            psi, found = fit.psi, fit.sweep.state.best_constants(fit.psi)
             if state.prior.excludes(psi):
                 state = replace(state, prior=state.prior.covering(psi), finer=_FINER)
             elif constants.agree(about, found):

@@ -110,18 +110,19 @@ def fit_trajectory(estimator: RecursiveFit, stream: Iterable[Measurements]) -> T
         return TrajectoryFit(known, state, residuals, converged=True)
     estimator = estimator.as_in(state)
     psi = known.nominal.psi + psi_step(known, state.prior)
-    constants = known.nominal.constants
+    constants = known.best_constants(psi)
     for k in range(MOST_PASSES):
         residuals, misfit = Residuals(), state.expected_misfit
         known, state = pass_about(estimator, stream, psi, residuals, misfit, constants)
         step = psi_step(known, estimator.prior)
-        is_linear = estimator.solver.constants.agree(constants, known.nominal.constants)
+        found = known.best_constants(psi + step)
+        is_linear = estimator.solver.constants.agree(constants, found)
         if is_linear and np.linalg.norm(known.root[-10:, -10:] @ step) < STEP_TOLERANCE:
             converged = True
             break
         if k and state.bridged_share(known.time) > MOST_LOST:
             break
-        psi, constants = psi + step, known.nominal.constants
+        psi, constants = psi + step, found
     return TrajectoryFit(known, state, residuals, converged)
 
 
@@ -141,7 +142,8 @@ def pass_about(
         psi: (10,) relative unknowns of the target.
         residuals: the residuals of all blocks are added to it.
         misfit: expected χ² per degree of freedom.
-        constants: see `initial_state`.
+        constants: constant errors about which the blocks are linearized, too; see `initial_state`.
+            Default: from block to block about the best values so far.
 
     Returns:
         What is known at the end, and the counts.
@@ -150,7 +152,8 @@ def pass_about(
         InputError: as `fit_trajectory`.
 
     """
-    solver = replace(estimator.solver, misfit=misfit)
+    is_about = constants is not None
+    solver = replace(estimator.solver, misfit=misfit, is_about_constants=is_about)
     prior = estimator.prior
     counts, known = replace(estimator.start(), expected_misfit=misfit), None
     for block in blocks_of(BlockQueue.of(solver.suite), stream):

@@ -11,6 +11,7 @@ change well-known combinations of ψ only, because free values of the others are
 
 from collections import Counter
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from cpid_drake.dynamics.parameterizations import LogCholesky
 from cpid_drake.dynamics.plane import round_body
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.block_equations import CURVED
 from cpid_drake.estimation.block_state import BlockFit, BlockState, solution
 from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.faults import (
@@ -44,8 +46,10 @@ WELL_KNOWN = 0.001
 
 _LITTLE = 0.1  # a step that reduces the cost by a smaller share ends the constrained stage
 _NEAR = 4.0  # χ² per degree of freedom from which on free steps converge
+_ROUGH = 1e-4  # error of χ² by curvature, as a share of it, far from the minimum
 _STEP_TOLERANCE = 0.01  # size of a step in units of σ
 _MOST_STEPS = 40
+_FEWER_STEPS = 10  # near an estimate of the constant errors
 _MOST_ROUNDS = 4  # of leaving out outliers
 _UNEVEN = 3.0  # ratio of χ² per degree of freedom of two blocks that larger noise explains
 _WHITE = 0.2  # correlation of successive residuals that larger noise explains
@@ -104,6 +108,11 @@ class WindowFit:
     def psi(self) -> NDArray[np.float64]:
         """(10,) the solution."""
         return self.sweep.state.nominal.psi
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the iteration reached a solution from which noise explains every block."""
+        return self.converged and self.sweep.is_likely
 
 
 def best_psi(state: BlockState, prior: Prior) -> NDArray[np.float64]:
@@ -191,6 +200,7 @@ class _Models:
         constants: NDArray[np.float64] | None = None,
     ) -> None:
         self.solver, self.prior, self.blocks, self.constants = solver, prior, blocks, constants
+        self.has_estimate = constants is not None and bool(constants.any())
         self._models: list[BlockModel] = []
         state = initial_state(solver, prior, prior.psi, blocks[0], constants)
         track = None
@@ -199,8 +209,20 @@ class _Models:
             self._models.append(model)
             track = model.motion.joints.track
 
-    def sweep(self, psi: NDArray[np.float64], changed: int = -1) -> Sweep:
-        """Return the sweep at ψ; the block number `changed` is bridged."""
+    @property
+    def about_constants(self) -> "_Models":
+        """The same likelihoods, linearized about the given values of the constant errors."""
+        result = copy(self)
+        result.solver = replace(self.solver, is_about_constants=True)
+        return result
+
+    def sweep(
+        self, psi: NDArray[np.float64], changed: int = -1, tolerance: float = CURVED
+    ) -> Sweep:
+        """Return the sweep at ψ; the block number `changed` is bridged.
+
+        For `tolerance` see `BlockSolver.solve`.
+        """
         state = initial_state(self.solver, self.prior, psi, self.blocks[0], self.constants)
         fits: list[BlockFit] = []
         pieces: tuple[tuple[float, float], ...] = ()
@@ -209,7 +231,7 @@ class _Models:
                 state = bridged(self.solver, self.prior, state, model, None)
                 pieces = ((self.blocks[k].start, self.blocks[k].end),)
                 continue
-            fits.append(self.solver.solve(state, model))
+            fits.append(self.solver.solve(state, model, tolerance=tolerance))
             state = fits[-1].state
         return Sweep(state, tuple(fits), pieces)
 
@@ -217,7 +239,20 @@ class _Models:
 def _minimized(
     models: _Models, prior: Prior, psi: NDArray[np.float64], changed: int = -1
 ) -> WindowFit:
-    """Return the minimum of χ² over ψ."""
+    """Return the minimum of χ² over ψ.
+
+    Without an estimate of the constant errors, each block is linearized about its own.
+    """
+    if models.has_estimate:
+        about = models.about_constants
+        fit = _freed(about, prior, _constrained(about, prior, psi, changed), changed)
+        if fit.is_good:
+            return fit
+    return _freed(models, prior, _constrained(models, prior, psi, changed), changed)
+
+
+def _constrained(models: _Models, prior: Prior, psi: NDArray[np.float64], changed: int) -> Sweep:
+    """Return the sweep at a rigid body near the minimum of χ² over all rigid bodies."""
     form = LogCholesky(np.abs(prior.psi))
     axis = models.solver.tree.plane_axis
     if axis >= 0:
@@ -225,7 +260,8 @@ def _minimized(
     point = form.from_psi(psi)
     psi, by_point = form.to_psi(point)
     sweep, damping = models.sweep(psi, changed), 1e-6
-    for _ in range(_MOST_STEPS):
+    most = _FEWER_STEPS if models.solver.is_about_constants else _MOST_STEPS
+    for _ in range(most):
         before = sweep.cost
         if sweep.state.psi_misfit() < 1.0:
             break  # nothing is left to gain
@@ -233,7 +269,7 @@ def _minimized(
         new_point = point + step * min(1.0, _LARGEST / np.abs(step).max())
         new_psi, new_by = form.to_psi(new_point)
         try:
-            new = models.sweep(new_psi, changed)
+            new = models.sweep(new_psi, changed, max(CURVED, _ROUGH * sweep.cost))
         except (InputError, np.linalg.LinAlgError):
             new = None
         if new is not None and new.cost < before:
@@ -245,7 +281,7 @@ def _minimized(
         damping = max(10 * damping, 1e-9)
         if damping > 1e6:
             break
-    return _freed(models, prior, sweep, changed)
+    return sweep
 
 
 def _damped_step(

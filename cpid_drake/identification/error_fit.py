@@ -85,7 +85,9 @@ def fit_errors(
         for part, estimator, constants in zip(parts, estimators, about):
             stream, rest = part.problem.stream, Residuals()
             with np.errstate(over="ignore", invalid="ignore"):  # nothing may explain the samples
-                known, state = pass_about(estimator, stream, psi, rest, part.misfit, constants)
+                known, state = pass_about(
+                    estimator, stream, psi, rest, part.misfit, constants if k else None
+                )
             if not np.isfinite(known.root).all():
                 raise np.linalg.LinAlgError("nothing explains the samples")
             fits.append(LogFit(estimator.solver, known, state.misfit, part.name))

@@ -17,6 +17,7 @@ from cpid_drake.estimation.faults import block_model
 from cpid_drake.estimation.initial_state import initial_state
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.identification.fit_setup import prior_of
+from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.noise import SensorNoise, add_noise
 from cpid_drake.sensing.sensors import Gyro
 
@@ -370,9 +371,38 @@ def test_only_well_known_combinations_of_the_target_are_moved():
     np.testing.assert_allclose(in_axes[:5], full[:5], rtol=1e-9)
     np.testing.assert_allclose(in_axes[5:], 0, atol=1e-12)
     np.testing.assert_allclose((R @ x - z)[:4], 0, atol=1e-9)
-    held = block_state.solution(R, z, None)
-    np.testing.assert_array_equal(held[4:], 0)
-    np.testing.assert_allclose((R @ held - z)[:4], 0, atol=1e-9)
+    for count in (10, 12):
+        held = block_state.solution(R, z, None, held=count)
+        np.testing.assert_array_equal(held[-count:], 0)
+        np.testing.assert_allclose((R @ held - z)[:-count], 0, atol=1e-9)
+
+
+def test_the_best_constants_for_a_target_minimize_the_squares(solved):
+    """Compared with the least squares of all equations at that ψ."""
+    rng = np.random.default_rng(11)
+    R, z = np.triu(rng.normal(size=(16, 16)) + 4 * np.eye(16)), rng.normal(size=16)
+    nominal = replace(solved.fits[0].state.nominal, constants=rng.normal(size=3))
+    state = replace(solved.fits[0].state, nominal=nominal, root=R, rest=z)
+    step = rng.normal(size=10)
+    least, *_ = np.linalg.lstsq(R[:, :6], z - R[:, 6:] @ step, rcond=None)
+    np.testing.assert_allclose(
+        state.best_constants(nominal.psi + step), nominal.constants + least[3:], rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("walks", "free"), [({}, 0), ({"acceleration_walk": 1e-6}, 3), ({"torque_walk": 1e-4}, 6)]
+)
+def test_a_force_that_walks_is_never_held(walks, free, tmp_path, skewed_target):
+    """A constant delay and ψ keep their nominal values; so do forces that do not walk."""
+    suite = rich_suite()
+    suite.disturbances = Disturbances(acceleration=1e-5, torque=1e-3, **walks)
+    suite.attitude = replace(suite.attitude, delay_ms=20.0)
+    solver = make_case(tmp_path, skewed_target, suite, duration=1.0).solver()
+    assert solver.held_count == 10
+    about = replace(solver, is_about_constants=True)
+    first = about.places["psi"].stop - about.held_count
+    assert first == about.places["acceleration"].start + free
 
 
 def test_samples_of_weight_zero_are_as_if_they_were_absent(solved):

@@ -94,6 +94,34 @@ def test_a_far_start_gives_the_optimum_or_none(window, found):
             assert np.linalg.norm(root @ (fit.psi - found.psi)) < 0.1  # σ
 
 
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_values_about_which_constant_errors_are_linear_do_not_matter(
+    seed, tmp_path, skewed_target
+):
+    """Of a chain of fits that begins with wrong values, or with those that suit each block."""
+    plain = coarse_suite(encoders=JointSensor(25.0, 1e-5, zero_mrad=5.0, delay_ms=20.0))
+    suite = replace(
+        plain,
+        attitude=replace(plain.attitude, mounting_arcsec=2000.0, delay_ms=50.0),
+        gyro=replace(plain.gyro, scale_ppm=2000.0, misalignment_arcsec=500.0),
+    )
+    case = make_case(tmp_path, skewed_target, suite, MOMENTUM, 3.0)
+    samples = add_noise(suite, case.samples, seed)
+    blocks = [case.block(a, b, samples) for a, b in itertools.pairwise(EDGES)]
+    solver, prior = case.solver(), prior_of(case.craft.tree, TotalMomentum.unknown())
+    fits = []
+    for about in (None, np.random.default_rng(seed).normal(size=solver.constants.size)):
+        for _ in range(3):
+            fit = fit_window(solver, prior, blocks, case.psi, constants=about)
+            about = fit.sweep.state.best_constants(fit.psi)
+        assert fit.is_good
+        fits.append(fit)
+    one, other = fits
+    error = one.psi - case.psi
+    assert error @ one.sweep.state.psi_information() @ error < chi2.isf(1e-3, 10)
+    assert np.linalg.norm(one.sweep.state.root[-10:, -10:] @ (other.psi - one.psi)) < 0.1  # σ
+
+
 def test_the_optimum_is_consistent(window, found):
     case, *_ = window
     error = found.psi - case.psi
@@ -123,9 +151,9 @@ def test_the_first_stage_goes_through_rigid_bodies(window, monkeypatch):
     tried, free = [], []
     sweep, freed = window_fit._Models.sweep, window_fit._freed
 
-    def watched(self, psi, changed=-1):
+    def watched(self, psi, *others):
         (free if free else tried).append(psi)
-        return sweep(self, psi, changed)
+        return sweep(self, psi, *others)
 
     def watching(*arguments):
         free.append(None)

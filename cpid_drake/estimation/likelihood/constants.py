@@ -27,6 +27,9 @@ NOT_MOVED = (*FIXED, COMPLIANCE)
 LINEAR_ZERO = 1e-4
 """Change of a joint's zero for which the model is linear: its square is below noise [rad or m]."""
 
+LINEAR = 0.1
+"""Change of a constant error, in units of its σ, for which the model is linear."""
+
 
 @dataclass(frozen=True)
 class ConstantError:
@@ -135,6 +138,12 @@ class Constants:
         """Return the constant errors of a suite, for a spacecraft with so many joints."""
         return cls(constant_errors(suite, joint_count))
 
+    @property
+    def steady_count(self) -> int:
+        """Number of entries after the last error that walks."""
+        walks = [self._places[e.name].stop for e in self.errors.values() if e.walk]
+        return self.size - max(walks, default=0)
+
     def value(self, constants: NDArray[np.float64], name: str) -> NDArray[np.float64] | None:
         """Return one error [SI units, rad], from the vector (k,); None if there is no such one."""
         if name not in self.errors:
@@ -148,9 +157,10 @@ class Constants:
         return sum(values, start=np.zeros(1))
 
     def agree(self, first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
-        """Return whether a model about the joint zeros of the first holds for the second, too."""
+        """Return whether a model about the first values (k,) holds for the second, too."""
         change = self.joint_zeros(second) - self.joint_zeros(first)
-        return bool(np.abs(change).max() < LINEAR_ZERO)
+        is_near = (np.abs(second - first) < LINEAR).all()
+        return bool(is_near and np.abs(change).max() < LINEAR_ZERO)
 
     def place(self, name: str) -> slice:
         """Return the place of an error in the vector."""

@@ -7,6 +7,7 @@ the first sample. To model a further effect, write a class like these and add it
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -298,6 +299,7 @@ class KnownBodies(Effect):
         change.inverse_mass[:] = by_masses[sigmas > 0]
 
 
+@lru_cache(maxsize=1)  # the joints' splines and their zeros need the same
 def joint_changes(
     motion: BaseMotion, trajectory: Trajectory
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
