@@ -16,6 +16,7 @@ SIGNIFICANT = 4.0
 LEARNED = 0.5
 """Share of the prior σ below which the samples have determined an entry."""
 
+_ROUNDING = 1e-3  # share of the interval below which a value is a rounding error
 _SHOWN = 8
 """Number of candidates in a comparison."""
 
@@ -69,7 +70,7 @@ class EffectEstimate:
         """Return the estimate in words, with 95 % intervals."""
         sensor, _, kind = self.name.rpartition(".")
         half = quantile_95() * self.sigma
-        numbers = ", ".join(f"{v:.3g} ± {h:.2g}" for v, h in zip(self.value, half))
+        numbers = ", ".join(f"{shown(v, h):.3g} ± {h:.2g}" for v, h in zip(self.value, half))
         text = f"{numbers} {self.unit}" if len(self.value) == 1 else f"({numbers}) {self.unit}"
         return _WORDS[kind].format(text, sensor=sensor) + self._where
 
@@ -85,6 +86,11 @@ class EffectEstimate:
     @property
     def _where(self) -> str:
         return f" during {self.log}" if self.log else ""
+
+
+def shown(value: float, half: float) -> float:
+    """Return a value as it is shown beside half the width of its interval: rounding errors as 0."""
+    return value if abs(value) > _ROUNDING * half else 0.0
 
 
 @dataclass(frozen=True)

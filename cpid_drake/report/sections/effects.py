@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from cpid_drake.estimation.intervals import quantile_95
-from cpid_drake.identification.effects import HeldOut
+from cpid_drake.identification.effects import HeldOut, shown
 from cpid_drake.identification.result_files import (
     EffectRecord,
     IdentificationResult,
@@ -57,11 +57,12 @@ def _estimates(effects: Sequence[EffectRecord], key: str) -> Table:
     rows: list[list[Cell | str]] = []
     for k, effect in enumerate(effects):
         for i, (value, sigma) in enumerate(zip(effect.value, effect.sigma)):
+            half = quantile_95() * sigma
             rows.append(
                 [
                     effect.name if i == 0 else "",
-                    Cell(f"{value:.4g}", float(value), f"{key}.{k}.value.{i}"),
-                    Cell(f"{quantile_95() * sigma:.2g}"),
+                    Cell(f"{shown(value, half):.4g}", float(value), f"{key}.{k}.value.{i}"),
+                    Cell(f"{half:.2g}"),
                     Cell(f"{quantile_95() * effect.prior_sigma:.2g}"),
                     effect.unit,
                 ]
