@@ -1,6 +1,6 @@
 """What tests of the sensors' estimators share: a small spacecraft, its motion, its sensors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -157,6 +157,19 @@ def coarse_suite(**changes) -> SensorSuite:
         "encoders": JointSensor(20.0, 1e-5),
     }
     return SensorSuite("coarse", **(sensors | changes))
+
+
+def every_sensor(**changes) -> SensorSuite:
+    """Return all sensors, at rates that do not divide each other."""
+    suite = SensorSuite(
+        attitude=AttitudeSensor(rate=4.0, cross_boresight_arcsec=5.0, boresight_arcsec=40.0),
+        gyro=Gyro(rate=100.0, angle_random_walk=0.07, bias=1.0, bias_random_walk=0.5),
+        position=VectorSensor(rate=10.0, sigma=1e-3),
+        velocity=VectorSensor(rate=7.0, sigma=1e-3),
+        encoders=JointSensor(rate=30.0, bits=17),
+        joint_rates=JointSensor(rate=3.0, sigma=1e-4),
+    )
+    return replace(suite, **changes)
 
 
 def log_of(telemetry, decimals=None) -> Measurements:

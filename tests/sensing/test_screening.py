@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensing_cases import every_sensor
 
 from cpid_drake import InputError, Telemetry, load_scenario, shipped_scenario
 from cpid_drake.sensing.measurements import (
@@ -22,10 +23,7 @@ from cpid_drake.sensing.presets import load_sensors, sensor_presets
 from cpid_drake.sensing.screening import ScreeningLimits, ScreeningMemory, screen
 from cpid_drake.sensing.sensors import (
     SENSORS,
-    AttitudeSensor,
-    Gyro,
     JointSensor,
-    VectorSensor,
 )
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.studies.trials import base_trajectory, make_case
@@ -143,19 +141,6 @@ def at_rate(suite: SensorSuite, rate: float) -> SensorSuite:
     present = suite.present().items()
     others = {name: replace(errors, rate=rate, dropouts=0.0) for name, errors in present}
     return replace(suite, **others)
-
-
-def everything(**options) -> SensorSuite:
-    """All sensors, at rates that do not divide each other."""
-    suite = SensorSuite(
-        attitude=AttitudeSensor(rate=4.0, cross_boresight_arcsec=5.0, boresight_arcsec=40.0),
-        gyro=Gyro(rate=100.0, angle_random_walk=0.07, bias=1.0, bias_random_walk=0.5),
-        position=VectorSensor(rate=10.0, sigma=1e-3),
-        velocity=VectorSensor(rate=7.0, sigma=1e-3),
-        encoders=JointSensor(rate=30.0, bits=17),
-        joint_rates=JointSensor(rate=3.0, sigma=1e-4),
-    )
-    return replace(suite, **options)
 
 
 def recorded(suite, motion, duration=10.0, seed=1) -> Measurements:
@@ -689,7 +674,7 @@ def test_an_empty_chunk_keeps_the_memory():
 
 @pytest.fixture(scope="module")
 def perfect() -> Measurements:
-    return ideal_measurements(everything(), JOINTS, slow, 10.0)
+    return ideal_measurements(every_sensor(), JOINTS, slow, 10.0)
 
 
 def test_without_sensors_values_are_not_judged():
@@ -717,9 +702,9 @@ def screened(name, time, value=None, **others):
     return getattr(kept, name), rejected[name]
 
 
-@pytest.mark.parametrize("suite", [None, everything()], ids=["unknown", "known"])
+@pytest.mark.parametrize("suite", [None, every_sensor()], ids=["unknown", "known"])
 def test_good_samples_survive(perfect, suite):
-    noisy = add_noise(everything(), perfect, seed=1)
+    noisy = add_noise(every_sensor(), perfect, seed=1)
     result = screen(noisy, suite)
     assert result.rejected == dict.fromkeys(SENSORS, 0)
     assert result.measurements.joint_names == JOINTS

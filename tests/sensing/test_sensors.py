@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensing_cases import every_sensor
 
 from cpid_drake import InputError, Telemetry
 from cpid_drake.sensing.measurements import (
@@ -30,19 +31,6 @@ JOINTS = ("a", "b")
 COUNT = 20000
 
 
-def everything(**options) -> SensorSuite:
-    """All sensors, at rates that do not divide each other."""
-    suite = SensorSuite(
-        attitude=AttitudeSensor(rate=4.0, cross_boresight_arcsec=5.0, boresight_arcsec=40.0),
-        gyro=Gyro(rate=100.0, angle_random_walk=0.07, bias=1.0, bias_random_walk=0.5),
-        position=VectorSensor(rate=10.0, sigma=1e-3),
-        velocity=VectorSensor(rate=7.0, sigma=1e-3),
-        encoders=JointSensor(rate=30.0, bits=17),
-        joint_rates=JointSensor(rate=3.0, sigma=1e-4),
-    )
-    return replace(suite, **options)
-
-
 def motion(times) -> Telemetry:
     """A base that turns and drifts, joints that swing."""
     t = np.asarray(times)[:, None]
@@ -61,7 +49,7 @@ def motion(times) -> Telemetry:
 
 @pytest.fixture(scope="module")
 def perfect() -> Measurements:
-    return ideal_measurements(everything(), JOINTS, motion, 10.0)
+    return ideal_measurements(every_sensor(), JOINTS, motion, 10.0)
 
 
 # -- statistics ----------------------------------------------------------------------------------
@@ -171,7 +159,7 @@ def test_encoders_round_to_their_step(bits):
 
 def test_every_sample_is_rounded(perfect):
     """As `Telemetry.rounded`: attitudes as 3-2-1 Euler angles, all else as it is."""
-    suite = everything(
+    suite = every_sensor(
         attitude=AttitudeSensor(),
         gyro=Gyro(),
         position=VectorSensor(),
@@ -191,7 +179,7 @@ def test_every_sample_is_rounded(perfect):
 
 
 def test_sigmas_say_what_samples_are_off_by(perfect):
-    suite = everything(gyro=Gyro(rate=100.0, angle_random_walk=0.07), decimals=4)
+    suite = every_sensor(gyro=Gyro(rate=100.0, angle_random_walk=0.07), decimals=4)
     long = Measurements(
         JOINTS,
         **{
@@ -246,7 +234,7 @@ def test_samples_come_at_the_rate_from_zero_to_the_end(rate, duration):
 
 
 def test_every_sensor_has_its_own_times(perfect):
-    for name, sensor in everything().present().items():
+    for name, sensor in every_sensor().present().items():
         samples = getattr(perfect, name)
         np.testing.assert_array_equal(samples.time, sample_times(sensor.rate, 10.0))
         assert len(samples) == int(10 * sensor.rate) + 1
@@ -275,7 +263,7 @@ def test_a_gyro_measures_in_the_base():
 
 @pytest.mark.parametrize("name", SENSORS)
 def test_absent_sensors_have_no_samples(name):
-    suite = everything(**{name: None})
+    suite = every_sensor(**{name: None})
     assert name not in suite.present()
     noisy = add_noise(suite, ideal_measurements(suite, JOINTS, motion, 1.0), seed=1)
     widths = dict(zip(SENSORS, (4, 3, 3, 3, 2, 2)))
@@ -305,7 +293,7 @@ def values(measurements) -> np.ndarray:
 
 
 def test_a_seed_reproduces_and_another_differs(perfect):
-    one, again, other = (values(add_noise(everything(), perfect, seed)) for seed in (6, 6, 7))
+    one, again, other = (values(add_noise(every_sensor(), perfect, seed)) for seed in (6, 6, 7))
     np.testing.assert_array_equal(one, again)
     start = 0
     for name in SENSORS:
@@ -315,8 +303,8 @@ def test_a_seed_reproduces_and_another_differs(perfect):
 
 
 def test_every_sensor_keeps_its_stream_when_others_go(perfect):
-    full = add_noise(everything(), perfect, seed=9)
-    suite = everything(gyro=None, position=None, attitude=None)
+    full = add_noise(every_sensor(), perfect, seed=9)
+    suite = every_sensor(gyro=None, position=None, attitude=None)
     part = add_noise(suite, ideal_measurements(suite, JOINTS, motion, 10.0), seed=9)
     for name in suite.present():
         np.testing.assert_array_equal(getattr(full, name).value, getattr(part, name).value)
@@ -324,7 +312,7 @@ def test_every_sensor_keeps_its_stream_when_others_go(perfect):
 
 @pytest.mark.parametrize("block", [1, 7, 64, 65, 500])
 def test_samples_do_not_depend_on_how_many_are_drawn_at_a_time(perfect, block):
-    suite = everything(decimals=7)
+    suite = every_sensor(decimals=7)
     at_once = add_noise(suite, perfect, seed=11)
     noise = SensorNoise(suite, seed=11)
     for name in SENSORS:
@@ -334,9 +322,9 @@ def test_samples_do_not_depend_on_how_many_are_drawn_at_a_time(perfect, block):
 
 
 def test_samples_do_not_depend_on_the_order_of_asking(perfect):
-    noise, true = SensorNoise(everything(), seed=11), perfect.gyro.value
+    noise, true = SensorNoise(every_sensor(), seed=11), perfect.gyro.value
     late = noise.apply("gyro", true[900:], 900)
-    early = SensorNoise(everything(), seed=11).apply("gyro", true)
+    early = SensorNoise(every_sensor(), seed=11).apply("gyro", true)
     np.testing.assert_array_equal(late, early[900:])
 
 
@@ -361,18 +349,18 @@ def test_a_seed_that_is_none_is_refused(seed):
 
 
 def test_good_suites_pass():
-    check_sensors(everything(), "here")
-    check_sensors(everything(decimals=0), "here")
+    check_sensors(every_sensor(), "here")
+    check_sensors(every_sensor(decimals=0), "here")
     check_sensors(SensorSuite(encoders=JointSensor(rate=np.float64(7), bits=np.int64(32))), "here")
     check_sensors(
-        everything(attitude=AttitudeSensor(rate=1, boresight_B=[1, 0, 0])), "Python lists will do"
+        every_sensor(attitude=AttitudeSensor(rate=1, boresight_B=[1, 0, 0])), "Python lists will do"
     )
 
 
 @pytest.mark.parametrize("name", SENSORS)
 @pytest.mark.parametrize("rate", [0.0, -4.0, np.nan, np.inf, 1e-300, 1e9, True, "4", None])
 def test_a_rate_that_is_none_is_refused(name, rate):
-    suite = everything()
+    suite = every_sensor()
     getattr(suite, name).rate = rate
     with pytest.raises(InputError, match=rf"here: {name}.rate must be a "):
         check_sensors(suite, "here")
@@ -394,7 +382,7 @@ def test_a_rate_that_is_none_is_refused(name, rate):
 )
 @pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, "0.1", None, [0.1]])
 def test_a_noise_that_is_none_is_refused(key, value):
-    suite, (name, entry) = everything(), key.split(".")
+    suite, (name, entry) = every_sensor(), key.split(".")
     setattr(getattr(suite, name), entry, value)
     with pytest.raises(InputError, match=f"here: {key} must be a (finite )?number"):
         check_sensors(suite, "here")
@@ -409,7 +397,7 @@ def test_bits_that_are_none_are_refused(value):
 @pytest.mark.parametrize("value", [-1, 16, 400, 6.0, True, "6"])
 def test_digits_that_are_none_are_refused(value):
     with pytest.raises(InputError, match="here: decimals must be a whole number"):
-        check_sensors(everything(decimals=value), "here")
+        check_sensors(every_sensor(decimals=value), "here")
 
 
 @pytest.mark.parametrize(
@@ -428,9 +416,9 @@ def test_digits_that_are_none_are_refused(value):
 )
 def test_a_boresight_that_is_none_is_refused(value, problem):
     with pytest.raises(InputError, match=f"attitude.boresight_B {problem}"):
-        check_sensors(everything(attitude=AttitudeSensor(boresight_B=value)), "here")
+        check_sensors(every_sensor(attitude=AttitudeSensor(boresight_B=value)), "here")
 
 
 def test_missing_encoders_are_refused():
     with pytest.raises(InputError, match="here: encoders are missing"):
-        check_sensors(everything(encoders=None), "here")
+        check_sensors(every_sensor(encoders=None), "here")

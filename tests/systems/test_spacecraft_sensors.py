@@ -6,11 +6,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from scipy.spatial.transform import Rotation
+from sensing_cases import every_sensor
 
 from cpid_drake import InputError, Telemetry
 from cpid_drake.sensing.measurements import ideal_measurements, sample_times
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.sensors import SENSORS, Gyro
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,
@@ -23,14 +24,7 @@ DURATION = 2.0
 
 @pytest.fixture
 def suite() -> SensorSuite:
-    return SensorSuite(
-        attitude=AttitudeSensor(rate=4.0, cross_boresight_arcsec=5.0, boresight_arcsec=40.0),
-        gyro=Gyro(rate=100.0, angle_random_walk=0.07, bias=1.0, bias_random_walk=0.5),
-        position=VectorSensor(rate=7.0, sigma=1e-3),
-        velocity=VectorSensor(rate=10.0, sigma=1e-3),
-        encoders=JointSensor(rate=30.0, bits=17),
-        joint_rates=JointSensor(rate=3.0, sigma=1e-4),
-    )
+    return every_sensor()
 
 
 @pytest.fixture(scope="module")
