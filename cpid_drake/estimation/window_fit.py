@@ -2,11 +2,12 @@
 
 For one ψ, a sweep over the blocks finds the best values of everything else, and the square root of
 information about ψ; χ² is then a function of ψ alone (variable projection, Golub & Pereyra 1973).
-The Levenberg-Marquardt method minimizes it in the log-Cholesky form of the pseudo-inertia, so that
-every iterate is a rigid body (Rucker & Wensing 2022). For a target at the limit of physical
-consistency, such as a flat plate, the maximum of the likelihood may lie beyond that limit;
-therefore the last steps are free, which keeps the estimate unbiased and its intervals valid. They
-change well-known combinations of ψ only, because free values of the others are fitted to noise.
+The Levenberg-Marquardt method minimizes it. Each step solves the damped equations over all rigid
+bodies, in the log-Cholesky form of the pseudo-inertia (Rucker & Wensing 2022). For a target at the
+limit of physical consistency, such as a flat plate, the maximum of the likelihood may lie beyond
+that limit; therefore the last steps are free, which keeps the estimate unbiased and its intervals
+valid. They change well-known combinations of ψ only, because free values of the others are fitted
+to noise.
 """
 
 from collections import Counter
@@ -17,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
 
 from cpid_drake.dynamics.parameterizations import LogCholesky
 from cpid_drake.dynamics.plane import round_body
@@ -48,11 +50,12 @@ _LITTLE = 0.1  # a step that reduces the cost by a smaller share ends the constr
 _NEAR = 4.0  # χ² per degree of freedom from which on free steps converge
 _ROUGH = 1e-4  # error of χ² by curvature, as a share of it, far from the minimum
 _STEP_TOLERANCE = 0.01  # size of a step in units of σ
-_MOST_STEPS = 40
+_MOST_STEPS = 20
 _FEWER_STEPS = 10  # near an estimate of the constant errors
 _MOST_ROUNDS = 4  # of leaving out outliers
 _UNEVEN = 3.0  # ratio of χ² per degree of freedom of two blocks that larger noise explains
 _WHITE = 0.2  # correlation of successive residuals that larger noise explains
+_DAMPING = 1e-6  # of the first step, and of the first one after a failed step
 _LARGEST = 1.0  # of a step in each coordinate of the log-Cholesky form
 
 
@@ -258,40 +261,51 @@ def _constrained(models: _Models, prior: Prior, psi: NDArray[np.float64], change
     if axis >= 0:
         psi = round_body(psi, axis)
     point = form.from_psi(psi)
-    psi, by_point = form.to_psi(point)
-    sweep, damping = models.sweep(psi, changed), 1e-6
+    sweep, damping = models.sweep(form.to_psi(point)[0], changed), _DAMPING
     most = _FEWER_STEPS if models.solver.is_about_constants else _MOST_STEPS
     for _ in range(most):
         before = sweep.cost
         if sweep.state.psi_misfit() < 1.0:
             break  # nothing is left to gain
-        step = _damped_step(sweep.state, by_point, damping)
-        new_point = point + step * min(1.0, _LARGEST / np.abs(step).max())
-        new_psi, new_by = form.to_psi(new_point)
+        new_point = _damped_step(form, point, sweep.state, damping)
         try:
-            new = models.sweep(new_psi, changed, max(CURVED, _ROUGH * sweep.cost))
+            psi = form.to_psi(new_point)[0]
+            new = models.sweep(psi, changed, max(CURVED, _ROUGH * sweep.cost))
         except (InputError, np.linalg.LinAlgError):
             new = None
         if new is not None and new.cost < before:
-            point, by_point, sweep, damping = new_point, new_by, new, damping / 10
+            point, sweep, damping = new_point, new, damping / 10
             gained = (before - sweep.cost) / sweep.cost
-            if gained < (_LITTLE if sweep.misfit < _NEAR else _LITTLE / 100):
+            if gained < (_LITTLE if sweep.misfit < _NEAR else _LITTLE / 10):
                 break
             continue
-        damping = max(10 * damping, 1e-9)
+        damping = max(100 * damping, _DAMPING)
         if damping > 1e6:
             break
     return sweep
 
 
 def _damped_step(
-    state: BlockState, by_point: NDArray[np.float64], damping: float
+    form: LogCholesky, point: NDArray[np.float64], state: BlockState, damping: float
 ) -> NDArray[np.float64]:
-    """Return the Levenberg-Marquardt step in the coordinates of the log-Cholesky form."""
-    A, z = state.root[-10:, -10:] @ by_point, state.rest[-10:]
-    scale = np.linalg.norm(A, axis=0)
-    rows = np.vstack([A, np.sqrt(damping) * np.diag(scale)])
-    return np.linalg.lstsq(rows / scale, np.append(z, np.zeros(10)), rcond=None)[0] / scale
+    """Return the rigid body, as a point, that is best by the equations of a state.
+
+    The equations are linear in ψ; the Levenberg-Marquardt method damps the change of ψ.
+    """
+    R, z = state.root[-10:, -10:], state.rest[-10:]
+    damped = np.vstack([R, np.sqrt(damping) * np.diag(np.linalg.norm(R, axis=0))])
+    rest, unit = np.append(z, np.zeros(10)), np.linalg.norm(z)
+
+    def misses(new: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (damped @ (form.to_psi(new)[0] - state.nominal.psi) - rest) / unit
+
+    def by_new(new: NDArray[np.float64]) -> NDArray[np.float64]:
+        return damped @ form.to_psi(new)[1] / unit
+
+    found = least_squares(
+        misses, point, by_new, (point - _LARGEST, point + _LARGEST), x_scale="jac", max_nfev=10
+    )
+    return np.asarray(found.x)
 
 
 def _freed(models: _Models, prior: Prior, sweep: Sweep, changed: int) -> WindowFit:

@@ -167,6 +167,24 @@ def test_the_first_stage_goes_through_rigid_bodies(window, monkeypatch):
         assert np.linalg.eigvalsh(standard_to_pseudo_inertia(psi))[0] > 0
 
 
+def test_a_step_solves_the_equations_over_all_rigid_bodies(window, found):
+    """Equations of a rigid body are solved by it; a strong damping leaves the body as it is."""
+    case, _, prior, _ = window
+    form, state = LogCholesky(np.abs(prior.psi)), found.sweep.state
+    point = form.from_psi(case.psi)
+    body, by_point = form.to_psi(point + 0.3 * np.sin(np.arange(10.0)))
+    R = np.diag(1 / np.abs(by_point).max(axis=1))
+    nominal, _ = form.to_psi(point)
+    rest = np.concatenate([state.rest[:-10], R @ (body - nominal)])
+    root = state.root.copy()
+    root[-10:, -10:] = R
+    here = replace(state, root=root, rest=rest, nominal=replace(state.nominal, psi=nominal))
+    solved = form.to_psi(window_fit._damped_step(form, point, here, 1e-12))[0]
+    np.testing.assert_allclose(R @ solved, R @ body, atol=1e-3 * np.abs(rest[-10:]).max())
+    kept = form.to_psi(window_fit._damped_step(form, point, here, 1e8))[0]
+    np.testing.assert_allclose(R @ kept, R @ nominal, atol=1e-3 * np.abs(rest[-10:]).max())
+
+
 def test_the_uncertainty_of_the_inertia_is_that_of_samples(window, found):
     """RMS relative error of J over targets drawn from the information about ψ."""
     _, solver, _, _ = window
