@@ -52,12 +52,8 @@ class LogOptions:
     sensors: options.SensorsOption = None
     momentum: options.MomentumOption = None
     known_bodies: options.KnownBodiesOption = None
-    start: Annotated[
-        float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
-    ] = None
-    end: Annotated[
-        float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
-    ] = None
+    start: options.StartOption = None
+    end: options.EndOption = None
     planar: Annotated[
         bool | None,
         typer.Option(
@@ -78,9 +74,7 @@ class LogOptions:
             "YAML with mass, p_CTcm_C, I_TTcm_C and their σ.",
         ),
     ] = None
-    leave_out_bad: Annotated[
-        bool, typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem.")
-    ] = False
+    leave_out_bad: options.LeaveOutBadOption = False
 
     def given(self) -> list[str]:
         """Return the options that were given, with their dashes."""

@@ -79,6 +79,15 @@ PackageOption = Annotated[
         help="Folder of a package that the model's URIs name; may be repeated.",
     ),
 ]
+StartOption = Annotated[
+    float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
+]
+EndOption = Annotated[
+    float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
+]
+LeaveOutBadOption = Annotated[
+    bool, typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem.")
+]
 TopicOption = Annotated[
     list[str] | None,
     typer.Option(

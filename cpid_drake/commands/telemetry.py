@@ -169,9 +169,7 @@ def convert(
     ],
     columns: options.ColumnsOption = None,
     topic: options.TopicOption = None,
-    leave_out_bad: Annotated[
-        bool, typer.Option("--leave-out-bad", help="Leave out rows that have a problem.")
-    ] = False,
+    leave_out_bad: options.LeaveOutBadOption = False,
     force: options.ForceOption = False,
 ) -> int:
     """Write a log in the package's own columns, SI units and radians.
