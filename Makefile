@@ -11,7 +11,7 @@ demo: $(VENV)/installed
 
 # One thread each: the tests' matrices are small, and threads would only wait for each other.
 test: $(VENV)/installed-dev
-	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .

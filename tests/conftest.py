@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from xdist.scheduler import LoadFileScheduling
 
 from cpid_drake import (
     InertialParameters,
@@ -27,22 +28,48 @@ LONG = (
     "test_diagrams",
     "test_recursive_fit",
     "test_trajectory_fit",
-    "test_accuracy",
+    "test_plan_command",
+    "test_thrust",
+    "test_undeclared",
     "test_estimators",
+    "test_accuracy",
 )
 """What takes longest is started first: no process is left alone with it at the end."""
 
+PAPER_RUN = (
+    "test_study_page",
+    "test_base_motion",
+    "test_joint_systems",
+    "test_simulation",
+    "test_paper",
+    "test_cli",
+)
+"""Modules with tests that use the run of the paper's case."""
 
-@pytest.hookimpl(tryfirst=True)
+
+class Scheduling(LoadFileScheduling):
+    """The tests of a file share a process, and so do all that use the run of the paper's case."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return group(Path(nodeid.partition("::")[0]).stem)
+
+
+def group(module: str) -> str:
+    """Return the name of the group of a module's tests."""
+    return "paper_run" if module in PAPER_RUN else module
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    return Scheduling(config, log)
+
+
 def pytest_collection_modifyitems(items):
-    """Let the tests of a file share a process, and so all that use the run of the paper's case."""
-
-    def group(item) -> str:
-        return "paper_run" if "paper_run" in item.fixturenames else item.path.stem
-
+    """Sort the tests by their groups."""
     for item in items:
-        item.add_marker(pytest.mark.xdist_group(group(item)))
-    items.sort(key=lambda item: [*LONG, group(item)].index(group(item)))
+        if "paper_run" in item.fixturenames and item.path.stem not in PAPER_RUN:
+            raise pytest.UsageError(f"add {item.path.stem} to PAPER_RUN in conftest.py")
+    items.sort(key=lambda item: [*LONG, group(item.path.stem)].index(group(item.path.stem)))
 
 
 @dataclass(frozen=True, eq=False)
