@@ -244,7 +244,9 @@ def test_an_output_that_is_a_file_is_refused(cpid, tmp_path):
     assert "--out taken/x" in assert_refused(cpid("paper", "--out", "taken/x"))
 
 
-@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that nobody can write")
+@pytest.mark.skipif(
+    not Path("/proc/self").is_dir(), reason="needs /proc/self, a folder that nobody can write"
+)
 def test_a_folder_that_cannot_be_written_is_refused_before_all_else(cpid):
     """It exists, so making it is no problem; a study later, the first figure would be."""
     run = cpid("paper", "--out", "/proc/self", "--scenario", "nowhere.yaml")

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensing_cases import every_sensor
 
 from cpid_drake import InputError, Telemetry
 from cpid_drake.estimation.likelihood.constants import constant_errors
@@ -114,14 +115,7 @@ def test_one_error_does_not_change_the_others():
 
 def test_seeds_give_the_samples_of_earlier_versions():
     """Recorded before sensors had constant errors: their streams must not change the noise."""
-    sensors = SensorSuite(
-        attitude=AttitudeSensor(rate=4.0, cross_boresight_arcsec=5.0, boresight_arcsec=40.0),
-        gyro=Gyro(rate=100.0, angle_random_walk=0.07, bias=1.0, bias_random_walk=0.5),
-        position=VectorSensor(rate=10.0, sigma=1e-3),
-        velocity=VectorSensor(rate=7.0, sigma=1e-3),
-        encoders=JointSensor(rate=30.0, bits=17),
-        joint_rates=JointSensor(rate=3.0, sigma=1e-4),
-    )
+    sensors = every_sensor()
     samples = add_noise(sensors, ideal_measurements(sensors, JOINTS, motion, 1.0), 6)
     found = [samples[name].value[3, 1] for name in SENSORS]
     recorded = [
