@@ -288,13 +288,25 @@ def _constrained(models: _Models, prior: Prior, psi: NDArray[np.float64], change
 def _damped_step(
     form: LogCholesky, point: NDArray[np.float64], state: BlockState, damping: float
 ) -> NDArray[np.float64]:
-    """Return the rigid body, as a point, that is best by the equations of a state.
+    """Return the point (10,) of the rigid body that solves the damped equations of a state best.
 
     The equations are linear in ψ; the Levenberg-Marquardt method damps the change of ψ.
+
+    Args:
+        form: from points to rigid bodies.
+        point: (10,) the present one; no coordinate changes by more than `_LARGEST`.
+        state: what a sweep at the present point found.
+        damping: 0 for the undamped equations; a large number keeps ψ as it is.
+
+    Raises:
+        numpy.linalg.LinAlgError: the samples contradict each other so much that numbers overflow.
+
     """
     R, z = state.root[-10:, -10:], state.rest[-10:]
     damped = np.vstack([R, np.sqrt(damping) * np.diag(np.linalg.norm(R, axis=0))])
     rest, unit = np.append(z, np.zeros(10)), np.linalg.norm(z)
+    if not (np.isfinite(damped).all() and np.isfinite(unit)):
+        raise np.linalg.LinAlgError("nothing explains the samples")
 
     def misses(new: NDArray[np.float64]) -> NDArray[np.float64]:
         return (damped @ (form.to_psi(new)[0] - state.nominal.psi) - rest) / unit
