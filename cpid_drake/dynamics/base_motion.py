@@ -26,7 +26,7 @@ from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.parameterizations import vector_to_tensor
 from cpid_drake.dynamics.plane import freedom
-from cpid_drake.dynamics.rotations import quaternion_rate, rotate, rotate_by_quaternion, skew
+from cpid_drake.dynamics.rotations import cross, quaternion_rate, rotate, rotate_by_quaternion, skew
 from cpid_drake.dynamics.spatial_inertia import moved_spatial_inertia, spatial_inertia
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
@@ -269,6 +269,6 @@ def _momentum_in_base(
     """Return [L; P] about B's origin, in B, of a constant [L; P] about W's origin, in W."""
     L, P = momentum_W[..., :3], momentum_W[..., 3:]
     to_B = pose[..., :4] * [1.0, -1.0, -1.0, -1.0]
-    about_B = L - np.cross(pose[..., 4:], P)
+    about_B = L - cross(pose[..., 4:], P)
     parts = np.broadcast_arrays(rotate_by_quaternion(to_B, about_B), rotate_by_quaternion(to_B, P))
     return np.concatenate(parts, axis=-1)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.rotations import cross
 from cpid_drake.dynamics.tree import KinematicTree
 
 
@@ -73,6 +74,6 @@ class SystemMomentum:
         path = self.p_WScm * time + (P / 2 + push * time / 6) * time**2 / self.mass  # integral of p
         rate = np.concatenate([torque + wrench_W[:3], push])
         momentum_W = self.momentum_W + rate * time
-        momentum_W[:3] += np.cross(path, force)
+        momentum_W[:3] += cross(path, force)
         p_WScm = self.p_WScm + (P + push * time / 2) * time / self.mass
         return SystemMomentum(momentum_W, p_WScm, self.mass)

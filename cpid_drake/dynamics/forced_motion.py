@@ -17,7 +17,7 @@ from cpid_drake.dynamics.base_motion import (
 )
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.dynamics.rotations import quaternion_rate, quaternion_to_matrix, skew, unskew
+from cpid_drake.dynamics.rotations import cross, quaternion_rate, quaternion_to_matrix, skew, unskew
 from cpid_drake.dynamics.tree import KinematicTree
 
 LONGEST_STEP = 0.02
@@ -77,7 +77,7 @@ def propagate_forced(
     def twist(k: int, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         R = quaternion_to_matrix(y[:4])
         L, P = y[7:10], y[10:]
-        momentum = np.concatenate([(L - np.cross(y[4:7], P)) @ R, P @ R])
+        momentum = np.concatenate([(L - cross(y[4:7], P)) @ R, P @ R])
         return R, inverse[k] @ (momentum - h[k])
 
     def rate(k: int, y: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -85,9 +85,9 @@ def propagate_forced(
         p_WScm = y[4:7] + R @ com[k]
         force = mass[k] * (acceleration + tide[k] @ p_WScm)
         r_B = nadir[k] @ R
-        moment = torque + 3 * rate2 * (R @ np.cross(r_B, J[k] @ r_B))
+        moment = torque + 3 * rate2 * (R @ cross(r_B, J[k] @ r_B))
         thrust = R @ force_B
-        moment_W = moment + np.cross(p_WScm, force) + R @ torque_B + np.cross(y[4:7], thrust)
+        moment_W = moment + cross(p_WScm, force) + R @ torque_B + cross(y[4:7], thrust)
         added = np.concatenate([moment_W, force + thrust]) + wrench
         return np.concatenate([quaternion_rate(y[:4], V[:3]), R @ V[3:], added])
 

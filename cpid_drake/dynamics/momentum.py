@@ -89,9 +89,9 @@ def target_momentum(
     """
     R_WC, w = motion.R_WC, motion.w_WC
     c_W = rotate(R_WC, target.p_CTcm_C)
-    P = target.mass * (motion.v_WC + np.cross(w, c_W))
+    P = target.mass * (motion.v_WC + cross(w, c_W))
     w_C = rotate(np.swapaxes(R_WC, -1, -2), w)
-    L = rotate(R_WC, w_C @ target.I_TTcm_C) + np.cross(c_W, P)
+    L = rotate(R_WC, w_C @ target.I_TTcm_C) + cross(c_W, P)
     return P, L
 
 
@@ -120,4 +120,4 @@ def total_momentum(
     samples = momentum_samples(tree, telemetry)
     P_T, L_T = target_momentum(target, samples.motion)
     P = samples.P + P_T
-    return P, samples.L + L_T + np.cross(samples.motion.p_WC, P)
+    return P, samples.L + L_T + cross(samples.motion.p_WC, P)

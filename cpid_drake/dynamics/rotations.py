@@ -84,8 +84,8 @@ def rotate_by_quaternion(
     """Return R v (..., 3) for quaternions (..., 4) of any norm but zero and vectors (..., 3)."""
     w, u = quaternion[..., :1], quaternion[..., 1:]
     scale = 2 / np.einsum("...i,...i->...", quaternion, quaternion)[..., None]
-    u_cross_v = np.cross(u, v)
-    return v + scale * (w * u_cross_v + np.cross(u, u_cross_v))
+    u_cross_v = cross(u, v)
+    return v + scale * (w * u_cross_v + cross(u, u_cross_v))
 
 
 def quaternion_rate(

@@ -32,7 +32,7 @@ from cpid_drake.dynamics.parameterizations import (
     tensor_to_vector,
     vector_to_tensor,
 )
-from cpid_drake.dynamics.rotations import skew
+from cpid_drake.dynamics.rotations import cross, skew
 from cpid_drake.errors import InputError
 
 Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -169,7 +169,7 @@ def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
     motion = samples.motion
     s = motion.p_WC - samples.p_WKcm
     sdot = motion.v_WC - samples.P / samples.mass
-    L_K = samples.L + np.cross(s, samples.P)
+    L_K = samples.L + cross(s, samples.P)
     s, sdot, w, L_K = np.moveaxis(np.stack([s, sdot, motion.w_WC, L_K], axis=1) @ motion.R_WC, 1, 0)
     rows = np.concatenate([relative_regressor(s, sdot, w), -L_K[:, :, None]], axis=2)
     return rows.reshape(-1, 11)

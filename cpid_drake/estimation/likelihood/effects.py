@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
-from cpid_drake.dynamics.rotations import skew
+from cpid_drake.dynamics.rotations import cross, skew
 from cpid_drake.dynamics.sensitivity import (
     MotionSensitivity,
     joint_sensitivity,
@@ -324,5 +324,5 @@ def _relative_to_base(
     psi, at = trajectory.state.psi, motion.instants
     phi = parameters_to_standard(relative_parameterization(at.dynamics.mass).to_parameters(psi))
     q, qdot = np.moveaxis(motion.joint_motion(at.times), 1, 0)
-    v = -(np.cross(trajectory.w, at.dynamics.com(psi)) + at.dynamics.com_rate(psi))
+    v = -(cross(trajectory.w, at.dynamics.com(psi)) + at.dynamics.com_rate(psi))
     return motion.tree.with_target(phi), Telemetry.seen_from_base(q, qdot, trajectory.w, v)
