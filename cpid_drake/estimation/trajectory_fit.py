@@ -17,13 +17,9 @@ from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.block_state import BlockFit, BlockState
 from cpid_drake.estimation.faults import Block, explain
 from cpid_drake.estimation.initial_state import initial_state
-from cpid_drake.estimation.recursive_fit import (
-    RecursiveFit,
-    RecursiveState,
-    counted,
-    last_time,
-)
-from cpid_drake.estimation.window_fit import psi_step
+from cpid_drake.estimation.recursive_fit import RecursiveFit, last_time
+from cpid_drake.estimation.recursive_state import RecursiveState, counted
+from cpid_drake.estimation.window_minimum import psi_step
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.thinning import EvenSelection
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.effect_selection import EffectSelection, LogFit
-from cpid_drake.estimation.recursive_fit import RecursiveFit, RecursiveState
+from cpid_drake.estimation.recursive_fit import RecursiveFit
+from cpid_drake.estimation.recursive_state import RecursiveState
 from cpid_drake.estimation.trajectory_fit import MOST_LOST, Residuals, pass_about
 from cpid_drake.identification.fit_setup import estimator_of
 from cpid_drake.identification.problem import Problem

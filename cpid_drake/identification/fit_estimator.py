@@ -11,7 +11,8 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.estimation.recursive_fit import RecursiveFit, RecursiveState
+from cpid_drake.estimation.recursive_fit import RecursiveFit
+from cpid_drake.estimation.recursive_state import RecursiveState
 from cpid_drake.estimation.trajectory_fit import (
     Residuals,
     fit_trajectory,

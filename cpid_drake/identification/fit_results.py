@@ -7,8 +7,9 @@ import numpy as np
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.block_state import BlockState, solution
 from cpid_drake.estimation.least_squares import solution_of_information
-from cpid_drake.estimation.recursive_fit import RecursiveFit, RecursiveState
-from cpid_drake.estimation.window_fit import best_psi
+from cpid_drake.estimation.recursive_fit import RecursiveFit
+from cpid_drake.estimation.recursive_state import RecursiveState
+from cpid_drake.estimation.window_minimum import best_psi
 from cpid_drake.identification.effects import estimated_effects, shared_errors
 from cpid_drake.identification.result import Identification, MomentumChanges, MomentumEstimate
 

@@ -19,7 +19,7 @@ from cpid_drake.estimation.faults import (
     skipped,
     with_first_attitude,
 )
-from cpid_drake.estimation.window_fit import initial_state
+from cpid_drake.estimation.initial_state import initial_state
 from cpid_drake.identification.fit_setup import prior_of
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise

@@ -17,13 +17,10 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation import window_fit
-from cpid_drake.estimation.window_fit import (
-    explained_sweep,
-    fit_window,
-    inertia_uncertainty,
-    initial_state,
-)
+from cpid_drake.estimation import window_minimum
+from cpid_drake.estimation.initial_state import initial_state
+from cpid_drake.estimation.window_fit import fit_window, inertia_uncertainty
+from cpid_drake.estimation.window_sweep import WindowModels, explained_sweep
 from cpid_drake.identification.fit_setup import prior_of
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
@@ -114,7 +111,8 @@ def test_the_values_about_which_constant_errors_are_linear_do_not_matter(
         for _ in range(3):
             fit = fit_window(solver, prior, blocks, case.psi, constants=about)
             about = fit.sweep.state.best_constants(fit.psi)
-        assert fit.is_good
+        assert fit.converged
+        assert fit.sweep.is_likely
         fits.append(fit)
     one, other = fits
     error = one.psi - case.psi
@@ -149,18 +147,18 @@ def test_the_first_stage_goes_through_rigid_bodies(window, monkeypatch):
     """Every target that it tries is one, even if the optimum is not."""
     _, solver, prior, blocks = window
     tried, free = [], []
-    sweep, freed = window_fit._Models.sweep, window_fit._freed
+    sweep, freed = WindowModels.sweep, window_minimum._freed
 
-    def watched(self, psi, *others):
+    def watched(self, psi, *others, **named):
         (free if free else tried).append(psi)
-        return sweep(self, psi, *others)
+        return sweep(self, psi, *others, **named)
 
     def watching(*arguments):
         free.append(None)
         return freed(*arguments)
 
-    monkeypatch.setattr(window_fit._Models, "sweep", watched)
-    monkeypatch.setattr(window_fit, "_freed", watching)
+    monkeypatch.setattr(WindowModels, "sweep", watched)
+    monkeypatch.setattr(window_minimum, "_freed", watching)
     fit_window(solver, prior, blocks[:1], prior.psi)
     assert len(tried) > 2
     for psi in tried:
@@ -179,9 +177,9 @@ def test_a_step_solves_the_equations_over_all_rigid_bodies(window, found):
     root = state.root.copy()
     root[-10:, -10:] = R
     here = replace(state, root=root, rest=rest, nominal=replace(state.nominal, psi=nominal))
-    solved = form.to_psi(window_fit._damped_step(form, point, here, 1e-12))[0]
+    solved = form.to_psi(window_minimum._damped_step(form, point, here, 1e-12))[0]
     np.testing.assert_allclose(R @ solved, R @ body, atol=1e-3 * np.abs(rest[-10:]).max())
-    kept = form.to_psi(window_fit._damped_step(form, point, here, 1e8))[0]
+    kept = form.to_psi(window_minimum._damped_step(form, point, here, 1e8))[0]
     np.testing.assert_allclose(R @ kept, R @ nominal, atol=1e-3 * np.abs(rest[-10:]).max())
 
 

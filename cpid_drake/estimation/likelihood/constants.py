@@ -162,6 +162,16 @@ class Constants:
         is_near = (np.abs(second - first) < LINEAR).all()
         return bool(is_near and np.abs(change).max() < LINEAR_ZERO)
 
+    def with_zeros(
+        self, constants: NDArray[np.float64], other: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the vector (k,) with the joints' zeros of another one."""
+        result = constants.copy()
+        for error in self.errors.values():
+            if error.kind in FIXED:
+                result[self._places[error.name]] = other[self._places[error.name]]
+        return result
+
     def place(self, name: str) -> slice:
         """Return the place of an error in the vector."""
         return self._places[name]

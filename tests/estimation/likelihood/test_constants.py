@@ -15,12 +15,12 @@ from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.faults import block_model
+from cpid_drake.estimation.initial_state import initial_state
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import joint_block
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.priors import vague_prior
 from cpid_drake.estimation.likelihood.sensors import OFF_DIAGONAL
-from cpid_drake.estimation.window_fit import initial_state
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.sensors import SENSORS, JointSensor
