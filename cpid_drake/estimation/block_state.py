@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from cpid_drake.estimation.jumps import Jump
 from cpid_drake.estimation.likelihood.joint_motion import JointBlock, JointTrack
@@ -129,7 +129,7 @@ class BlockFit:
     @property
     def is_likely(self) -> bool:
         """Whether noise explains the samples."""
-        return self.chi_squared <= self.misfit * chi2.isf(UNLIKELY, max(self.freedom, 1))
+        return self.chi_squared <= self.misfit * chdtri(max(self.freedom, 1), UNLIKELY)
 
 
 def solution(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from cpid_drake.estimation.square_root import triangle
 
@@ -75,4 +75,4 @@ class Jump:
 
     def exceeds_noise(self, misfit: float, probability: float) -> bool:
         """Return whether noise alone has so large a gain with less than this probability."""
-        return self.gain > misfit * chi2.isf(probability, SIZE)
+        return self.gain > misfit * chdtri(SIZE, probability)

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
+from scipy.special import chdtri, fdtri
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.relative_motion import relative_dynamics
@@ -74,12 +73,12 @@ def consistency_of(found: "Identification", tree: KinematicTree) -> Consistency 
     solution = found.solution
     if not solution.rank or not np.isfinite(solution.values).all():
         return None
-    radius = float(chi2.isf(OUTSIDE, solution.rank))
+    radius = float(chdtri(solution.rank, OUTSIDE))
     freedom = solution.row_count - solution.rank
     if found.sensors is None:
         if freedom < 1:
             return None
-        radius = solution.rank * float(f_distribution.isf(OUTSIDE, solution.rank, freedom))
+        radius = solution.rank * float(fdtri(solution.rank, freedom, 1 - OUTSIDE))
     rows = rows_of(found)
     if not (np.isfinite(rows.A).all() and np.isfinite(rows.b).all()):
         return None

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from cpid_drake.dynamics.rows import STANDARD_ROWS
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -164,4 +164,4 @@ def _probability_of_difference(zero: Identification, free: Identification) -> fl
     gains, axes = np.linalg.eigh(np.eye(both.sum()) - inverse @ with_zero @ inverse.T)
     kept = gains > _LEAST_GAIN
     parts = axes[:, kept].T @ inverse @ (free.parameters - zero.parameters)[both]
-    return float(chi2.sf(np.sum(parts**2 / gains[kept]), kept.sum()))
+    return float(chdtrc(kept.sum(), np.sum(parts**2 / gains[kept])))

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.identification.problem import LARGEST_NOISE, MOST_UNEXPLAINED
@@ -127,7 +127,7 @@ def _of_the_body(found: Identification) -> Iterator[str]:
     sigma = np.maximum(sigma, np.finfo(float).tiny)
     scaled = covariance / sigma / sigma[:, None]
     distance = float(change / sigma @ np.linalg.pinv(scaled, hermitian=True) @ (change / sigma))
-    if distance > chi2.isf(IMPOSSIBLE, 10):
+    if distance > chdtri(10, IMPOSSIBLE):
         yield (
             f"no rigid body has the estimate within its uncertainty ({'; '.join(problems)}): the "
             "momentum, the spacecraft's model, units, signs or frames are not as assumed"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -159,7 +159,7 @@ def validate(
     used = momentum or TotalMomentum.zero()
     if momentum is None:
         free = run(TotalMomentum.unknown(), psi, rows)
-        if found.chi_squared - free.chi_squared > chi2.isf(_MOVING, 6):
+        if found.chi_squared - free.chi_squared > chdtri(6, _MOVING):
             found, used = free, TotalMomentum.unknown()
     # A target without mass has no centre of mass; a small one hardly moves the base.
     nothing = SourceRows(np.diag(1 / (_SMALL * vague.plausible)), np.zeros(10))

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import get_window
 
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import ATTITUDE, SENSORS
@@ -186,7 +185,7 @@ def _quiet_spectrum(
 def _spectrum(value: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the power (channels, K), 1 for white noise of σ = 1, and angles per sample (K,)."""
     change = np.diff(value, n=_ORDER, axis=0)
-    window = get_window("hann", len(change))
+    window = np.hanning(len(change) + 1)[:-1]  # as if periodic
     power = np.abs(np.fft.rfft(change * window[:, None], axis=0)) ** 2 / np.sum(window**2)
     angle = 2 * np.pi * np.arange(len(power)) / len(change)
     angle[0] = angle[1]

@@ -13,12 +13,9 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.faults import Explained
-from cpid_drake.estimation.recursive_fit import (
-    RecursiveFit,
-    counted,
-    has_moved,
-    last_time,
-)
+from cpid_drake.estimation.likelihood.constants import LINEAR
+from cpid_drake.estimation.recursive_fit import RecursiveFit, has_moved, last_time
+from cpid_drake.estimation.recursive_state import counted
 from cpid_drake.estimation.window_fit import fit_window
 from cpid_drake.identification.fit_estimator import identification_of_state
 from cpid_drake.identification.fit_setup import prior_of, recursive_fit
@@ -188,6 +185,23 @@ class AfterRest:
         rate = (u**4 + 3 * u**2) / (u**2 + 1) ** 2
         moved[..., 1, :] *= rate[..., None]
         return moved
+
+
+@pytest.mark.parametrize("until", [1.2, 2.2])
+def test_a_window_is_linear_about_the_constant_errors_that_it_finds(until, tmp_path, skewed_target):
+    """Errors that it does not find are of no use: those of the joints are far from zero."""
+    suite = coarse_suite(encoders=JointSensor(25.0, 1e-5, zero_mrad=5.0))
+    case = make_case(tmp_path, skewed_target, suite, MOMENTUM, 3.0)
+    prior = prior_of(case.craft.tree, TotalMomentum.unknown())
+    estimator = RecursiveFit(case.craft.tree, suite, prior)
+    samples = add_noise(suite, case.samples, 3).between(0, until)
+    state = estimator.process(estimator.start(), samples, until)
+    assert state.initializing
+    psi = state.sweep.state.nominal.psi
+    assert np.abs(state.sweep.about).max() > LINEAR
+    assert estimator.solver.constants.agree(
+        state.sweep.about, state.sweep.state.best_constants(psi)
+    )
 
 
 def test_rest_before_the_motion_is_forgotten(case, estimator, skewed_target):

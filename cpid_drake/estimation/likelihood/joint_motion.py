@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.square_root import triangle
@@ -250,7 +250,7 @@ class _Solution:
     @property
     def is_likely(self) -> bool:
         """Whether noise explains χ²."""
-        return bool(self.chi_squared <= chi2.isf(_MISFIT, self.freedom))
+        return bool(self.chi_squared <= chdtri(self.freedom, _MISFIT))
 
 
 def _outliers(
