@@ -197,11 +197,31 @@ def test_a_window_is_linear_about_the_constant_errors_that_it_finds(until, tmp_p
     samples = add_noise(suite, case.samples, 3).between(0, until)
     state = estimator.process(estimator.start(), samples, until)
     assert state.initializing
-    psi = state.sweep.state.nominal.psi
-    assert np.abs(state.sweep.about).max() > LINEAR
-    assert estimator.solver.constants.agree(
-        state.sweep.about, state.sweep.state.best_constants(psi)
+    known, about = state.sweep.state, state.sweep.about
+    best = known.best_constants(known.nominal.psi)
+    assert np.abs(about).max() > LINEAR
+    assert estimator.solver.constants.agree(about, best)
+    again = fit_window(
+        estimator.solver, state.prior, state.window, known.nominal.psi, constants=best, again=True
     )
+    assert again.converged
+    assert np.linalg.norm(known.root[-10:, -10:] @ (again.psi - known.nominal.psi)) < 0.02  # σ
+
+
+@pytest.mark.parametrize("until", [1.0, 1.2])
+def test_each_window_is_fitted_once_also_at_the_end(until, estimator, samples, monkeypatch):
+    """What came after the last fit is fitted at the end; what was fitted before is not."""
+    ends, fit = [], RecursiveFit._fit
+
+    def watched(self, state):
+        ends.append(state.window[-1].end)
+        return fit(self, state)
+
+    monkeypatch.setattr(RecursiveFit, "_fit", watched)
+    state = estimator.run([samples.between(0.0, until)])
+    assert state.known is not None
+    assert ends[-1] == pytest.approx(until, abs=0.05)
+    assert len(set(ends)) == len(ends)
 
 
 def test_rest_before_the_motion_is_forgotten(case, estimator, skewed_target):
