@@ -37,6 +37,9 @@ from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import SENSORS, Gyro
 from cpid_drake.sensing.suite import SensorSuite
 
+REMEMBERED = 8
+"""Number of the last batches of motions that are kept, for the criterion and all constraints."""
+
 NODE_RATE = 5.0
 """Nodes per second; motions of up to 0.8 Hz are resolved [Hz]."""
 
@@ -78,6 +81,7 @@ class InformationModel:
         self.suite = _thinned(suite, duration, len(self.times))
         self.joint_count = sum(body.joint >= 0 for body in tree.bodies)
         self._constants = Constants.of(self.suite, self.joint_count)
+        self._recent: dict[tuple[str, tuple[int, ...], bytes], MotionBatch] = {}
         still = np.zeros((len(self.times), 1, 2, self.joint_count))
         sizes = [effect.size for effect in self._effects(self.motions(still))]
         self.size = sum(sizes)
@@ -91,7 +95,12 @@ class InformationModel:
             samples: (N, B, 2, J) positions and rates at the nodes, real or complex.
 
         """
-        return MotionBatch(self.tree, self.times, samples, self._constants)
+        key = samples.dtype.char, samples.shape, samples.tobytes()
+        if key not in self._recent:
+            while len(self._recent) >= REMEMBERED:
+                del self._recent[next(iter(self._recent))]
+            self._recent[key] = MotionBatch(self.tree, self.times, samples, self._constants)
+        return self._recent[key]
 
     def jacobian(self, motions: MotionBatch, psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivatives (B, m, n) of all samples in units of σ, at a target's ψ (10,).
