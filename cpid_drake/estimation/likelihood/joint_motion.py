@@ -292,7 +292,7 @@ def _pieces(
     J = target.shape[1]
     free = _DEGREE if before is None else _DEGREE - ORDER
     allowed = [n for n in PIECES if n + free <= LARGEST_SHARE * positions] or [1]
-    coarsest = 1.0 if before is None else (end - start) / before.piece / 1.5
+    coarsest = 1.0 if before is None else (end - start) / before.piece / 1.5 ** (1 + finer)
     best, least, k = 0, np.inf, 0
     for k, n in enumerate(allowed):
         known = _known(start, end, n, times, J, before)

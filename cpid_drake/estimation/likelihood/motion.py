@@ -27,7 +27,7 @@ from cpid_drake.estimation.likelihood.joint_motion import JointBlock
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, block_thrust
 from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
-    cubic_weights,
+    spline_weights,
     step_integrals,
 )
 from cpid_drake.sensing.measurements import Samples
@@ -373,9 +373,13 @@ class BaseMotion:
         turned = J @ skew(r) - skew(rotate(J, r))
         return np.asarray(3 * self.orbit.n**2 * skew(r) @ turned)
 
-    def interpolation(self, times: NDArray[np.float64]) -> csr_array:
-        """Return (M, N) weights of the nodes at times (M,): see `cubic_weights`."""
-        return cubic_weights(self.nodes, times)
+    def interpolation(self, times: NDArray[np.float64]) -> NDArray[np.float64] | csr_array:
+        """Return (M, N) weights of the nodes at times (M,): those of the spline of w.
+
+        The same weights for w and for its derivatives let the errors of the joints' splines, which
+        vary fast, cancel exactly.
+        """
+        return spline_weights(self.nodes, times)
 
 
 def _in_base(L: NDArray[np.float64], R: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ log contains, and say nothing about the target.
 """
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,7 +224,7 @@ class AttitudeModel(SensorModel):
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"mounting": np.broadcast_to(self._R_BS.T, (len(self.samples), 3, 3))}
 
-    @property
+    @cached_property
     def _R_BS(self) -> NDArray[np.float64]:
         assert isinstance(self._errors, AttitudeSensor)
         return self._errors.R_BS

@@ -59,7 +59,7 @@ class BlockThrust:
         nodes: NDArray[np.float64],
         times: NDArray[np.float64],
         grid: RelativeDynamics,
-        interpolation: Callable[[NDArray[np.float64]], csr_array],
+        interpolation: Callable[[NDArray[np.float64]], NDArray[np.float64] | csr_array],
         orbit: Orbit | None = None,
     ) -> None:
         self._grid, self._nodes = grid, nodes
@@ -248,7 +248,7 @@ def block_thrust(
     nodes: NDArray[np.float64],
     times: NDArray[np.float64],
     grid: RelativeDynamics,
-    interpolation: Callable[[NDArray[np.float64]], csr_array],
+    interpolation: Callable[[NDArray[np.float64]], NDArray[np.float64] | csr_array],
     orbit: Orbit | None = None,
 ) -> BlockThrust | None:
     """Return the thrust in a block; None if there is none. The arguments: see `BlockThrust`."""

@@ -97,6 +97,20 @@ class RampedSpline(UniformSpline):
         return k, smooth + self._areas(times) - self._areas(self._nodes[k])
 
 
+def spline_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (M, N) weights of N equidistant nodes at times (M,): those of `UniformSpline`."""
+    step, last = nodes[1] - nodes[0], len(nodes) - 2
+    place = (times - nodes[0]) / step
+    k = np.clip(place.astype(int), 0, last)
+    x = (place - k)[:, None]
+    slopes, rows = _slopes(len(nodes)), np.arange(len(times))
+    weights = x * (1 - x) ** 2 * slopes[k] + x**2 * (x - 1) * slopes[k + 1]
+    share = (x**2 * (3 - 2 * x))[:, 0]
+    weights[rows, k] += 1 - share
+    weights[rows, k + 1] += share
+    return np.asarray(weights)
+
+
 def cubic_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> csr_array:
     """Return (M, N) weights of N equidistant nodes at times (M,): cubics through four nodes."""
     N = len(nodes)

@@ -12,6 +12,7 @@ from cpid_drake.estimation.likelihood.effects import JointErrors
 from cpid_drake.estimation.likelihood.joint_motion import (
     LARGEST_SHARE,
     ORDER,
+    PIECES,
     TIME_SCALE,
     joint_block,
 )
@@ -169,6 +170,24 @@ def test_pieces_become_at_most_one_size_longer_from_block_to_block():
         pieces.append(joint_block(1.0, 2.0, part(samples, 1.0, 2.0), suite, track).pieces)
     assert pieces[0] < 32 / 1.5
     assert 32 / 1.5 <= pieces[1] <= 32
+
+
+@pytest.mark.parametrize("finer", [1, 2])
+def test_finer_splines_are_finer_by_the_same_number_of_sizes_in_all_blocks(finer):
+    """They do not become finer and finer from block to block."""
+    samples = measured(rates=False, duration=6.0)
+    suite = replace(SUITE, joint_rates=None)
+
+    def sizes(finer):
+        track, found = None, []
+        for start in range(6):
+            edges = start + EDGES[0], start + 1.0
+            block = joint_block(*edges, part(samples, *edges), suite, track, finer)
+            track = block.track
+            found.append(PIECES.index(block.pieces))
+        return np.array(found)
+
+    np.testing.assert_array_equal(sizes(finer) - sizes(0), finer)
 
 
 def test_outliers_of_one_joint_are_left_out_and_nothing_else():

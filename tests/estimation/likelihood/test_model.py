@@ -115,6 +115,34 @@ def test_derivatives_by_errors_of_the_joints(case, block, model, state):
             assert_column(column, *values, 1e-4, 2e-3, f"joint {joint}, {k}")
 
 
+def test_a_gyro_feels_errors_of_the_joints_exactly_as_its_derivatives_say(case, block, state):
+    """On a grid that hardly resolves them: they vary fast, and are far larger than its noise."""
+    state = replace(state, L=np.zeros(3))  # with momentum the attitude's errors act, too
+    samples, joints = block
+    model = BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP)
+    coarse = BlockModel(case.craft.tree, joints, samples, case.suite, None)
+    assert len(coarse.motion.nodes) < len(model.motion.nodes)
+    at = coarse.motion.trajectory(state)
+    exact, _ = coarse.jacobian(at)
+    sizes = [sensor.width * len(sensor.samples) for sensor in coarse.sensors.values()]
+    first = sum(sizes[: list(coarse.sensors).index("gyro")])
+    rows = slice(first, first + sizes[list(coarse.sensors).index("gyro")])
+    change = 1e-6 * np.random.default_rng(12).normal(size=joints.coefficients.shape)
+    ahead, behind = (
+        BlockModel(
+            case.craft.tree,
+            replace(joints, coefficients=joints.coefficients + sign * change),
+            samples,
+            case.suite,
+            None,
+        )
+        for sign in (1, -1)
+    )
+    found = -(residuals(ahead, state) - residuals(behind, state))[rows] / 2
+    expected = (exact[:, coarse.columns["joints"]] @ change.T.ravel())[rows]
+    assert np.abs(expected - found).max() < 1e-6 * np.abs(found).max()
+
+
 class Drawn:
     """In place of a random generator: one number of one body is not zero."""
 
