@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
-from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.likelihood.constants import THRUST_SCALE, Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointBlock
@@ -29,6 +29,7 @@ from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
     spline_weights,
     step_integrals,
+    step_weights,
 )
 from cpid_drake.sensing.measurements import Samples
 
@@ -304,9 +305,7 @@ class BaseMotion:
         spline = UniformSpline(self.nodes[0], h, w)
         if self.thrust is not None:
             spline = self.thrust.spline(w, inverse, state.psi, self.scale(state))
-        angle = spline.steps()
-        a, b = w[:-1].T, w[1:].T
-        angle += h**2 / 12 * (a[[1, 2, 0]] * b[[2, 0, 1]] - a[[2, 0, 1]] * b[[1, 2, 0]]).T
+        angle = self._angles(spline, w)
         R = np.empty((len(w), 3, 3))
         R[0] = state.attitude.as_matrix()
         R[1:] = R[0] @ _products(Rotation.from_rotvec(angle).as_matrix())
@@ -318,8 +317,8 @@ class BaseMotion:
         """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ + λ)) and, with a torque, λ̇ = ∂τ/∂ξ ξ.
 
         ξ is the change of the attitude, a rotation in W; λ is the change of L because the torque τ
-        of gravity gradient and thrust changes with the attitude. R w is integrated by cubics
-        through four nodes, the other terms by the trapezoidal rule.
+        of gravity gradient and thrust changes with the attitude. R w is integrated as the attitude
+        is, the other terms by the trapezoidal rule.
 
         Args:
             trajectory: the trajectory to linearize about.
@@ -337,7 +336,7 @@ class BaseMotion:
         mobility = trajectory.inverse[:N] @ np.swapaxes(R, -1, -2)
         coupling = mobility @ skew(L)
         A = R @ coupling
-        rates = step_integrals((R @ w), h)
+        rates = self._turned(trajectory, w)
         first, last = A[:-1], A[1:]
         if self.orbit is not None or self.thrust is not None:
             coupling = np.concatenate([coupling, mobility], axis=-1)
@@ -364,6 +363,25 @@ class BaseMotion:
             np.matmul(forward[k], change[k], out=change[k + 1])
             change[k + 1] += added[k]
         return change, w + coupling @ change
+
+    def _turned(self, trajectory: Trajectory, w: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rotations (N − 1, 3, n) in W by which each step turns more; see `pose_change`.
+
+        A step turns R to R exp(θ), with θ from `_angles`; dθ turns it by R Jl(θ) dθ more, with the
+        left Jacobian Jl of the rotations.
+        """
+        N, h = len(self.nodes), self.nodes[1] - self.nodes[0]
+        R, at_nodes = trajectory.R[:N], skew(trajectory.w[:N])
+        theta = skew(self._angles(trajectory.spline, trajectory.w[:N]))
+        by_angle = R[:-1] @ (np.eye(3) + theta / 2 + theta @ theta / 6)
+        angle = h * (step_weights(N) @ w.reshape(N, -1)).reshape(N - 1, 3, -1)
+        angle += h**2 / 12 * (at_nodes[:-1] @ w[1:] - at_nodes[1:] @ w[:-1])
+        return np.asarray(by_angle @ angle)
+
+    def _angles(self, spline: UniformSpline, w: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rotation vectors (N − 1, 3) of all steps, from w (N, 3) at the nodes."""
+        h = self.nodes[1] - self.nodes[0]
+        return np.asarray(spline.steps() + h**2 / 12 * cross(w[:-1], w[1:]))
 
     def _torque_by_attitude(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the derivative (N, 3, 3) of the gravity gradient by a rotation in W."""

@@ -111,6 +111,13 @@ def spline_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> ND
     return np.asarray(weights)
 
 
+@lru_cache(maxsize=64)
+def step_weights(count: int) -> NDArray[np.float64]:
+    """Return (N − 1, N) weights of N nodes, one apart, in the integrals of `UniformSpline`."""
+    slopes, half = _slopes(count), np.eye(count) / 2
+    return np.asarray(half[:-1] + half[1:] + (slopes[:-1] - slopes[1:]) / 12)
+
+
 def cubic_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> csr_array:
     """Return (M, N) weights of N equidistant nodes at times (M,): cubics through four nodes."""
     N = len(nodes)

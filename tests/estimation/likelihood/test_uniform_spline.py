@@ -1,10 +1,16 @@
 """Splines over equidistant nodes, and their weights."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from cpid_drake.estimation.likelihood.uniform_spline import UniformSpline, spline_weights
+from cpid_drake.estimation.likelihood.uniform_spline import (
+    UniformSpline,
+    spline_weights,
+    step_weights,
+)
 
 
 @pytest.mark.parametrize("count", [5, 6, 40])
@@ -17,3 +23,6 @@ def test_a_spline_and_its_weights_are_scipys(count):
     expected = CubicSpline(nodes, values)(times)
     np.testing.assert_allclose(UniformSpline(3.0, 0.2, values)(times), expected, atol=1e-10)
     np.testing.assert_allclose(spline_weights(nodes, times) @ values, expected, atol=1e-10)
+    areas = [CubicSpline(nodes, values).integrate(a, b) for a, b in itertools.pairwise(nodes)]
+    np.testing.assert_allclose(UniformSpline(3.0, 0.2, values).steps(), areas, atol=1e-10)
+    np.testing.assert_allclose(0.2 * step_weights(count) @ values, areas, atol=1e-10)
