@@ -132,15 +132,14 @@ class RecursiveFit:
         state = replace(state, window=window)
         if state.hopeless >= _TRIES:
             return state if len(window) <= _SUSPECT_BLOCKS else self._restarted(state)
-        if block.end - window[0].start < state.next_fit - 1e-6:
+        if state.length < state.next_fit - 1e-6:
             return state
         return self._fit(state)
 
     def _fit(self, state: RecursiveState) -> RecursiveState:
         """Fit the window, and decide whether blocks can be solved one after the other from now."""
         window = state.window
-        length = window[-1].end - window[0].start
-        state = replace(state, next_fit=length * NEXT_FIT)
+        state = replace(state, next_fit=state.length * NEXT_FIT)
         psi = state.prior.psi if state.sweep is None else state.sweep.state.nominal.psi
         suspects = range(state.explained, len(window))
         if not state.explained:  # a search in all blocks is for a short window

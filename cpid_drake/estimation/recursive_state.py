@@ -88,10 +88,14 @@ class RecursiveState:
         return self.block is None
 
     @property
+    def length(self) -> float:
+        """Length of the window [s]."""
+        return self.window[-1].end - self.window[0].start if self.window else 0.0
+
+    @property
     def has_grown(self) -> bool:
         """Whether the window is longer than when it was fitted."""
-        length = self.window[-1].end - self.window[0].start if self.window else 0.0
-        return length > self.next_fit / NEXT_FIT + 1e-6
+        return self.length > self.next_fit / NEXT_FIT + 1e-6
 
     @property
     def processed(self) -> dict[str, int]:

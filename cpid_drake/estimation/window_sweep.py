@@ -68,7 +68,7 @@ class WindowModels:
         self.prior, self.blocks = prior, blocks
         self.constants = np.zeros(solver.constants.size) if constants is None else constants
         self._models: list[BlockModel] = []
-        state = initial_state(solver, prior, prior.psi, blocks[0], constants)
+        state = initial_state(solver, prior, prior.psi, blocks[0], self.constants)
         track = None
         for block in blocks:
             model = block_model(solver, replace(state, track=track), block)

@@ -91,6 +91,8 @@ class InformationModel:
     def motions(self, samples: NDArray[np.float64]) -> MotionBatch:
         """Return the known bodies' part of B joint motions, which does not depend on the target.
 
+        The criterion and all constraints ask for the same motions; the last ones are remembered.
+
         Args:
             samples: (N, B, 2, J) positions and rates at the nodes, real or complex.
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array, kron
 
 from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.likelihood.attitude_steps import step_angles
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointBlock, JointTrack
 from cpid_drake.estimation.likelihood.motion import (
@@ -145,7 +146,7 @@ class MotionBatch(BaseMotion):
     def _attitudes(self, first: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the attitudes (U, 3, 3) from angular velocities (N, B, 3) in B."""
         h = self._times[1]
-        angle = step_integrals(w, h) + h**2 / 12 * cross(w[:-1], w[1:])
+        angle = step_angles(step_integrals(w, h), w, h)
         R = np.empty((*w.shape, 3), np.result_type(first, w))
         R[0] = first
         for k, step in enumerate(_exponentials(angle)):

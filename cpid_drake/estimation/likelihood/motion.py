@@ -20,8 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
-from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.likelihood.attitude_steps import (
+    integrated_attitude,
+    step_angles,
+    step_changes,
+)
 from cpid_drake.estimation.likelihood.constants import THRUST_SCALE, Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointBlock
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, block_thrust
@@ -29,7 +34,6 @@ from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
     spline_weights,
     step_integrals,
-    step_weights,
 )
 from cpid_drake.sensing.measurements import Samples
 
@@ -305,11 +309,8 @@ class BaseMotion:
         spline = UniformSpline(self.nodes[0], h, w)
         if self.thrust is not None:
             spline = self.thrust.spline(w, inverse, state.psi, self.scale(state))
-        angle = self._angles(spline, w)
-        R = np.empty((len(w), 3, 3))
-        R[0] = state.attitude.as_matrix()
-        R[1:] = R[0] @ _products(Rotation.from_rotvec(angle).as_matrix())
-        return R, spline
+        theta = step_angles(spline.steps(), w, h)
+        return integrated_attitude(state.attitude.as_matrix(), theta), spline
 
     def pose_change(
         self, trajectory: Trajectory, w: NDArray[np.float64], initial: NDArray[np.float64]
@@ -336,7 +337,8 @@ class BaseMotion:
         mobility = trajectory.inverse[:N] @ np.swapaxes(R, -1, -2)
         coupling = mobility @ skew(L)
         A = R @ coupling
-        rates = self._turned(trajectory, w)
+        theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
+        turned = step_changes(R, trajectory.w[:N], theta, w, h)
         first, last = A[:-1], A[1:]
         if self.orbit is not None or self.thrust is not None:
             coupling = np.concatenate([coupling, mobility], axis=-1)
@@ -345,7 +347,7 @@ class BaseMotion:
             )
             below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
             A = np.concatenate([R @ coupling, below], axis=-2)
-            rates = np.concatenate([rates, np.zeros_like(rates)], axis=-2)
+            turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)
             first, last = A[:-1], A[1:]
         if self.thrust is not None:  # it may change within a step: both ends have its mean
             state = trajectory.state
@@ -356,32 +358,13 @@ class BaseMotion:
         one = np.eye(A.shape[-1])
         left = np.linalg.inv(one - h / 2 * last)
         forward = left @ (one + h / 2 * first)
-        added = left @ rates
+        added = left @ turned
         change = np.zeros((N, len(one), w.shape[-1]))
         change[0, :3] = initial
         for k in range(len(forward)):
             np.matmul(forward[k], change[k], out=change[k + 1])
             change[k + 1] += added[k]
         return change, w + coupling @ change
-
-    def _turned(self, trajectory: Trajectory, w: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rotations (N − 1, 3, n) in W by which each step turns more; see `pose_change`.
-
-        A step turns R to R exp(θ), with θ from `_angles`; dθ turns it by R Jl(θ) dθ more, with the
-        left Jacobian Jl of the rotations.
-        """
-        N, h = len(self.nodes), self.nodes[1] - self.nodes[0]
-        R, at_nodes = trajectory.R[:N], skew(trajectory.w[:N])
-        theta = skew(self._angles(trajectory.spline, trajectory.w[:N]))
-        by_angle = R[:-1] @ (np.eye(3) + theta / 2 + theta @ theta / 6)
-        angle = h * (step_weights(N) @ w.reshape(N, -1)).reshape(N - 1, 3, -1)
-        angle += h**2 / 12 * (at_nodes[:-1] @ w[1:] - at_nodes[1:] @ w[:-1])
-        return np.asarray(by_angle @ angle)
-
-    def _angles(self, spline: UniformSpline, w: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rotation vectors (N − 1, 3) of all steps, from w (N, 3) at the nodes."""
-        h = self.nodes[1] - self.nodes[0]
-        return np.asarray(spline.steps() + h**2 / 12 * cross(w[:-1], w[1:]))
 
     def _torque_by_attitude(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the derivative (N, 3, 3) of the gravity gradient by a rotation in W."""
@@ -403,20 +386,3 @@ class BaseMotion:
 def _in_base(L: NDArray[np.float64], R: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return Rᵀ L (N, 3) for a constant L (3,) or one for each instant (N, 3)."""
     return L @ R if L.ndim == 1 else (L[:, None] @ R)[:, 0]
-
-
-def _products(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S_0, S_0 S_1, S_0 S_1 S_2, … of matrices S (N, 3, 3), in blocks of about √N."""
-    N = len(steps)
-    size = int(np.ceil(np.sqrt(N)))
-    count = -(-N // size)
-    result = np.broadcast_to(np.eye(3), (count * size, 3, 3)).copy()
-    result[:N] = steps
-    blocks = result.reshape(count, size, 3, 3)
-    for k in range(1, size):
-        blocks[:, k] = blocks[:, k - 1] @ blocks[:, k]
-    before = np.eye(3)
-    for block in blocks:
-        block[:] = before @ block
-        before = block[-1].copy()
-    return result[:N]

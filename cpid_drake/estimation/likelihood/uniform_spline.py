@@ -9,12 +9,12 @@ from scipy.sparse import csr_array
 
 
 class UniformSpline:
-    """The cubic spline through values (N, 3) at N equidistant nodes.
+    """The cubic spline through values (N, n) at N equidistant nodes.
 
     It is that of `scipy.interpolate.CubicSpline`, whose construction takes ten times as long.
 
     Attributes:
-        c: (4, N − 1, 3) coefficients of the powers 3 to 0 in each interval.
+        c: (4, N − 1, n) coefficients of the powers 3 to 0 in each interval.
 
     """
 
@@ -33,20 +33,20 @@ class UniformSpline:
         return k, elapsed - k * self._step
 
     def __call__(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values (M, 3) at times (M,)."""
+        """Return the values (M, n) at times (M,)."""
         k, t = self.place(times)
         c, t = self.c[:, k], t[:, None]
         return np.asarray(((c[0] * t + c[1]) * t + c[2]) * t + c[3])
 
     def steps(self) -> NDArray[np.float64]:
-        """Return the integrals (N − 1, 3) over all intervals."""
+        """Return the integrals (N − 1, n) over all intervals."""
         powers = self._step ** np.arange(4, 0, -1) / np.arange(4, 0, -1)
         return np.tensordot(powers, self.c, axes=1)
 
     def since_node(
         self, times: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-        """Return the interval of each time (M,), and the integral (M, 3) since its start."""
+        """Return the interval of each time (M,), and the integral (M, n) since its start."""
         k, t = self.place(times)
         powers = t ** np.arange(4, 0, -1)[:, None] / np.arange(4, 0, -1)[:, None]
         return k, np.einsum("pm,pmi->mi", powers, self.c[:, k])
@@ -99,23 +99,19 @@ class RampedSpline(UniformSpline):
 
 def spline_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (M, N) weights of N equidistant nodes at times (M,): those of `UniformSpline`."""
-    step, last = nodes[1] - nodes[0], len(nodes) - 2
-    place = (times - nodes[0]) / step
-    k = np.clip(place.astype(int), 0, last)
-    x = (place - k)[:, None]
-    slopes, rows = _slopes(len(nodes)), np.arange(len(times))
-    weights = x * (1 - x) ** 2 * slopes[k] + x**2 * (x - 1) * slopes[k + 1]
-    share = (x**2 * (3 - 2 * x))[:, 0]
-    weights[rows, k] += 1 - share
-    weights[rows, k + 1] += share
-    return np.asarray(weights)
+    return _unit_splines(len(nodes))((times - nodes[0]) / (nodes[1] - nodes[0]))
 
 
 @lru_cache(maxsize=64)
 def step_weights(count: int) -> NDArray[np.float64]:
     """Return (N − 1, N) weights of N nodes, one apart, in the integrals of `UniformSpline`."""
-    slopes, half = _slopes(count), np.eye(count) / 2
-    return np.asarray(half[:-1] + half[1:] + (slopes[:-1] - slopes[1:]) / 12)
+    return _unit_splines(count).steps()
+
+
+@lru_cache(maxsize=64)
+def _unit_splines(count: int) -> UniformSpline:
+    """Return the splines through the unit vectors (N, N) at N nodes, one apart."""
+    return UniformSpline(0.0, 1.0, np.eye(count))
 
 
 def cubic_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> csr_array:

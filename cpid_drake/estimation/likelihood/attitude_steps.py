@@ -1,0 +1,81 @@
+"""The attitude over a grid of equal steps, and its derivatives.
+
+A step of length h turns the attitude R to R exp(θ). By the fourth-order Magnus formula, θ is the
+integral of the angular velocity ω over the step plus h²/12 ω₀ × ω₁, with ω₀ and ω₁ at its ends.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.dynamics.rotations import cross, skew
+from cpid_drake.estimation.likelihood.uniform_spline import step_weights
+
+
+def step_angles(
+    integrals: NDArray[np.float64], w: NDArray[np.float64], h: float
+) -> NDArray[np.float64]:
+    """Return the rotation vectors θ (N − 1, ..., 3) of all steps [rad].
+
+    Args:
+        integrals: (N − 1, ..., 3) of ω over the steps [rad].
+        w: (N, ..., 3) ω at the nodes, in B [rad/s].
+        h: length of a step [s].
+
+    """
+    return np.asarray(integrals + h**2 / 12 * cross(w[:-1], w[1:]))
+
+
+def integrated_attitude(
+    first: NDArray[np.float64], theta: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the attitudes (N, 3, 3) from the first (3, 3) and rotation vectors θ (N − 1, 3)."""
+    R = np.empty((len(theta) + 1, 3, 3))
+    R[0] = first
+    R[1:] = first @ _products(Rotation.from_rotvec(theta).as_matrix())
+    return R
+
+
+def step_changes(
+    R: NDArray[np.float64],
+    w: NDArray[np.float64],
+    theta: NDArray[np.float64],
+    change: NDArray[np.float64],
+    h: float,
+) -> NDArray[np.float64]:
+    """Return the rotations (N − 1, 3, n) in W by which each step turns more.
+
+    A change dθ turns a step by R Jl(θ) dθ more, with the left Jacobian Jl of the rotations, here to
+    second order in θ. It is the derivative of `integrated_attitude` with ω from a `UniformSpline`.
+    Source: Solà et al. 2018, "A micro Lie theory for state estimation in robotics", Eq. 145.
+
+    Args:
+        R: (N, 3, 3) attitudes R_WB at the nodes.
+        w: (N, 3) ω at the nodes, in B [rad/s].
+        theta: (N − 1, 3) rotation vectors of the steps [rad].
+        change: (N, 3, n) change of ω at the nodes, in B.
+        h: length of a step [s].
+
+    """
+    N, turn, rate = len(w), skew(theta), skew(w)
+    by_theta = R[:-1] @ (np.eye(3) + turn / 2 + turn @ turn / 6)
+    changed = h * (step_weights(N) @ change.reshape(N, -1)).reshape(N - 1, *change.shape[1:])
+    changed += h**2 / 12 * (rate[:-1] @ change[1:] - rate[1:] @ change[:-1])
+    return np.asarray(by_theta @ changed)
+
+
+def _products(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return S_0, S_0 S_1, S_0 S_1 S_2, … of matrices S (N, 3, 3), in blocks of about √N."""
+    N = len(steps)
+    size = int(np.ceil(np.sqrt(N)))
+    count = -(-N // size)
+    result = np.broadcast_to(np.eye(3), (count * size, 3, 3)).copy()
+    result[:N] = steps
+    blocks = result.reshape(count, size, 3, 3)
+    for k in range(1, size):
+        blocks[:, k] = blocks[:, k - 1] @ blocks[:, k]
+    before = np.eye(3)
+    for block in blocks:
+        block[:] = before @ block
+        before = block[-1].copy()
+    return result[:N]
