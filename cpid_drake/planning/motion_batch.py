@@ -44,10 +44,10 @@ class PlannedJoints(JointBlock):
     def of(cls, end: float, samples: NDArray[np.float64]) -> "PlannedJoints":
         """Return the joints of motions from t = 0 to `end` [s]; their errors are not modelled."""
         J = samples.shape[-1]
-        nothing, one = np.zeros((0, J)), np.ones(J)
+        nothing = np.zeros((0, J))
         track = JointTrack(nothing, np.zeros((0, 0)), end, 0.0)
-        rows = np.zeros((0, 0))
-        return cls(0.0, end, 1, nothing, rows, nothing, one, track, 0, 0.0, 0, False, samples)
+        rows = np.zeros((J, 0, 0))
+        return cls(0.0, end, 1, nothing, rows, nothing.T, track, 0, 0.0, 0, False, samples)
 
     def evaluate(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions and rates (U, 2, J) at the nodes, whatever the times are."""

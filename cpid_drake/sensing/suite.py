@@ -91,10 +91,18 @@ class SensorSuite:
             KeyError: the sensor is absent.
 
         """
-        errors = self[name]
-        rounding = 0.0 if self.rounding is None else 10.0**-self.rounding
-        variance = errors.sigmas**2 + (errors.step**2 + rounding**2) / 12 + NUMERICAL_SIGMA**2
+        variance = self[name].sigmas ** 2 + self.step(name) ** 2 / 12 + NUMERICAL_SIGMA**2
         return np.asarray(np.sqrt(variance))
+
+    def step(self, name: str) -> float:
+        """Return the step of quantization and rounding together; 0 for none [SI units, rad].
+
+        Raises:
+            KeyError: the sensor is absent.
+
+        """
+        rounding = 0.0 if self.rounding is None else 10.0**-self.rounding
+        return float(np.hypot(self[name].step, rounding))
 
     def noisier(self, factors: Mapping[str, float]) -> Self:
         """Return the suite with σ of some sensors multiplied, by name; see `sigmas`."""

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
@@ -272,8 +273,7 @@ class JointErrors(Effect):
     def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the information of the block's own joint sensors."""
         joints = self._joints
-        rows = np.asarray(np.kron(np.diag(1 / joints.growth), joints.rows), dtype=float)
-        return rows, (joints.rest / joints.growth).T.ravel()
+        return np.asarray(block_diag(*joints.rows)), joints.rest.ravel()
 
 
 class KnownBodies(Effect):

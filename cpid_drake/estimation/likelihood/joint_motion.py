@@ -16,9 +16,11 @@ from scipy.linalg import solve_triangular
 from scipy.special import chdtri
 
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.likelihood.rounding import RoundedSamples, whitening
 from cpid_drake.estimation.square_root import triangle
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
+from cpid_drake.sensing.splines import DerivativeSamples
 from cpid_drake.sensing.suite import SensorSuite
 
 ORDER = 3
@@ -82,8 +84,8 @@ class JointBlock:
         start, end: [s].
         pieces: number of polynomials.
         coefficients: (K, J) the first `ORDER` are s at the start, the last `ORDER` s at the end.
-        rows, rest: (K, K), (K, J) with rows δc = rest for the errors δc of each joint.
-        growth: (J,) σ of these rows: above 1 where errors of resolution repeat; see `repetition`.
+        rows, rest: (J, r, K), (J, r) with rows δc = rest, with unit noise, for the errors δc of
+            each joint; r ≤ K.
         track: the motion at the end, by the joints' sensors alone.
         outliers: number of samples of joint sensors that were left out.
         chi_squared, freedom: of the joint sensors' samples.
@@ -97,7 +99,6 @@ class JointBlock:
     coefficients: NDArray[np.float64]
     rows: NDArray[np.float64]
     rest: NDArray[np.float64]
-    growth: NDArray[np.float64]
     track: JointTrack
     outliers: int
     chi_squared: float
@@ -152,11 +153,15 @@ def joint_block(
     """
     if before is not None and is_kicked:
         before = before.kicked()
-    samples = [
-        (measurements[sensor.name], derivative, float(suite.sigmas(sensor.name)[0]))
+    derivatives = {
+        sensor.name: derivative
         for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES))
         for sensor in sensors_of(quantity)
         if sensor.name in suite.present() and len(measurements[sensor.name])
+    }
+    samples = [
+        (measurements[name], derivative, float(suite.sigmas(name)[0]))
+        for name, derivative in derivatives.items()
     ]
     positions = sum(len(each) for each, derivative, _ in samples if not derivative)
     if positions < (8 if before is None else 1):
@@ -190,7 +195,6 @@ def joint_block(
                 break
     K, R, c, pieces = len(found.c), found.R, found.c, found.pieces
     misfit = 1.0 if found.is_likely else found.chi_squared / found.freedom
-    own = triangle(np.hstack([found.A, found.left])) / np.sqrt(misfit)
     jerk = float(np.sqrt(np.mean((_basis(start, end, pieces, times, 3) @ c) ** 2)))
     track = JointTrack(
         c[-ORDER:],
@@ -198,31 +202,12 @@ def joint_block(
         (end - start) / pieces,
         jerk if before is None else max(jerk, 0.9 * before.jerk),
     )
-    rows, rest = own[:K, :K], own[:K, K:]
-    growth = repetition(measurements, suite)
+    rows, rest = _own_rows(found, samples, [suite.step(each) for each in derivatives])
+    rows, rest = rows / np.sqrt(misfit), rest / np.sqrt(misfit)
     chi_squared, freedom = found.chi_squared, found.freedom
     return JointBlock(
-        start, end, pieces, c, rows, rest, growth, track, outliers, chi_squared, freedom, is_kicked
+        start, end, pieces, c, rows, rest, track, outliers, chi_squared, freedom, is_kicked
     )
-
-
-def repetition(measurements: Measurements, suite: SensorSuite) -> NDArray[np.float64]:
-    """Return (J,) by how much σ of the joints' samples grows because errors of resolution repeat.
-
-    The error of a rounded sample is that of its neighbours until the joint has moved by a step of
-    the resolution. If N samples contain n such steps, N / (n + 1) of them have the same error.
-    """
-    growth = np.ones(len(measurements.joint_names))
-    for sensor in sensors_of(JOINT_POSITIONS):
-        value = measurements[sensor.name].value
-        if sensor.name not in suite.present() or not len(value):
-            continue
-        variance, white = suite.sigmas(sensor.name)[0] ** 2, suite[sensor.name].sigmas[0] ** 2
-        step = np.sqrt(12 * max(variance - white, 0.0))
-        steps = np.abs(np.diff(value, axis=0)).sum(axis=0) / step
-        repeated = np.maximum(len(value) / (steps + 1), 1.0)
-        growth = np.maximum(growth, np.sqrt((white + (variance - white) * repeated) / variance))
-    return growth
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,6 +236,22 @@ class _Solution:
     def is_likely(self) -> bool:
         """Whether noise explains χ²."""
         return bool(self.chi_squared <= chdtri(self.freedom, _MISFIT))
+
+
+def _own_rows(
+    found: _Solution, samples: list[DerivativeSamples], steps: list[float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the rows and their right sides of a block's own samples; see `JointBlock`."""
+    Q, R = np.linalg.qr(found.A)
+    ends = np.cumsum([len(each) for each, _, _ in samples])[:-1]
+    parts = zip(samples, steps, np.split(Q, ends), np.split(found.A @ found.c, ends), strict=True)
+    W = whitening(
+        [
+            RoundedSamples(part, each.value, sigma * smooth, sigma, step)
+            for (each, _, sigma), step, part, smooth in parts
+        ]
+    )
+    return W @ R, np.einsum("jkl,lj->jk", W, Q.T @ found.left)
 
 
 def _outliers(

@@ -116,8 +116,9 @@ def test_a_blocks_own_information_contains_its_samples_only(blocks):
     A, b = rows_of(measured(), block)
     b = b - A @ block.coefficients
     N, size = A.T @ A, np.abs(A.T).sum(axis=1).max()
-    np.testing.assert_allclose(block.rows.T @ block.rows, N, rtol=1e-6, atol=1e-6 * N.max())
-    np.testing.assert_allclose(block.rows.T @ block.rest, A.T @ b, atol=1e-3 * size)
+    for rows, rest, own in zip(block.rows, block.rest, b.T, strict=True):
+        np.testing.assert_allclose(rows.T @ rows, N, rtol=1e-6, atol=1e-6 * N.max())
+        np.testing.assert_allclose(rows.T @ rest, A.T @ own, atol=1e-3 * size)
 
 
 def test_the_motion_is_smooth_over_a_boundary(blocks):
@@ -256,30 +257,39 @@ def test_errors_of_resolution_do_not_average_at_rest():
     errors = block.evaluate(np.array([0.5]))[0, 0] - true
     basis = block.basis(np.array([0.5]))[0]
     for joint, error in enumerate(errors):
-        sigma = np.linalg.norm(np.linalg.solve(block.rows.T, basis)) * block.growth[joint]
+        sigma = np.linalg.norm(np.linalg.solve(block.rows[joint].T, basis))
         assert sigma > abs(error) / np.sqrt(3) * 0.9  # a uniform error is at most √3 σ
         assert sigma < step
 
 
-def test_errors_of_resolution_average_in_motion_and_with_noise():
-    """A joint that crosses many steps between samples, or whose noise does, has white errors."""
-    fine = SensorSuite(encoders=JointSensor(50.0, 0.0, bits=20))
-    moving = part(measured(rates=False), 0.0, 1.0)
-    np.testing.assert_allclose(joint_block(0.0, 1.0, moving, fine, None).growth, 1.0, atol=0.02)
-    noisy = replace(SUITE, joint_rates=None)
-    assert (joint_block(0.0, 1.0, moving, noisy, None).growth == 1.0).all()
+def test_errors_of_resolution_are_those_of_the_coefficients():
+    """Joints that start from rest, at all places between two steps: errors as large as their σ."""
+    suite = SensorSuite(encoders=JointSensor(100.0, 0.0, bits=16))
+    step, times = suite.encoders.step, np.arange(0, 0.501, 0.01)
+    zero = np.linspace(-0.5, 0.5, 101)[:-1] * step
+    true = (2e-2 * times**3)[:, None] + zero
+    samples = Measurements(
+        tuple(f"joint {k}" for k in range(len(zero))),
+        encoders=Samples(times, np.round(true / step) * step),
+    )
+    block = joint_block(-1e-7, 0.5, samples, suite, None)
+    exact = np.linalg.lstsq(block.basis(times), true, rcond=None)[0]
+    errors = np.einsum("jrk,jk->jr", block.rows, (exact - block.coefficients).T)
+    assert 0.3 < np.mean(errors**2) < 1.2
+    assert np.mean(errors**2, axis=0).max() < 2.0
 
 
-def test_the_likelihood_has_the_larger_error_of_resting_joints():
-    """The rows of each joint in the likelihood have unit noise after division by its growth."""
+def test_the_likelihood_has_the_information_of_each_joint():
+    """The rows of each joint are its own, and contain no other joint's errors."""
     samples = part(measured(rates=False), 0.0, 1.0)
     block = joint_block(0.0, 1.0, samples, replace(SUITE, joint_rates=None), None)
-    block = replace(block, growth=np.array([1.0, 2.0, 5.0]))
+    factor = np.array([1.0, 2.0, 5.0])
+    block = replace(block, rows=block.rows / factor[:, None, None])
     instants = SimpleNamespace(times=np.array([0.0, 0.5]))
     rows, rest = JointErrors(SimpleNamespace(joints=block, instants=instants)).links(None)
     K = block.size
-    for j, growth in enumerate(block.growth):
+    for j in range(3):
         own = slice(j * K, (j + 1) * K)
-        np.testing.assert_allclose(rows[own, own] * growth, block.rows)
-        np.testing.assert_allclose(rest[own] * growth, block.rest[:, j])
+        np.testing.assert_allclose(rows[own, own], block.rows[j])
+        np.testing.assert_allclose(rest[own], block.rest[j])
         assert not np.delete(rows[own], np.arange(K * 3)[own], axis=1).any()

@@ -1,0 +1,111 @@
+"""Errors of rounded samples: their covariance is that of rounding at random zeros."""
+
+import numpy as np
+import pytest
+
+from cpid_drake.estimation.likelihood.rounding import SMALLEST, RoundedSamples, whitening
+
+STEP, DRAWS, N = 1e-3, 4000, 40
+TIMES = np.arange(N) / 100
+BASIS = np.linalg.qr(np.vander(TIMES, 5, increasing=True))[0]
+
+
+def motion(rate, acceleration=0.0):
+    """Positions (N, 1) of a joint, in rad, from rate and acceleration in steps per sample."""
+    k = np.arange(N)
+    return STEP * (rate * k + acceleration * k**2 / 2)[:, None]
+
+
+def errors(q, noise=0.0, seed=3):
+    """Return (draws, N) errors of samples that are rounded at a random zero, with white noise."""
+    rng = np.random.default_rng(seed)
+    zero = STEP * rng.uniform(size=(DRAWS, 1))
+    noisy = q.T + zero + noise * rng.normal(size=(DRAWS, N))
+    return STEP * np.round(noisy / STEP) - q.T - zero
+
+
+def rounded(q, noise=0.0, step=STEP):
+    sigma = np.hypot(step / np.sqrt(12), noise)
+    value = step * np.round(q / step) if step else q
+    return RoundedSamples(BASIS, value, q, sigma, step)
+
+
+MOTIONS = {
+    "rest": (0.0, 0.0),
+    "a step per sample": (1.0, 0.0),
+    "nearly a step per sample": (1.01, 0.0),
+    "half a step per sample": (0.5, 0.0),
+    "starts from rest": (0.0, 0.05),
+    "turns from step to step": (3.0, 0.007),
+    "many steps per sample": (17.37, 0.43),
+}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.15 * STEP])
+@pytest.mark.parametrize("rate, acceleration", MOTIONS.values(), ids=MOTIONS)
+def test_the_covariance_is_that_of_rounding_at_random_zeros(rate, acceleration, noise):
+    """Within what the neglected harmonics of the correlation and the draws leave."""
+    q = motion(rate, acceleration)
+    e = errors(q, noise) / np.hypot(STEP / np.sqrt(12), noise)
+    projected = e @ BASIS
+    expected = projected.T @ projected / DRAWS
+    found = rounded(q, noise).covariance()[0]
+    # Harmonics beyond the sixth count as white; at half a step per sample they add up.
+    largest = max(np.linalg.eigvalsh(expected)[-1], 1.0)
+    np.testing.assert_allclose(found, expected, atol=0.17 * largest)
+    assert np.linalg.eigvalsh(found)[-1] == pytest.approx(largest, rel=0.2)
+
+
+def test_white_noise_and_resolution_far_below_it_are_white():
+    """No correlation without a step; none with noise of a step."""
+    q = motion(0.01)
+    for each in (rounded(q, STEP), rounded(q, STEP, step=0.0)):
+        np.testing.assert_allclose(each.covariance()[0], np.eye(5), atol=1e-3)
+    white = whitening([rounded(q, STEP, step=0.0)])[0]
+    np.testing.assert_allclose(white @ white.T, np.eye(5), atol=1e-12)
+
+
+@pytest.mark.parametrize("rate, acceleration", MOTIONS.values(), ids=MOTIONS)
+def test_whitened_errors_are_at_most_noise(rate, acceleration):
+    """No combination is said to be better than it is, by more than its neglected harmonics."""
+    q = motion(rate, acceleration)
+    e = errors(q) / (STEP / np.sqrt(12))
+    white = e @ BASIS @ whitening([rounded(q)])[0].T
+    assert (white**2).mean(axis=0).max() < 1.2
+
+
+def test_a_joint_that_may_have_moved_within_a_step_is_not_known_better():
+    """The same value in all samples may be a motion of almost a step: so may the slope's error."""
+    still = rounded(0 * motion(0.0))
+    ramp = np.linspace(-0.45, 0.45, N) * np.sqrt(12) @ BASIS
+    assert np.linalg.norm(whitening([still])[0] @ ramp) < 1.5
+    assert still.smallest() == pytest.approx(N)
+    assert rounded(motion(17.37)).smallest() == pytest.approx(SMALLEST)
+
+
+def test_each_joint_has_its_own_correlation():
+    """Joints side by side give what each gives alone."""
+    several = np.hstack([motion(0.0), motion(1.0), motion(17.37, 0.43)])
+    together = rounded(several)
+    for j in range(3):
+        alone = rounded(several[:, j : j + 1])
+        np.testing.assert_allclose(together.covariance()[j], alone.covariance()[0], atol=1e-12)
+        assert together.smallest()[j] == pytest.approx(alone.smallest()[0])
+
+
+def test_sensors_add_their_information():
+    """Q of two sensors together has unit columns; a white sensor dilutes what rounding repeats."""
+    both = np.linalg.qr(np.vstack([BASIS, BASIS]))[0]
+    still = motion(0.0)
+    first, second = both[:N], both[N:]
+    sigma = STEP / np.sqrt(12)
+    samples = [
+        RoundedSamples(first, still, still, sigma, STEP),
+        RoundedSamples(second, still, still, sigma, 0.0),
+    ]
+    covariance = sum(each.covariance()[0] for each in samples)
+    e = errors(still) / sigma
+    noise = np.random.default_rng(4).normal(size=e.shape)
+    drawn = e @ first + noise @ second
+    expected = drawn.T @ drawn / DRAWS
+    np.testing.assert_allclose(covariance, expected, atol=0.12 * np.linalg.eigvalsh(expected)[-1])
