@@ -87,10 +87,11 @@ def small_objective(
 
 def check_gradient(constraint, x, h=1e-5, tolerance=1e-5) -> None:
     """Compare the gradient of a constraint at x (F, K) with differences."""
-    _, gradient = constraint.evaluate(x)
+    values, gradient = constraint.evaluate(x)
+    np.testing.assert_allclose(constraint.values(x), values)
     for seed in range(3):
         d = np.random.default_rng(seed).normal(size=x.shape)
-        later, earlier = (constraint.evaluate(x + s * h * d)[0] for s in (1, -1))
+        later, earlier = (constraint.values(x + s * h * d) for s in (1, -1))
         expected, found = (later - earlier) / (2 * h), gradient @ d.ravel()
         assert np.abs(expected).max() > 1e-3
         np.testing.assert_allclose(found, expected, atol=tolerance * np.abs(expected).max())

@@ -152,7 +152,7 @@ def motion(
     ] = None,
     targets: Annotated[
         int, typer.Option(help="Number of plausible targets; the least favourable one counts.")
-    ] = 3,
+    ] = 8,
     candidates: Annotated[int, typer.Option(help="Motions of the global search.")] = 2000,
     starts: Annotated[int, typer.Option(help="Candidates that the gradient improves.")] = 2,
     seed: Annotated[

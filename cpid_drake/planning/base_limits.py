@@ -49,16 +49,19 @@ class BaseLimit(ABC):
         """Return the length that a vector has at a value [rad, rad/s or m]."""
         return value
 
+    def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `constraints.Constraint`; the values are 1 minus squares of shares."""
+        return 1 - self._squares(parameters[None]).reshape(-1)
+
     def evaluate(
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """See `constraints.Constraint`; the values are 1 minus squares of shares."""
-        values = 1 - self._squares(parameters[None]).reshape(-1)
+        """See `constraints.Constraint`."""
         gradients = []
         for chunk, step in self.objective.steps(parameters):
             squares = self._squares(chunk)
             gradients.append(squares.imag.reshape(-1, squares.shape[-1]) / step)
-        return values, -np.concatenate(gradients, axis=1)
+        return self.values(parameters), -np.concatenate(gradients, axis=1)
 
     def demands(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the largest share (T, 1) of what is imposed, in motions (B, F, K) with T targets.

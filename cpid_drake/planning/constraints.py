@@ -24,6 +24,10 @@ class Constraint(Protocol):
         """Its name in words."""
         ...
 
+    def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values (Q,) for parameters (F, K)."""
+        ...
+
     def evaluate(
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -46,6 +50,10 @@ class Distances:
     family: MotionFamily
     least: float
     name: str = "distance"
+
+    def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `Constraint`."""
+        return self.evaluate(parameters)[0]
 
     def evaluate(
         self, parameters: NDArray[np.float64]

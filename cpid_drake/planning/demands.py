@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.planning.base_limits import BaseLimit
-from cpid_drake.planning.efforts import JointEfforts
+from cpid_drake.planning.efforts import SHARE, JointEfforts
 from cpid_drake.planning.objective import Objective, PlausibleTarget
 from cpid_drake.planning.prediction import MotionSetting
 
@@ -98,9 +98,15 @@ class TargetDemands:
 
     def tighten(self, parameters: NDArray[np.float64], needed: "Needed") -> None:
         """Impose less where a motion (F, K) needs more between the nodes than at the nodes."""
-        lower = 1.02 * needed.efforts
         if self.efforts is not None:
-            largest = self.efforts.largest / np.maximum(1.0, lower)
+            joints, limits = self.efforts.joints, self.setting.spacecraft.limits.efforts
+            over = needed.efforts[joints] > 1
+            at_nodes = self.efforts.demands(parameters[None]).max(axis=0)[
+                over
+            ]  # of what is imposed
+            joints, largest = joints[over], self.efforts.largest.copy()
+            peak = needed.efforts[joints] * limits[joints] / (SHARE * largest[joints] * at_nodes)
+            largest[joints] = np.minimum(largest[joints], limits[joints] / (1.02 * SHARE * peak))
             self.efforts = replace(self.efforts, largest=largest)
         tightened = []
         for each, share in zip(self.base_limits, needed.base, strict=True):

@@ -43,17 +43,21 @@ class JointEfforts:
     largest: NDArray[np.float64]
     name: str = "torque"
 
+    def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `constraints.Constraint`."""
+        shares = self.shares(parameters[None])[..., 0].ravel()
+        return np.concatenate([1 - shares, 1 + shares])
+
     def evaluate(
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """See `constraints.Constraint`."""
-        shares = self.shares(parameters[None])[..., 0].ravel()
         gradients = []
         for chunk, step in self.objective.steps(parameters):
             found = self.shares(chunk).imag / step
             gradients.append(found.reshape(-1, found.shape[-1]))
         gradient = np.concatenate(gradients, axis=1)
-        return np.concatenate([1 - shares, 1 + shares]), np.concatenate([-gradient, gradient])
+        return self.values(parameters), np.concatenate([-gradient, gradient])
 
     def demands(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the largest share (T, Q) of what is imposed, in motions (B, F, K)."""

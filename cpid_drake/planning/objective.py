@@ -1,12 +1,14 @@
 """What a motion is planned for: criteria of the covariance of the target, and their gradients.
 
 A planner does not know the target. It knows plausible targets, and a motion is as good as it is for
-the least favourable of them. Parameters are compared in units of their scale: the mass, a length
-for the centre of mass, and the trace of the inertia; see `parameterizations.parameter_scale`.
+the least favourable of them: the one whose σ exceeds most what other motions reach for it. Without
+these weights, a light target, which no motion determines well, would decide alone. Parameters are
+compared in units of their scale: the mass, a length for the centre of mass, and the trace of the
+inertia; see `parameterizations.parameter_scale`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -84,11 +86,13 @@ class PlausibleTarget:
     Attributes:
         parameters: (10,) π.
         information: (10, 10) what is known about π before the motion; default: nothing.
+        weight: of its σ beside those of other targets.
 
     """
 
     parameters: NDArray[np.float64]
     information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((10, 10)))
+    weight: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +138,43 @@ class Objective:
             found.append(by_psi @ covariance.psi @ by_psi.T)
         return np.stack(found)
 
-    def scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the criterion (B,) of motions (B, F, K): a σ in units of the scale."""
+    def target_scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the criterion (T, B) of motions (B, F, K) for each of T targets, weighted."""
         covariances = self.covariances(self.samples(parameters))
         criterion = CRITERIA[self.criterion]
+        logs = [[max(part[0] for part in criterion(one)) for one in each] for each in covariances]
+        weights = np.array([target.weight for target in self.targets])
+        return np.asarray(weights[:, None] * np.exp(logs))
+
+    def scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the criterion (B,) of motions (B, F, K): a σ in units of the scale."""
+        return np.asarray(self.target_scores(parameters).max(axis=0))
+
+    def weighed(self, motions: list[NDArray[np.float64]]) -> "Objective":
+        """Return the objective in which all targets count alike.
+
+        The weight of a target is one over the least σ that any of these motions reaches for it, in
+        units of the geometric mean of these least σ.
+
+        Args:
+            motions: parameters (B, F, K), one batch after the other.
+
+        """
+        plain = replace(self, targets=tuple(replace(one, weight=1.0) for one in self.targets))
+        least = np.min([plain.target_scores(each).min(axis=1) for each in motions], axis=0)
+        weights = np.exp(np.log(least).mean()) / least
+        targets = zip(self.targets, weights.tolist(), strict=True)
+        return replace(self, targets=tuple(replace(one, weight=w) for one, w in targets))
+
+    def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the criterion's components (C,) for (F, K); see `components`."""
+        criterion = CRITERIA[self.criterion]
+        covariances = self.covariances(self.samples(parameters[None]))[:, 0]
         return np.array(
             [
-                np.exp(max(part[0] for one in of_motion for part in criterion(one)))
-                for of_motion in np.swapaxes(covariances, 0, 1)
+                part[0] + np.log(target.weight)
+                for target, covariance in zip(self.targets, covariances, strict=True)
+                for part in criterion(covariance)
             ]
         )
 
@@ -163,7 +196,7 @@ class Objective:
                 right = right * weights[:, None, None]
                 left, right = (each.reshape(-1, H.shape[2]) for each in (left, right))
                 # Σ lᵀ (dHᵀ H + Hᵀ dH) r = ⟨dH, H r lᵀ + H l rᵀ⟩
-                values.append(value)
+                values.append(value + np.log(target.weight))
                 by_jacobian.append(H[0] @ (right.T @ left + left.T @ right))
         each = len(values) // len(self.targets)
         stacked = np.reshape(by_jacobian, (len(self.targets), each, -1))

@@ -49,7 +49,7 @@ class PlanOptions:
     base_displacement: float | None = None
     wheel_momentum: float | None = None
     is_stoppable: bool = False
-    targets: int = 3
+    targets: int = 8
     candidates: int = 2000
     starts: int = 2
     iterations: int = 60

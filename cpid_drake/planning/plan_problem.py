@@ -20,7 +20,7 @@ from cpid_drake.planning.limits import LimitedFamily, MotionLimits
 from cpid_drake.planning.objective import Objective, PlausibleTarget, check_criterion
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.prediction import MotionSetting
-from cpid_drake.planning.search import Candidate
+from cpid_drake.planning.search import BATCH, Candidate, candidates
 from cpid_drake.planning.stopping import Stops, needed_torque
 from cpid_drake.planning.targets import plausible_targets
 from cpid_drake.planning.wheels import wheel_rates
@@ -33,6 +33,9 @@ PLANNING_NODE_RATE = 8.0
 
 DENSE_PERIOD = 0.05
 """Time between the poses in which a finished motion's distances are checked [s]."""
+
+WEIGHING_MOTIONS = 256
+"""Number of random motions that show how well each plausible target can be determined."""
 
 MANY_TARGETS = 64
 """Number of heavy targets that are examined in a motion."""
@@ -134,7 +137,7 @@ class PlanProblem:
 
     @cached_property
     def objective(self) -> Objective:
-        """The criterion for the plausible targets."""
+        """The criterion for the plausible targets, weighed by motions within the limits."""
         craft, setting, options = self.spacecraft, self.setting, self.options
         targets = self.plausible(options.targets, options.seed)
         first = InertialParameters.from_vector(targets[0].parameters)
@@ -146,7 +149,11 @@ class PlanProblem:
             known_bodies=setting.known_bodies,
             node_rate=PLANNING_NODE_RATE * options.frequency,
         )
-        return Objective(model, self.family, targets, options.criterion)
+        objective = Objective(model, self.family, targets, options.criterion)
+        if len(targets) == 1:
+            return objective
+        drawn = candidates(self.limited, WEIGHING_MOTIONS, options.seed + 2)
+        return objective.weighed(np.split(drawn, WEIGHING_MOTIONS // BATCH))
 
     @cached_property
     def targets(self) -> tuple[NDArray[np.float64], ...]:

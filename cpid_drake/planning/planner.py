@@ -29,6 +29,12 @@ START_EXCESS = 1.5
 LESS_MOTION = (0.97, 0.94, 0.9, 0.8, 0.7, 0.6, 0.5)
 """Shares of the parameters of a motion that moves the base too much, which are tried in turn."""
 
+FIRST_TARGETS = 3
+"""Number of targets for which the gradient method improves candidates before it does for all."""
+
+FIRST_SHARE = 3
+"""Number of times that the iterations for these targets are fewer."""
+
 MOST_EXAMINED = 300
 """Largest number of candidates, the best first, in which constraints are evaluated."""
 
@@ -63,7 +69,8 @@ class Planner:
             progress(f"{done} of {options.candidates} candidates", best)
 
         drawn = candidates(limited, options.candidates, options.seed)
-        order = ranked(self.problem.objective, drawn, options.jobs, scored)
+        objective = self.problem.objective
+        order = ranked(objective, drawn, options.jobs, scored)
         seen = np.stack([each.parameters for each in order[:SEEN_CANDIDATES]])
         self.problem.demands.begin(seen)
         self._check_stops(order[:SEEN_CANDIDATES])
@@ -75,6 +82,9 @@ class Planner:
                 self.best = candidate
             progress(f"gradient method, {time.perf_counter() - start:.0f} s", self.best.score)
 
+        if starts and len(objective.targets) > FIRST_TARGETS:
+            what = f"gradient method for {FIRST_TARGETS} targets"
+            starts = [self._prepared(starts, lambda one: progress(what, one.score))]
         finished = [self._improved(each, better) for each in starts]
         best = min(filter(self._is_plan, finished), key=lambda one: one.score, default=None)
         if best is None:  # the gradient method met a dead end
@@ -99,6 +109,23 @@ class Planner:
                 "heavy target; give a --prior that excludes such targets, or --acceleration "
                 f"{0.9 * a / share:.2g} and a longer --duration"
             )
+
+    def _prepared(self, starts: list[Candidate], better: Callable[[Candidate], None]) -> Candidate:
+        """Return the best for all targets of the motions that are found for a few targets.
+
+        It need not keep the constraints that depend on the target.
+        """
+        problem, objective = self.problem, self.problem.objective
+        few = replace(objective, targets=objective.targets[:FIRST_TARGETS])
+        iterations = max(problem.options.iterations // FIRST_SHARE, 1)
+        found = [
+            refined(few, problem.limited, problem.constraints, each, iterations, better)[0]
+            for each in starts
+        ]
+        parameters = np.array([each.parameters for each in found])
+        best = parameters[objective.scores(parameters).argmin()]
+        problem.demands.demand_more(best)
+        return Candidate(best, np.inf)
 
     def _improved(self, start: Candidate, better: Callable[[Candidate], None]) -> Candidate:
         """Return the best motion that the gradient method finds; see `run`."""
@@ -146,7 +173,7 @@ class Planner:
                 x = share * each.parameters
                 if any(limit.demands(x[None]).max() > largest for limit in base):
                     continue
-                if all(one.evaluate(x)[0].min() >= 0 for one in problem.geometric):
+                if all(one.values(x).min() >= 0 for one in problem.geometric):
                     start = Candidate(x, each.score if share == 1 else np.inf)
                     found.append(start if problem.is_kept(start) else replace(start, score=np.inf))
                 if len(found) == count:
@@ -171,6 +198,6 @@ class Planner:
             if at:
                 found.append(f"{what} of {', '.join(at)}")
         for each in problem.constraints:
-            if each.evaluate(candidate.parameters)[0].min() < 0.03:
+            if each.values(candidate.parameters).min() < 0.03:
                 found.append(each.name)
         return found

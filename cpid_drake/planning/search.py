@@ -118,18 +118,16 @@ def refined(
     A, b = limited.inequalities()
     kept = [start]
 
-    def components(z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return objective.components(z[:-1].reshape(shape))
+    def of(each: Objective | Constraint) -> _Remembered:
+        evaluate = each.components if isinstance(each, Objective) else each.evaluate
+        return _Remembered(each.values, evaluate, shape)
 
-    def of_constraint(each: Constraint) -> _Function:
-        return _latest(lambda z: each.evaluate(z[:-1].reshape(shape)))
-
-    goal, others = _latest(components), [of_constraint(each) for each in constraints]
+    goal, others = of(objective), [of(each) for each in constraints]
 
     def keep(z: NDArray[np.float64]) -> None:
         is_within = (A @ z[:-1] - b).max() < TOLERANCE
-        is_within = is_within and all(other(z)[0].min() > -SHARE for other in others)
-        score = float(np.exp(goal(z)[0].max()))
+        is_within = is_within and all(other.values(z).min() > -SHARE for other in others)
+        score = float(np.exp(goal.values(z).max()))
         if is_within and score < kept[0].score:
             kept.insert(0, Candidate(z[:-1].reshape(shape).copy(), score))
             found(kept[0])
@@ -142,20 +140,20 @@ def refined(
         {"type": "ineq", "fun": lambda z: b - A @ z[:-1], "jac": lambda z: linear},
         {
             "type": "ineq",
-            "fun": lambda z: z[-1] - goal(z)[0],
-            "jac": lambda z: column(-goal(z)[1], 1.0),
+            "fun": lambda z: z[-1] - goal.values(z),
+            "jac": lambda z: column(-goal.gradients(z), 1.0),
         },
     ]
     for other in others:
         conditions.append(
             {
                 "type": "ineq",
-                "fun": lambda z, other=other: other(z)[0],
-                "jac": lambda z, other=other: column(other(z)[1], 0.0),
+                "fun": lambda z, other=other: other.values(z),
+                "jac": lambda z, other=other: column(other.gradients(z), 0.0),
             }
         )
     z = np.append(start.parameters.ravel(), 0.0)
-    z[-1] = goal(z)[0].max()
+    z[-1] = goal.values(z).max()
     unit = np.append(np.zeros(z.size - 1), 1.0)
     minimize(
         lambda z: z[-1],
@@ -170,19 +168,37 @@ def refined(
     return kept
 
 
-_Function = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+class _Remembered:
+    """Values and gradients at the last z: the solver asks several times, and rarely for gradients.
 
+    Args:
+        values: returns the values (Q,) for parameters (F, K).
+        evaluate: returns them and their gradients (Q, F K).
+        shape: F and K.
 
-def _latest(function: _Function) -> _Function:
-    """Return the function with a memory of its last value: the solver asks twice for each z."""
-    memory: dict[bytes, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    """
 
-    def remembered(z: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def __init__(
+        self,
+        values: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        evaluate: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]],
+        shape: tuple[int, ...],
+    ) -> None:
+        self._values, self._evaluate, self._shape = values, evaluate, shape
+        self._known: dict[bytes, NDArray[np.float64]] = {}
+        self._slopes: dict[bytes, NDArray[np.float64]] = {}
+
+    def values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values at z, whose last entry is not a parameter."""
         key = z[:-1].tobytes()
-        if key not in memory:
-            value = function(z)
-            memory.clear()
-            memory[key] = value
-        return memory[key]
+        if key not in self._known:
+            self._known = {key: self._values(z[:-1].reshape(self._shape))}
+        return self._known[key]
 
-    return remembered
+    def gradients(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the gradients at z."""
+        key = z[:-1].tobytes()
+        if key not in self._slopes:
+            values, slopes = self._evaluate(z[:-1].reshape(self._shape))
+            self._known, self._slopes = {key: values}, {key: slopes}
+        return self._slopes[key]

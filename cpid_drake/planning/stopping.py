@@ -70,6 +70,10 @@ class Stops:
     distances: Distances | None
     name: str = "stops"
 
+    def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `constraints.Constraint`."""
+        return self.evaluate(parameters)[0]
+
     def evaluate(
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,6 +1,7 @@
 """The targets for which a plan's limits are imposed, and the check of a finished motion."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from planning_cases import small_objective
 
 from cpid_drake import InertialParameters
 from cpid_drake.planning.base_limits import BaseRate
-from cpid_drake.planning.demands import TargetDemands
+from cpid_drake.planning.demands import Needed, TargetDemands
+from cpid_drake.planning.efforts import SHARE, JointEfforts
 from cpid_drake.planning.objective import PlausibleTarget
 from cpid_drake.planning.prediction import MotionSetting
 
@@ -65,3 +67,42 @@ def test_less_is_imposed_where_the_motion_needs_more_between_the_nodes(demands, 
     assert demands.base_limits[0].imposed > 0.97 * before
     demands.tighten(parameters, worse)
     assert demands.base_limits[0].imposed == pytest.approx(before / 1.2, rel=0.03)
+
+
+@pytest.fixture
+def weak(demands, many, parameters):
+    """Demands in which a motion needs twice the torque of one joint, which is not imposed yet."""
+    plain = JointEfforts(many, np.arange(4), demands.setting.spacecraft.limits.efforts)
+    largest = plain.largest.copy()
+    share = SHARE * plain.demands(parameters[None]).max(axis=0)
+    joint = int(share.argmax())
+    largest[joint] *= share[joint] / 2
+    limits = replace(demands.setting.spacecraft.limits, efforts=largest)
+    craft = SimpleNamespace(limits=limits)
+    demands.setting = SimpleNamespace(spacecraft=craft)
+    demands.efforts = replace(plain, largest=largest)
+    return demands, joint
+
+
+def test_a_torque_that_was_not_imposed_does_not_lower_its_limit(weak, many, parameters):
+    """The motion needs twice the torque at the nodes, too: what is imposed there is enough."""
+    demands, joint = weak
+    before = demands.efforts.largest
+    at_nodes = SHARE * demands.efforts.demands(parameters[None]).max(axis=0)
+    assert at_nodes[joint] == pytest.approx(2)
+    needed = np.append(1.1 * at_nodes, np.zeros(before.size - 4))
+    demands.tighten(parameters, Needed(needed, np.zeros(1)))
+    np.testing.assert_allclose(demands.efforts.largest, before)
+
+
+def test_a_torque_that_peaks_between_the_nodes_lowers_its_limit(weak, many, parameters):
+    """The peak is then within the joint's limit; other joints keep theirs."""
+    demands, joint = weak
+    before = demands.efforts.largest
+    at_nodes = SHARE * demands.efforts.demands(parameters[None]).max(axis=0)
+    peaks = np.zeros(before.size)
+    peaks[joint] = 1.4 * at_nodes[joint]
+    demands.tighten(parameters, Needed(peaks, np.zeros(1)))
+    after = demands.efforts.largest
+    assert SHARE * after[joint] * 1.4 == pytest.approx(before[joint] / 1.02)
+    np.testing.assert_allclose(np.delete(after, joint), np.delete(before, joint))

@@ -74,6 +74,30 @@ def test_scores_are_the_largest_components(exciting):
         np.testing.assert_allclose(goal.scores(x), expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_values_are_the_components_without_their_gradients(exciting, criterion):
+    targets = PlausibleTarget(exciting.parameters, weight=3.0), other_target(exciting)
+    goal = objective(exciting, criterion, targets)
+    x = parameters(goal)
+    np.testing.assert_allclose(goal.values(x), goal.components(x)[0], rtol=1e-9)
+
+
+def test_weights_make_targets_count_alike(exciting):
+    """The best motion of each target has the same score: the mean of what they reach alone."""
+    targets = PlausibleTarget(exciting.parameters, weight=7.0), other_target(exciting)
+    x = parameters(objective(exciting), 6)
+    alone = [
+        objective(exciting, targets=(PlausibleTarget(each.parameters),)).scores(x).min()
+        for each in targets
+    ]
+    goal = objective(exciting, targets=targets).weighed([x[:2], x[2:]])
+    least = goal.target_scores(x).min(axis=1)
+    np.testing.assert_allclose(least, np.sqrt(np.prod(alone)), rtol=1e-9)
+    assert [each.parameters is one.parameters for each, one in zip(goal.targets, targets)]
+    components = goal.components(x[0])[0].reshape(2, -1).max(axis=1)
+    np.testing.assert_allclose(np.exp(components), goal.target_scores(x[:1])[:, 0], rtol=1e-9)
+
+
 def test_criteria_of_a_covariance(exciting):
     goal = objective(exciting)
     x = parameters(goal, 1)

@@ -9,12 +9,13 @@ from cpid_drake import InertialParameters, InputError, load_scenario, load_senso
 from cpid_drake.planning.export import motion_table
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.plan_problem import PlanProblem
-from cpid_drake.planning.planner import Planner
+from cpid_drake.planning.planner import FIRST_TARGETS, Planner
+from cpid_drake.planning.search import candidates
 from cpid_drake.scenario.limits import check_limits
 from cpid_drake.scenario.simulation import make_simulation
 
 SMALL = PlanOptions(
-    frequency=0.3, candidates=64, starts=1, iterations=8, targets=2, joints=(), jobs=1
+    frequency=0.3, candidates=64, starts=1, iterations=8, targets=4, joints=(), jobs=1
 )
 
 
@@ -50,6 +51,18 @@ def test_it_keeps_the_ends_and_all_limits_of_drakes_plant(planner, scenario):
         found = check_limits(make_simulation(declared, target=body))
         assert found.exceeded == ()
         assert found.closest
+
+
+def test_it_suits_all_targets_better_than_any_random_motion(planner):
+    """More targets than the gradient method begins with; none is given up for another."""
+    problem = planner.problem
+    assert len(problem.targets) > FIRST_TARGETS
+    drawn = candidates(problem.limited, SMALL.candidates, SMALL.seed)
+    random = problem.objective.target_scores(drawn)
+    found = problem.objective.target_scores(planner.best.parameters[None])[:, 0]
+    assert found.max() == pytest.approx(planner.best.score)
+    assert found.max() < 0.7 * random.max(axis=0).min()
+    assert found.max() < 2 * found.min()
 
 
 def test_the_same_seed_gives_the_same_plan(planner, scenario):

@@ -59,10 +59,13 @@ class Small:
 
     name = "small"
 
+    def values(self, parameters):
+        return np.array([0.05 - parameters.flat[0]])
+
     def evaluate(self, parameters):
         gradient = np.zeros((1, parameters.size))
         gradient[0, 0] = -1.0
-        return np.array([0.05 - parameters.flat[0]]), gradient
+        return self.values(parameters), gradient
 
 
 def test_a_constraint_is_kept(objective, limited):

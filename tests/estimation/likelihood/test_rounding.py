@@ -42,7 +42,7 @@ MOTIONS = {
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.15 * STEP])
-@pytest.mark.parametrize("rate, acceleration", MOTIONS.values(), ids=MOTIONS)
+@pytest.mark.parametrize(("rate", "acceleration"), MOTIONS.values(), ids=MOTIONS)
 def test_the_covariance_is_that_of_rounding_at_random_zeros(rate, acceleration, noise):
     """Within what the neglected harmonics of the correlation and the draws leave."""
     q = motion(rate, acceleration)
@@ -65,7 +65,7 @@ def test_white_noise_and_resolution_far_below_it_are_white():
     np.testing.assert_allclose(white @ white.T, np.eye(5), atol=1e-12)
 
 
-@pytest.mark.parametrize("rate, acceleration", MOTIONS.values(), ids=MOTIONS)
+@pytest.mark.parametrize(("rate", "acceleration"), MOTIONS.values(), ids=MOTIONS)
 def test_whitened_errors_are_at_most_noise(rate, acceleration):
     """No combination is said to be better than it is, by more than its neglected harmonics."""
     q = motion(rate, acceleration)
