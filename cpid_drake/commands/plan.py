@@ -339,9 +339,9 @@ def _write(problem: "PlanProblem", best: "Candidate", scenario: str, out: Path) 
     from cpid_drake.scenario.joint_motions import dump_motion
 
     header = (
-        f"# Planned with `cpid plan {scenario}` for {len(problem.targets)} plausible targets. Their "
-        f"weighted {problem.options.criterion} criterion\n# is {best.score:.4g} in units of the "
-        "scale. Units of this file: rad, m, s, Hz.\n\n"
+        f"# Planned with `cpid plan {scenario}` for {len(problem.targets)} plausible targets.\n"
+        f"# Their weighted {problem.options.criterion} criterion is {best.score:.4g} in units of "
+        "the scale. Units of this file: rad, m, s, Hz.\n\n"
     )
     write_text(out, header + dump_motion(problem.family.declare(best.parameters)))
 
