@@ -205,7 +205,7 @@ def draw(craft: Craft, history: History, precision: float, path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sensors", default="coarse", help="a sensor preset or a file")
-    parser.add_argument("--precision", type=float, default=0.25, help="largest σ [%% of scale]")
+    parser.add_argument("--precision", type=float, default=0.15, help="largest σ [%% of scale]")
     parser.add_argument("--seed", type=int, default=1, help="of the target and the sensors' errors")
     parser.add_argument("--figure", metavar="FILE", help="draw σ and tracking errors as a PNG file")
     args = parser.parse_args()

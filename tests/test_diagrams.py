@@ -140,7 +140,7 @@ def test_planned_motions_reach_the_asked_precision(runs):
     found = re.findall(r"^motion (\d): planned in \S+ s, worst σ (\S+) %$", stdout, re.M)
     sigmas = [float(sigma) for _, sigma in found]
     assert len(sigmas) == 2
-    assert sigmas[0] > 0.25 >= sigmas[1]
+    assert sigmas[0] > 0.15 >= sigmas[1]
     error = float(re.search(r"^largest error: (\S+) % of scale$", stdout, re.M)[1])
     assert error < 4 * sigmas[1]
     before, after = map(float, re.findall(r"estimate: (\S+) rad$", stdout, re.M))
