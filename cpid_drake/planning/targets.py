@@ -56,6 +56,8 @@ def plausible_targets(
     if prior.combinations is not None:
         raise InputError(f"{prior.name} determines only combinations of parameters; plan without")
     known = np.flatnonzero(np.isfinite(prior.parameters))
+    if not known.size:  # a log that determined nothing
+        return tuple(PlausibleTarget(each) for each in ellipsoids)
     covariance = prior.covariance[np.ix_(known, known)]
     information = np.zeros((10, 10))
     information[np.ix_(known, known)] = np.linalg.inv(covariance)

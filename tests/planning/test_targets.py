@@ -58,6 +58,14 @@ def test_what_a_prior_does_not_give_is_free():
     assert np.count_nonzero(target.information) == 1
 
 
+def test_a_prior_that_knows_nothing_is_none():
+    """A log may determine not one parameter, and a next motion is planned all the same."""
+    nothing = plausible_targets(700.0, 1.2, 3, 1, prior(0.1, slice(0, 0)))
+    for each, other in zip(nothing, plausible_targets(700.0, 1.2, 3, 1), strict=True):
+        np.testing.assert_array_equal(each.parameters, other.parameters)
+        assert not each.information.any()
+
+
 def test_combinations_are_refused():
     known = Combinations("relative", BODY, np.eye(10))
     with pytest.raises(InputError, match="only combinations"):
