@@ -16,13 +16,8 @@ MARGIN = 0.01
 """Distance that is imposed beyond the smallest one, for the motion between the poses [m]."""
 
 
-class Constraint(Protocol):
-    """A vector of functions of a motion's parameters that must not be negative."""
-
-    @property
-    def name(self) -> str:
-        """Its name in words."""
-        ...
+class MotionFunction(Protocol):
+    """A vector of functions of a motion's parameters."""
 
     def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the values (Q,) for parameters (F, K)."""
@@ -32,6 +27,15 @@ class Constraint(Protocol):
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the values (Q,) and their gradients (Q, F K) for parameters (F, K)."""
+        ...
+
+
+class Constraint(MotionFunction, Protocol):
+    """A vector of functions of a motion's parameters that must not be negative."""
+
+    @property
+    def name(self) -> str:
+        """Its name in words."""
         ...
 
 

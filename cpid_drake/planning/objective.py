@@ -141,16 +141,17 @@ class Objective:
     def target_scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the criterion (T, B) of motions (B, F, K) for each of T targets, weighted."""
         covariances = self.covariances(self.samples(parameters))
-        criterion = CRITERIA[self.criterion]
-        logs = [[max(part[0] for part in criterion(one)) for one in each] for each in covariances]
-        weights = np.array([target.weight for target in self.targets])
-        return np.asarray(weights[:, None] * np.exp(logs))
+        logs = [
+            [max(part[0] for part in self._components(target, one)) for one in of_target]
+            for target, of_target in zip(self.targets, covariances, strict=True)
+        ]
+        return np.asarray(np.exp(logs))
 
     def scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the criterion (B,) of motions (B, F, K): a σ in units of the scale."""
         return np.asarray(self.target_scores(parameters).max(axis=0))
 
-    def weighed(self, motions: list[NDArray[np.float64]]) -> "Objective":
+    def weighted(self, motions: list[NDArray[np.float64]]) -> "Objective":
         """Return the objective in which all targets count alike.
 
         The weight of a target is one over the least σ that any of these motions reaches for it, in
@@ -167,46 +168,40 @@ class Objective:
         return replace(self, targets=tuple(replace(one, weight=w) for one, w in targets))
 
     def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the criterion's components (C,) for (F, K); see `components`."""
-        criterion = CRITERIA[self.criterion]
+        """Return the components (C,) for (F, K); the criterion is exp of the largest."""
         covariances = self.covariances(self.samples(parameters[None]))[:, 0]
-        return np.array(
-            [
-                part[0] + np.log(target.weight)
-                for target, covariance in zip(self.targets, covariances, strict=True)
-                for part in criterion(covariance)
-            ]
-        )
+        each = zip(self.targets, covariances, strict=True)
+        return np.array([part[0] for one in each for part in self._components(*one)])
 
-    def components(
+    def evaluate(
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the criterion's components (C,) and their gradients (C, F K) for (F, K).
+        """Return the components (C,) for (F, K) and their gradients (C, F K).
 
-        The criterion is exp of the largest component. The gradients are exact up to rounding.
+        The gradients are exact up to rounding.
         """
-        criterion = CRITERIA[self.criterion]
         motions = self.model.motions(self.samples(parameters[None]))
         values, gradients, by_jacobian = [], [], []
         for target in self.targets:
             H = self.model.jacobian(motions, self.psi(target))
             by_psi, _, covariance = self._covariance(target, H)
-            for value, weights, v in criterion(by_psi @ covariance.psi[0] @ by_psi.T):
+            parts = self._components(target, by_psi @ covariance.psi[0] @ by_psi.T)
+            for value, weights, v in parts:
                 left, right = covariance.weights(0, v @ by_psi)
                 right = right * weights[:, None, None]
                 left, right = (each.reshape(-1, H.shape[2]) for each in (left, right))
                 # Σ lᵀ (dHᵀ H + Hᵀ dH) r = ⟨dH, H r lᵀ + H l rᵀ⟩
-                values.append(value + np.log(target.weight))
+                values.append(value)
                 by_jacobian.append(H[0] @ (right.T @ left + left.T @ right))
         each = len(values) // len(self.targets)
         stacked = np.reshape(by_jacobian, (len(self.targets), each, -1))
         for chunk, step in self.steps(parameters):
             motions = self.model.motions(self.samples(chunk))
-            parts = []
+            slopes = []
             for target, G in zip(self.targets, stacked, strict=True):
                 dH = self.model.jacobian(motions, self.psi(target)).imag / step
-                parts.append(G @ dH.reshape(len(dH), -1).T)
-            gradients.append(np.concatenate(parts))
+                slopes.append(G @ dH.reshape(len(dH), -1).T)
+            gradients.append(np.concatenate(slopes))
         return np.array(values), np.concatenate(gradients, axis=1)
 
     def steps(self, parameters: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], float]]:
@@ -222,6 +217,13 @@ class Objective:
     def psi(self, target: PlausibleTarget) -> NDArray[np.float64]:
         """Return the relative unknowns ψ (10,) of a target."""
         return relative_parameterization(self.model.tree.mass).from_parameters(target.parameters)
+
+    def _components(
+        self, target: PlausibleTarget, covariance: NDArray[np.float64]
+    ) -> list[Component]:
+        """Return the components of a target with a covariance (d, d), weighted."""
+        found = CRITERIA[self.criterion](covariance)
+        return [(value + float(np.log(target.weight)), w, v) for value, w, v in found]
 
     def _covariance(
         self, target: PlausibleTarget, H: NDArray[np.float64]

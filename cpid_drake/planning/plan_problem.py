@@ -34,7 +34,7 @@ PLANNING_NODE_RATE = 8.0
 DENSE_PERIOD = 0.05
 """Time between the poses in which a finished motion's distances are checked [s]."""
 
-WEIGHING_MOTIONS = 256
+WEIGHTING_MOTIONS = 256
 """Number of random motions that show how well each plausible target can be determined."""
 
 MANY_TARGETS = 64
@@ -137,7 +137,7 @@ class PlanProblem:
 
     @cached_property
     def objective(self) -> Objective:
-        """The criterion for the plausible targets, weighed by motions within the limits."""
+        """The criterion for the plausible targets, weighted by motions within the limits."""
         craft, setting, options = self.spacecraft, self.setting, self.options
         targets = self.plausible(options.targets, options.seed)
         first = InertialParameters.from_vector(targets[0].parameters)
@@ -152,8 +152,8 @@ class PlanProblem:
         objective = Objective(model, self.family, targets, options.criterion)
         if len(targets) == 1:
             return objective
-        drawn = candidates(self.limited, WEIGHING_MOTIONS, options.seed + 2)
-        return objective.weighed(np.split(drawn, WEIGHING_MOTIONS // BATCH))
+        drawn = candidates(self.limited, WEIGHTING_MOTIONS, options.seed + 2)
+        return objective.weighted(np.split(drawn, WEIGHTING_MOTIONS // BATCH))
 
     @cached_property
     def targets(self) -> tuple[NDArray[np.float64], ...]:

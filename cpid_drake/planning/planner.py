@@ -82,11 +82,12 @@ class Planner:
                 self.best = candidate
             progress(f"gradient method, {time.perf_counter() - start:.0f} s", self.best.score)
 
+        chosen = starts
         if starts and len(objective.targets) > FIRST_TARGETS:
             what = f"gradient method for {FIRST_TARGETS} targets"
-            starts = [self._prepared(starts, lambda one: progress(what, one.score))]
-        finished = [self._improved(each, better) for each in starts]
-        best = min(filter(self._is_plan, finished), key=lambda one: one.score, default=None)
+            chosen = [self._prepared(starts, lambda one: progress(what, one.score))]
+        finished = [*(self._improved(each, better) for each in chosen), *starts]
+        best = next(filter(self._is_plan, sorted(finished, key=lambda one: one.score)), None)
         if best is None:  # the gradient method met a dead end
             others = self._kept(order, options.starts + SPARE_STARTS)[options.starts :]
             tried = (self._improved(each, better) for each in others)
@@ -113,7 +114,8 @@ class Planner:
     def _prepared(self, starts: list[Candidate], better: Callable[[Candidate], None]) -> Candidate:
         """Return the best for all targets of the motions that are found for a few targets.
 
-        It need not keep the constraints that depend on the target.
+        It need not keep the constraints that depend on the target. They are imposed from now on for
+        those targets with which it exceeds a limit.
         """
         problem, objective = self.problem, self.problem.objective
         few = replace(objective, targets=objective.targets[:FIRST_TARGETS])

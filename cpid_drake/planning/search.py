@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import norm, qmc
 
-from cpid_drake.planning.constraints import Constraint
+from cpid_drake.planning.constraints import Constraint, MotionFunction
 from cpid_drake.planning.limits import LimitedFamily
 from cpid_drake.planning.objective import Objective
 from cpid_drake.processes import shared_work
@@ -118,11 +118,7 @@ def refined(
     A, b = limited.inequalities()
     kept = [start]
 
-    def of(each: Objective | Constraint) -> _Remembered:
-        evaluate = each.components if isinstance(each, Objective) else each.evaluate
-        return _Remembered(each.values, evaluate, shape)
-
-    goal, others = of(objective), [of(each) for each in constraints]
+    goal, others = _Remembered(objective, shape), [_Remembered(c, shape) for c in constraints]
 
     def keep(z: NDArray[np.float64]) -> None:
         is_within = (A @ z[:-1] - b).max() < TOLERANCE
@@ -172,19 +168,13 @@ class _Remembered:
     """Values and gradients at the last z: the solver asks several times, and rarely for gradients.
 
     Args:
-        values: returns the values (Q,) for parameters (F, K).
-        evaluate: returns them and their gradients (Q, F K).
+        function: the objective or a constraint.
         shape: F and K.
 
     """
 
-    def __init__(
-        self,
-        values: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-        evaluate: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]],
-        shape: tuple[int, ...],
-    ) -> None:
-        self._values, self._evaluate, self._shape = values, evaluate, shape
+    def __init__(self, function: MotionFunction, shape: tuple[int, ...]) -> None:
+        self._function, self._shape = function, shape
         self._known: dict[bytes, NDArray[np.float64]] = {}
         self._slopes: dict[bytes, NDArray[np.float64]] = {}
 
@@ -192,13 +182,13 @@ class _Remembered:
         """Return the values at z, whose last entry is not a parameter."""
         key = z[:-1].tobytes()
         if key not in self._known:
-            self._known = {key: self._values(z[:-1].reshape(self._shape))}
+            self._known = {key: self._function.values(z[:-1].reshape(self._shape))}
         return self._known[key]
 
     def gradients(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the gradients at z."""
         key = z[:-1].tobytes()
         if key not in self._slopes:
-            values, slopes = self._evaluate(z[:-1].reshape(self._shape))
+            values, slopes = self._function.evaluate(z[:-1].reshape(self._shape))
             self._known, self._slopes = {key: values}, {key: slopes}
         return self._slopes[key]

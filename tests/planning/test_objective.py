@@ -39,12 +39,12 @@ def other_target(case) -> PlausibleTarget:
 
 def check_gradient(goal, x, h, tolerance) -> None:
     """Compare the gradient along random directions with differences of sixth order."""
-    values, gradient = goal.components(x)
+    values, gradient = goal.evaluate(x)
     for seed in range(3):
         d = parameters(goal, seed=seed)
         d /= np.linalg.norm(d)
         slopes = [
-            (goal.components(x + s * h * d)[0] - goal.components(x - s * h * d)[0]) / (2 * s * h)
+            (goal.evaluate(x + s * h * d)[0] - goal.evaluate(x - s * h * d)[0]) / (2 * s * h)
             for s in (1, 2, 3)
         ]
         found = gradient @ d.ravel()
@@ -70,7 +70,7 @@ def test_scores_are_the_largest_components(exciting):
     for criterion in CRITERIA:
         goal = objective(exciting, criterion, targets)
         x = parameters(goal, 2)
-        expected = [np.exp(goal.components(each)[0].max()) for each in x]
+        expected = [np.exp(goal.evaluate(each)[0].max()) for each in x]
         np.testing.assert_allclose(goal.scores(x), expected, rtol=1e-9)
 
 
@@ -79,7 +79,7 @@ def test_values_are_the_components_without_their_gradients(exciting, criterion):
     targets = PlausibleTarget(exciting.parameters, weight=3.0), other_target(exciting)
     goal = objective(exciting, criterion, targets)
     x = parameters(goal)
-    np.testing.assert_allclose(goal.values(x), goal.components(x)[0], rtol=1e-9)
+    np.testing.assert_allclose(goal.values(x), goal.evaluate(x)[0], rtol=1e-9)
 
 
 def test_weights_make_targets_count_alike(exciting):
@@ -90,11 +90,11 @@ def test_weights_make_targets_count_alike(exciting):
         objective(exciting, targets=(PlausibleTarget(each.parameters),)).scores(x).min()
         for each in targets
     ]
-    goal = objective(exciting, targets=targets).weighed([x[:2], x[2:]])
+    goal = objective(exciting, targets=targets).weighted([x[:2], x[2:]])
     least = goal.target_scores(x).min(axis=1)
     np.testing.assert_allclose(least, np.sqrt(np.prod(alone)), rtol=1e-9)
-    assert [each.parameters is one.parameters for each, one in zip(goal.targets, targets)]
-    components = goal.components(x[0])[0].reshape(2, -1).max(axis=1)
+    assert all(each.parameters is one.parameters for each, one in zip(goal.targets, targets))
+    components = goal.evaluate(x[0])[0].reshape(2, -1).max(axis=1)
     np.testing.assert_allclose(np.exp(components), goal.target_scores(x[:1])[:, 0], rtol=1e-9)
 
 
