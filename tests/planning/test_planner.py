@@ -65,6 +65,21 @@ def test_it_suits_all_targets_better_than_any_random_motion(planner):
     assert found.max() < 2 * found.min()
 
 
+def test_a_start_is_the_plan_if_the_gradient_method_finds_nothing_better(scenario, monkeypatch):
+    """It meets a dead end here, and the best candidates are taken to keep all limits."""
+    methods = {
+        "_kept": lambda self, order, count: order[:count],
+        "_prepared": lambda self, starts, better: starts[-1],
+        "_improved": lambda self, start, better: replace(start, score=np.inf),
+        "_is_plan": lambda self, candidate: np.isfinite(candidate.score),
+    }
+    for name, method in methods.items():
+        monkeypatch.setattr(Planner, name, method)
+    planner = Planner(PlanProblem(scenario, load_sensors("flight"), replace(SMALL, starts=2)))
+    drawn = candidates(planner.problem.limited, SMALL.candidates, SMALL.seed)
+    assert planner.run().score == planner.problem.objective.scores(drawn).min()
+
+
 def test_the_same_seed_gives_the_same_plan(planner, scenario):
     again = Planner(PlanProblem(scenario, load_sensors("flight"), SMALL)).run()
     np.testing.assert_array_equal(again.parameters, planner.best.parameters)
