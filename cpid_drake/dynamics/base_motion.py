@@ -77,6 +77,11 @@ class BaseTrajectory:
     w_WB: NDArray[np.float64]
     v_WB: NDArray[np.float64]
 
+    def __getitem__(self, k: int) -> "BaseTrajectory":
+        """Return the motion with target k, if there is one leading axis."""
+        parts = (self.quaternion_WB, self.p_WB, self.w_WB, self.v_WB)
+        return BaseTrajectory(*(part[k] for part in parts))
+
     def to_telemetry(
         self, joint_names: tuple[str, ...], times: ArrayLike, motion: JointMotion
     ) -> Telemetry:

@@ -68,5 +68,9 @@ def moved_spatial_inertia(
 
     """
     moment = np.asarray(mass)[..., None] * p
-    inertia = R @ I_cm @ np.swapaxes(R, -1, -2) - skew(moment) @ skew(p)
+    inertia = np.einsum("...ij,...kj->...ik", R @ I_cm, R)
+    inertia -= moment[..., :, None] * p[..., None, :]
+    square = np.einsum("...i,...i->...", moment, p)
+    for k in range(3):
+        inertia[..., k, k] += square
     return spatial_inertia(mass, moment, inertia)

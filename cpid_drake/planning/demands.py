@@ -83,15 +83,14 @@ class TargetDemands:
         self._impose()
         return is_more
 
-    def needed(self, motion: JointMotion, targets: list[NDArray[np.float64]]) -> "Needed":
-        """Return what a motion needs in Drake's plant with targets of parameters π (10,)."""
+    def needed(self, motion: JointMotion, targets: NDArray[np.float64]) -> "Needed":
+        """Return what a motion needs in Drake's plant with targets of parameters π (T, 10)."""
         setting = self.setting
-        efforts = [setting.largest_efforts(motion, target) for target in targets]
+        efforts = setting.largest_efforts(motion, targets)
         limits = setting.spacecraft.limits.efforts
         base = np.zeros(len(self.base_limits))
         times = np.linspace(0.0, motion.duration, int(motion.duration / DENSE_PERIOD) + 2)
-        for target in targets if self.base_limits else []:
-            moved = setting.telemetry(motion, target, times)
+        for moved in setting.telemetries(motion, targets, times) if self.base_limits else []:
             reached = [each.measured(moved) / each.largest for each in self.base_limits]
             base = np.maximum(base, reached)
         return Needed(np.asarray(np.max(efforts, axis=0) / limits), base)
@@ -101,11 +100,10 @@ class TargetDemands:
         if self.efforts is not None:
             joints, limits = self.efforts.joints, self.setting.spacecraft.limits.efforts
             over = needed.efforts[joints] > 1
-            at_nodes = self.efforts.demands(parameters[None]).max(axis=0)[
-                over
-            ]  # of what is imposed
+            imposed = self.efforts.demands(parameters[None]).max(axis=0)[over]
             joints, largest = joints[over], self.efforts.largest.copy()
-            peak = needed.efforts[joints] * limits[joints] / (SHARE * largest[joints] * at_nodes)
+            at_nodes = imposed * SHARE * largest[joints]
+            peak = needed.efforts[joints] * limits[joints] / at_nodes
             largest[joints] = np.minimum(largest[joints], limits[joints] / (1.02 * SHARE * peak))
             self.efforts = replace(self.efforts, largest=largest)
         tightened = []

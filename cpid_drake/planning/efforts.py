@@ -69,11 +69,23 @@ class JointEfforts:
         motions = model.motions(self.objective.samples(parameters))
         q, qdot = np.moveaxis(motions.joints.evaluate(motions.nodes), 1, 0)
         known = Outboard.of(model.tree, Telemetry.seen_from_base(q, qdot))
-        found = [self._efforts(motions, known, target) for target in self.objective.targets]
+        screws = self._screws(known)
+        found = [self._efforts(motions, known, screws, each) for each in self.objective.targets]
         return np.moveaxis(np.stack(found), -1, 2)
 
+    def _screws(self, known: Outboard) -> dict[int, NDArray[np.float64]]:
+        """Return the screws (N B, 6) of the limited joints by their outboard bodies."""
+        places, bodies = known.tree.bodies, known.bodies
+        of_joint = {places[k].joint: k for k in joined_bodies(known.tree)}
+        limited = [of_joint[joint] for joint in self.joints.tolist()]
+        return {k: joint_screw(places[k], bodies.R[k], bodies.r[k]) for k in limited}
+
     def _efforts(
-        self, motions: MotionBatch, known: Outboard, target: PlausibleTarget
+        self,
+        motions: MotionBatch,
+        known: Outboard,
+        screws: dict[int, NDArray[np.float64]],
+        target: PlausibleTarget,
     ) -> NDArray[np.float64]:
         """Return the efforts (N, B, Q) as shares of what is imposed; `known` is without target."""
         model, psi = self.objective.model, self.objective.psi(target)
@@ -82,22 +94,18 @@ class JointEfforts:
         v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
         V = np.concatenate([w, v], axis=1)
         of_target = _target_momentum(known.capture, w, v, target.parameters)
-        N, tree, carrying = len(model.times), model.tree, model.tree.carrying
+        N, carrying = len(model.times), model.tree.carrying
         derivative = CubicSpline(model.times, np.eye(N))(model.times, 1)
         result = np.zeros((N, motions.count, self.joints.size), w.dtype)
-        for k in joined_bodies(tree):
-            place = np.flatnonzero(self.joints == tree.bodies[k].joint)
-            if not place.size:
-                continue
+        for place, (k, screw) in enumerate(screws.items()):
             momentum = known.momentum[k] + (known.inertia[k] @ V[..., None])[..., 0]
             if k in carrying:
                 momentum = momentum + of_target
             rate = np.tensordot(derivative, momentum.reshape(N, -1), axes=1).reshape(-1, 6)
             L, P = momentum[:, :3], momentum[:, 3:]
             rate += np.concatenate([cross(w, L) + cross(v, P), cross(w, P)], axis=1)
-            screw = joint_screw(tree.bodies[k], known.bodies.R[k], known.bodies.r[k])
             effort = np.sum(screw * rate, axis=1).reshape(N, -1)
-            result[..., place[0]] = effort / (SHARE * self.largest[self.joints[place[0]]])
+            result[..., place] = effort / (SHARE * self.largest[self.joints[place]])
         return result
 
 

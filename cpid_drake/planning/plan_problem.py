@@ -161,9 +161,9 @@ class PlanProblem:
         return tuple(target.parameters for target in self.objective.targets)
 
     @property
-    def checked_targets(self) -> tuple[NDArray[np.float64], ...]:
-        """The plausible targets, and those that need the most."""
-        return (*self.targets, *(each.parameters for each in self.demands.targets))
+    def checked_targets(self) -> NDArray[np.float64]:
+        """Parameters (T, 10) of the plausible targets, and of those that need the most."""
+        return np.array([*self.targets, *(each.parameters for each in self.demands.targets)])
 
     @cached_property
     def distances(self) -> Distances | None:
@@ -228,12 +228,11 @@ class PlanProblem:
         if self.stops is None:
             return 0.0
         motion, a = self.motion(candidate), self.options.acceleration
-        targets = self.checked_targets
-        return max(needed_torque(self.setting, motion, target, a) for target in targets)
+        return needed_torque(self.setting, motion, self.checked_targets, a)
 
     def needed(self, candidate: Candidate) -> Needed:
         """Return what a candidate needs with all checked targets, as shares of the limits."""
-        targets = list(self.checked_targets)
+        targets = self.checked_targets
         key = (candidate.parameters.tobytes(), len(targets))
         if key not in self._known_needs:
             self._known_needs[key] = self.demands.needed(self.motion(candidate), targets)

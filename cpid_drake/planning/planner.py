@@ -188,7 +188,7 @@ class Planner:
     def own_needs(self) -> float:
         """Return the share of the limits that the scenario's motion needs, over checked targets."""
         problem = self.problem
-        return problem.demands.needed(problem.own_motion, list(problem.checked_targets)).largest
+        return problem.demands.needed(problem.own_motion, problem.checked_targets).largest
 
     def active(self, candidate: Candidate) -> list[str]:
         """Return the limits that a motion uses to more than 97 %, in words."""

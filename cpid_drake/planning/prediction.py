@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import (
     SCALE_LENGTH,
     parameter_scale,
+    parameters_to_standard,
     relative_parameterization,
 )
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -18,7 +20,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fit_setup import cramer_rao_bound
 from cpid_drake.scenario.schema import Scenario
-from cpid_drake.scenario.simulation import predicted_motion
 from cpid_drake.sensing.measurements import Measurements, ideal_measurements
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
@@ -128,20 +129,45 @@ class MotionSetting:
         self, motion: JointMotion, parameters: NDArray[np.float64], times: NDArray[np.float64]
     ) -> Telemetry:
         """Return the motion of base and joints at times (N,) [s], with a target of π (10,)."""
+        return self.telemetries(motion, parameters[None], times)[0]
+
+    def telemetries(
+        self, motion: JointMotion, targets: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> list[Telemetry]:
+        """Return the same for each of T targets π (T, 10), at little more than the cost of one."""
         momentum = self.momentum_W if self.momentum_W.any() else None
-        target = InertialParameters.from_vector(parameters)
-        return predicted_motion(self.spacecraft, target, motion, times, momentum)
+        phi = np.stack([parameters_to_standard(parameters) for parameters in targets])
+        base = propagate_base(self.spacecraft.tree, motion, phi, times, momentum_W=momentum)
+        names = self.spacecraft.joint_names
+        return [base[k].to_telemetry(names, times, motion) for k in range(len(targets))]
 
     def largest_efforts(
-        self, motion: JointMotion, parameters: NDArray[np.float64]
+        self, motion: JointMotion, targets: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the largest joint efforts (J,) of a motion with a target [N·m or N]."""
-        craft, target = self.spacecraft, InertialParameters.from_vector(parameters)
-        plant = craft.make_simulation_plant(target)
+        """Return the largest joint efforts (T, J) of a motion with T targets π [N·m or N]."""
         times = motion.instants()
         times = times[:: max(1, len(times) // _EFFORT_SAMPLES)]
-        states = craft.to_states(self.telemetry(motion, parameters, times))
-        dynamics = FreeFloatingDynamics(craft, plant)
         accelerations = motion.evaluate(times)[:, 2]
-        efforts = dynamics.joint_efforts(plant.CreateDefaultContext(), states, accelerations)
-        return np.asarray(np.abs(efforts).max(axis=0))
+        return self.efforts(self.telemetries(motion, targets, times), targets, accelerations)
+
+    def efforts(
+        self,
+        telemetries: list[Telemetry],
+        targets: NDArray[np.float64],
+        accelerations: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return the largest joint efforts (T, J) with each target, in Drake's plant [N·m or N].
+
+        Args:
+            telemetries: the motion with each target, N instants each.
+            targets: (T, 10) parameters π.
+            accelerations: (N, J) of the joints [rad/s² or m/s²].
+
+        """
+        craft, found = self.spacecraft, []
+        for telemetry, parameters in zip(telemetries, targets, strict=True):
+            plant = craft.make_simulation_plant(InertialParameters.from_vector(parameters))
+            dynamics, states = FreeFloatingDynamics(craft, plant), craft.to_states(telemetry)
+            context = plant.CreateDefaultContext()
+            found.append(np.abs(dynamics.joint_efforts(context, states, accelerations)).max(axis=0))
+        return np.stack(found)

@@ -17,14 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.planning.constraints import CHECK_PERIOD, MARGIN, Distances
 from cpid_drake.planning.families import MotionFamily
 from cpid_drake.planning.limits import MARGIN as LIMITS_MARGIN
 from cpid_drake.planning.limits import MotionLimits
 from cpid_drake.planning.prediction import MotionSetting
-from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 
 STOP_PERIOD = 0.1
 """Time between the stops of a finished motion that are checked, and between their poses [s]."""
@@ -131,19 +129,16 @@ class Stops:
 def needed_torque(
     setting: MotionSetting,
     motion: JointMotion,
-    parameters: NDArray[np.float64],
+    targets: NDArray[np.float64],
     deceleration: float,
 ) -> float:
-    """Return the largest share of a motor's effort that begins a stop, with a target of π (10,).
+    """Return the largest share of a motor's effort that begins a stop, with targets π (T, 10).
 
     All joints that move begin to brake at once, every `STOP_PERIOD`.
     """
-    craft, target = setting.spacecraft, InertialParameters.from_vector(parameters)
-    plant = craft.make_simulation_plant(target)
     times = np.linspace(0.0, motion.duration, int(motion.duration / STOP_PERIOD) + 1)
     qdot = motion.evaluate(times)[:, 1]
     accelerations = -deceleration * np.sign(qdot) * (np.abs(qdot) > deceleration * AT_REST)
-    states = craft.to_states(setting.telemetry(motion, parameters, times))
-    dynamics = FreeFloatingDynamics(craft, plant)
-    efforts = dynamics.joint_efforts(plant.CreateDefaultContext(), states, accelerations)
-    return float((np.abs(efforts) / craft.limits.efforts).max())
+    telemetries = setting.telemetries(motion, targets, times)
+    efforts = setting.efforts(telemetries, targets, accelerations)
+    return float((efforts / setting.spacecraft.limits.efforts).max())

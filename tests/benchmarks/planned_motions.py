@@ -91,7 +91,7 @@ def check_draws(problem: PlanProblem, motion, count: int, clearance: float) -> N
     )
     shares, base = np.zeros(count), np.zeros((count, 3))
     for k, target in enumerate(drawn):
-        efforts = setting.largest_efforts(motion, target.parameters)
+        efforts = setting.largest_efforts(motion, target.parameters[None])[0]
         shares[k] = (efforts / limits.efforts).max()
         moved = setting.telemetry(motion, target.parameters, times)
         base[k] = [

@@ -33,11 +33,12 @@ def test_the_seed_determines_the_candidates(limited):
 
 
 def test_processes_change_nothing(objective, limited):
+    """Up to rounding: sums may run in another order, and a poor motion's matrices amplify it."""
     drawn = candidates(limited, 100, 5)
     alone, together = ranked(objective, drawn, 1), ranked(objective, drawn, 2)
     scores = [each.score for each in alone]
     assert scores == sorted(scores)
-    np.testing.assert_allclose(scores, [each.score for each in together], rtol=1e-12)
+    np.testing.assert_allclose(scores, [each.score for each in together], rtol=1e-10)
     np.testing.assert_array_equal(alone[0].parameters, together[0].parameters)
 
 
