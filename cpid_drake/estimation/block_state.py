@@ -99,9 +99,22 @@ class BlockState:
         rest = z[:k] - R[:k, k:] @ (psi - self.nominal.psi)
         return np.asarray(self.nominal.constants + solve_triangular(R[:k, :k], rest))
 
+    def psi_equations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return R (10, 10) and z (10,) of R δψ = z + unit noise, with all else eliminated.
+
+        The known bodies' errors are eliminated too: G e in the equations is noise of covariance
+        G Gᵀ.
+        """
+        state = self.with_estimated_bodies()
+        R, z, G = state.root[-10:, -10:], state.rest[-10:], state.by_bodies[-10:]
+        white = np.linalg.cholesky(np.eye(10) + G @ G.T)
+        both = solve_triangular(white, np.column_stack([R, z]), lower=True)
+        return both[:, :10], both[:, 10]
+
     def psi_misfit(self) -> float:
         """Return the increase of χ² at the nominal ψ over its minimum."""
-        return float(np.sum(self.rest[-10:] ** 2))
+        _, z = self.psi_equations()
+        return float(z @ z)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from cpid_drake.estimation.faults import Block, explain
 from cpid_drake.estimation.initial_state import initial_state
 from cpid_drake.estimation.recursive_fit import RecursiveFit, last_time
 from cpid_drake.estimation.recursive_state import RecursiveState, counted
-from cpid_drake.estimation.window_minimum import psi_step
+from cpid_drake.estimation.window_minimum import psi_step, step_size
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.thinning import EvenSelection
 
@@ -103,7 +103,8 @@ def fit_trajectory(estimator: RecursiveFit, stream: Iterable[Measurements]) -> T
         residuals = Residuals()
         for fit in state.sweep.fits:
             residuals.add(fit)
-        return TrajectoryFit(known, state, residuals, converged=True)
+        size = step_size(known, psi_step(known, state.prior))
+        return TrajectoryFit(known, state, residuals, converged=size < STEP_TOLERANCE)
     estimator = estimator.as_in(state)
     psi = known.nominal.psi + psi_step(known, state.prior)
     constants = known.best_constants(psi)
@@ -113,7 +114,7 @@ def fit_trajectory(estimator: RecursiveFit, stream: Iterable[Measurements]) -> T
         step = psi_step(known, estimator.prior)
         found = known.best_constants(psi + step)
         is_linear = estimator.solver.constants.agree(constants, found)
-        if is_linear and np.linalg.norm(known.root[-10:, -10:] @ step) < STEP_TOLERANCE:
+        if is_linear and step_size(known, step) < STEP_TOLERANCE:
             converged = True
             break
         if k and state.bridged_share(known.time) > MOST_LOST:

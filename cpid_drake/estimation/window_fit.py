@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
@@ -153,5 +152,5 @@ def inertia_uncertainty(state: BlockState, solver: BlockSolver) -> float:
         n = dynamics.normal_B[:, None]
         W = n / np.sqrt(n.T @ J @ n)
     by_psi = np.stack([W.T @ (dynamics.inertia(unit)[0] - zero) @ W for unit in np.eye(10)])
-    spread = solve_triangular(state.root[-10:, -10:], by_psi.reshape(10, -1), trans="T")
+    spread = np.linalg.solve(state.psi_equations()[0].T, by_psi.reshape(10, -1))
     return float(np.sqrt(np.sum(spread**2) / W.shape[1]))

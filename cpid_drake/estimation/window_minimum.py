@@ -115,7 +115,7 @@ def _damped_step(
         numpy.linalg.LinAlgError: the samples contradict each other so much that numbers overflow.
 
     """
-    R, z = state.root[-10:, -10:], state.rest[-10:]
+    R, z = state.psi_equations()
     damped = np.vstack([R, np.sqrt(damping) * np.diag(np.linalg.norm(R, axis=0))])
     rest, unit = np.append(z, np.zeros(10)), np.linalg.norm(z)
     if not (np.isfinite(damped).all() and np.isfinite(unit)):
@@ -137,7 +137,7 @@ def _freed(models: WindowModels, prior: Prior, sweep: Sweep, changed: int) -> Wi
     """Take Gauss-Newton steps in ψ itself, along its well-known combinations."""
     for _ in range(_MOST_STEPS):
         step = psi_step(sweep.state, prior)
-        if np.linalg.norm(sweep.state.root[-10:, -10:] @ step) < _STEP_TOLERANCE:
+        if step_size(sweep.state, step) < _STEP_TOLERANCE:
             return WindowFit(sweep, True, changed)
         try:
             new = models.sweep(sweep.state.nominal.psi + step, changed, near=sweep)
@@ -163,3 +163,9 @@ def psi_step(state: BlockState, prior: Prior) -> NDArray[np.float64]:
     """Return the step (10,) of the nominal ψ to the solution, along well-known combinations."""
     state = state.with_estimated_bodies()
     return solution(state.root[-10:, -10:], state.rest[-10:], prior.plausible)
+
+
+def step_size(state: BlockState, step: NDArray[np.float64]) -> float:
+    """Return the length of a step (10,) of ψ in units of σ, to which the known bodies add."""
+    R, _ = state.psi_equations()
+    return float(np.linalg.norm(R @ step))

@@ -278,6 +278,32 @@ def test_errors_of_the_bodies_are_estimated_with_their_prior(solved, misfit):
         assert total == pytest.approx(smallest, rel=1e-4)
 
 
+def test_the_equations_of_psi_contain_the_bodies_errors(solved):
+    """χ² at the nominal ψ, at its minimum over all else, is that of the dense problem."""
+    A, b, psi, bodies, _ = dense(solved)
+    prior = np.eye(A.shape[1])[bodies]
+    rows, rest = np.vstack([A, prior]), np.concatenate([b, np.zeros(len(prior))])
+    costs = []
+    for part in (rows, np.delete(rows, psi, axis=1)):
+        Q, _ = np.linalg.qr(part / np.linalg.norm(part, axis=0))
+        costs.append(float(np.sum((rest - Q @ (Q.T @ rest)) ** 2)))
+    free, held = costs
+    state = solved.fits[-1].state
+    assert held - free > 5
+    assert state.psi_misfit() == pytest.approx(held - free, rel=1e-3)
+    scaled = rows / np.linalg.norm(rows, axis=0)
+    scale = np.linalg.norm(rows, axis=0)[psi]
+    inverse = np.linalg.inv(np.linalg.qr(scaled).R)[psi] / scale[:, None]
+    R, z = state.psi_equations()
+    sigma = np.sqrt(np.diag(inverse @ inverse.T))
+    found = np.linalg.inv(R.T @ R)
+    np.testing.assert_allclose(
+        whitened(found, 1 / sigma), whitened(inverse @ inverse.T, 1 / sigma), atol=1e-4
+    )
+    error = np.linalg.solve(R, z) - (best_psi(state.with_estimated_bodies()) - state.nominal.psi)
+    assert np.abs(error / sigma).max() < 1e-3
+
+
 def test_number_of_linearizations_does_not_change_the_solution(solved):
     """The equations belong to the nominal values of the state, also if the iteration is cut."""
     found = []

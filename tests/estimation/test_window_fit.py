@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from block_cases import make_case
 from scipy.stats import chi2
-from sensing_cases import MOMENTUM, coarse_suite
+from sensing_cases import MOMENTUM, coarse_suite, measured
 
 from cpid_drake import InertialParameters, InputError
 from cpid_drake.dynamics.parameterizations import (
@@ -16,7 +16,9 @@ from cpid_drake.dynamics.parameterizations import (
     standard_to_pseudo_inertia,
 )
 from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation import window_minimum
 from cpid_drake.estimation.initial_state import initial_state
 from cpid_drake.estimation.window_fit import fit_window, inertia_uncertainty
@@ -126,6 +128,29 @@ def test_the_optimum_is_consistent(window, found):
     assert error @ found.sweep.state.psi_information() @ error < chi2.isf(1e-3, 10)
     assert found.sweep.is_likely
     assert 0.7 < found.sweep.misfit < 1.3
+
+
+def test_errors_of_the_known_bodies_explain_the_samples(tmp_path, skewed_target):
+    """The fit converges to a likely target, although none explains the samples without errors."""
+    case = make_case(tmp_path, skewed_target, SUITE, None, 3.0)
+    uncertainty = BodyUncertainty(mass=0.01, com=0.003, inertia=0.02)
+    tree = perturbed(case.craft.tree, uncertainty, np.random.default_rng(5))
+    exact = measured(case.craft, case.motion, skewed_target, SUITE, tree=tree)
+    samples = add_noise(SUITE, exact, 1)
+    blocks = [case.block(a, b, samples) for a, b in itertools.pairwise(EDGES)]
+    prior = prior_of(case.craft.tree, TotalMomentum.zero())
+    fit = fit_window(case.solver(uncertainty), prior, blocks, prior.psi)
+    assert fit.converged
+    assert 0.7 < fit.sweep.misfit < 1.3
+    assert fit.sweep.is_likely
+    blind = fit_window(case.solver(), prior, blocks, prior.psi, plain=True)
+    assert blind.sweep.misfit > 3
+    error = fit.psi - case.psi
+    R, _ = fit.sweep.state.psi_equations()
+    assert np.sum((R @ error) ** 2) < chi2.isf(1e-3, 10)
+    assert inertia_uncertainty(fit.sweep.state, case.solver()) > 5 * inertia_uncertainty(
+        blind.sweep.state, case.solver()
+    )
 
 
 def test_the_information_is_the_derivative_of_the_cost(window, found):
