@@ -180,23 +180,41 @@ def perturbed(
 
     The inertias remain physically consistent.
     """
-    bodies = []
-    for body in tree.bodies:
-        draw = uncertainty.sigmas * rng.standard_normal(10)
-        E = np.tensordot(draw[4:], _STRETCHES, axes=1)
-        stretch = np.eye(3) + E
-        inertia = inertia_of_second_moment(stretch @ second_moment(body.I_BBcm) @ stretch.T)
-        mass = body.mass * (1 + draw[0])
-        bodies.append(replace(body, mass=mass, p_BBcm=body.p_BBcm + draw[1:4], I_BBcm=inertia))
-    tree = replace(tree, bodies=tuple(bodies))
+    sigmas = uncertainty.all_sigmas(len(tree.bodies), len(joined_bodies(tree)))
+    of_bodies = 10 * len(tree.bodies)
+    count = len(sigmas) if sigmas[of_bodies:].any() else of_bodies
+    drawn = np.append(rng.standard_normal(count), np.zeros(len(sigmas) - count))
+    return with_errors(tree, uncertainty, drawn[sigmas > 0])
+
+
+def with_errors(
+    tree: KinematicTree, uncertainty: BodyUncertainty, errors: NDArray[np.float64]
+) -> KinematicTree:
+    """Return a tree with errors of its bodies and geometry.
+
+    The inertias remain physically consistent, except for a stretch of −100 %.
+
+    Args:
+        tree: the known bodies.
+        uncertainty: the σ of the errors.
+        errors: (c,) in units of σ, without the quantities whose σ is zero; first those of each
+            body, then of each joint, then of C.
+
+    """
     joints = joined_bodies(tree)
-    if not uncertainty.joint_sigmas.any() and not uncertainty.grasp_sigmas.any():
+    sizes = uncertainty.all_sigmas(len(tree.bodies), len(joints))
+    sizes[sizes > 0] *= errors
+    of_bodies, of_joints, grasp = np.split(sizes, [10 * len(tree.bodies), len(sizes) - 6])
+    bodies = []
+    for body, error in zip(tree.bodies, of_bodies.reshape(-1, 10), strict=True):
+        stretch = np.eye(3) + np.tensordot(error[4:], _STRETCHES, axes=1)
+        inertia = inertia_of_second_moment(stretch @ second_moment(body.I_BBcm) @ stretch.T)
+        mass = body.mass * (1 + error[0])
+        bodies.append(replace(body, mass=mass, p_BBcm=body.p_BBcm + error[1:4], I_BBcm=inertia))
+    tree = replace(tree, bodies=tuple(bodies))
+    if not of_joints.any() and not grasp.any():
         return tree
-    return displaced(
-        tree,
-        uncertainty.joint_sigmas * rng.standard_normal((len(joints), 5)),
-        uncertainty.grasp_sigmas * rng.standard_normal(6),
-    )
+    return displaced(tree, of_joints.reshape(-1, 5), grasp)
 
 
 def displaced(

@@ -39,6 +39,8 @@ class BlockState:
             errors alone, their prior included.
         jumps: assumed changes that are tested.
         unexplained: number of blocks in a row, up to this instant, that are mostly bridged.
+        errors: (c,) errors that the tree contains; see `BlockSolver`. Those of the known bodies
+            above are what remains of them, with a prior about minus these.
 
     """
 
@@ -51,6 +53,7 @@ class BlockState:
     bodies: NDArray[np.float64]
     jumps: tuple[Jump, ...] = ()
     unexplained: int = 0
+    errors: NDArray[np.float64] | None = None
 
     @property
     def extra(self) -> NDArray[np.float64]:
@@ -74,13 +77,26 @@ class BlockState:
         if not c:
             return self
         root: NDArray[np.float64] = self.bodies[:, :c]
+        prior = np.zeros(c) if self.errors is None else -self.errors
         size, axes = np.linalg.eigh(root.T @ root - np.eye(c))  # of the samples, without the prior
         share = 1 / (misfit + np.maximum(size, 0) * curvature**2)
-        target = share * (axes.T @ root.T @ self.bodies[:, c])
+        target = share * (axes.T @ (root.T @ self.bodies[:, c] - prior)) + axes.T @ prior
         sigma = 1 / np.sqrt(1 + share * np.maximum(size, 0))
         gain = self.by_bodies @ axes * sigma
         rest = self.rest - gain @ (sigma * target)
-        return replace(self, by_bodies=gain, rest=rest, bodies=np.eye(c, c + 1))
+        return replace(self, by_bodies=gain, rest=rest, bodies=np.eye(c, c + 1), errors=None)
+
+    def best_errors(self) -> tuple[NDArray[np.float64] | None, float]:
+        """Return the best errors (c,) of the known bodies, and how far they are from `errors`.
+
+        The distance is in units of their σ together; the errors are None if the bodies are exact.
+        """
+        c = len(self.bodies)
+        if not c:
+            return None, 0.0
+        change = solve_triangular(self.bodies[:, :c], self.bodies[:, c])
+        about = np.zeros(c) if self.errors is None else self.errors
+        return about + change, float(np.linalg.norm(self.bodies[:, c]))
 
     def psi_information(self) -> NDArray[np.float64]:
         """Return the information (10, 10) about ψ with all else eliminated, the prior included."""

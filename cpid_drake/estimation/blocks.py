@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import HELD
 from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block_equations import CURVED, BlockEquations
@@ -47,6 +48,8 @@ class BlockSolver:
         suite: its sensors.
         known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
         misfit: expected χ² per degree of freedom: above 1 if the noise is larger than given.
+        errors: (c,) errors of these bodies that the tree contains, in units of σ; all is linear in
+            what remains of them.
         finer: by how many sizes the joints' splines are finer than the joints' sensors ask for.
         is_about_constants: whether the constant errors keep their nominal values from block to
             block, as ψ does, because they were estimated before.
@@ -60,6 +63,7 @@ class BlockSolver:
     tree: KinematicTree
     suite: SensorSuite
     known_bodies: BodyUncertainty | None = None
+    errors: NDArray[np.float64] | None = None
     misfit: float = 1.0
     finer: int = 0
     is_about_constants: bool = False
@@ -108,6 +112,15 @@ class BlockSolver:
         if self.known_bodies is None:
             return 0
         return self.known_bodies.count(len(self.tree.bodies), self.joint_count)
+
+    def about(self, errors: NDArray[np.float64] | None) -> "BlockSolver":
+        """Return the solver for the same spacecraft with errors (c,) of its bodies, in units of σ.
+
+        This solver must be that of the nominal spacecraft.
+        """
+        if errors is None or self.known_bodies is None:
+            return self
+        return replace(self, tree=with_errors(self.tree, self.known_bodies, errors), errors=errors)
 
     def model(
         self,

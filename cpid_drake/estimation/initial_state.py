@@ -66,8 +66,11 @@ def initial_state(
     )
     by_bodies = np.zeros((n, solver.consider_count))
     bodies = np.eye(by_bodies.shape[1], by_bodies.shape[1] + 1)
+    if solver.errors is not None:
+        bodies[:, -1] = -solver.errors
     root = np.diag(1 / sigma)
     state = BlockState(block.start, nominal, None, root, by_bodies, rest, bodies)
+    state = replace(state, errors=solver.errors)
     state = with_first_attitude(state, block, solver.tree.normal_B)
     if prior.momentum.is_unknown:
         state = _with_first_momentum(solver, state, block)

@@ -13,11 +13,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.faults import Block, Explained, explain
 from cpid_drake.estimation.likelihood.priors import Prior
@@ -31,6 +33,9 @@ from cpid_drake.sensing.suite import SensorSuite
 LONGEST_WINDOW = 60
 """Largest number of blocks that are fitted together."""
 
+LINEAR = 1.0
+"""Distance of the best errors of the known bodies from those about which all is linear, in σ."""
+
 _SEARCHED_BLOCKS = 4  # a longer first window is not searched for a change of momentum
 _REST_BLOCKS = 5  # blocks that are kept while the joints do not move
 _SUSPECT_BLOCKS = 10  # an unlikely window of more blocks loses its older half
@@ -42,6 +47,14 @@ _MOST_IDLE = 300  # blocks that pass without a fit after many hopeless windows
 _MOST_FITS = 6  # of one window, with other priors and about other zeros of the joints
 _FINER = 1  # sizes by which splines of the joints are finer for a large target
 _REST = 1e-3  # motion of a joint that counts as rest [rad or m]
+
+
+def referred(
+    psi: NDArray[np.float64], solver: BlockSolver, other: BlockSolver
+) -> NDArray[np.float64]:
+    """Return ψ (10,) of the same target, relative to the mass of another solver's known bodies."""
+    target = relative_parameterization(solver.tree.mass).to_parameters(psi)
+    return relative_parameterization(other.tree.mass).from_parameters(target)
 
 
 class RecursiveFit:
@@ -62,14 +75,32 @@ class RecursiveFit:
         prior: Prior,
         known_bodies: BodyUncertainty | None = None,
     ) -> None:
-        self.solver, self.prior = BlockSolver(tree, suite, known_bodies), prior
+        self.nominal = self.solver = BlockSolver(tree, suite, known_bodies)
+        self.prior = prior
 
     def as_in(self, state: RecursiveState) -> "RecursiveFit":
         """Return the estimator with the prior's width and the joints' splines of a state."""
         result = copy(self)
         result.prior = self.prior.as_wide_as(state.prior)
-        result.solver = replace(self.solver, finer=state.finer)
+        result.solver = self.solver_of(state)
         return result
+
+    def about(
+        self, known: BlockState, psi: NDArray[np.float64]
+    ) -> tuple["RecursiveFit", NDArray[np.float64]]:
+        """Return the estimator about the best errors of the known bodies, and ψ (10,) as it has it.
+
+        Args:
+            known: what is known of the errors, and of a target with ψ.
+            psi: (10,) relative unknowns, which refer to the mass of the present known bodies.
+
+        """
+        errors, _ = known.best_errors()
+        if errors is None:
+            return self, psi
+        result = copy(self)
+        result.solver = replace(self.nominal, finer=self.solver.finer).about(errors)
+        return result, referred(psi, self.solver, result.solver)
 
     def start(self) -> RecursiveState:
         """Return the state before the first sample."""
@@ -164,7 +195,7 @@ class RecursiveFit:
         # The joints are lost after a block that is skipped.
         is_known = (
             sweep.state.track is not None
-            and inertia_uncertainty(sweep.state, self.solver) < WELL_KNOWN
+            and inertia_uncertainty(sweep.state, self.solver_of(state)) < WELL_KNOWN
         )
         if not is_known and len(window) <= LONGEST_WINDOW:
             return state
@@ -173,7 +204,7 @@ class RecursiveFit:
             solver = self.solver_of(state)
             sweep = explained_sweep(solver, state.prior, window, at.psi, at.constants)
         whole = Explained(sweep.state, sweep.fits, sweep.bridged, sweep.left_out)
-        block = self.solver.settled(sweep.state, state.prior.plausible)
+        block = self.solver_of(state).settled(sweep.state, state.prior.plausible)
         state = replace(state, block=block, window=(), sweep=None, is_explained=True)
         for one in window:
             state = counted(state, one, Explained(block))
@@ -186,8 +217,10 @@ class RecursiveFit:
 
         The vague prior is too narrow for a target that is much larger than the spacecraft. Such a
         target hardly moves. The base moves instead, and its gyro feels errors of the joints'
-        splines that the encoders do not see. The model is linear in the joints' zeros.
+        splines that the encoders do not see. The model is linear in the joints' zeros, and in the
+        errors of the known bodies; a fit whose best errors differ from those has not converged.
         """
+        estimator = self.as_in(state)
         constants = self.solver.constants
         about = np.zeros(constants.size)
         if state.sweep is not None:
@@ -195,7 +228,7 @@ class RecursiveFit:
         again = False
         for _ in range(_MOST_FITS):
             fit = fit_window(
-                self.solver_of(state),
+                estimator.solver,
                 state.prior,
                 state.window,
                 psi,
@@ -206,15 +239,22 @@ class RecursiveFit:
             )
             psi, found = fit.psi, fit.sweep.state.best_constants(fit.psi)
             about, again = found, not state.prior.excludes(psi)
+            _, distance = fit.sweep.state.best_errors()
+            is_linear = distance < LINEAR
             if not again:
                 state = replace(state, prior=state.prior.covering(psi), finer=_FINER)
-            elif constants.agree(fit.sweep.about, found):
+                estimator.solver = replace(estimator.solver, finer=_FINER)
+            elif is_linear and constants.agree(fit.sweep.about, found):
                 break
-        return fit, state
+            if not is_linear:
+                estimator, psi = estimator.about(fit.sweep.state, psi)
+        return replace(fit, converged=fit.converged and is_linear), state
 
     def solver_of(self, state: RecursiveState) -> BlockSolver:
-        """Return the solver with the joints' splines of a state."""
-        return replace(self.solver, finer=state.finer)
+        """Return the solver with the joints' splines and the known bodies of a state."""
+        known = state.known
+        errors = None if known is None else known.errors
+        return replace(self.nominal, finer=state.finer).about(errors)
 
     def _restarted(self, state: RecursiveState) -> RecursiveState:
         """Return a state with the later half of the window, before which momentum has changed."""

@@ -17,7 +17,7 @@ from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.block_state import BlockFit, BlockState
 from cpid_drake.estimation.faults import Block, explain
 from cpid_drake.estimation.initial_state import initial_state
-from cpid_drake.estimation.recursive_fit import RecursiveFit, last_time
+from cpid_drake.estimation.recursive_fit import LINEAR, RecursiveFit, last_time
 from cpid_drake.estimation.recursive_state import RecursiveState, counted
 from cpid_drake.estimation.window_minimum import psi_step, step_size
 from cpid_drake.sensing.measurements import Measurements, Samples
@@ -108,18 +108,21 @@ def fit_trajectory(estimator: RecursiveFit, stream: Iterable[Measurements]) -> T
     estimator = estimator.as_in(state)
     psi = known.nominal.psi + psi_step(known, state.prior)
     constants = known.best_constants(psi)
+    estimator, psi = estimator.about(known, psi)
     for k in range(MOST_PASSES):
         residuals, misfit = Residuals(), state.expected_misfit
         known, state = pass_about(estimator, stream, psi, residuals, misfit, constants)
         step = psi_step(known, estimator.prior)
         found = known.best_constants(psi + step)
         is_linear = estimator.solver.constants.agree(constants, found)
+        is_linear = is_linear and known.best_errors()[1] < LINEAR
         if is_linear and step_size(known, step) < STEP_TOLERANCE:
             converged = True
             break
         if k and state.bridged_share(known.time) > MOST_LOST:
             break
-        psi, constants = psi + step, found
+        constants = found
+        estimator, psi = estimator.about(known, psi + step)
     return TrajectoryFit(known, state, residuals, converged)
 
 

@@ -3,11 +3,13 @@
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.block_state import BlockState, solution
+from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.least_squares import solution_of_information
-from cpid_drake.estimation.recursive_fit import RecursiveFit
+from cpid_drake.estimation.recursive_fit import RecursiveFit, referred
 from cpid_drake.estimation.recursive_state import RecursiveState
 from cpid_drake.estimation.window_minimum import best_psi
 from cpid_drake.identification.effects import estimated_effects, shared_errors
@@ -43,15 +45,23 @@ def identification_at(
         name: name of the estimator.
 
     """
-    prior, solver = estimator.prior.as_wide_as(state.prior), estimator.solver
+    prior, solver = estimator.prior.as_wide_as(state.prior), estimator.nominal
+    about = solver.about(known.errors)
     if solver.known_bodies is not None:
         known = known.with_estimated_bodies(state.misfit, solver.known_bodies.curvature)
     information = known.psi_information()
     if not prior.is_guess:
         information = information - np.diag(prior.psi_sigma**-2.0)
     consider = known.psi_consider() if solver.consider_count else None
+    psi, shared = best_psi(known, prior), shared_errors(solver, known)
+    if about is not solver:  # refer ψ to the mass of the nominal spacecraft
+        by_nominal, psi = _by_referred(psi, about, solver)
+        information = by_nominal.T @ information @ by_nominal
+        back = np.linalg.inv(by_nominal)
+        consider = None if consider is None else back @ consider @ back.T
+        shared = None if shared is None else back @ shared
     found = solution_of_information(
-        best_psi(known, prior),
+        psi,
         information / state.misfit,
         prior.plausible,
         consider=consider,
@@ -73,8 +83,17 @@ def identification_at(
         momentum_estimate=_momentum_of(estimator, known, state),
         unexplained=state.bridged_share(known.time),
         effects=estimated_effects(solver, known, prior.plausible, state.misfit),
-        shared=shared_errors(solver, known),
+        shared=shared,
     )
+
+
+def _by_referred(
+    psi: NDArray[np.float64], solver: BlockSolver, other: BlockSolver
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return ∂ψ/∂ψ' (10, 10) and ψ' (10,), relative to the mass of another solver's bodies."""
+    one, two = (relative_parameterization(each.tree.mass) for each in (solver, other))
+    new = referred(psi, solver, other)
+    return np.asarray(np.linalg.solve(one.jacobian(psi), two.jacobian(new))), new
 
 
 def _momentum_of(

@@ -16,6 +16,9 @@ from cpid_drake.planning.search import Candidate, refined
 POINTS = 18
 """Number of limits of the base's turn."""
 
+SHORTER = 3
+"""Number of times that iterations are fewer than for a plan: each motion starts near its best."""
+
 LEAST = 0.02
 """Smallest limit, as a share of the turn of the best motion."""
 
@@ -88,7 +91,7 @@ def _improved(problem: PlanProblem, start: Candidate, limit: float) -> list[Fron
         problem.limited,
         [*problem.constraints, constraint],
         start,
-        problem.options.iterations,
+        max(problem.options.iterations // SHORTER, 1),
     )
     kept = (each for each in found if np.isfinite(each.score) and problem.is_kept(each))
     chosen = next(kept, None)

@@ -304,6 +304,29 @@ def test_the_equations_of_psi_contain_the_bodies_errors(solved):
     assert np.abs(error / sigma).max() < 1e-3
 
 
+@pytest.mark.parametrize("misfit", [1.0, 4.0])
+def test_the_bodies_errors_are_estimated_alike_about_other_values(solved, misfit):
+    """About errors p0 the prior of the rest p' = p − p0 is N(−p0, 1), and z_p becomes z_p − R p0.
+
+    What remains is linear in p', so that the best target does not depend on p0.
+    """
+    state = solved.fits[-1].state
+    c = len(state.bodies)
+    moved = np.random.default_rng(3).normal(size=c)
+    rows, rest = state.bodies[:, :c], state.bodies[:, c] - state.bodies[:, :c] @ moved
+    about = replace(
+        state,
+        rest=state.rest - state.by_bodies @ moved,
+        bodies=np.column_stack([rows, rest]),
+        errors=moved,
+    )
+    np.testing.assert_allclose(about.best_errors()[0], state.best_errors()[0], atol=1e-9)
+    best = [best_psi(each.with_estimated_bodies(misfit, 0.01)) for each in (state, about)]
+    sigma = np.sqrt(np.diag(np.linalg.inv(state.psi_information()) + state.psi_consider()))
+    assert np.abs((best[1] - best[0]) / sigma).max() < 1e-6
+    assert np.abs((about.rest - state.rest)[-10:]).max() > 1
+
+
 def test_number_of_linearizations_does_not_change_the_solution(solved):
     """The equations belong to the nominal values of the state, also if the iteration is cut."""
     found = []

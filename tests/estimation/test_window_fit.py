@@ -21,6 +21,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation import window_minimum
 from cpid_drake.estimation.initial_state import initial_state
+from cpid_drake.estimation.recursive_fit import referred
 from cpid_drake.estimation.window_fit import fit_window, inertia_uncertainty
 from cpid_drake.estimation.window_sweep import WindowModels, explained_sweep
 from cpid_drake.identification.fit_setup import prior_of
@@ -148,6 +149,15 @@ def test_errors_of_the_known_bodies_explain_the_samples(tmp_path, skewed_target)
     error = fit.psi - case.psi
     R, _ = fit.sweep.state.psi_equations()
     assert np.sum((R @ error) ** 2) < chi2.isf(1e-3, 10)
+    distances, about = [], fit
+    for _ in range(4):
+        errors, distance = about.sweep.state.best_errors()
+        solver, psi = case.solver(uncertainty).about(errors), about.psi
+        about = fit_window(solver, prior, blocks, psi, again=True)
+        assert about.converged
+        distances.append(distance)
+    assert distances[0] > 10
+    assert distances[-1] < 0.1
     assert inertia_uncertainty(fit.sweep.state, case.solver()) > 5 * inertia_uncertainty(
         blind.sweep.state, case.solver()
     )
@@ -275,3 +285,15 @@ def test_log_cholesky():
             np.testing.assert_allclose(jacobian[:, k], column, rtol=0, atol=tolerance)
     mild = 0.3 * rng.normal(size=10)
     np.testing.assert_allclose(form.from_psi(form.to_psi(mild)[0]), mild, rtol=0, atol=1e-12)
+
+
+def test_a_target_relative_to_another_mass_is_the_same_target(tmp_path, skewed_target):
+    case = make_case(tmp_path, skewed_target, SUITE, None, 3.0)
+    uncertainty = BodyUncertainty(mass=0.05)
+    solver = case.solver(uncertainty)
+    other = solver.about(np.full(solver.consider_count, 2.0))
+    assert other.tree.mass == pytest.approx(1.1 * case.craft.mass)
+    psi = referred(case.psi, solver, other)
+    assert abs(psi[0] / case.psi[0] - 1) > 1e-3
+    target = relative_parameterization(1.1 * case.craft.mass).to_parameters(psi)
+    np.testing.assert_allclose(target, skewed_target.to_vector(), rtol=1e-12)
