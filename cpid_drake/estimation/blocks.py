@@ -2,10 +2,10 @@
 
 What is known at the end of a block about X = [start, momentum, biases, joints, ψ] is a square root
 of information, R δX + G p = z with unit noise, where p are the errors of the known bodies in units
-of σ. The next block adds its rows and eliminates, by one QR factorization, all that the block after
-it does not need. ψ is last in X, so the last corner of R is the information about ψ. The rows that
-are left over contain p alone. Source: Bierman 1977, Factorization Methods for Discrete Sequential
-Estimation, ch. V, VII and VIII.
+of σ, less those that the tree contains. The next block adds its rows and eliminates, by one QR
+factorization, all that the block after it does not need. ψ is last in X, so the last corner of R is
+the information about ψ. The rows that are left over contain p alone. Source: Bierman 1977,
+Factorization Methods for Discrete Sequential Estimation, ch. V, VII and VIII.
 """
 
 from dataclasses import dataclass, field, replace
@@ -112,15 +112,6 @@ class BlockSolver:
         if self.known_bodies is None:
             return 0
         return self.known_bodies.count(len(self.tree.bodies), self.joint_count)
-
-    def about(self, errors: NDArray[np.float64] | None) -> "BlockSolver":
-        """Return the solver for the same spacecraft with errors (c,) of its bodies, in units of σ.
-
-        This solver must be that of the nominal spacecraft.
-        """
-        if errors is None or self.known_bodies is None:
-            return self
-        return replace(self, tree=with_errors(self.tree, self.known_bodies, errors), errors=errors)
 
     def model(
         self,
@@ -330,3 +321,11 @@ class BlockSolver:
             constants=constants,
         )
         return replace(state, nominal=nominal, rest=state.rest - state.root @ change)
+
+
+def with_bodies(nominal: BlockSolver, errors: NDArray[np.float64] | None) -> BlockSolver:
+    """Return the solver of the nominal spacecraft with errors (c,) of its bodies, in units of σ."""
+    bodies = nominal.known_bodies
+    if errors is None or bodies is None:
+        return nominal
+    return replace(nominal, tree=with_errors(nominal.tree, bodies, errors), errors=errors)

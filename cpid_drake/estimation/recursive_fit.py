@@ -4,6 +4,10 @@ At first, sensor errors look like effects of the target. Therefore the first blo
 all of them are fitted together at growing intervals (`window_fit`), until the target is known well
 enough to linearize each block once. From then on, every block is solved when it is complete, and
 only what is known at its end is kept. The state is a value: every function returns a new one.
+
+If the spacecraft is not known exactly, the fits are linear about the best errors of its bodies:
+after a turn, the effect of an error is far from proportional to it. The target then refers to the
+mass of the known bodies with these errors, until `referred` changes that.
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,7 +24,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.block_state import BlockState
-from cpid_drake.estimation.blocks import BlockSolver
+from cpid_drake.estimation.blocks import BlockSolver, with_bodies
 from cpid_drake.estimation.faults import Block, Explained, explain
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.recursive_state import NEXT_FIT, RecursiveState, counted
@@ -99,7 +103,7 @@ class RecursiveFit:
         if errors is None:
             return self, psi
         result = copy(self)
-        result.solver = replace(self.nominal, finer=self.solver.finer).about(errors)
+        result.solver = with_bodies(replace(self.nominal, finer=self.solver.finer), errors)
         return result, referred(psi, self.solver, result.solver)
 
     def start(self) -> RecursiveState:
@@ -254,7 +258,7 @@ class RecursiveFit:
         """Return the solver with the joints' splines and the known bodies of a state."""
         known = state.known
         errors = None if known is None else known.errors
-        return replace(self.nominal, finer=state.finer).about(errors)
+        return with_bodies(replace(self.nominal, finer=state.finer), errors)
 
     def _restarted(self, state: RecursiveState) -> RecursiveState:
         """Return a state with the later half of the window, before which momentum has changed."""

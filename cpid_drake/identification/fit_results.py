@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.block_state import BlockState, solution
-from cpid_drake.estimation.blocks import BlockSolver
+from cpid_drake.estimation.blocks import BlockSolver, with_bodies
 from cpid_drake.estimation.least_squares import solution_of_information
 from cpid_drake.estimation.recursive_fit import RecursiveFit, referred
 from cpid_drake.estimation.recursive_state import RecursiveState
@@ -46,7 +46,7 @@ def identification_at(
 
     """
     prior, solver = estimator.prior.as_wide_as(state.prior), estimator.nominal
-    about = solver.about(known.errors)
+    about = with_bodies(solver, known.errors)
     if solver.known_bodies is not None:
         known = known.with_estimated_bodies(state.misfit, solver.known_bodies.curvature)
     information = known.psi_information()

@@ -115,6 +115,12 @@ def tumble(
     return turning(case, np.radians(degrees_per_second) * axis, np.array([4e-3, 2e-3, -3e-3]))
 
 
+def uncertain(name: str, folder: Path) -> Case:
+    """Return another case with a spacecraft as uncertain as that of `uncertain_spacecraft`."""
+    uncertainty = scenario_case("uncertain_spacecraft").known_bodies
+    return replace(CASES[name].build(folder), known_bodies=uncertainty)
+
+
 def wheels(swing: float, zero_momentum: bool, folder: Path) -> Case:
     """Wheels that spin; with zero momentum their own momenta cancel, else the base starts at rest.
 
@@ -240,6 +246,10 @@ CASES: dict[str, Figure] = {
     "tumble_30_free_flyer": Figure(
         "ground", partial(tumble, "free_flyer_payload", "flight", 30.0, 10.0)
     ),
+    **{
+        f"uncertain_{name}": Figure("ground", partial(uncertain, name))
+        for name in ("tumbling_capture", "tumble_30", "coarse")
+    },
     "tumble_5": Figure("ground", partial(tumble, "exciting_motion", "flight", 5.0, 59.99)),
     "wheels": Figure("ground", partial(wheels, 0.0, False)),
     "wheels_changing": Figure("ground", partial(wheels, 10.0, False)),

@@ -20,6 +20,7 @@ from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation import window_minimum
+from cpid_drake.estimation.blocks import with_bodies
 from cpid_drake.estimation.initial_state import initial_state
 from cpid_drake.estimation.recursive_fit import referred
 from cpid_drake.estimation.window_fit import fit_window, inertia_uncertainty
@@ -152,7 +153,7 @@ def test_errors_of_the_known_bodies_explain_the_samples(tmp_path, skewed_target)
     distances, about = [], fit
     for _ in range(4):
         errors, distance = about.sweep.state.best_errors()
-        solver, psi = case.solver(uncertainty).about(errors), about.psi
+        solver, psi = with_bodies(case.solver(uncertainty), errors), about.psi
         about = fit_window(solver, prior, blocks, psi, again=True)
         assert about.converged
         distances.append(distance)
@@ -291,7 +292,7 @@ def test_a_target_relative_to_another_mass_is_the_same_target(tmp_path, skewed_t
     case = make_case(tmp_path, skewed_target, SUITE, None, 3.0)
     uncertainty = BodyUncertainty(mass=0.05)
     solver = case.solver(uncertainty)
-    other = solver.about(np.full(solver.consider_count, 2.0))
+    other = with_bodies(solver, np.full(solver.consider_count, 2.0))
     assert other.tree.mass == pytest.approx(1.1 * case.craft.mass)
     psi = referred(case.psi, solver, other)
     assert abs(psi[0] / case.psi[0] - 1) > 1e-3
