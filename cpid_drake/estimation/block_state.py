@@ -86,6 +86,10 @@ class BlockState:
         rest = self.rest - gain @ (sigma * target)
         return replace(self, by_bodies=gain, rest=rest, bodies=np.eye(c, c + 1), errors=None)
 
+    def with_exact_bodies(self) -> "BlockState":
+        """Return the state if the known bodies had no errors but those that the tree contains."""
+        return replace(self, by_bodies=self.by_bodies[:, :0], bodies=np.zeros((0, 1)), errors=None)
+
     def best_errors(self) -> tuple[NDArray[np.float64] | None, float]:
         """Return the best errors (c,) of the known bodies, and how far they are from `errors`.
 

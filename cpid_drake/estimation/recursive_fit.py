@@ -41,6 +41,7 @@ LINEAR = 1.0
 """Distance of the best errors of the known bodies from those about which all is linear, in σ."""
 
 _SEARCHED_BLOCKS = 4  # a longer first window is not searched for a change of momentum
+_SETTLED_BLOCKS = 12  # of a window after which errors of the known bodies change little
 _REST_BLOCKS = 5  # blocks that are kept while the joints do not move
 _SUSPECT_BLOCKS = 10  # an unlikely window of more blocks loses its older half
 _HOPELESS = 20.0  # χ² per degree of freedom that no later block of a window can explain
@@ -196,11 +197,7 @@ class RecursiveFit:
         misfit = 1.0 if sweep.is_likely else sweep.misfit
         state = replace(state, sweep=sweep, explained=len(window), expected_misfit=misfit)
         state = replace(state, changed=fit.changed, hopeless=0, given_up=0)
-        # The joints are lost after a block that is skipped.
-        is_known = (
-            sweep.state.track is not None
-            and inertia_uncertainty(sweep.state, self.solver_of(state)) < WELL_KNOWN
-        )
+        is_known = self._is_well_known(state, sweep.state)
         if not is_known and len(window) <= LONGEST_WINDOW:
             return state
         if sweep.bridged:
@@ -213,6 +210,18 @@ class RecursiveFit:
         for one in window:
             state = counted(state, one, Explained(block))
         return counted(state, None, whole)
+
+    def _is_well_known(self, state: RecursiveState, known: BlockState) -> bool:
+        """Return whether later blocks change the target so little that they are linear about it.
+
+        The known bodies' errors keep a target uncertain for ever. After some blocks their best
+        values change little, too.
+        """
+        if known.track is None:  # the joints are lost after a block that is skipped
+            return False
+        if len(state.window) >= _SETTLED_BLOCKS:
+            known = known.with_exact_bodies()
+        return inertia_uncertainty(known, self.solver_of(state)) < WELL_KNOWN
 
     def _suited(
         self, state: RecursiveState, psi: NDArray[np.float64], suspects: Sequence[int]

@@ -43,6 +43,15 @@ NOT_CONVERGED = "the trajectory fit did not converge: its result is not the best
 NEGLIGIBLE = 0.5
 """Size of residuals, in units of the assumed noise, below which their correlation is ignored."""
 
+MOST_DISTANT = 10.0
+"""Distance, in σ, of the best errors of the known bodies from those about which all is linear."""
+
+NOT_LINEAR = (
+    "the errors of the known bodies are other ones than those about which the recursive fit is "
+    "linear; use the trajectory fit"
+)
+"""The doubt about a recursive fit that began with wrong errors of the known bodies."""
+
 NOT_STARTED = (
     "the target was not known well enough before the end to solve the blocks one after the other; "
     "the result is a fit of all samples together"
@@ -175,11 +184,12 @@ def estimate_recursively(problem: Problem) -> Identification:
     warnings = [*seen.warnings, *found.warnings]
     if state.initializing:
         warnings.append(NOT_STARTED)
+    is_far = state.known is not None and state.known.best_errors()[1] > MOST_DISTANT
     found = replace(
         found,
         whiteness=least_white(sums.whiteness for sums in state.lags.values()),
         warnings=tuple(warnings),
-        doubts=seen.doubts,
+        doubts=(*seen.doubts, *([NOT_LINEAR] if is_far else [])),
     )
     # Errors of the known bodies cause correlated residuals, and are in the covariance already.
     return found if problem.known_bodies else _widened(found)

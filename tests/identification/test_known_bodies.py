@@ -7,6 +7,7 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft
 from cpid_drake import TotalMomentum, identify
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.identification import fit_estimator
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
 
@@ -57,3 +58,24 @@ def test_a_tumble_is_linear_in_the_bodies_errors_about_their_best_values_only(
         error = found.parameters - skewed_target.to_vector()
         squares.append(error @ np.linalg.solve(found.covariance, error))
     assert 1 < np.mean(squares) < 20  # ten parameters
+
+
+def test_blocks_follow_each_other_once_the_bodies_errors_are_settled(
+    tmp_path, skewed_target, monkeypatch
+):
+    """The recursive fit then agrees with the trajectory fit, or says that it is not linear."""
+    craft, suite = small_craft(tmp_path), coarse_suite()
+    motion = Sines.drawn(4, seed=101, duration=14.0, size=0.6)
+    uncertainty = BodyUncertainty(mass=0.01, com=0.003, inertia=0.02)
+    tree = perturbed(craft.tree, uncertainty, np.random.default_rng(13))
+    samples = measured(craft, motion, skewed_target, suite, tree=tree)
+    options = {"sensors": suite, "known_bodies": uncertainty, "is_final": False}
+    whole = identify(craft, samples, estimator="trajectory_fit", **options)
+    found = identify(craft, samples, estimator="recursive_fit", **options)
+    assert not any("block" in warning for warning in found.warnings)
+    assert not found.doubts
+    change = (found.parameters - whole.parameters) / np.sqrt(np.diag(whole.covariance))
+    assert np.abs(change).max() < 0.3
+    monkeypatch.setattr(fit_estimator, "MOST_DISTANT", 0.0)
+    doubted = identify(craft, samples, estimator="recursive_fit", **options)
+    assert doubted.doubts == (fit_estimator.NOT_LINEAR,)
