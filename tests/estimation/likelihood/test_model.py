@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.sensitivity import displaced, perturbed
+from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.joint_motion import joint_block
 from cpid_drake.estimation.likelihood.model import BlockModel
@@ -148,19 +148,6 @@ def test_gyros_and_attitudes_feel_errors_of_the_joints_as_the_derivatives_say(ca
         assert np.abs(error).max() < tolerance * np.abs(found[places[name]]).max()
 
 
-class Drawn:
-    """In place of a random generator: one number of one body is not zero."""
-
-    def __init__(self, bodies, body, k, value):
-        self.values = np.zeros((bodies, 10))
-        self.values[body, k] = value
-        self.body = -1
-
-    def standard_normal(self, n):
-        self.body += 1
-        return self.values[self.body]
-
-
 @pytest.mark.parametrize(("body", "k"), [(0, 0), (0, 2), (0, 5), (1, 0), (2, 3), (4, 8)])
 def test_derivatives_by_errors_of_the_known_bodies(case, block, model, state, body, k):
     """In units of their σ; the target remains the same body."""
@@ -169,8 +156,9 @@ def test_derivatives_by_errors_of_the_known_bodies(case, block, model, state, bo
     target = relative_parameterization(case.craft.mass).to_parameters(state.psi)
     values = []
     for value in (0.1, -0.1):
-        drawn = Drawn(len(case.craft.tree.bodies), body, k, value)
-        tree = perturbed(case.craft.tree, UNCERTAINTY, drawn)
+        errors = np.zeros((len(case.craft.tree.bodies), 10))
+        errors[body, k] = value
+        tree = with_errors(case.craft.tree, UNCERTAINTY, errors.ravel())
         psi = relative_parameterization(tree.mass).from_parameters(target)
         other = BlockModel(tree, joints, samples, case.suite, None, STEP)
         values.append(residuals(other, replace(state, psi=psi)))
@@ -191,9 +179,7 @@ def test_derivatives_by_errors_of_the_geometry(case, block, state, k):
     assert columns.stop - columns.start == 5 * 4 + 6
     values = []
     for value in (0.1, -0.1):
-        error = value * np.eye(26)[k]
-        joint_errors = GEOMETRY.joint_sigmas * error[:20].reshape(4, 5)
-        tree = displaced(case.craft.tree, joint_errors, GEOMETRY.grasp_sigmas * error[20:])
+        tree = with_errors(case.craft.tree, GEOMETRY, value * np.eye(26)[k])
         values.append(residuals(BlockModel(tree, joints, samples, case.suite, None, STEP), state))
     assert_column(exact[:, columns.start + k], *values, 0.1, 2e-4, f"{k}")
 
