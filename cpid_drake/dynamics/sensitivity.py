@@ -192,7 +192,7 @@ def with_errors(
 ) -> KinematicTree:
     """Return a tree with errors of its bodies and geometry.
 
-    The inertias remain physically consistent, except for a stretch of −100 %.
+    The inertias remain physically consistent; a mass does if its relative error is above −1.
 
     Args:
         tree: the known bodies.

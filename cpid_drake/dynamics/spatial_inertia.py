@@ -69,6 +69,7 @@ def moved_spatial_inertia(
     """
     moment = np.asarray(mass)[..., None] * p
     inertia = np.einsum("...ij,...kj->...ik", R @ I_cm, R)
+    # The parallel-axis theorem, as in `point_mass_inertia`, for many masses.
     inertia -= moment[..., :, None] * p[..., None, :]
     square = np.einsum("...i,...i->...", moment, p)
     for k in range(3):

@@ -69,8 +69,9 @@ def initial_state(
     if solver.errors is not None:
         bodies[:, -1] = -solver.errors
     root = np.diag(1 / sigma)
-    state = BlockState(block.start, nominal, None, root, by_bodies, rest, bodies)
-    state = replace(state, errors=solver.errors)
+    state = BlockState(
+        block.start, nominal, None, root, by_bodies, rest, bodies, errors=solver.errors
+    )
     state = with_first_attitude(state, block, solver.tree.normal_B)
     if prior.momentum.is_unknown:
         state = _with_first_momentum(solver, state, block)

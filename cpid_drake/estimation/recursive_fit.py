@@ -38,7 +38,8 @@ LONGEST_WINDOW = 60
 """Largest number of blocks that are fitted together."""
 
 LINEAR = 1.0
-"""Distance of the best errors of the known bodies from those about which all is linear, in σ."""
+"""Distance of the best errors of the known bodies from those about which a fit is linear, below
+which it has converged; see `BlockState.best_errors`."""
 
 _SEARCHED_BLOCKS = 4  # a longer first window is not searched for a change of momentum
 _SETTLED_BLOCKS = 12  # of a window after which errors of the known bodies change little
@@ -93,7 +94,7 @@ class RecursiveFit:
     def about(
         self, known: BlockState, psi: NDArray[np.float64]
     ) -> tuple["RecursiveFit", NDArray[np.float64]]:
-        """Return the estimator about the best errors of the known bodies, and ψ (10,) as it has it.
+        """Return the estimator that is linear about the best errors of the known bodies, and its ψ.
 
         Args:
             known: what is known of the errors, and of a target with ψ.

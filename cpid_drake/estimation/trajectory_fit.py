@@ -98,8 +98,8 @@ def fit_trajectory(estimator: RecursiveFit, stream: Iterable[Measurements]) -> T
         raise InputError(
             "no attitude samples, or too few samples, while the joints move: none to start from"
         )
-    if not state.is_explained:
-        assert state.sweep is not None
+    # Passes converge where a likely window does not: they change ψ and the bodies' errors together.
+    if not state.is_explained and state.sweep is not None and not state.sweep.is_likely:
         residuals = Residuals()
         for fit in state.sweep.fits:
             residuals.add(fit)

@@ -44,7 +44,8 @@ NEGLIGIBLE = 0.5
 """Size of residuals, in units of the assumed noise, below which their correlation is ignored."""
 
 MOST_DISTANT = 10.0
-"""Distance, in σ, of the best errors of the known bodies from those about which all is linear."""
+"""Largest distance of the best errors of the known bodies from those about which the recursive fit
+is linear; see `BlockState.best_errors`."""
 
 NOT_LINEAR = (
     "the errors of the known bodies are other ones than those about which the recursive fit is "
@@ -184,12 +185,11 @@ def estimate_recursively(problem: Problem) -> Identification:
     warnings = [*seen.warnings, *found.warnings]
     if state.initializing:
         warnings.append(NOT_STARTED)
-    is_far = state.known is not None and state.known.best_errors()[1] > MOST_DISTANT
     found = replace(
         found,
         whiteness=least_white(sums.whiteness for sums in state.lags.values()),
         warnings=tuple(warnings),
-        doubts=(*seen.doubts, *([NOT_LINEAR] if is_far else [])),
+        doubts=(*seen.doubts, *found.doubts),
     )
     # Errors of the known bodies cause correlated residuals, and are in the covariance already.
     return found if problem.known_bodies else _widened(found)
@@ -217,7 +217,9 @@ def identification_of_state(estimator: RecursiveFit, state: RecursiveState) -> I
     """Return the current estimate of the recursive fit."""
     if state.known is None:
         return nothing_known(estimator, state, RECURSIVE_FIT.name)
-    return identification_at(estimator, state.known, state, RECURSIVE_FIT.name)
+    found = identification_at(estimator, state.known, state, RECURSIVE_FIT.name)
+    _, distance = state.known.best_errors()
+    return replace(found, doubts=(NOT_LINEAR,)) if distance > MOST_DISTANT else found
 
 
 def needs_of_fit(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:

@@ -52,8 +52,10 @@ def test_a_tumble_is_linear_in_the_bodies_errors_about_their_best_values_only(
             sensors=suite,
             momentum=TotalMomentum.unknown(),
             known_bodies=uncertainty,
+            is_final=False,
         )
-        assert found.is_trustworthy
+        assert found.converged
+        assert not found.doubts
         assert found.misfit == 1.0
         error = found.parameters - skewed_target.to_vector()
         squares.append(error @ np.linalg.solve(found.covariance, error))
