@@ -28,6 +28,9 @@ EXPLAINS = 0.05
 CLEARLY = 5.0
 """Ratio of residuals from which a convention explains the rows clearly better."""
 
+_ROUNDING = 1e-12
+"""Share of the right-hand side up to which residuals are errors of the arithmetic alone."""
+
 _LENGTHS = {"millimetres": 1e-3, "centimetres": 1e-2, "feet": 0.3048}
 _TURNS = {"degrees per second": np.pi / 180, "revolutions per minute (rpm)": np.pi / 30}
 
@@ -80,11 +83,15 @@ def _unexplained(
 
 
 def unexplained_share(A: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Return the root mean square of the residuals of A x = b as a share of that of b."""
+    """Return the root mean square of the residuals of A x = b as a share of that of b.
+
+    Errors of the arithmetic tell nothing: all shares below 1e-12 are returned as 1e-12.
+    """
     sizes = np.linalg.norm(A, axis=0)
     A = A / np.where(sizes > 0, sizes, 1.0)
     x, *_ = np.linalg.lstsq(A, b, rcond=1e-10)
-    return float(np.linalg.norm(b - A @ x)) / max(float(np.linalg.norm(b)), 1e-300)
+    share = float(np.linalg.norm(b - A @ x)) / max(float(np.linalg.norm(b)), 1e-300)
+    return max(share, _ROUNDING)
 
 
 def _conventions(
