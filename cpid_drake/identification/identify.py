@@ -16,7 +16,7 @@ from cpid_drake.identification.consistency import consistency_of
 from cpid_drake.identification.diagnosis import with_cause
 from cpid_drake.identification.estimators import choose_method
 from cpid_drake.identification.joint import IdentifiedLog, identify_jointly
-from cpid_drake.identification.momentum_test import with_tested_momentum
+from cpid_drake.identification.momentum_test import TestedMomentum, with_tested_momentum
 from cpid_drake.identification.planar import in_capture_frame, in_frame, normal_in_base
 from cpid_drake.identification.problem import Problem
 from cpid_drake.identification.requirements import require_sensors
@@ -224,18 +224,16 @@ def _identified(
         )
     problem = Problem(spacecraft, log, states, sensors, assumed, family, known_bodies)
     try:
-        found = record.estimate(problem)
-        reasons: tuple[str, ...] = ()
+        tested = TestedMomentum(record.estimate(problem))
         if is_final and assumed.is_zero:
-            found, reasons = with_tested_momentum(
-                record, problem, found, is_given=momentum is not None
-            )
+            is_given = momentum is not None
+            tested = with_tested_momentum(record, problem, tested.found, is_given=is_given)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"{record.name} cannot calculate with these samples: they contradict each other, or "
             "are too large or too small; plot them, and compare units"
         ) from error
-    fitted = found.solution
+    found = tested.found
     everything = dict(Counter(log.rejected) + Counter(found.rejected))  # without entries of zero
     found = replace(found, rejected=everything, warnings=(*warnings, *found.warnings))
     if R_CF is not None:
@@ -244,7 +242,7 @@ def _identified(
         found = replace(found, table=TableSetting(table))
     if is_final and not is_part:
         found = _of_bodies(found, spacecraft)
-    found = gated(found, reasons, is_part=is_part)
+    found = gated(found, tested.doubts, is_part=is_part)
     found = replace(found, doubts=(*log.doubts, *found.doubts))
     if log.has_thrust and not record.uses_thrust:
         text = THRUST_NOT_USED.format(f"{log.first_burn:.4g}", record.name)
@@ -253,9 +251,11 @@ def _identified(
         known = len(found.doubts)
         # Exact states may belong to instants that are not connected.
         is_connected = states is None
-        if not is_part and not reasons:
+        if not is_part and (tested.free is not None or not tested.doubts):
             alone = found
-            found = with_undeclared([IdentifiedLog("", record, problem, found)], found, fitted)
+            best = tested.free or found  # a steady force looks like a momentum that is not zero
+            fitted = (tested.free or tested.found).solution
+            found = with_undeclared([IdentifiedLog("", record, problem, best)], found, fitted)
             if found.solution is not alone.solution:
                 found = _of_bodies(found, spacecraft)
         if len(found.doubts) == known and not log.has_thrust:  # the causes know no forces

@@ -1,6 +1,6 @@
 """Tests whether the total momentum is zero, and estimates it where the samples demand it."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -44,9 +44,28 @@ NOT_ESTIMATED = (
 _LEAST_GAIN = 0.05  # share of a variance that knowing the momentum must remove to count
 
 
+@dataclass(frozen=True, eq=False)
+class TestedMomentum:
+    """What the test of the momentum returns.
+
+    Attributes:
+        found: the identification; its momentum agrees with the samples, or there is a doubt.
+        doubts: the doubts about the momentum.
+        free: the identification with an unknown momentum if the samples contradict the zero that
+            the caller has given, unless less can be known without it.
+
+    """
+
+    __test__ = False  # no test of pytest
+
+    found: Identification
+    doubts: tuple[str, ...] = ()
+    free: Identification | None = None
+
+
 def with_tested_momentum(
     record: Estimator, problem: Problem, found: Identification, *, is_given: bool
-) -> tuple[Identification, tuple[str, ...]]:
+) -> TestedMomentum:
     """Return an identification whose momentum the samples do not contradict, or doubts about it.
 
     Args:
@@ -61,10 +80,10 @@ def with_tested_momentum(
         contradicts = _beginning_contradicts(record, problem, is_given=is_given)
         found = replace(found, contradicts_zero=contradicts)
     if found.contradicts_zero is False:
-        return found, ()
+        return TestedMomentum(found)
     beginning = problem.with_measurements(problem.log.head)
     if found.misfit > LARGEST_NOISE and not _rows_agree(beginning):
-        return found, ()  # a momentum does not explain this: the gate doubts the misfit
+        return TestedMomentum(found)  # a momentum does not explain this: the gate doubts the misfit
     free = _with_unknown(record, problem)
     if found.contradicts_zero is None:
         limit = CONTRADICTED if is_given or free is None else IMPLAUSIBLE
@@ -72,14 +91,15 @@ def with_tested_momentum(
         if pair is not None:
             found = replace(found, contradicts_zero=_contradicts(*pair, limit))
     if not found.contradicts_zero:
-        return found, ()
+        return TestedMomentum(found)
     if is_given:
-        return found, (NOT_ZERO,)
+        knows_less = free is None or free.solution.rank < found.solution.rank
+        return TestedMomentum(found, (NOT_ZERO,), None if knows_less else free)
     if free is None:
-        return found, (NOT_ESTIMATED.format(found.rows or found.estimator),)
+        return TestedMomentum(found, (NOT_ESTIMATED.format(found.rows or found.estimator),))
     if free.solution.rank < found.solution.rank and not np.isfinite(free.parameters).any():
-        return found, (NOT_ZERO,)
-    return replace(free, warnings=(*free.warnings, ESTIMATED)), ()
+        return TestedMomentum(found, (NOT_ZERO,))
+    return TestedMomentum(replace(free, warnings=(*free.warnings, ESTIMATED)))
 
 
 def _beginning_contradicts(record: Estimator, problem: Problem, *, is_given: bool) -> bool:

@@ -150,11 +150,13 @@ def with_undeclared(
 
     Args:
         logs: the logs with their own identifications; only the beginning of a long log is used.
-        found: the identification from all logs, with its doubts.
-        solution: its ψ, in the frame C of the problems.
+        found: the identification from all logs, with its doubts. If there is one log whose samples
+            contradict the given momentum, the log's own identification has an unknown one.
+        solution: ψ of several logs together, or of the only one, in the frame C of the problems.
 
     """
-    can_be_said = found.is_complete and all(
+    about = found if len(logs) > 1 else logs[0].found
+    can_be_said = about.is_complete and all(
         log.problem.states is None and log.record.estimates_errors for log in logs
     )  # exact states may belong to instants that are not connected
     undeclared = undeclared_errors(logs, solution) if can_be_said else None

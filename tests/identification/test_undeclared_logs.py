@@ -8,7 +8,7 @@ import pytest
 from planar_cases import SUITE, TARGET, planar_craft
 from planar_cases import motion as planar_motion
 from scipy.stats import chi2
-from sensing_cases import Sines, coarse_suite, measured, small_craft
+from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.identify import identify, identify_together
@@ -70,6 +70,25 @@ def test_a_force_is_named_with_its_log(craft, logs, skewed_target, times):
     assert "do not declare: an external acceleration" in found.doubts[0]
     error = found.parameters - skewed_target.to_vector()
     assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
+
+
+def test_a_force_is_named_although_the_momentum_is_said_to_be_zero(craft, logs):
+    """Samples of a steady force contradict a momentum of zero, too."""
+    options = {"sensors": coarse_suite(), "momentum": TotalMomentum.zero()}
+    found = identify(craft, pushed(logs[1], 2.0), **options)
+    assert "do not declare: an external acceleration" in found.doubts[0]
+    assert any("contradict a total momentum of zero" in doubt for doubt in found.doubts[1:])
+    [effect] = found.undeclared.effects
+    assert (np.abs(effect.value - 2 * PUSH) < 4 * effect.sigma).all()
+
+
+def test_a_tumble_said_to_have_no_momentum_shows_no_other_error(craft, skewed_target):
+    suite = coarse_suite()
+    motion = Sines.drawn(4, seed=101, duration=10.0, size=0.6)
+    log = add_noise(suite, measured(craft, motion, skewed_target, suite, MOMENTUM / 10), seed=10)
+    found = identify(craft, log, sensors=suite, momentum=TotalMomentum.zero())
+    assert "contradict a total momentum of zero" in found.doubts[0]
+    assert found.undeclared.effects == ()
 
 
 def test_an_error_of_a_sensor_on_a_table_is_named(table):
