@@ -37,17 +37,21 @@ class SensorNoise:
     Args:
         suite: the sensors.
         seed: a whole number >= 0. Streams differ from those of `numpy.random.default_rng(seed)`.
+        hardware_seed: seed of the sensors' constant errors: runs with the same one have the same
+            sensors. Default: `seed`.
 
     Raises:
-        InputError: the seed is not such a number.
+        InputError: a seed is not such a number.
 
     """
 
-    def __init__(self, suite: SensorSuite, seed: int) -> None:
-        if not isinstance(seed, int | np.integer) or seed < 0:
-            raise InputError(f"a seed must be a whole number >= 0, not {seed!r}")
+    def __init__(self, suite: SensorSuite, seed: int, hardware_seed: int | None = None) -> None:
+        for each in (seed, 0 if hardware_seed is None else hardware_seed):
+            if not isinstance(each, int | np.integer) or each < 0:
+                raise InputError(f"a seed must be a whole number >= 0, not {each!r}")
         self.suite = suite
         self.seed = int(seed)
+        self._hardware_seed = self.seed if hardware_seed is None else int(hardware_seed)
         self._tables: dict[int, NDArray[np.float64]] = {}
         self._biases: dict[str, NDArray[np.float64]] = {}
         self._constants: dict[tuple[str, int], ConstantErrors] = {}
@@ -68,7 +72,9 @@ class SensorNoise:
         """
         key = name, joint_count
         if key not in self._constants:
-            drawn = draw_constant_errors(SENSORS[name], self.suite[name], self.seed, joint_count)
+            drawn = draw_constant_errors(
+                SENSORS[name], self.suite[name], self._hardware_seed, joint_count
+            )
             if SENSORS[name].quantity is JOINT_RATES and self.suite.encoders is not None:
                 drawn = replace(drawn, delay=self.constants("encoders").delay)
             self._constants[key] = drawn
@@ -173,7 +179,9 @@ class SensorNoise:
         return table[:count]
 
 
-def add_noise(suite: SensorSuite, ideal: Measurements, seed: int) -> Measurements:
+def add_noise(
+    suite: SensorSuite, ideal: Measurements, seed: int, hardware_seed: int | None = None
+) -> Measurements:
     """Return measurements with the errors of a suite's sensors; the seed determines them.
 
     Args:
@@ -181,12 +189,13 @@ def add_noise(suite: SensorSuite, ideal: Measurements, seed: int) -> Measurement
         ideal: samples without errors, and the true thrust. If a sensor has a lever arm, they must
             be those that `ideal_measurements` returned for this suite.
         seed: a whole number >= 0.
+        hardware_seed: seed of the sensors' constant errors; default: `seed`.
 
     Raises:
-        InputError: the seed is not such a number, or the motion that a lever arm needs is missing.
+        InputError: a seed is not such a number, or the motion that a lever arm needs is missing.
 
     """
-    noise, joints = SensorNoise(suite, seed), len(ideal.joint_names)
+    noise, joints = SensorNoise(suite, seed, hardware_seed), len(ideal.joint_names)
     motion = ideal.motion if isinstance(ideal, IdealMeasurements) else {}
     samples = {}
     for name, errors in suite.present().items():

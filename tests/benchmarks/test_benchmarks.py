@@ -60,6 +60,16 @@ def test_effect_figures(monkeypatch, capsys, tmp_path, mode):
         assert acceleration["worst_ratio"] < 4
 
 
+def test_table_runs(monkeypatch, capsys):
+    script = str(Path(__file__).with_name("table_runs.py"))
+    monkeypatch.setattr(sys, "argv", [script, "--repetitions", "1", "--runs", "2"])
+    runpy.run_path(script, run_name="__main__")
+    words = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines()}
+    assert float(words["joint_in_single"][0]) >= 75
+    assert float(words["truth_in_joint"][0]) >= 75
+    assert float(words["yaw_over_noise"][1].rstrip(",")) < 3
+
+
 def test_online_figures(monkeypatch, capsys, tmp_path):
     out = tmp_path / "figures.json"
     names = ("--case", "spikes_gyro", "--case", "planar")
