@@ -7,8 +7,9 @@ Each trial draws the size of the effect from a normal distribution, then the noi
   that includes the effect (worst and mean over the ten parameters), share of the 95 % intervals
   that contain the truth, mean normalized error squared (10 is right), processor time.
 - hidden (`--hidden`): the fit does not know the effect. One row for each effect: trials whose
-  answer is doubted; trials in which the effect is named; share of the intervals that contain the
-  truth, of the trials that are not doubted; the same of all trials; processor time.
+  answer is doubted; trials in which the effect is named, by the search for undeclared errors or
+  by the refusal of the log; share of the intervals that contain the truth, of the trials that are
+  not doubted; the same of all trials; processor time.
 
 `--size` multiplies the σ from which the true effect is drawn, but not the declared one.
 """
@@ -53,6 +54,9 @@ SENSOR_ERRORS = {
     "position.lever_arm": "lever_arm_mm",
     "encoders.zero": "zero_mrad",
 }
+REFUSALS = {"position.lever_arm": "seems to be that of the point"}
+"""Words of a refusal that name an effect."""
+
 FORCES = {"acceleration": ACCELERATION, "torque": TORQUE}
 EFFECTS = ("none", *SENSOR_ERRORS, *FORCES, "all")
 
@@ -174,7 +178,9 @@ def of_hidden(effect: str, trials: list[Trial]) -> dict[str, float]:
         named = [bool(t.named) for t in trials]
     else:
         hidden = set(EFFECTS[1:-1]) if effect == "all" else {effect}
-        named = [bool(hidden & set(t.named)) for t in trials]
+        named = [
+            bool(hidden & set(t.named)) or REFUSALS.get(effect, "\n") in t.problem for t in trials
+        ]
     return {
         "doubted": len(trials) - len(trusted),
         "named": float(np.mean(named)),
