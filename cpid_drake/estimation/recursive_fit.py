@@ -50,7 +50,9 @@ _FEWEST_HOPELESS = 3  # blocks of a window that may be hopeless
 _TRIES = 2  # hopeless windows after which longer ones with the same beginning are not fitted
 _PATIENCE = 2  # beginnings that may be given up before blocks pass without a fit
 _MOST_IDLE = 300  # blocks that pass without a fit after many hopeless windows
-_MOST_FITS = 6  # of one window, with other priors and about other zeros of the joints
+_MOST_FITS = 10  # of one window, with other priors and about other zeros of the joints
+_MOST_LOST = 2  # of these fits in a row that are hopeless
+_SHORTER = 0.9  # ratio of a step of the known bodies' errors to the one before
 _FINER = 1  # sizes by which splines of the joints are finer for a large target
 _REST = 1e-3  # motion of a joint that counts as rest [rad or m]
 
@@ -92,18 +94,21 @@ class RecursiveFit:
         return result
 
     def about(
-        self, known: BlockState, psi: NDArray[np.float64]
+        self, known: BlockState, psi: NDArray[np.float64], share: float = 1.0
     ) -> tuple["RecursiveFit", NDArray[np.float64]]:
         """Return the estimator that is linear about the best errors of the known bodies, and its ψ.
 
         Args:
             known: what is known of the errors, and of a target with ψ.
             psi: (10,) relative unknowns, which refer to the mass of the present known bodies.
+            share: share of the change of the errors that is made.
 
         """
         errors, _ = known.best_errors()
         if errors is None:
             return self, psi
+        if self.solver.errors is not None:
+            errors = share * errors + (1 - share) * self.solver.errors
         result = copy(self)
         result.solver = with_bodies(replace(self.nominal, finer=self.solver.finer), errors)
         return result, referred(psi, self.solver, result.solver)
@@ -178,7 +183,8 @@ class RecursiveFit:
         window = state.window
         state = replace(state, next_fit=state.length * NEXT_FIT)
         psi = state.prior.psi if state.sweep is None else state.sweep.state.nominal.psi
-        suspects = range(state.explained, len(window))
+        first = state.explained if state.changed < 0 else min(state.explained, state.changed - 1)
+        suspects = range(max(first, 0), len(window))  # the block before may be the right one
         if not state.explained:  # a search in all blocks is for a short window
             is_searched = len(window) <= _SEARCHED_BLOCKS and not state.hopeless
             suspects = range(len(window) if is_searched else 0)
@@ -239,7 +245,7 @@ class RecursiveFit:
         about = np.zeros(constants.size)
         if state.sweep is not None:
             about = state.sweep.state.best_constants(psi)
-        again = False
+        again, lost, before = False, 0, np.inf
         for _ in range(_MOST_FITS):
             fit = fit_window(
                 estimator.solver,
@@ -260,8 +266,14 @@ class RecursiveFit:
                 estimator.solver = replace(estimator.solver, finer=_FINER)
             elif is_linear and constants.agree(fit.sweep.about, found):
                 break
-            if not is_linear:
-                estimator, psi = estimator.about(fit.sweep.state, psi)
+            is_lost = again and not fit.converged and fit.sweep.misfit > _HOPELESS
+            lost = lost + 1 if is_lost else 0
+            if lost >= _MOST_LOST:
+                break
+            if not is_linear:  # steps that do not become shorter go to and fro
+                share = 1.0 if distance < _SHORTER * before else 0.5
+                estimator, psi = estimator.about(fit.sweep.state, psi, share)
+                before = distance
         return replace(fit, converged=fit.converged and is_linear), state
 
     def solver_of(self, state: RecursiveState) -> BlockSolver:

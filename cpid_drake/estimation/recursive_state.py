@@ -40,7 +40,7 @@ class RecursiveState:
         block: what is known at the end of the last block; None while the window is fitted.
         is_explained: whether noise, outliers and changes of momentum explain the samples.
         expected_misfit: χ² per degree of freedom that is expected; see `BlockSolver.misfit`.
-        changes: number of changes of momentum found.
+        changes: number of changes of momentum found, without those in the window.
         change_time: end of the latest of them [s]; NaN without one.
         bridged_time: length of all pieces that nothing explained [s].
         chi_squared, freedom: of the samples of the base's sensors.
@@ -112,6 +112,12 @@ class RecursiveState:
         """Number of samples left out so far, by sensor."""
         window = self.sweep.left_out if self.sweep is not None and self.window else ()
         return _sum(self.left_out, window)
+
+    @property
+    def all_changes(self) -> tuple[int, float]:
+        """Number of changes of momentum found, and the end of the latest [s]; NaN without one."""
+        pieces = self.sweep.bridged if self.sweep is not None and self.window else ()
+        return self.changes + len(pieces), pieces[-1][1] if pieces else self.change_time
 
     @property
     def misfit(self) -> float:

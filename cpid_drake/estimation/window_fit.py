@@ -72,7 +72,7 @@ def fit_window(
         left_out += out
     if _is_white(found.sweep):
         return found
-    return _with_change(models, prior, found, suspects)
+    return _with_change(models, prior, psi, found, suspects)
 
 
 def _without_outliers(
@@ -98,21 +98,25 @@ def _without_outliers(
 
 
 def _with_change(
-    models: WindowModels, prior: Prior, plain: WindowFit, suspects: Sequence[int]
+    models: WindowModels,
+    prior: Prior,
+    psi: NDArray[np.float64],
+    plain: WindowFit,
+    suspects: Sequence[int],
 ) -> WindowFit:
-    """Return the fit with a change of momentum in one of some blocks; the plain one if none is.
+    """Return the first fit with a change of momentum in one block that noise explains.
 
-    The plain one is good enough if its misfit is small, which the intervals then include.
+    If there is none, the plain one is good enough if its misfit is small, which the intervals then
+    include.
     """
-    options = []
     for k in suspects:
         try:
-            options.append(minimized(models, prior, prior.psi, k))
+            found = minimized(models, prior, psi, k)
         except (InputError, np.linalg.LinAlgError):
             continue
-    best = min((o for o in options if o.sweep.is_likely), key=lambda o: o.sweep.cost, default=None)
-    is_near = plain.converged and plain.sweep.misfit < NEAR
-    return best or replace(plain, converged=is_near)
+        if found.sweep.is_likely:
+            return found
+    return replace(plain, converged=plain.converged and plain.sweep.misfit < NEAR)
 
 
 def _is_white(sweep: Sweep) -> bool:

@@ -29,7 +29,7 @@ def nothing_known(estimator: RecursiveFit, state: RecursiveState, name: str) -> 
         0,
         name,
         sensors=estimator.solver.suite,
-        momentum_changes=MomentumChanges(state.changes, state.change_time),
+        momentum_changes=MomentumChanges(*state.all_changes),
     )
 
 
@@ -76,7 +76,7 @@ def identification_at(
         name,
         sensors=solver.suite,
         rejected=left_out,
-        momentum_changes=MomentumChanges(state.changes, state.change_time),
+        momentum_changes=MomentumChanges(*state.all_changes),
         warnings=tuple(_warnings(state)),
         momentum=prior.momentum.name,
         misfit=float(np.sqrt(state.misfit)),
@@ -138,10 +138,11 @@ def _warnings(state: RecursiveState) -> Iterator[str]:
             "the noise is larger than given, the momentum is not zero, or the spacecraft differs "
             "from its model; the intervals are wider by that factor, which may not be enough"
         )
-    if state.changes:
-        times = "once" if state.changes == 1 else f"{state.changes} times"
+    changes, last = state.all_changes
+    if changes:
+        times = "once" if changes == 1 else f"{changes} times"
         yield (
-            f"the momentum changed {times}, last at {state.change_time:.3f} s; it was estimated "
+            f"the momentum changed {times}, last at {last:.3f} s; it was estimated "
             "again from then on"
         )
     if state.bridged_time > MOST_BRIDGED:

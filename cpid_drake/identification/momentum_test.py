@@ -40,7 +40,7 @@ NOT_ESTIMATED = (
 )
 """The doubt if the momentum is not zero and the estimator cannot estimate it."""
 
-
+_WORSE = 1.2  # ratio of misfits of which the larger one explains the samples worse
 _LEAST_GAIN = 0.05  # share of a variance that knowing the momentum must remove to count
 
 
@@ -158,8 +158,10 @@ def _rows_agree(problem: Problem) -> bool:
 
 def _contradicts(zero: Identification, free: Identification, limit: float) -> bool:
     """Return whether an unknown momentum explains the samples, and zero does not."""
+    if zero.converged and free.misfit > _WORSE * zero.misfit:
+        return False  # the fit with the unknown momentum has found no answer
     changes = [0 if f.momentum_changes is None else f.momentum_changes.count for f in (zero, free)]
-    if changes[0] > changes[1] or zero.misfit > 1.2 * free.misfit:
+    if changes[0] > changes[1] or zero.misfit > _WORSE * free.misfit:
         return True
     if zero.unexplained > free.unexplained + 0.01:
         return True

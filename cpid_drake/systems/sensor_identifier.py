@@ -277,7 +277,7 @@ class SensorIdentifier(Identifier):
         used.subtract(left_out)
         rejected = left_out + Counter(memory.rejected)
         counts = [each[name] for each in (used, rejected) for name in _ORDER]
-        output.SetFromVector([*counts, online.changes, online.change_time])
+        output.SetFromVector([*counts, *online.all_changes])
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from cpid_drake.estimation.recursive_state import counted
 from cpid_drake.estimation.window_fit import fit_window
 from cpid_drake.identification.fit_estimator import identification_of_state
 from cpid_drake.identification.fit_setup import prior_of, recursive_fit
+from cpid_drake.identification.result import MomentumChanges
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import JointSensor
@@ -279,6 +280,21 @@ def test_a_firing_is_found(case, estimator, time, duration):
     assert state.changes == 1
     assert -0.5 < state.change_time - time < 1.0
     assert nees(case, state) < chi2.isf(1e-4, 10)
+
+
+def test_a_change_may_be_in_the_block_before_the_suspected_one(case, estimator, monkeypatch):
+    """A window that ends soon after a firing cannot tell its block; a longer one finds it."""
+    perfect = fired(case, Firing(1.2, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0])))
+    blocks = BlockQueue.of(SUITE).added(add_noise(SUITE, perfect, 2), END)[1][:3]
+    assert blocks[1].start < 1.2 < blocks[1].end
+    monkeypatch.setattr(RecursiveFit, "_is_well_known", lambda *_: False)  # blocks stay a window
+    state = replace(estimator.start(), window=tuple(blocks), changed=2, explained=3)
+    state = estimator._fit(state)
+    assert state.changed == 1
+    assert state.all_changes == (1, blocks[1].end)
+    found = identification_of_state(estimator, state)
+    assert found.momentum_changes == MomentumChanges(1, blocks[1].end)
+    assert f"changed once, last at {blocks[1].end:.3f} s" in found.warnings[0]
 
 
 def exchanged(samples, until=np.inf):

@@ -1,13 +1,22 @@
 """A spacecraft that is not exactly its model: the errors are as large as the covariance says."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from block_cases import fired, make_case
+from scipy.stats import chi2
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import TotalMomentum, identify
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification import fit_estimator
+from cpid_drake.identification.momentum_test import _contradicts
+from cpid_drake.identification.result import MomentumChanges
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.studies.trials import Firing
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
 
@@ -81,3 +90,33 @@ def test_blocks_follow_each_other_once_the_bodies_errors_are_settled(
     monkeypatch.setattr(fit_estimator, "MOST_DISTANT", 0.0)
     doubted = identify(craft, samples, estimator="recursive_fit", **options)
     assert doubted.doubts == (fit_estimator.NOT_LINEAR,)
+
+
+@pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
+def test_a_firing_is_found_although_the_spacecraft_is_uncertain(tmp_path, skewed_target, estimator):
+    suite, uncertainty = coarse_suite(), BodyUncertainty(mass=0.01, com=0.003, inertia=0.02)
+    case = make_case(tmp_path, skewed_target, suite, duration=6.0)
+    tree = perturbed(case.craft.tree, uncertainty, np.random.default_rng(13))
+    true = SimpleNamespace(tree=tree, joint_names=case.craft.joint_names)
+    perfect = fired(replace(case, craft=true), Firing(3.5, np.array([6.0, -4, 5, 3, -2, 2])))
+    found = identify(
+        case.craft,
+        add_noise(suite, perfect, 2),
+        estimator=estimator,
+        sensors=suite,
+        momentum=TotalMomentum.zero(),
+        known_bodies=uncertainty,
+        is_final=False,
+    )
+    assert found.converged
+    assert not found.doubts
+    assert found.momentum_changes.count == 1
+    assert abs(found.momentum_changes.last_time - 3.5) < 1.0
+    error = found.parameters - skewed_target.to_vector()
+    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
+    lost = replace(
+        found, momentum="unknown", misfit=300.0, momentum_changes=MomentumChanges(0, np.nan)
+    )
+    assert not _contradicts(found, lost, 0.01)
+    better = replace(found, momentum="unknown", momentum_changes=MomentumChanges(0, np.nan))
+    assert _contradicts(found, better, 0.01)
