@@ -253,9 +253,10 @@ def _identified(
         is_connected = states is None
         if not is_part and (tested.free is not None or not tested.doubts):
             alone = found
-            best = tested.free or found  # a steady force looks like a momentum that is not zero
-            fitted = (tested.free or tested.found).solution
-            found = with_undeclared([IdentifiedLog("", record, problem, best)], found, fitted)
+            best = tested.free or tested.found  # a steady force looks like a momentum
+            own = found if tested.free is None else replace(best, table=found.table)
+            log_alone = IdentifiedLog("", record, problem, own)
+            found = with_undeclared([log_alone], found, best.solution)
             if found.solution is not alone.solution:
                 found = _of_bodies(found, spacecraft)
         if len(found.doubts) == known and not log.has_thrust:  # the causes know no forces

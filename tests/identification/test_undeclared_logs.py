@@ -119,6 +119,14 @@ def test_a_table_out_of_level_is_named_with_its_log(table):
     assert found.undeclared.is_proposed
 
 
+def test_a_table_out_of_level_is_named_although_the_momentum_is_said_to_be_zero(table):
+    log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
+    options = {"sensors": SUITE, "planar": True, "momentum": TotalMomentum.zero()}
+    found = identify(table, pushed(log), **options)
+    assert any("contradict a total momentum of zero" in doubt for doubt in found.doubts)
+    assert "do not declare: an external acceleration" in found.doubts[0]
+
+
 def test_a_clean_log_on_a_table_shows_no_errors(table):
     log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
     found = identify(table, log, sensors=SUITE, planar=True)
