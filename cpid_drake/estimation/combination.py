@@ -132,6 +132,10 @@ class Agreement:
         """Excess of χ² over its expectation, in standard deviations of χ²."""
         return (self.chi_squared - self.freedom) / np.sqrt(2 * max(self.freedom, 1))
 
+    def weakened(self, factor: float) -> "Agreement":
+        """Return the test of sources whose errors are larger by this factor."""
+        return Agreement(self.chi_squared / factor**2, self.freedom)
+
 
 def joint_solution(
     sources: Sequence[SourceRows],

@@ -1,7 +1,7 @@
 """Least squares on momentum rows of exact samples, or of smoothed samples with known covariance."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.combination import Agreement
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.regressor_noise import DRAWS, changed, changes, with_bias
 from cpid_drake.estimation.square_root import (
@@ -25,6 +26,7 @@ from cpid_drake.sensing.smoothed_motion import SmoothedMotion
 _SAMPLES_AT_ONCE = 2048  # samples per block, whose arrays fit into a processor's cache
 _SAMPLES_MOVED = 64  # samples whose quantities are varied at once
 _MOST_REWEIGHTINGS = 20
+_SMALLEST_SPREAD = 1e-9  # of a combination of scaled sums, below which it is rounding
 
 
 def momentum_rows(
@@ -129,6 +131,42 @@ def momentum_columns(tree: KinematicTree, family: RowFamily, momentum: TotalMome
     return family.momentum_size if tree.normal_B is None else len(family.momenta_in_plane())
 
 
+@dataclass(eq=False)
+class _WeightedRows:
+    """Weighted rows of smoothed samples.
+
+    Attributes:
+        sums: the square-root information of the rows.
+        spread: (k + u, k + u) covariance of Aᵀ W e, where e are the errors of the rows and W their
+            weights.
+        noise: (k + u + 1, k + u + 1) expectation of δᵀ δ for the errors δ of the rows.
+
+    """
+
+    sums: RowSums
+    spread: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, sums: RowSums) -> "_WeightedRows":
+        """Return no rows, for sums that are empty."""
+        size = len(sums.root)
+        return cls(sums, np.zeros((size - 1, size - 1)), np.zeros((size, size)))
+
+    def solution(self) -> LeastSquaresSolution:
+        """Return the solution of the target's unknowns."""
+        solution, extra = self.sums.solution(), self.sums.extra
+        if not solution.is_observable:
+            return solution
+        root = self.sums.root[:-1, :-1]
+        normal = root.T @ root
+        scale = 1 / np.sqrt(np.diag(normal))
+        inverse = scale[:, None] * np.linalg.inv(normal * scale * scale[:, None]) * scale
+        total = inverse @ self.spread @ inverse.T
+        solution = replace(solution, covariance=total[extra:, extra:])
+        return with_bias(solution, self.sums.root, self.noise)
+
+
 class SmoothedRows:
     """Least squares on a row family of smoothed motion, window by window.
 
@@ -137,6 +175,9 @@ class SmoothedRows:
     computed from all samples so far, and again until the estimate changes by less than 1 % of its
     standard deviation. The covariance includes the correlation between neighbouring samples of a
     window, and the bias that errors inside the regressor cause; see `regressor_noise`.
+
+    The first halves of all windows and the second halves are also summed separately, so that their
+    estimates can be compared.
 
     Args:
         tree: the known bodies.
@@ -147,11 +188,14 @@ class SmoothedRows:
 
     def __init__(self, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum) -> None:
         self._tree, self._family, self._momentum = tree, family, momentum
-        self.sums = RowSums.of(tree, family, momentum)
-        # Covariance of Aᵀ W e, where e are the errors of the rows and W their weights.
-        size = self.sums.root.shape[0] - 1
-        self._spread = np.zeros((size, size))
-        self._noise = np.zeros((size + 1, size + 1))
+        self._all, *self._halves = (
+            _WeightedRows.of(RowSums.of(tree, family, momentum)) for _ in range(3)
+        )
+
+    @property
+    def sums(self) -> RowSums:
+        """The square-root information of all rows."""
+        return self._all.sums
 
     def add(self, motion: SmoothedMotion) -> NDArray[np.float64]:
         """Add the rows of the next window; return them without weights (n, rows, k + u + 1)."""
@@ -180,32 +224,61 @@ class SmoothedRows:
                 break
             if np.all(np.abs(change) < 0.01 * np.sqrt(np.diag(solution.covariance))):
                 break
-        self.sums = sums
+        self._all.sums = sums
+        middle = len(rows) // 2
+        halves = list(zip(self._halves, (slice(0, middle), slice(middle, None)), strict=True))
+        for part, own in halves:
+            part.sums.add(white[own])
         # The error of one spline coefficient enters many samples: sum its effects before squaring.
         A = white[:, :, :-1]
         for block in motion.errors:
-            part = effect[:, :, block.columns] @ block.basis
-            gain = np.zeros((len(block.covariance), A.shape[2]))
-            np.add.at(gain, block.support, np.swapaxes(part, -1, -2) @ A)
-            self._spread += gain.T @ block.covariance @ gain
+            by_block = effect[:, :, block.columns] @ block.basis
+            total = np.zeros((len(block.covariance), A.shape[2]))
+            for part, own in halves:
+                gain = np.zeros_like(total)
+                np.add.at(gain, block.support[own], np.swapaxes(by_block[own], -1, -2) @ A[own])
+                part.spread += gain.T @ block.covariance @ gain
+                total += gain
+            self._all.spread += total.T @ block.covariance @ total
         for telemetry in changes(motion.telemetry, covariance):
             moved = momentum_rows(self._tree, telemetry, self._family, self._momentum)
-            errors = (whiten @ (moved.reshape(rows.shape) - rows)).reshape(-1, rows.shape[2])
-            self._noise += errors.T @ errors / DRAWS
+            errors = whiten @ (moved.reshape(rows.shape) - rows)
+            for part, own in halves:
+                flat = errors[own].reshape(-1, rows.shape[2])
+                noise = flat.T @ flat / DRAWS
+                part.noise += noise
+                self._all.noise += noise
         return rows
 
     def solution(self) -> LeastSquaresSolution:
         """Return the solution of the target's unknowns from all windows."""
-        solution, extra = self.sums.solution(), self.sums.extra
+        return self._all.solution()
+
+    def agreement(self) -> Agreement:
+        """Return the test whether the first and the second halves have the same unknowns.
+
+        At the solution x of all rows the sum Aᵀ W (b − A x) of the first halves is that of the
+        second halves with the opposite sign, and zero but for the errors of the rows. Its
+        covariance contains the square of what errors inside the regressor add. Source: Rao 1948,
+        "Large sample tests of statistical hypotheses concerning several parameters".
+        """
+        solution = self.solution()
         if not solution.is_observable:
-            return solution
-        root = self.sums.root[:-1, :-1]
-        normal = root.T @ root
-        scale = 1 / np.sqrt(np.diag(normal))
-        inverse = scale[:, None] * np.linalg.inv(normal * scale * scale[:, None]) * scale
-        total = inverse @ self._spread @ inverse.T
-        solution = replace(solution, covariance=total[extra:, extra:])
-        return with_bias(solution, self.sums.root, self._noise)
+            return Agreement(0.0, 0)
+        x = np.append(self.sums.with_momentum(solution.estimate), -1.0)
+        first, second = self._halves
+        grams = [part.sums.root.T @ part.sums.root for part in (first, second)]
+        share = np.linalg.solve((grams[0] + grams[1])[:-1, :-1], grams[0][:-1, :-1]).T
+        rest = np.eye(len(share)) - share
+        pulls = rest @ first.noise[:-1] @ x, -share @ second.noise[:-1] @ x
+        score = -grams[0][:-1] @ x + sum(pulls)
+        covariance = rest @ first.spread @ rest.T + share @ second.spread @ share.T
+        covariance += sum(np.outer(pull, pull) for pull in pulls)
+        own = np.sqrt(np.diag(covariance)) + 1e-300
+        sizes, axes = np.linalg.eigh(covariance / own / own[:, None])
+        kept = sizes > _SMALLEST_SPREAD
+        parts = axes[:, kept].T @ (score / own)
+        return Agreement(float(np.sum(parts**2 / sizes[kept])), int(kept.sum()))
 
     def _jacobian(
         self, motion: SmoothedMotion, solution: NDArray[np.float64]

@@ -54,6 +54,15 @@ SMALLEST_MISFIT = 1e-4
 SMALLEST_SMOOTHED = 1e-3
 """The same for smoothed samples, whose splines have errors of their own."""
 
+DIFFERENT = 1e-3
+"""Probability of equal targets in two halves of the samples below which the answer is doubted."""
+
+DISAGREE = (
+    "two halves of the samples have different targets: the spacecraft, a frame, a sign or a clock "
+    "is not as assumed, or forces acted"
+)
+"""The doubt about these targets."""
+
 _MOST_RESIDUALS = 20_000  # residuals that are tested for whiteness; of more, a selection is kept
 _MOST_SHOWN = 4_000
 _MOST_CHANGED = 400  # samples that are changed at random to see the noise of their rows
@@ -196,6 +205,8 @@ def _of_smoothed(problem: Problem, family: RowFamily) -> Identification:
         misfit = float(solution.residual_rms)
         solution = replace(solution, covariance=misfit**2 * solution.covariance)
     found = _identification(problem, family, solution, smoothed.sums, kept, warnings)
+    if smoothed.agreement().weakened(misfit).probability < DIFFERENT:
+        found = replace(found, doubts=(DISAGREE,))
     rest = max((float(np.abs(each.value).max()) for each in found.residuals.values()), default=1.0)
     # The splines of an exact log leave errors that are larger than its noise, but small.
     is_small = solution.is_observable and rest < SMALLEST_SMOOTHED * kept.largest

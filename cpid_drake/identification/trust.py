@@ -56,9 +56,9 @@ def gated(
     """
     is_used = is_part and found.solution.rank > 0
     if not (is_used or np.isfinite(found.parameters).any()):
-        return replace(found, doubts=(*found.doubts, *reasons))  # no number is shown
-    doubts = (*reasons, *_of_the_fit(found), *_of_the_body(found))
-    return replace(found, doubts=(*found.doubts, *doubts))
+        return replace(found, doubts=(*reasons, *found.doubts))  # no number is shown
+    doubts = (*_of_the_fit(found), *_of_the_body(found))
+    return replace(found, doubts=(*reasons, *found.doubts, *doubts))
 
 
 def _of_the_fit(found: Identification) -> Iterator[str]:
