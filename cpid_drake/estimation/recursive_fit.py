@@ -26,6 +26,7 @@ from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.blocks import BlockSolver, with_bodies
 from cpid_drake.estimation.faults import Block, Explained, explain
+from cpid_drake.estimation.likelihood.constants import NEAR_ZERO
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.recursive_state import NEXT_FIT, RecursiveState, counted
 from cpid_drake.estimation.window_fit import WELL_KNOWN, fit_window, inertia_uncertainty
@@ -141,7 +142,7 @@ class RecursiveFit:
             state = self._take(replace(state, queue=queue), block)
         moved = bool(state.window) and has_moved(state.window, self.solver.suite)
         if state.initializing and moved and state.hopeless < _TRIES and state.has_grown:
-            state = self._fit(state)
+            state = self._fit(state, is_last=True)
         if state.known is None and state.rough is not None:
             return replace(state, sweep=state.rough, is_explained=False)
         if state.known is None and state.window and moved:
@@ -178,7 +179,7 @@ class RecursiveFit:
             return state
         return self._fit(state)
 
-    def _fit(self, state: RecursiveState) -> RecursiveState:
+    def _fit(self, state: RecursiveState, *, is_last: bool = False) -> RecursiveState:
         """Fit the window, and decide whether blocks can be solved one after the other from now."""
         window = state.window
         state = replace(state, next_fit=state.length * NEXT_FIT)
@@ -189,7 +190,7 @@ class RecursiveFit:
             is_searched = len(window) <= _SEARCHED_BLOCKS and not state.hopeless
             suspects = range(len(window) if is_searched else 0)
         try:
-            fit, state = self._suited(state, psi, suspects)
+            fit, state = self._suited(state, psi, suspects, is_last)
         except (InputError, np.linalg.LinAlgError):
             return self._without_first(state)
         sweep = fit.sweep
@@ -230,8 +231,28 @@ class RecursiveFit:
             known = known.with_exact_bodies()
         return inertia_uncertainty(known, self.solver_of(state)) < WELL_KNOWN
 
+    def _is_fitted_again(
+        self, state: RecursiveState, fit: WindowFit, found: NDArray[np.float64]
+    ) -> bool:
+        """Return whether a longer window will be fitted about the constant errors of a likely fit.
+
+        Args:
+            state: with the present window.
+            fit: its fit.
+            found: (k,) the best constant errors, near those about which the fit is linear.
+
+        """
+        change = self.solver.constants.change_of_zeros(fit.sweep.about, found)
+        is_good = fit.converged and fit.sweep.is_likely and change < NEAR_ZERO
+        is_growing = is_good and len(state.window) < LONGEST_WINDOW
+        return is_growing and not self._is_well_known(state, fit.sweep.state)
+
     def _suited(
-        self, state: RecursiveState, psi: NDArray[np.float64], suspects: Sequence[int]
+        self,
+        state: RecursiveState,
+        psi: NDArray[np.float64],
+        suspects: Sequence[int],
+        is_last: bool,
     ) -> tuple[WindowFit, RecursiveState]:
         """Fit the window with a prior, splines and zeros of the joints that suit it.
 
@@ -239,6 +260,8 @@ class RecursiveFit:
         target hardly moves. The base moves instead, and its gyro feels errors of the joints'
         splines that the encoders do not see. The model is linear in the joints' zeros, and in the
         errors of the known bodies; a fit whose best errors differ from those has not converged.
+        Zeros that are near change it by a small part of its σ; if a longer window will be fitted,
+        that fit uses them.
         """
         estimator = self.as_in(state)
         constants = self.solver.constants
@@ -264,7 +287,10 @@ class RecursiveFit:
             if not again:
                 state = replace(state, prior=state.prior.covering(psi), finer=_FINER)
                 estimator.solver = replace(estimator.solver, finer=_FINER)
-            elif is_linear and constants.agree(fit.sweep.about, found):
+            elif is_linear and (
+                constants.agree(fit.sweep.about, found)
+                or (not is_last and self._is_fitted_again(state, fit, found))
+            ):
                 break
             is_lost = again and not fit.converged and fit.sweep.misfit > _HOPELESS
             lost = lost + 1 if is_lost else 0

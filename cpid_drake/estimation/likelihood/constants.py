@@ -27,6 +27,9 @@ NOT_MOVED = (*FIXED, COMPLIANCE)
 LINEAR_ZERO = 1e-4
 """Change of a joint's zero for which the model is linear: its square is below noise [rad or m]."""
 
+NEAR_ZERO = 1.5e-3
+"""Change of a joint's zero that moves a target by a quarter of its σ at most [rad or m]."""
+
 LINEAR = 0.1
 """Change of a constant error, in units of its σ, for which the model is linear."""
 
@@ -158,9 +161,12 @@ class Constants:
 
     def agree(self, first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
         """Return whether a model about the first values (k,) holds for the second, too."""
-        change = self.joint_zeros(second) - self.joint_zeros(first)
         is_near = (np.abs(second - first) < LINEAR).all()
-        return bool(is_near and np.abs(change).max() < LINEAR_ZERO)
+        return bool(is_near and self.change_of_zeros(first, second) < LINEAR_ZERO)
+
+    def change_of_zeros(self, first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+        """Return the largest change of a joint's zero between two vectors (k,) [rad or m]."""
+        return float(np.abs(self.joint_zeros(second) - self.joint_zeros(first)).max())
 
     def with_zeros(
         self, constants: NDArray[np.float64], other: NDArray[np.float64]
