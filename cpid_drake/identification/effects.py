@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.estimation.block_state import BlockState, solution
 from cpid_drake.estimation.blocks import BlockSolver
+from cpid_drake.estimation.combination import Agreement
 from cpid_drake.estimation.effect_selection import ModelAverage
 from cpid_drake.estimation.intervals import quantile_95
 
@@ -15,6 +16,9 @@ SIGNIFICANT = 4.0
 
 LEARNED = 0.5
 """Share of the prior σ below which the samples have determined an entry."""
+
+IMPROBABLE = 1e-6
+"""Probability of so large errors, if their declared σ is right, below which they are a doubt."""
 
 _ROUNDING = 1e-3  # share of the interval below which a value is a rounding error
 _SHOWN = 8
@@ -230,6 +234,51 @@ def estimated_effects(
         sigma = unit * np.sqrt(variance[place])
         found.append(EffectEstimate(error.name, error.unit, value, sigma, unit))
     return tuple(found)
+
+
+def agreement_with_declared(
+    solver: BlockSolver, known: BlockState, plausible: NDArray[np.float64], misfit: float
+) -> Agreement:
+    """Return the test whether the constant errors are as small as the sensors declare.
+
+    Before the first sample the errors m, in units of their σ, have the covariance 1, after the last
+    one V. The estimate of m therefore has the covariance 1 − V. Combinations that the samples do
+    not determine well, and errors that walk, are left out. The arguments are those of
+    `estimated_effects`.
+    """
+    steady = [name for name, error in solver.constants.errors.items() if not error.walk]
+    if not steady:
+        return Agreement(0.0, 0)
+    places = np.concatenate([np.r_[solver.places[name]] for name in steady])
+    nominal = np.concatenate(
+        [known.nominal.constants[solver.constants.place(name)] for name in steady]
+    )
+    estimate = nominal + solution(known.root, known.rest, plausible)[places]
+    inverse = np.linalg.inv(known.root)[places]
+    gain = inverse @ known.by_bodies
+    sizes, axes = np.linalg.eigh(np.eye(len(places)) - misfit * inverse @ inverse.T - gain @ gain.T)
+    seen = sizes > 1 - LEARNED**2
+    parts = axes[:, seen].T @ estimate
+    return Agreement(float(np.sum(parts**2 / sizes[seen])), int(seen.sum()))
+
+
+def larger_than_declared(tested: Agreement, effects: tuple[EffectEstimate, ...]) -> tuple[str, ...]:
+    """Return the doubt about errors that are too large for the σ that the sensors declare.
+
+    Args:
+        tested: the test of all errors.
+        effects: their estimates.
+
+    """
+    if tested.probability > IMPROBABLE:
+        return ()
+    largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
+    factor = np.sqrt(tested.chi_squared / tested.freedom)
+    return (
+        f"the errors of the sensors, or the forces, are about {factor:.2g} times as large as their "
+        f"declared sigma, such as: {largest.summary()}, with a sigma of {largest.prior_sigma:.3g} "
+        f"{largest.unit}; declare what the hardware can have, or look for another cause",
+    )
 
 
 def shared_errors(solver: BlockSolver, known: BlockState) -> NDArray[np.float64] | None:

@@ -219,7 +219,7 @@ def identification_of_state(estimator: RecursiveFit, state: RecursiveState) -> I
         return nothing_known(estimator, state, RECURSIVE_FIT.name)
     found = identification_at(estimator, state.known, state, RECURSIVE_FIT.name)
     _, distance = state.known.best_errors()
-    return replace(found, doubts=(NOT_LINEAR,)) if distance > MOST_DISTANT else found
+    return replace(found, doubts=(NOT_LINEAR, *found.doubts)) if distance > MOST_DISTANT else found
 
 
 def needs_of_fit(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:

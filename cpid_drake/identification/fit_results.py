@@ -12,7 +12,12 @@ from cpid_drake.estimation.least_squares import solution_of_information
 from cpid_drake.estimation.recursive_fit import RecursiveFit, referred
 from cpid_drake.estimation.recursive_state import RecursiveState
 from cpid_drake.estimation.window_minimum import best_psi
-from cpid_drake.identification.effects import estimated_effects, shared_errors
+from cpid_drake.identification.effects import (
+    agreement_with_declared,
+    estimated_effects,
+    larger_than_declared,
+    shared_errors,
+)
 from cpid_drake.identification.result import Identification, MomentumChanges, MomentumEstimate
 
 MOST_BRIDGED = 3.0
@@ -69,6 +74,8 @@ def identification_at(
         row_count=state.freedom,
     )
     left_out = state.all_left_out
+    effects = estimated_effects(solver, known, prior.plausible, state.misfit)
+    declared = agreement_with_declared(solver, known, prior.plausible, state.misfit)
     return Identification(
         relative_parameterization(solver.tree.mass),
         found,
@@ -82,7 +89,8 @@ def identification_at(
         misfit=float(np.sqrt(state.misfit)),
         momentum_estimate=_momentum_of(estimator, known, state),
         unexplained=state.bridged_share(known.time),
-        effects=estimated_effects(solver, known, prior.plausible, state.misfit),
+        effects=effects,
+        doubts=larger_than_declared(declared, effects),
         shared=shared,
     )
 

@@ -1,0 +1,95 @@
+"""Errors of sensors that are as large as declared pass; larger ones are a doubt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from sensing_cases import Sines, coarse_suite, measured
+
+from cpid_drake import identify
+from cpid_drake.identification import fit_results
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
+
+ESTIMATORS = ("trajectory_fit", "recursive_fit")
+DOUBT = "times as large as their declared sigma"
+
+
+def suite_of(factor=1.0):
+    """Return sensors whose declared errors have `factor` times their usual σ."""
+    usual = coarse_suite()
+    assert isinstance(usual.attitude, AttitudeSensor)
+    assert isinstance(usual.gyro, Gyro)
+    assert isinstance(usual.encoders, JointSensor)
+    return coarse_suite(
+        attitude=replace(usual.attitude, mounting_arcsec=200.0 * factor),
+        gyro=replace(usual.gyro, scale_ppm=500.0 * factor),
+        encoders=replace(usual.encoders, zero_mrad=0.5 * factor),
+    )
+
+
+@pytest.fixture(scope="module")
+def log(craft, skewed_target):
+    """Returns samples whose errors are drawn with `factor` times their usual σ."""
+    motion = Sines.drawn(4, seed=101, duration=6.0, size=0.6)
+    ideal = measured(craft, motion, skewed_target, suite_of())
+
+    def samples(factor, seed):
+        return add_noise(suite_of(factor), ideal, seed)
+
+    return samples
+
+
+@pytest.fixture
+def tests_of(monkeypatch):
+    """The tests that the estimators make."""
+    made = []
+
+    def watched(*inputs, test=fit_results.agreement_with_declared):
+        made.append(test(*inputs))
+        return made[-1]
+
+    monkeypatch.setattr(fit_results, "agreement_with_declared", watched)
+    return made
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_chi_squared_of_errors_as_declared_has_its_distribution(craft, log, tests_of, estimator):
+    last = []
+    for seed in range(1, 13):
+        found = identify(
+            craft, log(1.0, seed), sensors=suite_of(), estimator=estimator, is_final=False
+        )
+        assert not any(DOUBT in doubt for doubt in found.doubts)
+        last.append(tests_of[-1])
+    freedom = sum(test.freedom for test in last)
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], freedom)
+    assert freedom >= 4 * 12, freedom
+    assert low < sum(test.chi_squared for test in last) < high
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_errors_much_larger_than_declared_are_a_doubt(craft, log, estimator):
+    found = identify(craft, log(6.0, 2), sensors=suite_of(), estimator=estimator, is_final=False)
+    (text,) = [doubt for doubt in found.doubts if DOUBT in doubt]
+    factor = float(text.split("about ")[1].split(" times")[0])
+    assert 3.0 < factor < 12.0
+    assert "declare what the hardware can have" in text
+    told = identify(craft, log(6.0, 2), sensors=suite_of(6.0), estimator=estimator, is_final=False)
+    assert not any(DOUBT in doubt for doubt in told.doubts)
+
+
+def test_sensors_without_errors_have_nothing_to_test(craft, log, tests_of):
+    plain = coarse_suite()
+    identify(craft, log(0.0, 1), sensors=plain, estimator="trajectory_fit", is_final=False)
+    assert tests_of[-1].freedom == 0
+    assert tests_of[-1].probability == 1.0
+
+
+def test_the_most_excessive_error_is_named(craft, log):
+    found = identify(craft, log(6.0, 2), sensors=suite_of(), is_final=False)
+    sizes = {each.name: np.abs(each.value).max() / each.prior_sigma for each in found.effects}
+    worst = max(sizes, key=lambda name: sizes[name])
+    (named,) = [each for each in found.effects if each.name == worst]
+    assert any(named.summary() in doubt for doubt in found.doubts)
