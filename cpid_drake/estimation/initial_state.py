@@ -10,7 +10,7 @@ from cpid_drake.dynamics.plane import HELD, NORMAL_W
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.faults import Block, block_model, first_sample, with_first_attitude
-from cpid_drake.estimation.likelihood.constants import COMPLIANCE
+from cpid_drake.estimation.likelihood.constants import OF_GRASP
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, POSITION
@@ -30,8 +30,8 @@ def initial_state(
         prior: what is known before the first sample.
         psi: (10,) nominal value of the target's unknowns.
         block: the first block.
-        constants: (k,) nominal values of the constant errors in units of their σ, that of the
-            compliance excepted, which is zero; default: zero.
+        constants: (k,) nominal values of the constant errors in units of their σ, those of the
+            grasp excepted, which are zero; default: zero.
 
     Raises:
         InputError: the block has no attitude sample, or too few samples of the joints' positions.
@@ -47,7 +47,7 @@ def initial_state(
     start = np.zeros(solver.constants.size)
     for name in solver.constants.errors:
         sigma[places[name]] = 1.0
-        if constants is not None and name != COMPLIANCE:
+        if constants is not None and name not in OF_GRASP:
             place = solver.constants.place(name)
             start[place] = constants[place]
             if name in HELD and solver.tree.normal_B is not None:

@@ -29,6 +29,7 @@ _WORDS = {
     "torque": "an external torque of {} about the centre of mass, in W",
     "thrust_scale": "the true thrust differs from the logged one by {}",
     "compliance": "the grasp is flexible: the target turns against C by {} about its axes",
+    "translational_compliance": "the grasp is flexible: the target moves along C's axes by {}",
     "delay": "the stamps of the {sensor} are {} late",
     "mounting": "the {sensor} is turned by {} from the axes of the base",
     "scale": "the {sensor} shows {} too much about its axes",

@@ -18,7 +18,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.effect_selection import EffectSelection, Submodel, model_average
 from cpid_drake.estimation.least_squares import LeastSquaresSolution, widened
-from cpid_drake.estimation.likelihood.constants import COMPLIANCE, Constants
+from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
 from cpid_drake.estimation.trajectory_fit import MOST_LOST
 from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.error_fit import LogPart, fit_errors
@@ -218,8 +218,9 @@ def _with_suspected(found: Identification, undeclared: UndeclaredErrors) -> Iden
 
 def _shows_flexible_grasp(undeclared: UndeclaredErrors) -> bool:
     """Return whether a compliance alone explains much more of the samples than any other error."""
-    (first, gain), *others = undeclared.alone
-    return first == COMPLIANCE and gain > max(LEAST_GAIN, _FAR * max(dict(others).values()))
+    (first, gain), *_ = undeclared.alone
+    others = max(gain for name, gain in undeclared.alone if name not in OF_GRASP)
+    return first in OF_GRASP and gain > max(LEAST_GAIN, _FAR * others)
 
 
 def _part(log: IdentifiedLog) -> LogPart:
@@ -245,7 +246,7 @@ def with_plausible(
 
     Args:
         sensors: the sensors.
-        psi: (10,) relative unknowns of the target, which give the size of a plausible compliance of
+        psi: (10,) relative unknowns of the target, which give the size of plausible compliances of
             the grasp; None for a rigid grasp.
         has_thrust: whether thrusters fired, whose log may have an error of its scale.
 
@@ -261,14 +262,15 @@ def with_plausible(
             own = {}
         setattr(result, name, replace(errors, **own))
     old = sensors.disturbances or Disturbances()
-    largest = 0.0 if psi is None else float(np.diag(vector_to_tensor(psi[4:])).max())
-    compliance = 1e6 / (largest * (2 * np.pi * WRIST) ** 2) if largest > 0 else 0.0
+    masses = np.zeros(2) if psi is None else (np.diag(vector_to_tensor(psi[4:])).max(), psi[0])
+    turn, shift = (1e6 / (m * (2 * np.pi * WRIST) ** 2) if m > 0 else 0.0 for m in masses)
     result.disturbances = replace(
         old,
         acceleration=old.acceleration or ACCELERATION,
         torque=old.torque or TORQUE,
         thrust_scale=old.thrust_scale or (THRUST_SCALE if has_thrust else 0.0),
-        compliance_urad=old.compliance_urad or compliance,
+        compliance_urad=old.compliance_urad or float(turn),
+        translational_compliance_um=old.translational_compliance_um or float(shift),
     )
     return result
 

@@ -33,6 +33,8 @@ class Disturbances:
         compliance_urad: σ of the compliance of the grasp about each axis of C: the target turns
             against C by so much per moment [10⁻⁶ rad/(N·m)]. No seed draws it: simulations have a
             wrist of their own.
+        translational_compliance_um: the same along each axis of C: the target moves against C by so
+            much per force [10⁻⁶ m/N].
         orbit: orbit of W's origin, whose gravity gradient turns the system and moves its centre of
             mass; None for none. It is known, and has no σ.
 
@@ -44,6 +46,7 @@ class Disturbances:
     torque_walk: Size = 0.0
     thrust_scale: Size = 0.0
     compliance_urad: Size = 0.0
+    translational_compliance_um: Size = 0.0
     orbit: Orbit | None = None
 
 

@@ -11,7 +11,7 @@ from cpid_drake import identify, load_scenario, make_simulation, shipped_scenari
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import cross, rotate
-from cpid_drake.estimation.likelihood.compliance import write_compliance
+from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
 from cpid_drake.estimation.likelihood.effects import MotionChange
 from cpid_drake.estimation.likelihood.motion import Instants
 from cpid_drake.scenario.schema import WristConfig
@@ -21,20 +21,49 @@ FREQUENCY = 6.0
 """Lowest natural frequency of the target on the wrist [Hz]."""
 
 
-def simulated(*, is_flexible, duration=10.0, sensors=""):
-    """Return a simulation, its Context at the end, and the compliance of its grasp."""
+STIFF = 40.0
+"""The same of the motions in which a grasp is nearly rigid [Hz]."""
+
+KINDS = ("compliance", "translational_compliance")
+FIELDS = {
+    "compliance": "compliance_urad",
+    "translational_compliance": "translational_compliance_um",
+}
+
+
+def simulated(kind="", *, duration=10.0, sensors=""):
+    """Return a simulation, its Context at the end, and the compliances of its grasp.
+
+    Args:
+        kind: about the axes of C, or along them; empty for a rigid grasp.
+        duration: [s].
+        sensors: a preset.
+
+    """
     scenario = load_scenario(shipped_scenario("free_flyer_payload"))
     scenario.simulation.duration = duration
     scenario.simulation.log_period = 0.01
     scenario.sensors.suite = sensors
     scenario.identification.estimator = "least_squares"
-    J = scenario.target_truth().to_spatial_inertia().CalcRotationalInertia().CopyToFullMatrix3()
-    k = (2 * np.pi * FREQUENCY) ** 2 * np.linalg.eigvalsh(J)[-1]
-    if is_flexible:
-        damping = 0.1 * k / (2 * np.pi * FREQUENCY)
-        scenario.simulation.wrist = WristConfig(np.full(3, k), np.full(3, damping))
+    truth = scenario.target_truth()
+    J = truth.to_spatial_inertia().CalcRotationalInertia().CopyToFullMatrix3()
+    largest = np.linalg.eigvalsh(J)[-1]
+
+    def spring(size, frequency):
+        k = size * (2 * np.pi * frequency) ** 2
+        return np.full(3, k), np.full(3, 0.1 * k / (2 * np.pi * frequency))
+
+    compliances = dict.fromkeys(KINDS, 0.0)
+    if kind == "compliance":
+        wrist = WristConfig(*spring(largest, FREQUENCY))
+    elif kind:
+        wrist = WristConfig(*spring(largest, STIFF), *spring(truth.mass, FREQUENCY))
+        compliances[kind] = 1 / wrist.translational_stiffness[0]
+    if kind:
+        compliances["compliance"] = 1 / wrist.stiffness[0]
+        scenario.simulation.wrist = wrist
     simulation = make_simulation(scenario)
-    return simulation, simulation.run(), 1 / k
+    return simulation, simulation.run(), compliances
 
 
 class AtSamples:
@@ -49,17 +78,19 @@ class AtSamples:
         self.w = rotate(np.swapaxes(self.R, -1, -2), telemetry.w_WB)
 
 
-def test_drake_moves_the_base_as_the_first_order_predicts():
-    rigid, context, _ = simulated(is_flexible=False, duration=4.0)
+@pytest.mark.parametrize("kind", KINDS)
+def test_drake_moves_the_base_as_the_first_order_predicts(kind):
+    rigid, context, _ = simulated(duration=4.0)
     expected = rigid.telemetry(context)
-    flexible, context, compliance = simulated(is_flexible=True, duration=4.0)
+    flexible, context, compliances = simulated(kind, duration=4.0)
     found = flexible.telemetry(context)
     craft, truth = rigid.spacecraft, rigid.truth
     psi = relative_parameterization(craft.mass).from_parameters(truth.to_vector())
     motion = AtSamples(craft.tree, expected, psi)
-    change = MotionChange.zeros(len(expected), 3)
-    write_compliance(motion, motion, compliance, change)
-    w, com = change.w.sum(axis=-1), change.com.sum(axis=-1)
+    change, other = MotionChange.zeros(len(expected), 3), MotionChange.zeros(len(expected), 3)
+    write_turns(motion, motion, compliances["compliance"], change)
+    write_shifts(motion, motion, compliances["translational_compliance"], other)
+    w, com = ((getattr(change, n) + getattr(other, n)).sum(axis=-1) for n in ("w", "com"))
     turn = cumulative_simpson(rotate(motion.R, w), x=expected.time, axis=0, initial=0)
     true = Rotation.from_matrix(found.R_WB) * Rotation.from_matrix(expected.R_WB).inv()
     np.testing.assert_allclose(turn, true.as_rotvec(), atol=0.05 * np.abs(turn).max())
@@ -68,34 +99,35 @@ def test_drake_moves_the_base_as_the_first_order_predicts():
     p_change = found.p_WB - expected.p_WB
     np.testing.assert_allclose(moved, p_change, atol=0.05 * np.abs(moved).max())
     rate = np.gradient(com, expected.time, axis=0)
-    by_rate = change.com_rate.sum(axis=-1)
+    by_rate = (change.com_rate + other.com_rate).sum(axis=-1)
     np.testing.assert_allclose(rate[2:-2], by_rate[2:-2], atol=0.02 * np.abs(by_rate).max())
 
 
-@pytest.fixture(scope="module")
-def flexible():
-    simulation, context, compliance = simulated(is_flexible=True, sensors="servicer")
-    return simulation, simulation.measurements(context), compliance
+@pytest.fixture(scope="module", params=KINDS)
+def flexible(request):
+    simulation, context, compliances = simulated(request.param, sensors="servicer")
+    measurements = simulation.measurements(context)
+    return request.param, simulation, measurements, compliances[request.param]
 
 
 def test_a_flexible_grasp_is_noticed(flexible):
-    simulation, measurements, _ = flexible
+    kind, simulation, measurements, _ = flexible
     found = identify(simulation.spacecraft, measurements, sensors=simulation.scenario.make_suite())
     assert not found.is_trustworthy
     assert "the grasp is flexible" in found.doubts[0]
     [name, _], *_ = found.undeclared.alone
-    assert name == "compliance"
+    assert name == kind
 
 
 def test_a_declared_compliance_is_estimated(flexible):
     """The intervals then cover the target and the compliance."""
-    simulation, measurements, compliance = flexible
+    kind, simulation, measurements, compliance = flexible
     suite = replace(
         simulation.scenario.make_suite(),
-        disturbances=Disturbances(compliance_urad=3e6 * compliance),
+        disturbances=Disturbances(**{FIELDS[kind]: 3e6 * compliance}),
     )
     found = identify(simulation.spacecraft, measurements, sensors=suite, is_final=False)
-    [effect] = [each for each in found.effects if each.name == "compliance"]
+    [effect] = [each for each in found.effects if each.name == kind]
     assert effect.is_learned
     assert (np.abs(effect.value - 1e6 * compliance) < 4 * effect.sigma + 2e4 * compliance).all()
     error = found.parameters - simulation.truth.to_vector()

@@ -1,6 +1,7 @@
-"""The first-order effect of a flexible grasp on the base's motion."""
+"""The first-order effects of a flexible grasp on the base's motion."""
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from cpid_drake.dynamics.parameterizations import tensor_to_vector, vector_to_tensor
@@ -10,10 +11,10 @@ from cpid_drake.estimation.likelihood.effects import MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 
 
-def wrist_moment(motion: BaseMotion, trajectory: Trajectory) -> CubicSpline | None:
-    """Return the moment about C's origin that moves a rigidly held target, (3,) in C [N·m].
+def wrist_load(motion: BaseMotion, trajectory: Trajectory) -> CubicSpline | None:
+    """Return the moment about C's origin and the force that move a rigidly held target (6,) in C.
 
-    It is a function of time. Its rate is that seen from C. None if ψ is that of no body.
+    They are functions of time [N·m, N], with rates as seen from C. None if ψ is that of no body.
 
     Args:
         motion: the base's motion.
@@ -33,10 +34,10 @@ def wrist_moment(motion: BaseMotion, trajectory: Trajectory) -> CubicSpline | No
     rates = CubicSpline(nodes, momentum).derivative()(nodes)
     R_CW = np.swapaxes(R_WC, -1, -2)
     turning, force = rotate(R_CW, rates[:, :3]), rotate(R_CW, rates[:, 3:])
-    return CubicSpline(nodes, turning + cross(first / mu, force))
+    return CubicSpline(nodes, np.hstack([turning + cross(first / mu, force), force]))
 
 
-def write_compliance(
+def write_turns(
     motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
 ) -> None:
     """Write the change of the motion by σ of the compliance about each axis of C.
@@ -54,22 +55,79 @@ def write_compliance(
         change: three columns, which contain zeros.
 
     """
-    moment = wrist_moment(motion, trajectory)
-    if moment is None:
+    load, psi = wrist_load(motion, trajectory), trajectory.state.psi
+    first, inertia = psi[1:4], vector_to_tensor(psi[4:])
+    if load is None:
         return
-    psi, at = trajectory.state.psi, motion.instants
-    dynamics, first, inertia = at.dynamics, psi[1:4], vector_to_tensor(psi[4:])
-    Y, per_mass = dynamics.regressor(trajectory.w), dynamics.R_BC / dynamics.mass
-    turns, rates = -sigma * moment(at.times), -sigma * moment(at.times, 1)
     for axis, unit in enumerate(np.eye(3)):
-        turn, rate = turns[:, axis, None], rates[:, axis, None]
-        moved = np.cross(unit, first)
         turned = skew(unit) @ inertia - inertia @ skew(unit)
-        by_turn = np.concatenate([np.zeros(1), moved, tensor_to_vector(turned)])
-        by_rate = rotate(dynamics.R_BC, inertia @ unit + cross(dynamics.s, moved))
-        momentum = turn * (Y @ by_turn) + rate * by_rate
-        change.w[:, :, axis] = -rotate(trajectory.inverse, momentum)
-        change.com[:, :, axis] = rotate(per_mass, turn * moved)
-        change.com_rate[:, :, axis] = rotate(
-            per_mass, turn * cross(dynamics.w_BC, moved) + rate * moved
-        )
+        by_turn = np.concatenate([np.zeros(1), np.cross(unit, first), tensor_to_vector(turned)])
+        size = -sigma * _value_and_rate(load, motion, axis)
+        _write(motion, trajectory, change, axis, size, by_turn, inertia @ unit)
+
+
+def write_shifts(
+    motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
+) -> None:
+    """Write the change of the motion by σ of the compliance along each axis of C.
+
+    The target moves against C by d = -(compliance) f, with the force f of a rigid grasp, under the
+    conditions of `write_turns`. The shift changes c and I_*, and the velocity of the target's
+    centre of mass by ḋ. The angular momentum about the system's centre of mass then changes by
+    Y(ω) Δψ + (s + c) × μḋ.
+
+    Args:
+        motion: the base's motion.
+        trajectory: its trajectory.
+        sigma: [m/N].
+        change: three columns, which contain zeros.
+
+    """
+    load, psi = wrist_load(motion, trajectory), trajectory.state.psi
+    mu, first = float(psi[0]), psi[1:4]
+    if load is None:
+        return
+    for axis, unit in enumerate(np.eye(3)):
+        moved = 2 * first[axis] * np.eye(3) - np.outer(first, unit) - np.outer(unit, first)
+        by_shift = np.concatenate([np.zeros(1), mu * unit, tensor_to_vector(moved)])
+        size = -sigma * _value_and_rate(load, motion, 3 + axis)
+        _write(motion, trajectory, change, axis, size, by_shift, np.cross(first, unit))
+
+
+def _value_and_rate(load: CubicSpline, motion: BaseMotion, entry: int) -> NDArray[np.float64]:
+    """Return one entry of the load at the instants of a motion, and its rate (2, M, 1)."""
+    times = motion.instants.times
+    return np.stack([load(times, order)[:, entry, None] for order in range(2)])
+
+
+def _write(
+    motion: BaseMotion,
+    trajectory: Trajectory,
+    change: MotionChange,
+    axis: int,
+    size: NDArray[np.float64],
+    by_size: NDArray[np.float64],
+    momentum_by_rate: NDArray[np.float64],
+) -> None:
+    """Write the change of the motion by one displacement of the target against C.
+
+    Args:
+        motion: the base's motion.
+        trajectory: its trajectory.
+        change: its column `axis` is written.
+        axis: number of the column.
+        size: (2, M, 1) the displacement and its rate.
+        by_size: (10,) change of ψ by the displacement.
+        momentum_by_rate: (3,) change of the angular momentum by its rate about C's origin, in C.
+
+    """
+    dynamics, moved = motion.instants.dynamics, by_size[1:4]
+    Y, per_mass = dynamics.regressor(trajectory.w), dynamics.R_BC / dynamics.mass
+    value, rate = size
+    by_rate = rotate(dynamics.R_BC, momentum_by_rate + cross(dynamics.s, moved))
+    momentum = value * (Y @ by_size) + rate * by_rate
+    change.w[:, :, axis] = -rotate(trajectory.inverse, momentum)
+    change.com[:, :, axis] = rotate(per_mass, value * moved)
+    change.com_rate[:, :, axis] = rotate(
+        per_mass, value * cross(dynamics.w_BC, moved) + rate * moved
+    )

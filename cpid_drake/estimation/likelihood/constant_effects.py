@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
-from cpid_drake.estimation.likelihood.compliance import write_compliance
+from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
 from cpid_drake.estimation.likelihood.constants import (
     COMPLIANCE,
+    STRETCH,
     THRUST_SCALE,
     ConstantError,
 )
@@ -95,7 +96,15 @@ class Compliance(Constant):
 
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""
-        write_compliance(self._motion, trajectory, self.sigma, change)
+        write_turns(self._motion, trajectory, self.sigma, change)
+
+
+class Stretch(Compliance):
+    """The compliance of the grasp along the axes of C; the model is linear in it, about zero."""
+
+    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
+        """See `Effect`."""
+        write_shifts(self._motion, trajectory, self.sigma, change)
 
 
 def constant_effects(motion: BaseMotion) -> list[Effect]:
@@ -105,6 +114,7 @@ def constant_effects(motion: BaseMotion) -> list[Effect]:
         "torque": Torque,
         THRUST_SCALE: ThrustScale,
         COMPLIANCE: Compliance,
+        STRETCH: Stretch,
         "zero": JointZeros,
     }
     errors = motion.constants.errors.values()

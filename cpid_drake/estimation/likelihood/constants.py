@@ -21,8 +21,14 @@ COMPLIANCE = "compliance"
 FIXED = ("zero",)
 """Kinds whose nominal value is that of the block's model: they change the known bodies' motion."""
 
-NOT_MOVED = (*FIXED, COMPLIANCE)
-"""Kinds whose nominal value does not move within a block; that of the compliance is zero."""
+STRETCH = "translational_compliance"
+"""Name of the compliance of the grasp along the axes of C."""
+
+OF_GRASP = (COMPLIANCE, STRETCH)
+"""Kinds whose nominal value is zero."""
+
+NOT_MOVED = (*FIXED, *OF_GRASP)
+"""Kinds whose nominal value does not move within a block."""
 
 LINEAR_ZERO = 1e-4
 """Change of a joint's zero for which the model is linear: its square is below noise [rad or m]."""
@@ -39,8 +45,8 @@ class ConstantError:
     """One constant error.
 
     Attributes:
-        name: "acceleration", "torque", `THRUST_SCALE` or `COMPLIANCE`, or a sensor and a kind, such
-            as "attitude.delay".
+        name: "acceleration", "torque", `THRUST_SCALE`, `COMPLIANCE` or `STRETCH`, or a sensor and a
+            kind, such as "attitude.delay".
         size: number of entries.
         sigma: σ of each entry [SI units, rad].
         unit: unit in texts.
@@ -108,6 +114,7 @@ def _of_forces(suite: SensorSuite) -> list[ConstantError]:
         ConstantError("torque", 3, size.torque, "N·m", 1.0, size.torque_walk),
         ConstantError(THRUST_SCALE, 1, size.thrust_scale, "%", 0.01),
         ConstantError(COMPLIANCE, 3, 1e-6 * size.compliance_urad, "µrad/(N·m)", 1e-6),
+        ConstantError(STRETCH, 3, 1e-6 * size.translational_compliance_um, "µm/N", 1e-6),
     ]
 
 
