@@ -268,7 +268,7 @@ def larger_than_declared(tested: Agreement, effects: tuple[EffectEstimate, ...])
 
     Args:
         tested: the test of all errors.
-        effects: their estimates.
+        effects: the estimates of those that do not walk.
 
     """
     if tested.probability > IMPROBABLE:

@@ -76,6 +76,7 @@ def identification_at(
     left_out = state.all_left_out
     effects = estimated_effects(solver, known, prior.plausible, state.misfit)
     declared = agreement_with_declared(solver, known, prior.plausible, state.misfit)
+    steady = tuple(each for each in effects if not solver.constants.errors[each.name].walk)
     return Identification(
         relative_parameterization(solver.tree.mass),
         found,
@@ -90,7 +91,7 @@ def identification_at(
         momentum_estimate=_momentum_of(estimator, known, state),
         unexplained=state.bridged_share(known.time),
         effects=effects,
-        doubts=larger_than_declared(declared, effects),
+        doubts=larger_than_declared(declared, steady),
         shared=shared,
     )
 
