@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from cpid_drake import identify_together, load_scenario, load_sensors, shipped_scenario
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.target_prior import Combinations, TargetPrior
-from cpid_drake.identification.validation import validate
+from cpid_drake.identification.validation import BEGINNING, validate
 from cpid_drake.processes import shared_work
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise import add_noise
@@ -64,10 +64,10 @@ class Repetition:
     seconds: float
 
 
-def _repetitions_of(inputs: tuple[Case, int]) -> Callable[[int], Repetition]:
+def _repetitions_of(inputs: tuple[Case, int, float]) -> Callable[[int], Repetition]:
     """Return the function that does the repetition of a number."""
-    case, runs = inputs
-    return partial(_repetition, case, case.spacecraft.make(), runs)
+    case, runs, beginning = inputs
+    return partial(_repetition, case, case.spacecraft.make(), runs, beginning)
 
 
 def _run(case: Case, spacecraft: Spacecraft, hardware: int, seed: int) -> Measurements:
@@ -76,7 +76,9 @@ def _run(case: Case, spacecraft: Spacecraft, hardware: int, seed: int) -> Measur
     return add_noise(case.suite, ideal, seed, hardware)
 
 
-def _repetition(case: Case, spacecraft: Spacecraft, runs: int, number: int) -> Repetition:
+def _repetition(
+    case: Case, spacecraft: Spacecraft, runs: int, beginning: float, number: int
+) -> Repetition:
     begin = time.process_time()
     hardware, *seeds = np.random.SeedSequence(case.seed, spawn_key=(number,)).generate_state(
         runs + 2
@@ -87,7 +89,7 @@ def _repetition(case: Case, spacecraft: Spacecraft, runs: int, number: int) -> R
     assert found.joint is not None
     truth, known = case.truth.to_vector(), np.isfinite(found.parameters)
     separate = [each.intervals[known] for each in found.joint.logs]
-    prediction = validate(spacecraft, _prior(found), unused, **options)
+    prediction = validate(spacecraft, _prior(found), unused, beginning=beginning, **options)
     yaw = next(each for each in prediction.errors if each.sensor == "attitude")
     return Repetition(
         np.array([_inside(found.parameters[known], each) for each in separate]),
@@ -120,7 +122,8 @@ def main() -> None:
     suite = load_sensors("air_bearing")
     case = make_case(scenario, craft, target, suite, (), args.seed)
     case = replace(case, torque_W=None, acceleration_W=None)  # every run has its own
-    done = list(shared_work(_repetitions_of, (case, args.runs), range(args.repetitions), args.jobs))
+    inputs = case, args.runs, args.beginning
+    done = list(shared_work(_repetitions_of, inputs, range(args.repetitions), args.jobs))
     for name in ("joint_in_single", "truth_in_single", "truth_in_joint"):
         share = np.mean(np.concatenate([np.ravel(getattr(each, name)) for each in done]))
         print(f"{name:16} {100 * share:.1f} %")
@@ -131,6 +134,8 @@ def main() -> None:
     for name in ("yaw_over_noise", "yaw_in_sigma", "seconds"):
         values = np.array([getattr(each, name) for each in done])
         print(f"{name:16} median {np.median(values):.2f}, worst {values.max():.2f}")
+    share = np.mean([each.yaw_over_noise <= 2 for each in done])
+    print(f"yaw at most twice its noise: {100 * share:.0f} %")
 
 
 def _arguments() -> argparse.Namespace:
@@ -140,6 +145,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--repetitions", type=int, default=5)
     parser.add_argument("--runs", type=int, default=4, help="runs of one target, at most 8")
     parser.add_argument("--seed", type=int, default=2023)
+    parser.add_argument(
+        "--beginning",
+        type=float,
+        default=BEGINNING,
+        help="share of the unused run that shows its start and its forces",
+    )
     parser.add_argument("--jobs", type=int, default=1, help="number of processes")
     return parser.parse_args()
 
