@@ -1,5 +1,6 @@
 """The scene in a real browser: the replay plays offline, the live page obeys its controls."""
 
+import gc
 import io
 import queue
 import threading
@@ -199,6 +200,9 @@ def slider(page, name: str, value: float | None = None) -> float:
 def live():
     """A live view, served in a thread of its own, as Meshcat wants.
 
+    Drake ends the process if a Meshcat is destroyed in another thread than its own, so garbage that
+    contains one is collected in its thread.
+
     Returns the addresses of the scene and of the page with numbers, times drawn, and the thread.
     """
     seen, urls = [], queue.Queue()
@@ -208,7 +212,10 @@ def live():
         view = LiveView(make_simulation(free_flyer(3.0), meshcat=meshcat), meshcat)
         urls.put((meshcat.web_url(), view.url))
         view.serve(lambda now, _: seen.append(now))
+        del view, meshcat
+        gc.collect()
 
+    gc.collect()
     thread = threading.Thread(target=serve, daemon=True)
     thread.start()
     return *urls.get(timeout=HUNG), seen, thread
