@@ -223,9 +223,7 @@ def estimated_effects(
     if not errors:
         return ()
     change = solution(known.root, known.rest, plausible)
-    inverse = np.linalg.inv(known.root)
-    gain = inverse @ known.by_bodies
-    variance = misfit * np.sum(inverse**2, axis=1) + np.sum(gain**2, axis=1)
+    variance = np.diag(_covariance(known, misfit))
     found = []
     for error in errors.values():
         place, unit = solver.places[error.name], error.sigma / error.scale
@@ -255,12 +253,18 @@ def agreement_with_declared(
         [known.nominal.constants[solver.constants.place(name)] for name in steady]
     )
     estimate = nominal + solution(known.root, known.rest, plausible)[places]
-    inverse = np.linalg.inv(known.root)[places]
-    gain = inverse @ known.by_bodies
-    sizes, axes = np.linalg.eigh(np.eye(len(places)) - misfit * inverse @ inverse.T - gain @ gain.T)
+    covariance = _covariance(known, misfit)[np.ix_(places, places)]
+    sizes, axes = np.linalg.eigh(np.eye(len(places)) - covariance)
     seen = sizes > 1 - LEARNED**2
     parts = axes[:, seen].T @ estimate
     return Agreement(float(np.sum(parts**2 / sizes[seen])), int(seen.sum()))
+
+
+def _covariance(known: BlockState, misfit: float) -> NDArray[np.float64]:
+    """Return the covariance (n, n) of all unknowns of a state; the known bodies add to it."""
+    inverse = np.linalg.inv(known.root)
+    gain = inverse @ known.by_bodies
+    return np.asarray(misfit * inverse @ inverse.T + gain @ gain.T)
 
 
 def larger_than_declared(tested: Agreement, effects: tuple[EffectEstimate, ...]) -> tuple[str, ...]:

@@ -59,11 +59,12 @@ def write_turns(
     first, inertia = psi[1:4], vector_to_tensor(psi[4:])
     if load is None:
         return
+    by_turn = np.zeros((3, 10))
     for axis, unit in enumerate(np.eye(3)):
         turned = skew(unit) @ inertia - inertia @ skew(unit)
-        by_turn = np.concatenate([np.zeros(1), np.cross(unit, first), tensor_to_vector(turned)])
-        size = -sigma * _value_and_rate(load, motion, axis)
-        _write(motion, trajectory, change, axis, size, by_turn, inertia @ unit)
+        by_turn[axis] = np.concatenate([[0.0], np.cross(unit, first), tensor_to_vector(turned)])
+    turns = -sigma * _values_and_rates(load, motion)[:, :, :3]
+    _write(motion, trajectory, change, turns, by_turn, inertia)
 
 
 def write_shifts(
@@ -87,47 +88,47 @@ def write_shifts(
     mu, first = float(psi[0]), psi[1:4]
     if load is None:
         return
+    by_shift = np.zeros((3, 10))
     for axis, unit in enumerate(np.eye(3)):
         moved = 2 * first[axis] * np.eye(3) - np.outer(first, unit) - np.outer(unit, first)
-        by_shift = np.concatenate([np.zeros(1), mu * unit, tensor_to_vector(moved)])
-        size = -sigma * _value_and_rate(load, motion, 3 + axis)
-        _write(motion, trajectory, change, axis, size, by_shift, np.cross(first, unit))
+        by_shift[axis] = np.concatenate([[0.0], mu * unit, tensor_to_vector(moved)])
+    shifts = -sigma * _values_and_rates(load, motion)[:, :, 3:]
+    _write(motion, trajectory, change, shifts, by_shift, np.cross(first, np.eye(3)))
 
 
-def _value_and_rate(load: CubicSpline, motion: BaseMotion, entry: int) -> NDArray[np.float64]:
-    """Return one entry of the load at the instants of a motion, and its rate (2, M, 1)."""
-    times = motion.instants.times
-    return np.stack([load(times, order)[:, entry, None] for order in range(2)])
+def _values_and_rates(load: CubicSpline, motion: BaseMotion) -> NDArray[np.float64]:
+    """Return a load at the instants of a motion, and its rate (2, M, 6)."""
+    return np.stack([load(motion.instants.times, order) for order in range(2)])
 
 
 def _write(
     motion: BaseMotion,
     trajectory: Trajectory,
     change: MotionChange,
-    axis: int,
-    size: NDArray[np.float64],
-    by_size: NDArray[np.float64],
-    momentum_by_rate: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+    by_sizes: NDArray[np.float64],
+    momentum_by_rates: NDArray[np.float64],
 ) -> None:
-    """Write the change of the motion by one displacement of the target against C.
+    """Write the change of the motion by three displacements of the target against C.
 
     Args:
         motion: the base's motion.
         trajectory: its trajectory.
-        change: its column `axis` is written.
-        axis: number of the column.
-        size: (2, M, 1) the displacement and its rate.
-        by_size: (10,) change of ψ by the displacement.
-        momentum_by_rate: (3,) change of the angular momentum by its rate about C's origin, in C.
+        change: three columns, one for each displacement.
+        sizes: (2, M, 3) the displacements and their rates.
+        by_sizes: (3, 10) change of ψ by each displacement.
+        momentum_by_rates: (3, 3) change of the angular momentum about C by each rate, in C.
 
     """
-    dynamics, moved = motion.instants.dynamics, by_size[1:4]
+    dynamics = motion.instants.dynamics
     Y, per_mass = dynamics.regressor(trajectory.w), dynamics.R_BC / dynamics.mass
-    value, rate = size
-    by_rate = rotate(dynamics.R_BC, momentum_by_rate + cross(dynamics.s, moved))
-    momentum = value * (Y @ by_size) + rate * by_rate
-    change.w[:, :, axis] = -rotate(trajectory.inverse, momentum)
-    change.com[:, :, axis] = rotate(per_mass, value * moved)
-    change.com_rate[:, :, axis] = rotate(
-        per_mass, value * cross(dynamics.w_BC, moved) + rate * moved
-    )
+    for axis, (by_size, by_rate) in enumerate(zip(by_sizes, momentum_by_rates, strict=True)):
+        value, rate = sizes[:, :, axis, None]
+        moved = by_size[1:4]
+        spin = rotate(dynamics.R_BC, by_rate + cross(dynamics.s, moved))
+        momentum = value * (Y @ by_size) + rate * spin
+        change.w[:, :, axis] = -rotate(trajectory.inverse, momentum)
+        change.com[:, :, axis] = rotate(per_mass, value * moved)
+        change.com_rate[:, :, axis] = rotate(
+            per_mass, value * cross(dynamics.w_BC, moved) + rate * moved
+        )
