@@ -248,7 +248,7 @@ CASES: dict[str, Figure] = {
     ),
     **{
         f"uncertain_{name}": Figure("ground", partial(uncertain, name))
-        for name in ("tumbling_capture", "tumble_30", "coarse")
+        for name in ("tumbling_capture", "tumble_30", "coarse", "wheels", "wheels_changing")
     },
     "tumble_5": Figure("ground", partial(tumble, "exciting_motion", "flight", 5.0, 59.99)),
     "wheels": Figure("ground", partial(wheels, 0.0, False)),
