@@ -111,9 +111,9 @@ def body_sensitivity(
 ) -> MotionSensitivity:
     """Return the derivatives w.r.t. the inertial parameters of the tree's first `count` bodies.
 
-    Each body has ten, in the order of `BodyUncertainty.sigmas`: relative mass, centre of mass in
-    the body's frame, and the stretch E (Exx, Eyy, Ezz, Exy, Exz, Eyz) that changes its second
-    moment Σ to (1 + E) Σ (1 + E)ᵀ. The target remains unchanged. Other arguments as for
+    Each body has ten, in the order of `BodyUncertainty.sigmas`: relative mass, the centre of mass
+    along three axes, and the stretch E along six directions (see `error_directions`) that changes
+    its second moment Σ to (1 + E) Σ (1 + E)ᵀ. The target remains unchanged. Other arguments as for
     `joint_sensitivity`.
     """
     bodies, _ = propagate(tree, telemetry)
@@ -124,12 +124,13 @@ def body_sensitivity(
         R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
         dP = [body.mass * v]
         dL = [cross(r, dP[0])]
+        axes, stretches = error_directions(tree, k)
         shift = [body.mass / total * (r - rho)]
-        for axis in np.moveaxis(R, -1, 0):
+        for axis in np.moveaxis(R @ axes.T, -1, 0):
             dP.append(body.mass * cross(w, axis))
             dL.append(body.mass * cross(axis, v) + cross(r, dP[-1]))
             shift.append(body.mass / total * axis)
-        for stretch in _STRETCHES:
+        for stretch in stretches:
             change = stretched_inertia_rate(body.I_BBcm, stretch)
             dL.append(rotate(R, rotate(np.swapaxes(R, -1, -2), w) @ change))
             dP.append(np.zeros_like(v))
@@ -154,7 +155,7 @@ def uncertain_sensitivity(
     for `geometry_sensitivity`.
     """
     count = len(tree.bodies) - 1
-    sigmas = uncertainty.all_sigmas(count, len(joined_bodies(tree)))
+    sigmas = uncertainty.all_sigmas(tree.rotors[:count], len(joined_bodies(tree)))
     of_bodies, of_geometry = np.split(sigmas, [10 * count])
     parts = []
     if of_bodies.any() or not of_geometry.any():
@@ -163,6 +164,25 @@ def uncertain_sensitivity(
         parts.append(_scaled(geometry_sensitivity(tree, telemetry, psi, dynamics), of_geometry))
     values = zip(*((part.w, part.com, part.v) for part in parts))
     return MotionSensitivity(*(np.concatenate(each, axis=-1) for each in values))
+
+
+def error_directions(
+    tree: KinematicTree, k: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the directions of body k's errors: its centre of mass (3, 3), its stretch (6, 3, 3).
+
+    They are the axes of the body's frame, and the unit stretches xx, yy, zz, xy, xz, yz. A rotor
+    remains balanced: its centre of mass has an error along the axis n alone, and its second moment
+    stretches along the axis (n nᵀ) and equally across it (1 − n nᵀ). Its other directions are zero.
+    """
+    body = tree.bodies[k]
+    if not tree.rotors[k]:
+        return np.eye(3), _STRETCHES
+    axis = body.R_MB.T @ body.axis_F
+    axes, stretches = np.zeros((3, 3)), np.zeros((6, 3, 3))
+    axes[0], stretches[0] = axis, np.outer(axis, axis)
+    stretches[1] = np.eye(3) - stretches[0]
+    return axes, stretches
 
 
 def axis_normals(body: TreeBody) -> NDArray[np.float64]:
@@ -180,7 +200,7 @@ def perturbed(
 
     The inertias remain physically consistent.
     """
-    sigmas = uncertainty.all_sigmas(len(tree.bodies), len(joined_bodies(tree)))
+    sigmas = uncertainty.all_sigmas(tree.rotors, len(joined_bodies(tree)))
     of_bodies = 10 * len(tree.bodies)
     count = len(sigmas) if sigmas[of_bodies:].any() else of_bodies
     drawn = np.append(rng.standard_normal(count), np.zeros(len(sigmas) - count))
@@ -202,15 +222,18 @@ def with_errors(
 
     """
     joints = joined_bodies(tree)
-    sizes = uncertainty.all_sigmas(len(tree.bodies), len(joints))
+    sizes = uncertainty.all_sigmas(tree.rotors, len(joints))
     sizes[sizes > 0] *= errors
     of_bodies, of_joints, grasp = np.split(sizes, [10 * len(tree.bodies), len(sizes) - 6])
     bodies = []
-    for body, error in zip(tree.bodies, of_bodies.reshape(-1, 10), strict=True):
-        stretch = np.eye(3) + np.tensordot(error[4:], _STRETCHES, axes=1)
+    for k, (body, error) in enumerate(zip(tree.bodies, of_bodies.reshape(-1, 10), strict=True)):
+        axes, stretches = error_directions(tree, k)
+        stretch = np.eye(3) + np.tensordot(error[4:], stretches, axes=1)
         inertia = inertia_of_second_moment(stretch @ second_moment(body.I_BBcm) @ stretch.T)
         mass = body.mass * (1 + error[0])
-        bodies.append(replace(body, mass=mass, p_BBcm=body.p_BBcm + error[1:4], I_BBcm=inertia))
+        bodies.append(
+            replace(body, mass=mass, p_BBcm=body.p_BBcm + error[1:4] @ axes, I_BBcm=inertia)
+        )
     tree = replace(tree, bodies=tuple(bodies))
     if not of_joints.any() and not grasp.any():
         return tree

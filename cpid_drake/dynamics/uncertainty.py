@@ -1,5 +1,6 @@
 """Uncertainty of the known spacecraft: of its bodies, of the arm's geometry and of the grasp."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
@@ -17,12 +18,19 @@ Size = Annotated[float, Ge(0)]
 SHORTEST_LINK = 0.2
 """Length to which errors of length are compared [m]."""
 
+# The errors of a balanced rotor: its mass, its centre of mass along the axis, and the stretches of
+# its second moment along the axis and across it.
+_BALANCED = np.array([1, 1, 0, 0, 1, 1, 0, 0, 0, 0])
+
 _WHOLE = "the uncertainty of known bodies"
 
 
 @dataclass(frozen=True)
 class BodyUncertainty:
     """Uncertainty of the known bodies and of their geometry; the same σ for every body and joint.
+
+    A rotor, such as a reaction wheel, remains balanced: its centre of mass stays on its axis, and
+    its inertia stays symmetric about the axis. See `KinematicTree.rotors`.
 
     The target's parameters refer to the true capture frame C: the frame in which the target is
     held. An error of C's pose on its body is therefore an error of the estimate. With `grasp_mm`
@@ -66,7 +74,10 @@ class BodyUncertainty:
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
-        """(10,) σ of one body's relative mass (1), centre of mass (3) [m] and stretch (6)."""
+        """(10,) σ of one body's relative mass (1), centre of mass (3) [m] and stretch (6).
+
+        See `sensitivity.error_directions`.
+        """
         stretch = self.inertia / 2  # the second moment grows by twice the stretch
         return np.array([self.mass, *3 * [self.com], *6 * [stretch]])
 
@@ -80,14 +91,20 @@ class BodyUncertainty:
         """(6,) σ of C's place (3) [m] and attitude (3) [rad]."""
         return 1e-3 * np.array([*3 * [self.grasp_mm], *3 * [self.grasp_mrad]])
 
-    def all_sigmas(self, bodies: int, joints: int) -> NDArray[np.float64]:
-        """Return (n,) the σ of all bodies, then of all joints, then of C; zeros too."""
-        of_bodies, of_joints = np.tile(self.sigmas, bodies), np.tile(self.joint_sigmas, joints)
-        return np.concatenate([of_bodies, of_joints, self.grasp_sigmas])
+    def all_sigmas(self, rotors: Sequence[bool], joints: int) -> NDArray[np.float64]:
+        """Return (n,) the σ of all bodies, then of all joints, then of C; zeros too.
 
-    def count(self, bodies: int, joints: int) -> int:
+        Args:
+            rotors: for each body, whether it is a rotor.
+            joints: number of joints.
+
+        """
+        of_bodies = [self.sigmas * (_BALANCED if rotor else 1) for rotor in rotors]
+        return np.concatenate([*of_bodies, np.tile(self.joint_sigmas, joints), self.grasp_sigmas])
+
+    def count(self, rotors: Sequence[bool], joints: int) -> int:
         """Return the number of uncertain quantities: of those whose σ is not zero."""
-        return int(np.count_nonzero(self.all_sigmas(bodies, joints)))
+        return int(np.count_nonzero(self.all_sigmas(rotors, joints)))
 
 
 def read_uncertainty(text: str) -> BodyUncertainty:

@@ -96,6 +96,16 @@ def changed(body, x):
     return replace(body, mass=body.mass * (1 + x[0]), p_BBcm=body.p_BBcm + x[1:4], I_BBcm=inertia)
 
 
+def rotor_errors(body):
+    """Return (4, 10) mass, centre of mass along the axis, stretch along the axis and across it."""
+    axis = body.R_MB.T @ body.axis_F
+    errors = np.zeros((6, 10))
+    errors[0, 0], errors[1, 1:4] = 1, axis
+    for row, E in ((4, np.outer(axis, axis)), (5, np.eye(3) - np.outer(axis, axis))):
+        errors[row, 4:] = [E[i, j] for i, j in STRETCHED]
+    return errors
+
+
 def test_by_known_bodies(case):
     """The target, given by its parameters, stays the same while the known bodies change."""
     tree, count = case.craft.tree, len(case.craft.tree.bodies)
@@ -103,7 +113,7 @@ def test_by_known_bodies(case):
     assert sensitivity.w.shape == (N, 3, 10 * count)
     step = 1e-5
     for k in range(0, count, 1 if count < 10 else 3):
-        for i, unit in enumerate(np.eye(10)):
+        for i, unit in enumerate(rotor_errors(tree.bodies[k]) if tree.rotors[k] else np.eye(10)):
             moved = []
             for s in (step, -step):
                 bodies = list(tree.bodies)
@@ -206,7 +216,7 @@ def test_units_of_the_uncertain_quantities(case):
         uncertainty = BodyUncertainty(**sigmas)
         args = case.telemetry, case.psi, case.dynamics, uncertainty
         value = uncertain_sensitivity(case.full, *args).w
-        assert value.shape[-1] == uncertainty.count(len(case.craft.tree.bodies), J)
+        assert value.shape[-1] == uncertainty.count(case.craft.tree.rotors, J)
         return value
 
     places = np.arange(5 * J).reshape(J, 5)
@@ -286,6 +296,32 @@ def test_disturbed_bodies_are_rigid_bodies_of_the_right_spread(craft):
     assert np.std(coms) == pytest.approx(0.003, rel=0.07)
     assert np.std(moments) == pytest.approx(0.05, rel=0.1)
     assert np.abs(np.mean(coms, axis=0)).max() < 4 * 0.003 / np.sqrt(draws)
+
+
+def test_a_wheel_remains_balanced(craft):
+    """Its errors have the same σ, but none moves its centre of mass from the axis or tilts it."""
+    uncertainty = BodyUncertainty(mass=0.02, com=0.003, inertia=0.05, joint_axis_mrad=20)
+    rng, draws, tree = np.random.default_rng(90), 400, craft.tree
+    assert tree.rotors.count(True) == 2
+    k = tree.rotors.index(True)
+    body = tree.bodies[k]
+    axis, across = body.R_MB.T @ body.axis_F, body.R_MB.T @ axis_normals(body)[:, 0]
+    along_axis, moments = [], []
+    for _ in range(draws):
+        drawn = perturbed(tree, uncertainty, rng)
+        assert drawn.rotors == tree.rotors
+        shift = drawn.bodies[k].p_BBcm - body.p_BBcm
+        along_axis.append(axis @ shift)
+        np.testing.assert_allclose(shift, along_axis[-1] * axis, rtol=0, atol=1e-15)
+        second = [np.trace(b.I_BBcm) / 2 * np.eye(3) - b.I_BBcm for b in (drawn.bodies[k], body)]
+        moments.append(
+            [np.divide(*(n @ value @ n for value in second)) - 1 for n in (axis, across)]
+        )
+    assert np.std(along_axis) == pytest.approx(0.003, rel=0.12)
+    np.testing.assert_allclose(np.std(moments, axis=0), 0.05, rtol=0.12)
+    assert np.abs(np.corrcoef(np.transpose(moments))[0, 1]) < 0.2
+    errors = uncertainty.count(tree.rotors, len(craft.joint_names))
+    assert errors == 4 * 2 + 10 * (len(tree.bodies) - 2) + 2 * len(craft.joint_names)
 
 
 def test_a_drawn_geometry_has_the_right_spread(craft):
