@@ -155,7 +155,7 @@ def uncertain_sensitivity(
     for `geometry_sensitivity`.
     """
     count = len(tree.bodies) - 1
-    sigmas = uncertainty.all_sigmas(tree.rotors[:count], len(joined_bodies(tree)))
+    sigmas = uncertainty.all_sigmas(tree.wheels[:count], len(joined_bodies(tree)))
     of_bodies, of_geometry = np.split(sigmas, [10 * count])
     parts = []
     if of_bodies.any() or not of_geometry.any():
@@ -171,12 +171,12 @@ def error_directions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the directions of body k's errors: its centre of mass (3, 3), its stretch (6, 3, 3).
 
-    They are the axes of the body's frame, and the unit stretches xx, yy, zz, xy, xz, yz. A rotor
+    They are the axes of the body's frame, and the unit stretches xx, yy, zz, xy, xz, yz. A wheel
     remains balanced: its centre of mass has an error along the axis n alone, and its second moment
     stretches along the axis (n nᵀ) and equally across it (1 − n nᵀ). Its other directions are zero.
     """
     body = tree.bodies[k]
-    if not tree.rotors[k]:
+    if not tree.wheels[k]:
         return np.eye(3), _STRETCHES
     axis = body.R_MB.T @ body.axis_F
     axes, stretches = np.zeros((3, 3)), np.zeros((6, 3, 3))
@@ -200,7 +200,7 @@ def perturbed(
 
     The inertias remain physically consistent.
     """
-    sigmas = uncertainty.all_sigmas(tree.rotors, len(joined_bodies(tree)))
+    sigmas = uncertainty.all_sigmas(tree.wheels, len(joined_bodies(tree)))
     of_bodies = 10 * len(tree.bodies)
     count = len(sigmas) if sigmas[of_bodies:].any() else of_bodies
     drawn = np.append(rng.standard_normal(count), np.zeros(len(sigmas) - count))
@@ -222,7 +222,7 @@ def with_errors(
 
     """
     joints = joined_bodies(tree)
-    sizes = uncertainty.all_sigmas(tree.rotors, len(joints))
+    sizes = uncertainty.all_sigmas(tree.wheels, len(joints))
     sizes[sizes > 0] *= errors
     of_bodies, of_joints, grasp = np.split(sizes, [10 * len(tree.bodies), len(sizes) - 6])
     bodies = []

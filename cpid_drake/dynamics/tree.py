@@ -152,25 +152,14 @@ class KinematicTree:
         return replace(self, bodies=(*self.bodies, target))
 
     def is_rotor(self, joint: int) -> bool:
-        """Return whether a joint's angle has no effect, as for a reaction wheel: see `rotors`."""
-        [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
-        return self.rotors[k]
+        """Return whether a joint's angle has no effect, as for a reaction wheel.
 
-    @cached_property
-    def rotors(self) -> tuple[bool, ...]:
-        """For each body, whether it is a rotor: a balanced body that a joint turns.
-
-        No other body is attached to a rotor. Its centre of mass is on the axis, and its inertia is
-        symmetric about the axis (to 1e-6 of its size).
+        Such a joint turns a single body, and no other body is attached to that body. Its centre of
+        mass is on the axis, and its inertia is symmetric about the axis (to 1e-6 of its size).
         """
-        return tuple(self._is_rotor(k) for k in range(len(self.bodies)))
-
-    def _is_rotor(self, k: int) -> bool:
-        """Return whether body k is a rotor."""
+        [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
         body, axis = self.bodies[k], self.bodies[k].axis_F
-        if body.joint < 0 or body.prismatic or k == self.capture_body:
-            return False
-        if any(other.parent == k for other in self.bodies):
+        if body.prismatic or k == self.capture_body or any(b.parent == k for b in self.bodies):
             return False
         p_MBcm = body.p_MB + body.R_MB @ body.p_BBcm
         off_axis = p_MBcm - axis * (axis @ p_MBcm)
@@ -182,6 +171,20 @@ class KinematicTree:
         return bool(
             body.mass * off_axis @ off_axis <= 1e-6 * size
             and np.abs(I_M - balanced).max() <= 1e-6 * size
+        )
+
+    @cached_property
+    def wheels(self) -> tuple[bool, ...]:
+        """For each body, whether it is a wheel of the base: a rotor that no other joint carries.
+
+        The last link of an arm may be a rotor by its drawing, too, but is no wheel.
+        """
+        on_base = [True]
+        for body in self.bodies[1:]:
+            on_base.append(on_base[body.parent] and body.joint < 0)
+        return tuple(
+            body.joint >= 0 and on_base[body.parent] and self.is_rotor(body.joint)
+            for body in self.bodies
         )
 
 

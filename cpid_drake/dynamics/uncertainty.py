@@ -18,7 +18,7 @@ Size = Annotated[float, Ge(0)]
 SHORTEST_LINK = 0.2
 """Length to which errors of length are compared [m]."""
 
-# The errors of a balanced rotor: its mass, its centre of mass along the axis, and the stretches of
+# The errors of a balanced wheel: its mass, its centre of mass along the axis, and the stretches of
 # its second moment along the axis and across it.
 _BALANCED = np.array([1, 1, 0, 0, 1, 1, 0, 0, 0, 0])
 
@@ -29,8 +29,8 @@ _WHOLE = "the uncertainty of known bodies"
 class BodyUncertainty:
     """Uncertainty of the known bodies and of their geometry; the same σ for every body and joint.
 
-    A rotor, such as a reaction wheel, remains balanced: its centre of mass stays on its axis, and
-    its inertia stays symmetric about the axis. See `KinematicTree.rotors`.
+    A reaction wheel remains balanced: its centre of mass stays on its axis, and its inertia stays
+    symmetric about the axis. See `KinematicTree.wheels`.
 
     The target's parameters refer to the true capture frame C: the frame in which the target is
     held. An error of C's pose on its body is therefore an error of the estimate. With `grasp_mm`
@@ -91,20 +91,20 @@ class BodyUncertainty:
         """(6,) σ of C's place (3) [m] and attitude (3) [rad]."""
         return 1e-3 * np.array([*3 * [self.grasp_mm], *3 * [self.grasp_mrad]])
 
-    def all_sigmas(self, rotors: Sequence[bool], joints: int) -> NDArray[np.float64]:
+    def all_sigmas(self, wheels: Sequence[bool], joints: int) -> NDArray[np.float64]:
         """Return (n,) the σ of all bodies, then of all joints, then of C; zeros too.
 
         Args:
-            rotors: for each body, whether it is a rotor.
+            wheels: for each body, whether it is a wheel.
             joints: number of joints.
 
         """
-        of_bodies = [self.sigmas * (_BALANCED if rotor else 1) for rotor in rotors]
+        of_bodies = [self.sigmas * (_BALANCED if wheel else 1) for wheel in wheels]
         return np.concatenate([*of_bodies, np.tile(self.joint_sigmas, joints), self.grasp_sigmas])
 
-    def count(self, rotors: Sequence[bool], joints: int) -> int:
+    def count(self, wheels: Sequence[bool], joints: int) -> int:
         """Return the number of uncertain quantities: of those whose σ is not zero."""
-        return int(np.count_nonzero(self.all_sigmas(rotors, joints)))
+        return int(np.count_nonzero(self.all_sigmas(wheels, joints)))
 
 
 def read_uncertainty(text: str) -> BodyUncertainty:

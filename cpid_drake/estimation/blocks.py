@@ -111,7 +111,7 @@ class BlockSolver:
         """Number of uncertain quantities of the known bodies and of their geometry."""
         if self.known_bodies is None:
             return 0
-        return self.known_bodies.count(self.tree.rotors, self.joint_count)
+        return self.known_bodies.count(self.tree.wheels, self.joint_count)
 
     def model(
         self,

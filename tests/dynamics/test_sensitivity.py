@@ -96,7 +96,7 @@ def changed(body, x):
     return replace(body, mass=body.mass * (1 + x[0]), p_BBcm=body.p_BBcm + x[1:4], I_BBcm=inertia)
 
 
-def rotor_errors(body):
+def wheel_errors(body):
     """Return (4, 10) mass, centre of mass along the axis, stretch along the axis and across it."""
     axis = body.R_MB.T @ body.axis_F
     errors = np.zeros((6, 10))
@@ -113,7 +113,7 @@ def test_by_known_bodies(case):
     assert sensitivity.w.shape == (N, 3, 10 * count)
     step = 1e-5
     for k in range(0, count, 1 if count < 10 else 3):
-        for i, unit in enumerate(rotor_errors(tree.bodies[k]) if tree.rotors[k] else np.eye(10)):
+        for i, unit in enumerate(wheel_errors(tree.bodies[k]) if tree.wheels[k] else np.eye(10)):
             moved = []
             for s in (step, -step):
                 bodies = list(tree.bodies)
@@ -216,7 +216,7 @@ def test_units_of_the_uncertain_quantities(case):
         uncertainty = BodyUncertainty(**sigmas)
         args = case.telemetry, case.psi, case.dynamics, uncertainty
         value = uncertain_sensitivity(case.full, *args).w
-        assert value.shape[-1] == uncertainty.count(case.craft.tree.rotors, J)
+        assert value.shape[-1] == uncertainty.count(case.craft.tree.wheels, J)
         return value
 
     places = np.arange(5 * J).reshape(J, 5)
@@ -302,14 +302,14 @@ def test_a_wheel_remains_balanced(craft):
     """Its errors have the same σ, but none moves its centre of mass from the axis or tilts it."""
     uncertainty = BodyUncertainty(mass=0.02, com=0.003, inertia=0.05, joint_axis_mrad=20)
     rng, draws, tree = np.random.default_rng(90), 400, craft.tree
-    assert tree.rotors.count(True) == 2
-    k = tree.rotors.index(True)
+    assert tree.wheels.count(True) == 2
+    k = tree.wheels.index(True)
     body = tree.bodies[k]
     axis, across = body.R_MB.T @ body.axis_F, body.R_MB.T @ axis_normals(body)[:, 0]
     along_axis, moments = [], []
     for _ in range(draws):
         drawn = perturbed(tree, uncertainty, rng)
-        assert drawn.rotors == tree.rotors
+        assert drawn.wheels == tree.wheels
         shift = drawn.bodies[k].p_BBcm - body.p_BBcm
         along_axis.append(axis @ shift)
         np.testing.assert_allclose(shift, along_axis[-1] * axis, rtol=0, atol=1e-15)
@@ -320,8 +320,20 @@ def test_a_wheel_remains_balanced(craft):
     assert np.std(along_axis) == pytest.approx(0.003, rel=0.12)
     np.testing.assert_allclose(np.std(moments, axis=0), 0.05, rtol=0.12)
     assert np.abs(np.corrcoef(np.transpose(moments))[0, 1]) < 0.2
-    errors = uncertainty.count(tree.rotors, len(craft.joint_names))
+    errors = uncertainty.count(tree.wheels, len(craft.joint_names))
     assert errors == 4 * 2 + 10 * (len(tree.bodies) - 2) + 2 * len(craft.joint_names)
+
+
+def test_a_round_last_link_of_an_arm_is_no_wheel(craft):
+    """Its drawing is balanced, but nobody has balanced the link: it may have all ten errors."""
+    k = next(k for k, body in enumerate(craft.tree.bodies) if body.name == "hand")
+    hand = craft.tree.bodies[k]
+    round_hand = replace(hand, p_BBcm=0.1 * hand.R_MB.T @ hand.axis_F, I_BBcm=0.1 * np.eye(3))
+    bodies = [*craft.tree.bodies[:k], round_hand, *craft.tree.bodies[k + 1 :]]
+    tree = replace(craft.tree, bodies=tuple(bodies), capture_body=0)
+    assert tree.is_rotor(hand.joint)
+    assert not tree.wheels[k]
+    assert tree.wheels == craft.tree.wheels
 
 
 def test_a_drawn_geometry_has_the_right_spread(craft):

@@ -284,7 +284,7 @@ class KnownBodies(Effect):
     def __init__(self, motion: BaseMotion, uncertainty: BodyUncertainty) -> None:
         self._motion, self._uncertainty = motion, uncertainty
         self._joint_count = motion.joints.coefficients.shape[1]
-        self.size = uncertainty.count(motion.tree.rotors, self._joint_count)
+        self.size = uncertainty.count(motion.tree.wheels, self._joint_count)
 
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""
@@ -292,7 +292,7 @@ class KnownBodies(Effect):
         at, psi = self._motion.instants, trajectory.state.psi
         by = uncertain_sensitivity(tree, telemetry, psi, at.dynamics, self._uncertainty)
         write_change(change, by, self._motion, trajectory)
-        sigmas = self._uncertainty.all_sigmas(tree.rotors[:-1], self._joint_count)
+        sigmas = self._uncertainty.all_sigmas(tree.wheels[:-1], self._joint_count)
         masses = np.zeros(len(sigmas))
         masses[: 10 * (len(tree.bodies) - 1) : 10] = [body.mass for body in tree.bodies[:-1]]
         by_masses = -masses * sigmas * inverse_mass(at.dynamics.mass, float(psi[0])) ** 2
