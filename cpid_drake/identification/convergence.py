@@ -71,6 +71,7 @@ def converge(
                     rows=result.rows,
                     sensors=evidence.sensors,
                     momentum=TotalMomentum.named(result.momentum),
+                    known_bodies=evidence.known_bodies,
                     prior=evidence.prior,
                     planar=result.table is not None,
                     is_final=False,

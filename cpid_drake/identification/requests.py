@@ -115,6 +115,7 @@ class Evidence:
         result: the same in the form of a result file.
         ignored: columns of the file with unknown names.
         prior: the prior that was used; None without one.
+        known_bodies: uncertainty of the spacecraft; None if it is exact.
 
     """
 
@@ -126,6 +127,7 @@ class Evidence:
     result: IdentificationResult
     ignored: tuple[str, ...]
     prior: TargetPrior | None = None
+    known_bodies: BodyUncertainty | None = None
 
     @cached_property
     def excerpt(self) -> Excerpt:
@@ -223,7 +225,15 @@ def identify_file(
     result = result_of(found, request.spacecraft, [source], spacecraft.mass)
     ignored = log.file.ignored
     return Evidence(
-        request, spacecraft, log.data, inputs.sensors, found, result, ignored, inputs.prior
+        request,
+        spacecraft,
+        log.data,
+        inputs.sensors,
+        found,
+        result,
+        ignored,
+        inputs.prior,
+        inputs.known_bodies,
     )
 
 

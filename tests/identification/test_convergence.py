@@ -1,0 +1,30 @@
+"""Estimates from growing parts of a log, made in the same way as that from all samples."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cpid_drake.identification.convergence import converge
+from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.identification.requests import Request, identify_file
+from cpid_drake.identification.result_files import SpacecraftReference
+
+
+def test_errors_of_the_spacecraft_limit_the_first_estimates_too(monkeypatch):
+    """More samples tell more: no earlier interval is narrower than the last one."""
+    record = replace(ESTIMATORS["trajectory_fit"], reports=3)
+    monkeypatch.setitem(ESTIMATORS, "trajectory_fit", record)
+    craft = SpacecraftReference(
+        "package://cpid_drake_models/free_flyer/free_flyer.urdf", "body", "capture_point"
+    )
+    request = Request(
+        "package://cpid_drake_models/telemetry/free_flyer.csv",
+        craft,
+        sensors="testbed",
+        known_bodies="mass=0.01,com=0.002,inertia=0.01",
+        end=6.0,
+    )
+    found = converge(identify_file(request))
+    width = np.diff(found.intervals, axis=2)[..., 0]
+    assert found.time.tolist() == [2.0, 4.0, 6.0]
+    assert (width > 0.99 * width[-1]).all()
