@@ -1,17 +1,22 @@
 # Each set-up command makes its own environment: `make demo` runs the paper's study, `make test` the
-# tests. PYTHON chooses the interpreter, VENV the folder.
+# quick tests, `make test-slow` the others. PYTHON chooses the interpreter, VENV the folder.
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/paper
 
-.PHONY: demo test lint docs benchmark clean
+.PHONY: demo test test-slow lint docs benchmark clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/cpid paper --out $(OUT)
 
 # One thread each: the tests' matrices are small, and threads would only wait for each other.
+PYTEST = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist loadgroup
+
 test: $(VENV)/installed-dev
-	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+	$(PYTEST) -m "not slow"
+
+test-slow: $(VENV)/installed-dev
+	$(PYTEST) -m slow
 
 lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from xdist.scheduler import LoadFileScheduling
 
 from cpid_drake import (
     InertialParameters,
@@ -23,53 +22,14 @@ from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.studies import paper
 
-LONG = (
-    "paper_run",
-    "test_diagrams",
-    "test_recursive_fit",
-    "test_trajectory_fit",
-    "test_plan_command",
-    "test_thrust",
-    "test_undeclared",
-    "test_estimators",
-    "test_accuracy",
-)
-"""What takes longest is started first: no process is left alone with it at the end."""
-
-PAPER_RUN = (
-    "test_study_page",
-    "test_base_motion",
-    "test_joint_systems",
-    "test_simulation",
-    "test_paper",
-    "test_cli",
-)
-"""Modules with tests that use the run of the paper's case."""
-
-
-class Scheduling(LoadFileScheduling):
-    """The tests of a file share a process, and so do all that use the run of the paper's case."""
-
-    def _split_scope(self, nodeid: str) -> str:
-        return group(Path(nodeid.partition("::")[0]).stem)
-
-
-def group(module: str) -> str:
-    """Return the name of the group of a module's tests."""
-    return "paper_run" if module in PAPER_RUN else module
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config, log):
-    return Scheduling(config, log)
-
-
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Sort the tests by their groups."""
+    """The tests of a file share a process, and so do all that use the run of the paper's case."""
     for item in items:
-        if "paper_run" in item.fixturenames and item.path.stem not in PAPER_RUN:
-            raise pytest.UsageError(f"add {item.path.stem} to PAPER_RUN in conftest.py")
-    items.sort(key=lambda item: [*LONG, group(item.path.stem)].index(group(item.path.stem)))
+        if "paper_run" in item.fixturenames:
+            item.add_marker(pytest.mark.xdist_group("paper_run"))
+        elif item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 
 @dataclass(frozen=True, eq=False)
