@@ -22,6 +22,7 @@ from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.studies import paper
 
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """The tests of a file share a process, and so do all that use the run of the paper's case."""
