@@ -36,7 +36,8 @@ class Case:
 
     Attributes:
         name: what is wrong.
-        kind: "telemetry", "model", "scenario", "sensors" or "result".
+        kind: "telemetry", "model", "scenario", "sensors", "result" or "export" (a result that can
+            be read, and has no target to export).
         make: writes it into a folder and returns its name.
         phrases: what the message must contain.
 
@@ -326,15 +327,9 @@ def cut(path: Path, share: float = 0.5) -> None:
 TELEMETRY = {
     # Not a text, or not this text.
     "empty": (file("t.csv", ""), "t.csv: the file is empty"),
-    "comments_only": (file("t.csv", "# nothing\n\n"), "t.csv: the file is empty"),
     "binary": (file("t.csv", bytes(range(256)) * 40), "line 1 holds binary data"),
-    "nul_in_header": (file("t.csv", "time\0,q:a\n0,1\n"), "line 1 holds binary data"),
     "nul_in_cell": (file("t.csv", put(5, "x", "0\0")), "line 5, column 'x'"),
     "utf_16": (file("t.csv", lambda: csv().encode("utf-16")), "t.csv: line 1 is not text in UTF-8"),
-    "latin_1": (
-        file("t.csv", lambda: (csv() + "# Schäden\n").encode("latin-1")),
-        "t.csv: line 103 is not text in UTF-8",
-    ),
     "web_page": (file("t.csv", "<!DOCTYPE html>\n<p>404\n"), "line 1: there is no column 'time'"),
     # The header.
     "no_header": (file("t.csv", lambda: csv(lambda rows: rows[1:])), "line 1 holds numbers"),
@@ -342,23 +337,16 @@ TELEMETRY = {
         file("t.csv", lambda: csv(lambda rows: rows[:1])),
         "t.csv: the file has no samples",
     ),
-    "header_after_rows": (file("t.csv", lambda: csv(lambda r: [*r[1:], r[0]])), "line 1 holds"),
     "column_twice": (file("t.csv", named("y", "x")), "line 1", "'x' is there 2 times"),
     "no_time": (file("t.csv", named("time", "t")), "line 1: there is no column 'time'"),
     "capital_time": (file("t.csv", named("time", "Time")), "did you mean 'Time'?"),
     "no_qz": (file("t.csv", without("qz")), "line 1", "attitude needs", "missing: qz"),
     "no_joints": (file("t.csv", without(*(f"q:{j}" for j in JOINTS))), "line 1", "q:<joint>"),
-    "joint_missing": (
-        file("t.csv", without("q:wrist", "qd:wrist")),
-        "there is no column 'q:wrist'",
-    ),
-    "joint_angle_missing": (file("t.csv", without("q:wrist")), "'q:wrist'"),
     "joint_misspelt": (
         file("t.csv", lambda: csv().replace(":wrist", ":wirst")),
         "no column 'q:wrist'",
         "'wirst'",
     ),
-    "joint_in_capitals": (file("t.csv", lambda: csv().replace("elbow", "Elbow")), "'Elbow'"),
     "rate_of_another_joint": (
         file("t.csv", named("qd:wrist", "qd:hand")),
         "line 1",
@@ -373,13 +361,9 @@ TELEMETRY = {
         "line 1: more than 10000 columns",
     ),
     "long_line": (file("t.csv", lambda: csv() + "1" * 3_000_000), "line 103 is longer than"),
-    "long_header": (file("t.csv", lambda: "a" * 3_000_000), "line 1 is longer than"),
     # Separators and quotes.
     "semicolons": (file("t.csv", lambda: csv(between=";")), "line 1", "semicolons"),
-    "tabs": (file("t.csv", lambda: csv(between="\t")), "line 1", "tabs"),
-    "blanks": (file("t.csv", lambda: csv(between=" ")), "line 1", "separated by blanks"),
     "decimal_commas": (file("t.csv", put(7, "x", "0,5")), "line 7", "decimals written with commas"),
-    "quoted_decimal_comma": (file("t.csv", put(7, "x", '"0,5"')), "line 7, column 'x'"),
     "open_quote": (file("t.csv", put(7, "x", '"0.5')), "line 7"),
     "short_row": (file("t.csv", lambda: csv(lambda r: r[8].pop() and None)), "line 9: 19 cells"),
     "long_row": (file("t.csv", lambda: csv(lambda r: r[8].append("1"))), "line 9: 21 cells"),
@@ -387,10 +371,8 @@ TELEMETRY = {
     # Cells.
     "text": (file("t.csv", put(4, "vx", "fast")), "line 4, column 'vx'", "'fast'"),
     "nan": (file("t.csv", put(4, "vx", "nan")), "line 4, column 'vx'", "empty"),
-    "infinite": (file("t.csv", put(4, "q:elbow", "-inf")), "line 4, column 'q:elbow'"),
     "too_large": (file("t.csv", put(4, "x", "1e300")), "line 4, column 'x'", "1e+300"),
     "beyond_floats": (file("t.csv", put(4, "x", "1e400")), "line 4, column 'x'", "1e400"),
-    "hexadecimal": (file("t.csv", put(4, "x", "0x1p3")), "line 4, column 'x'"),
     "underscore": (file("t.csv", put(4, "x", "1_000")), "line 4, column 'x'"),
     "other_digits": (file("t.csv", put(4, "x", "١")), "line 4, column 'x'"),
     "unit": (file("t.csv", put(4, "x", "5 mm")), "line 4, column 'x'", "'5 mm'"),
@@ -405,14 +387,8 @@ TELEMETRY = {
         "twice",
     ),
     "time_in_the_far_future": (file("t.csv", put(9, "time", "1e18")), "line 9, column 'time'"),
-    "date": (file("t.csv", put(2, "time", "2026-01-01T00:00:00")), "line 2, column 'time'"),
     "no_quaternion": (file("t.csv", put(6, "qw", "0")), "line 6: the quaternion's norm"),
-    "huge_quaternion": (file("t.csv", put(6, "qw", "1e300")), "line 6, column 'qw': 1e+300"),
     "million_rows": (file("t.csv", million_rows), "line 1000002, column 'q:shoulder': '1e'"),
-    "all_absent": (
-        file("t.csv", lambda: "time,qw,qx,qy,qz,q:shoulder,q:elbow,q:wrist\n1,,,,,,,\n"),
-        "t.csv: the file has no samples",
-    ),
     # Mixed units and conventions.
     "joint_in_degrees": (
         file("t.csv", motion_file(q=lambda m: np.degrees(m.q))),
@@ -458,7 +434,6 @@ TELEMETRY = {
     ),
     # NPZ.
     "npz_empty": (file("t.npz", ""), "t.npz: not an NPZ file"),
-    "npz_text": (file("t.npz", csv), "t.npz: not an NPZ file"),
     "npz_cut_off": (file("t.npz", lambda: npz()()[:3000]), "t.npz: not an NPZ file"),
     "npz_pickle": (
         file("t.npz", npz(x=np.array([Payload()], dtype=object))),
@@ -466,11 +441,8 @@ TELEMETRY = {
         "array of numbers",
     ),
     "npz_two_dimensions": (file("t.npz", npz(x=np.zeros((101, 3)))), "'x'", "(101, 3)"),
-    "npz_text_column": (file("t.npz", npz(x=np.array(["a"] * 101))), "'x'", "numbers"),
-    "npz_complex": (file("t.npz", npz(x=np.zeros(101, complex))), "'x'", "numbers"),
     "npz_other_length": (file("t.npz", npz(x=np.zeros(100))), "'x' has 100"),
     "npz_infinite": (file("t.npz", npz(x=np.full(101, np.inf))), "row 0, column 'x'"),
-    "npz_no_time": (file("t.npz", npz(time=None)), "t.npz: there is no column 'time'"),
     "npz_claims_much": (
         file(
             "t.npz",
@@ -478,26 +450,13 @@ TELEMETRY = {
         ),
         "'x': cut off",
     ),
-    "npz_negative_shape": (
-        file("t.npz", zipped(x=npy("{'descr': '<f8', 'fortran_order': False, 'shape': (-8,)}"))),
-        "t.npz: 'x'",
-    ),
     "npz_header_is_code": (
         file("t.npz", zipped(x=npy("__import__('pathlib').Path('owned').touch()"))),
-        "'x': not a NumPy array",
-    ),
-    "npz_header_is_deep": (
-        file("t.npz", zipped(x=npy("(" * 9000))),
         "'x': not a NumPy array",
     ),
     "npz_bomb": (file("t.npz", zip_bomb), "'time': ", "bytes are too many"),
     # Parquet.
     "parquet_empty": (file("t.parquet", ""), "t.parquet: not a Parquet file"),
-    "parquet_text": (file("t.parquet", csv), "t.parquet: not a Parquet file"),
-    "parquet_cut_off": (
-        file("t.parquet", lambda: parquet()()[:3000]),
-        "t.parquet: not a Parquet file",
-    ),
     "parquet_text_column": (
         file("t.parquet", parquet(x=["a"] * 101)),
         "column 'x' must hold numbers",
@@ -506,15 +465,10 @@ TELEMETRY = {
         file("t.parquet", parquet(x=[[1.0]] * 101)),
         "column 'x' must hold numbers",
     ),
-    "parquet_infinite": (file("t.parquet", parquet(x=np.full(101, np.inf))), "row 0, column 'x'"),
     # Bags.
     "bag_empty_folder": (made("bag", Path.mkdir), "bag: a folder without metadata.yaml"),
     "bag_without_files": (
         bag(lambda path: next(path.glob("*.mcap")).unlink()),
-        "bag: not a ROS 2 bag",
-    ),
-    "bag_metadata_garbage": (
-        bag(lambda path: (path / "metadata.yaml").write_text("a: [b, {")),
         "bag: not a ROS 2 bag",
     ),
     "bag_metadata_other": (
@@ -523,27 +477,20 @@ TELEMETRY = {
     ),
     "bag_cut_off": (bag(lambda path: cut(next(path.glob("*.mcap")))), "bag: "),
     "mcap_text": (file("t.mcap", "no bag"), "t.mcap: not a ROS 2 bag"),
-    "db3_text": (file("t.db3", "no bag"), "t.db3: not a ROS 2 bag"),
     # No file, or another one.
     "another_kind": (file("t.txt", csv), "t.txt: telemetry is read from"),
-    "no_ending": (file("t", csv), "t: telemetry is read from"),
     "missing": (called("t.csv"), "t.csv: no such file"),
-    "missing_folder": (called("no/such/t.csv"), "no/such/t.csv: no such file"),
     "folder": (made("t.csv", Path.mkdir), "t.csv: "),
     "fifo": (made("t.csv", os.mkfifo), "t.csv: not a file"),
     "device": (called("/dev/zero"), "/dev/zero: not a file"),
-    "link_to_device": (made("t.csv", lambda p: p.symlink_to("/dev/zero")), "t.csv: not a file"),
     "link_to_itself": (made("t.csv", lambda p: p.symlink_to(p)), "t.csv: "),
     "no_name": (called(""), "a folder without metadata.yaml"),
-    "dash": (called("-"), "-: no such file"),
-    "unknown_user": (called("~nobody_at_all/t.csv"), "~nobody_at_all/t.csv"),
     "unknown_package": (called("package://elsewhere/t.csv"), "unknown package 'elsewhere'"),
     "package_that_climbs": (
         called("package://cpid_drake_models/../../etc/passwd"),
         "passwd",
     ),
     "web_address": (called("http://127.0.0.1:9/t.csv"), "t.csv"),
-    "file_address": (called("file:///t.csv"), "t.csv"),
     "line_end_in_name": (called("t\nt.csv"), "t t.csv: no such file"),
     "long_name": (called("t" * 5000 + ".csv"), "too long"),
 }
@@ -596,50 +543,28 @@ HAND = "of link 'hand': "
 MODELS = {
     # Not a model.
     "empty": (file("m.urdf", ""), "m.urdf: the file is empty"),
-    "binary": (file("m.urdf", bytes(range(256)) * 40), "m.urdf: line 2: not text in UTF-8"),
     "nul": (file("m.urdf", rebuilt("fore", "fo\0re")), "m.urdf: line 4, column", "not XML"),
-    "latin_1": (
-        file("m.urdf", urdf(rest=link("Bügel")).encode("latin-1")),
-        "m.urdf: line 9: not text in UTF-8",
-    ),
     "cut_off": (file("m.urdf", urdf()[:-30]), "m.urdf: line 8, column", "not XML"),
-    "utf_16": (file("m.urdf", urdf().encode("utf-16")), "m.urdf: "),
-    "web_page": (file("m.urdf", "<!DOCTYPE html><html></html>"), "m.urdf: line 1: URDF does not"),
-    "attribute_twice": (
-        file("m.urdf", rebuilt('<mass value="200"', '<mass value="2" value="3"')),
-        "m.urdf: line 2, column",
-        "duplicate attribute",
-    ),
     "another_kind": (file("m.obj", "v 0 0 0"), "m.obj: not a model file"),
     "missing": (called("m.urdf"), "m.urdf: no such file"),
-    "folder": (made("m.urdf", Path.mkdir), "m.urdf: a folder"),
     "fifo": (made("m.urdf", os.mkfifo), "m.urdf: not a file"),
-    "device": (called("/dev/zero"), "/dev/zero: not a file"),
-    "link_to_itself": (made("m.urdf", lambda p: p.symlink_to(p)), "m.urdf: "),
-    "unknown_package": (called("package://elsewhere/m.urdf"), "unknown package 'elsewhere'"),
     "package_to_download": (called("package://drake_models/a.urdf"), "'drake_models' (known: "),
     "package_that_climbs": (
         called("package://cpid_drake_models/../../../../../../etc/passwd"),
         "package://cpid_drake_models/../",
     ),
     "web_address": (called("https://127.0.0.1:9/m.urdf"), "give a path or a package:// URI"),
-    "file_address": (called("file:///m.urdf"), "give a path or a package:// URI"),
     # Bombs and loops.
     "billion_laughs": (
         file("m.urdf", urdf(head=ENTITIES + "]>")),
         "m.urdf: line 1: the entity &a;",
     ),
     "billion_laughs_sdf": (file("m.sdf", ENTITIES + "]>" + sdf(inner="&j;")), "the entity &a;"),
-    "billion_laughs_mjcf": (file("m.xml", ENTITIES + "]>" + mjcf(rest="&j;")), "the entity &a;"),
     "outer_entity": (
         file("m.urdf", urdf(head="<!DOCTYPE r [<!ENTITY a SYSTEM '/dev/zero'>]>")),
         "line 1: the entity &a;",
     ),
     "deep": (file("m.urdf", "<robot>" + "<link>" * 200_000), "line 1: nested too deeply"),
-    "deep_models": (
-        file("m.sdf", sdf(inner="<model name='a'>" * 450 + "</model>" * 450)),
-        "nested too deeply",
-    ),
     "long_name": (file("m.urdf", urdf(rest=f"<link name='{'a' * 10**6}'/>")), "1000000 characters"),
     "directives_of_themselves": (
         directives("add_directives: {file: FOLDER/m.dmd.yaml}"),
@@ -665,17 +590,11 @@ MODELS = {
         file("m.dmd.yaml", lambda: BOMB + "directives: *j\n"),
         "m.dmd.yaml: more than 20000 values",
     ),
-    "directives_garbage": (file("m.dmd.yaml", "a: [b, {"), "m.dmd.yaml: not YAML: line 1, column"),
-    "directives_list": (file("m.dmd.yaml", "[1, 2]"), "m.dmd.yaml: invalid document"),
     "directives_misspelt": (directives("add_modle: {name: a}"), "line 2, column 3: ", "add_modle"),
     "directives_of_a_missing_file": (
         directives("add_model: {name: a, file: FOLDER/no.urdf}"),
         "no.urdf",
         "does not exist",
-    ),
-    "directives_of_a_web_address": (
-        directives("add_model: {name: a, file: 'http://127.0.0.1:9/m.urdf'}"),
-        "http://127.0.0.1:9/m.urdf",
     ),
     "directives_of_what_would_be_downloaded": (
         directives("add_model: {name: a, file: 'package://drake_models/a.urdf'}"),
@@ -683,10 +602,6 @@ MODELS = {
     ),
     "directives_of_a_long_name": (
         directives(f"add_model: {{name: a, file: 'file:///{'a' * 5000}.urdf'}}"),
-        "m.dmd.yaml: a file that it names cannot be read",
-    ),
-    "directives_of_a_nul": (
-        directives('add_model: {name: a, file: "file:///a\\0.urdf"}'),
         "m.dmd.yaml: a file that it names cannot be read",
     ),
     "directives_of_a_bad_model": (
@@ -708,16 +623,10 @@ MODELS = {
         including("m.sdf", sdf(inner="<include><uri>FOLDER/m.sdf</uri></include>")),
         "m.sdf: the file includes itself",
     ),
-    "sdf_of_a_web_address": (
-        file("m.sdf", sdf(inner="<include><uri>http://127.0.0.1:9/a</uri></include>")),
-        "m.sdf: line 5",
-        "http://127.0.0.1:9/a",
-    ),
     "mjcf_of_itself": (
         file("m.xml", mjcf(rest='<include file="m.xml"/>')),
         "m.xml: the file includes itself",
     ),
-    "mjcf_of_a_device": (file("m.xml", mjcf(rest='<include file="/dev/zero"/>')), "/dev/zero"),
     "mjcf_of_a_fifo": (
         together(file("m.xml", mjcf(rest='<include file="o.xml"/>')), made("o.xml", os.mkfifo)),
         "o.xml: not a file",
@@ -728,36 +637,23 @@ MODELS = {
         "line 5 " + HAND,
         '<mass value="-1">',
     ),
-    "mass_nan": (file("m.urdf", urdf(link("hand", "nan"))), "line 5 " + HAND, "nan is not a"),
     "mass_infinite": (file("m.urdf", urdf(link("hand", "inf"))), "line 5 " + HAND, "inf is not a"),
     "mass_1e300": (file("m.urdf", urdf(link("hand", "1e300"))), HAND, "out of range"),
-    "mass_1e400": (file("m.urdf", urdf(link("hand", "1e400"))), HAND, "1e400 is not a finite"),
     "mass_text": (file("m.urdf", urdf(link("hand", "ten"))), "line 5 " + HAND, "ten is not a"),
     "mass_comma": (file("m.urdf", urdf(link("hand", "1,5"))), "line 5 " + HAND, "1,5 is not a"),
-    "mass_unit": (file("m.urdf", urdf(link("hand", "9 kg"))), "line 5 " + HAND, "no unit"),
     "mass_zero": (file("m.urdf", urdf(link("hand", 0))), "m.urdf: ", "line 5"),
     "mass_misspelt": (file("m.urdf", rebuilt("<mass", "<mas")), "m.urdf: ", "line 2"),
-    "mass_1e300_mjcf": (file("m.xml", mjcf(1e300)), "line 4 of body 'hand'", "out of range"),
     "mass_comma_mjcf": (file("m.xml", mjcf("1,5")), "line 4 of body 'hand'", "1,5 is not a"),
     "mass_comma_sdf": (file("m.sdf", sdf("1,5")), "line 3 of link 'hand'", "1,5 is not a"),
-    "mass_unit_sdf": (file("m.sdf", sdf("10 kg")), "line 3 of link 'hand'", "no unit"),
-    "negative_mass_sdf": (file("m.sdf", sdf(-1)), "line 3 of link 'hand': <mass>-1</mass>"),
     "inertia_negative": (file("m.urdf", urdf(link("hand", 10, -1))), "line 5 " + HAND, "negative"),
     "inertia_triangle": (file("m.urdf", urdf(link("hand", 10, 99))), "line 5", "inertia"),
     "inertia_misspelt": (file("m.urdf", rebuilt("ixx", "Ixx")), "line 2 of link 'bus'", "'ixx'?"),
-    "millimetres": (
-        file("m.urdf", rebuilt('xyz="0.4 0 0.1"', 'xyz="400mm 0 100mm"')),
-        "line 6 of joint 'shoulder'",
-        "no unit",
-    ),
     "two_coordinates": (
         file("m.urdf", rebuilt('xyz="0.4 0 0.1"', 'xyz="0.4 0"')),
         "line 6",
         "3 numbers",
     ),
-    "limit_comma": (file("m.urdf", rebuilt('upper="3"', 'upper="3,1"')), "of joint 'shoulder'"),
     "axis_zero": (file("m.urdf", rebuilt('axis xyz="0 0 1"', 'axis xyz="0 0 0"')), "'shoulder'"),
-    "axis_nan": (file("m.urdf", rebuilt('axis xyz="0 0 1"', 'axis xyz="nan 0 1"')), "'shoulder'"),
     # Structure.
     "joint_type": (file("m.urdf", rebuilt('"revolute"', '"hinge"')), "line 6", "'hinge'"),
     "floating_joint": (
@@ -772,10 +668,6 @@ MODELS = {
         "parent",
     ),
     "joint_to_nothing": (file("m.urdf", rebuilt('parent link="bus"', 'parent link="b"')), "'b'"),
-    "joint_to_itself": (
-        file("m.urdf", urdf(rest=joint("j", "hand", "hand"))),
-        "connect body hand to itself",
-    ),
     "loop": (file("m.urdf", urdf(rest=joint("j", "hand", "bus"))), "m.urdf: ", "loop"),
     "mimic": (
         file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist"/>')),
@@ -792,9 +684,7 @@ MODELS = {
     "no_hand": (file("m.urdf", urdf().replace("hand", "grip")), "no frame 'hand'", "grip"),
     "hand_on_base": (file("m.urdf", urdf().replace("revolute", "fixed")), "'hand' is on the base"),
     "link_twice": (file("m.urdf", urdf(rest=link("hand"))), "m.urdf: ", "'hand'"),
-    "link_without_name": (file("m.urdf", urdf(rest="<link/>")), "name"),
     "sdf_version": (file("m.sdf", sdf().replace("1.9", "99")), "m.sdf: ", "99"),
-    "sdf_misspelt": (file("m.sdf", sdf().replace("mass", "mas")), "m.sdf: line 2", "mas"),
 }
 
 
@@ -818,8 +708,6 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
 
 YAML = {
     "empty": ("", "must be a mapping"),
-    "binary": (bytes(range(256)), "not YAML"),
-    "utf_16": ("a: 1".encode("utf-16"), "not YAML"),
     "tab": ("spacecraft:\n\tmodel: a\n", "line 2, column 1"),
     "open_list": ("spacecraft: [1, 2", "line 1, column"),
     "billion_laughs": (BOMB, "more than 20000 values"),
@@ -827,11 +715,8 @@ YAML = {
     "itself": ("a: &a [*a]\n", "*a is undefined or contains itself"),
     "python_object": ("a: !!python/object/apply:os.system ['touch owned']\n", "line 1"),
     "unknown_key": ("spacecarft: {}\n", "unknown key 'spacecarft'"),
-    "list": ("- 1\n- 2\n", "must be a mapping"),
-    "number": ("42\n", "must be a mapping"),
     "large": ("#" * 2_000_000, "larger than 1 MB"),
     "two_documents": ("{}\n---\n{}\n", "line 2"),
-    "json_cut_off": ('{"spacecraft": {', "line 1"),
 }
 
 
@@ -927,14 +812,10 @@ def result(**changes: object) -> str:
 
 RESULTS = {
     "empty": ("", "not JSON", "line 1"),
-    "binary": (bytes(range(256)), "not JSON"),
-    "cut_off": (result()[:200], "not JSON", "line 1 column"),
-    "list": ("[1, 2]", "a result must be a mapping"),
     "deep": ("[" * 100_000, "nested too deeply"),
     "key_twice": ('{"mass": 1, "mass": 2}', "'mass' is given twice"),
     "no_mass": (result(mass=...), "mass is missing"),
     "nan": (result(mass=float("nan")), "NaN"),
-    "infinite": (result(condition=float("inf")), "Infinity"),
     "beyond_floats": (result().replace("20.0", "1e400", 1), "1e400"),
     "long_integer": (result().replace("20.0", "9" * 5000, 1), "r.json"),
     "text": (result(mass="20 kg"), "mass must be a number, not '20 kg'"),
@@ -946,6 +827,8 @@ RESULTS = {
         "feasible: no rigid body",
     ),
     "no_frame": (result(spacecraft={"model": "a", "base": "b"}), "spacecraft.capture_frame"),
+}
+EXPORTS = {
     "unknown": (result(mass=None), "do not determine m"),
     "not_feasible": (result(feasible=None), "'feasible' is null"),
 }
@@ -966,8 +849,9 @@ def cases() -> list[Case]:
             Case(f"{name}_in_it", kind, file("s.yaml", content), ("s.yaml: ", *says))
             for name, (content, *says) in texts.items()
         ]
-    found += [
-        Case(name, "result", file("r.json", content), ("r.json: ", *says))
-        for name, (content, *says) in RESULTS.items()
-    ]
+    for kind, texts in (("result", RESULTS), ("export", EXPORTS)):
+        found += [
+            Case(name, kind, file("r.json", content), ("r.json: ", *says))
+            for name, (content, *says) in texts.items()
+        ]
     return [replace(case, phrases=tuple(case.phrases)) for case in found]

@@ -151,7 +151,7 @@ def log(folder) -> Measurements:
     return read_telemetry(folder / "log.csv")
 
 
-@few(150)
+@few(40)
 @given(content=st.binary(max_size=200))
 @pytest.mark.parametrize("ending", ["csv", "npz", "db3", "mcap"])
 def test_any_bytes_as_telemetry(folder, ending, content):
@@ -160,7 +160,7 @@ def test_any_bytes_as_telemetry(folder, ending, content):
     refused_or(read_fully, path)
 
 
-@few(300)
+@few(80)
 @given(content=st.one_of(damaged(SHORT_CSV.encode()), damaged_csv().map(str.encode)))
 def test_a_damaged_table(folder, content):
     path = folder / "damaged.csv"
@@ -172,7 +172,7 @@ def test_a_damaged_table(folder, content):
 def test_damaged_arrays(folder, ending, make):
     data, path = make(), folder / f"damaged.{ending}"
 
-    @few(150)
+    @few(40)
     @given(content=damaged(data))
     def check(content):
         path.write_bytes(content)
@@ -181,7 +181,7 @@ def test_damaged_arrays(folder, ending, make):
     check()
 
 
-@few(60)
+@few(20)
 @given(content=damaged(scenario()().encode()))
 def test_a_damaged_scenario(folder, content):
     path = folder / "damaged.yaml"
@@ -196,7 +196,7 @@ JSON = st.recursive(
 )
 
 
-@few(80)
+@few(8)
 @given(key=st.sampled_from(sorted(json.loads(result()))), value=JSON)
 def test_any_yaml_in_a_result_a_scenario_or_sensors(folder, key, value):
     path = folder / "any.json"
@@ -210,7 +210,7 @@ def test_any_yaml_in_a_result_a_scenario_or_sensors(folder, key, value):
     refused_or(load_sensors, path)
 
 
-@few(200)
+@few(50)
 @given(content=damaged(urdf().encode()))
 def test_a_damaged_model(folder, content):
     path = folder / "damaged.urdf"
@@ -277,7 +277,7 @@ def assert_same(one: Measurements, other: Measurements, tolerance: float = 0.0) 
         np.testing.assert_allclose(a.value, b.value[:, columns], rtol=0, atol=tolerance)
 
 
-@few(40)
+@few(6)
 @given(telemetry=telemetries())
 @pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
 def test_what_is_written_is_read_again(folder, ending, telemetry):
@@ -292,7 +292,7 @@ def test_what_is_written_is_read_again(folder, ending, telemetry):
     assert_same(read_telemetry(path), once)
 
 
-@few(40)
+@few(15)
 @given(order=st.permutations(range(20)), end=st.sampled_from(["\n", "\r\n"]), mark=st.booleans())
 def test_the_order_of_columns_and_the_ends_of_lines_do_not_matter(folder, order, end, mark):
     rows = [line.split(",") for line in SHORT_CSV.splitlines()]
@@ -302,7 +302,7 @@ def test_the_order_of_columns_and_the_ends_of_lines_do_not_matter(folder, order,
     assert_same(read_telemetry(folder / "plain.csv"), read_telemetry(folder / "other.csv"))
 
 
-@few(15)
+@few(2)
 @given(
     order=st.permutations(range(3)),
     shift=st.floats(-1e5, 1e5),
