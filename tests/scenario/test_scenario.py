@@ -2,8 +2,6 @@
 
 import copy
 import re
-import time
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -127,65 +125,23 @@ def test_reading_twice_gives_independent_scenarios():
 
 
 @pytest.mark.parametrize(
-    "content",
-    [
-        "",
-        "# nothing\n",
-        "null",
-        "3",
-        "words",
-        "- a\n- list\n",
-        "a: [1",
-        "a: b: c",
-        "\tx: 1",
-        "---\na: 1\n---\nb: 2\n",
-        "? [a]\n: 1",
-        "spacecraft: !Other {}",
-        bytes(range(256)),
-        b"spacecraft:\0",
-        "spacecraft: {model: \u00e9}".encode("latin-1"),
-        "a: " + 3000 * "[" + 3000 * "]",
-    ],
-    ids=range(16),
-)
-def test_what_is_no_scenario_is_refused(write, content):
-    assert "scenario.yaml" in refusal(load_scenario, write(content))
-
-
-def ten_times_ten(levels: int) -> str:
-    """A list of ten tens of ten … of itself: a line for every power of ten."""
-    lines = ["a0: &a0 [1]"]
-    for k in range(1, levels):
-        lines.append(f"a{k}: &a{k} [{', '.join(10 * [f'*a{k - 1}'])}]")
-    return "\n".join(lines)
-
-
-@pytest.mark.parametrize(
     ("content", "cause"),
     [
-        (ten_times_ten(12), "more than 20000 values with aliases expanded"),
-        (ten_times_ten(12).replace("[", "{<<: [").replace("]", "]}"), "more than 20000 values"),
-        ("target: {p_CTcm_C: &a [*a, *a]}", "the alias *a is undefined or contains itself"),
         ("target: *b", "the alias *b is undefined"),
-        (300_000 * "[", "nested too deeply"),
-        ("\n".join(" " * k + "a:" for k in range(1000)), "nested too deeply"),
         ("a: [" + 400_000 * "1," + "]", "more than 20000 values"),
         ("a: 1" + 200_000 * ":10", "a value of 600001 characters"),
-        (3_000_000 * "#", "larger than 1 MB: not a scenario"),
         ("spacecraft: {}".encode("utf-16"), "not text in UTF-8"),
         ("spacecraft: {}".encode("utf-16-le"), "not YAML"),
-        ("a: !!python/object/apply:os.system [exit]", "unknown tag"),
         ("!" + 100_000 * "x" + " {}", "unknown tag"),
         ("? [a]\n: 1", "a key must be a word"),
     ],
-    ids=range(14),
+    ids=range(7),
 )
-def test_what_would_take_long_or_much_memory_is_refused_at_once(write, content, cause):
-    start = time.process_time()
+def test_what_is_no_scenario_is_refused(write, content, cause):
     message = refusal(load_scenario, write(content))
+    assert "scenario.yaml" in message
     assert cause in message
     assert len(message) < 1000
-    assert time.process_time() - start < 2.0
 
 
 def test_aliases_may_save_typing(write, paper_yaml):
@@ -195,28 +151,8 @@ def test_aliases_may_save_typing(write, paper_yaml):
     assert scenario.joint_motion.final == {"capture_arm_joint1": 0.5}
 
 
-@pytest.mark.parametrize(
-    "path", ["nowhere.yaml", "", ".", "package://nobody/a.yaml", "https://example.org/a.yaml"]
-)
-def test_what_is_no_file_is_refused(path):
-    refusal(load_scenario, path)
-
-
 def test_an_unknown_shipped_scenario_is_answered_with_the_names():
     assert re.search("choose from .*paper", refusal(shipped_scenario, "nothing"))
-
-
-@pytest.mark.parametrize(
-    "key", ["massive", "target.weight", "joint_motion.speed", "simulation.simulator.tolerance"]
-)
-def test_an_unknown_key_is_refused_by_name(write, edited, key):
-    assert key.rpartition(".")[2] in refusal(load_scenario, write(edited(key, 1.0)))
-
-
-def test_a_key_given_twice_is_refused(paper_yaml, write):
-    """Which of the two was meant cannot be known."""
-    text = yaml.safe_dump(paper_yaml).replace("mass: 100.0", "mass: 100.0\n  mass: 7.0")
-    assert "mass" in refusal(load_scenario, write(text))
 
 
 @pytest.mark.parametrize(
@@ -236,26 +172,13 @@ def test_a_key_with_a_slip_is_answered_with_the_one_that_was_meant(write, edited
     ("key", "value"),
     [
         ("target.p_CTcm_C", ["433 mm", 0, 0]),
-        ("target.mass", "100 kg"),
-        ("joint_motion.duration", "10s"),
         ("joint_motion.initial.capture_arm_joint1", "30 deg"),
-        ("joint_motion.initial.capture_arm_joint1", "30°"),
     ],
 )
 def test_a_number_with_its_unit_is_answered_with_the_units_of_numbers(write, edited, key, value):
     message = refusal(load_scenario, write(edited(key, value)))
     assert f"scenario.yaml: {key} must be a" in message
     assert "without units: lengths in metres, angles in radians" in message
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("p_CTcm_C", [433.0, 0.0, 0.0]), ("I_TTcm_C", np.diag([2e7, 3e7, 1e7]).tolist())],
-)
-def test_millimetres_are_asked_about(write, edited, key, value):
-    message = refusal(load_scenario, write(edited(f"target.{key}", value)))
-    assert f"target.{key}" in message
-    assert "are these millimetres? lengths are in metres" in message
 
 
 def test_degrees_are_called_so_where_radians_are_possible(write, edited):
@@ -268,16 +191,11 @@ def test_degrees_are_called_so_where_radians_are_possible(write, edited):
         build(write(edited(key, {"capture_arm_joint1": value})))
 
 
-def test_a_joint_with_a_slip_is_answered_with_the_one_that_was_meant(write, edited):
-    message = refusal(build, write(edited("joint_motion.final", {"capture_arm_joint_1": 0.0})))
-    assert "no joint 'capture_arm_joint_1'; did you mean 'capture_arm_joint1'?" in message
-
-
 SECTIONS = ("spacecraft", "target", "joint_motion", "controller", "identification", "simulation")
 
 
 @pytest.mark.parametrize("section", SECTIONS)
-@pytest.mark.parametrize("value", [None, 3, "word", [1, 2]])
+@pytest.mark.parametrize("value", [None, [1, 2]])
 def test_a_section_that_is_no_mapping_is_refused(write, edited, section, value):
     assert section in refusal(load_scenario, write(edited(section, value)))
 
@@ -285,33 +203,20 @@ def test_a_section_that_is_no_mapping_is_refused(write, edited, section, value):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("target.mass", "heavy"),
         ("target.mass", None),
         ("target.mass", True),
-        ("target.mass", [100.0]),
-        ("target.p_CTcm_C", "here"),
         ("target.p_CTcm_C", ["a", "b", "c"]),
-        ("target.p_CTcm_C", {"x": 1.0}),
         ("target.I_TTcm_C", [[1, 2, 3], [1, 2], [1]]),
-        ("target.visual_model", 3),
         ("spacecraft.model", 3),
-        ("spacecraft.base", None),
         ("joint_motion.initial", None),
-        ("joint_motion.initial", [0.1]),
-        ("joint_motion.initial", {"capture_arm_joint1": "far"}),
         ("controller.knows_target", "maybe"),
-        ("controller.knows_target", 1),
         ("identification.rows", 18),
-        ("simulation.simulator.use_error_control", "no"),
         ("simulation.simulator.start_time", 1.0),
         ("simulation.simulator.target_realtime_rate", np.inf),
         ("simulation.log_period", 1e-7),
         ("simulation.simulator.accuracy", 1e-14),
-        ("joint_motion.duration", True),
         ("controller.natural_frequency", 1e9),
         ("target.mass", 1e300),
-        ("target.p_CTcm_C", [0.0, 1e300, 0.0]),
-        ("spacecraft.model", "~nobody_at_all/a.urdf"),
         ("simulation.simulator.max_step_size", 1e-9),
         ("identification.period", 1e-9),
     ],
@@ -323,17 +228,14 @@ def test_a_value_of_the_wrong_type_is_refused(write, edited, key, value):
 # -- what cannot be built ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("key", ["model", "base", "capture_frame"])
-def test_a_spacecraft_that_is_not_given_is_refused(write, edited, paper_yaml, key):
-    message = f"spacecraft.{key} is missing"
-    assert message in refusal(load_scenario, write(edited(f"spacecraft.{key}", "")))
+def test_what_is_not_given_is_refused(write, edited, paper_yaml):
+    message = "spacecraft.base is missing"
+    assert message in refusal(load_scenario, write(edited("spacecraft.base", "")))
     without = copy.deepcopy(paper_yaml)
-    del without["spacecraft"][key]
+    del without["spacecraft"]["base"]
     assert message in refusal(load_scenario, write(without))
-
-
-def test_a_target_that_is_not_given_is_refused(write, paper_yaml):
-    without = {key: value for key, value in paper_yaml.items() if key != "target"}
+    del without["target"]
+    without["spacecraft"]["base"] = "bus"
     assert "target is missing" in refusal(load_scenario, write(without))
 
 
@@ -352,19 +254,19 @@ POSITIVE = (
 
 
 @pytest.mark.parametrize("key", POSITIVE)
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("value", [0.0, np.nan])
 def test_what_must_be_positive_is_refused_otherwise(write, edited, key, value):
     message = refusal(build, write(edited(key, value)))
     words = key.rpartition(".")[2].split("_")
     assert any(word in message for word in words)
 
 
-@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf, -np.inf, 10.5, 1e300])
+@pytest.mark.parametrize("value", [-1.0, np.nan, 10.5])
 def test_an_offset_outside_the_simulation_is_refused(write, edited, value):
     refusal(build, write(edited("identification.offset", value)))
 
 
-@pytest.mark.parametrize("value", [-1.0, 0.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [-1.0, 0.0, np.nan])
 def test_a_nominal_mass_that_is_none_is_refused(write, edited, value):
     """Or the controller would quietly take another model."""
     scenario = edited("controller.nominal_mass", value)
@@ -375,23 +277,12 @@ def test_a_nominal_mass_that_is_none_is_refused(write, edited, value):
 @pytest.mark.parametrize(
     ("key", "value", "cause"),
     [
-        ("target.p_CTcm_C", [1.0, 2.0], "3"),
         ("target.p_CTcm_C", [np.nan, 0.0, 0.0], "finite"),
         ("target.I_TTcm_C", [20.0, 30.0, 10.0], "3x3"),
         ("target.I_TTcm_C", [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]], "symmetric"),
-        ("target.I_TTcm_C", [[1, 0, 0], [0, 1, 0], [0, 0, 9]], "triangle inequality"),
         ("target.I_TTcm_C", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]], "negative"),
-        ("spacecraft.model", "nowhere.urdf", "no such file"),
-        ("spacecraft.base", "hull", "no body 'hull'; choose from: bus"),
         ("spacecraft.capture_frame", "claw", "no frame 'claw'; choose from: "),
-        ("identification.rows", "eq99", "no row family 'eq99'; choose from eq18"),
         ("simulation.simulator.integration_scheme", "leapfrog", "must be one of runge_kutta3"),
-        ("simulation.simulator.integration_scheme", "explicit_euler", "not 'explicit_euler'"),
-        (
-            "joint_motion.initial",
-            {"elbow": 0.1},
-            "no joint 'elbow'; choose from capture_arm_joint1",
-        ),
         (
             "joint_motion.final",
             {"capture_arm_joint1": np.nan},
@@ -487,24 +378,13 @@ def test_a_configuration_that_cannot_be_is_refused(write, edited, standing, caus
     assert cause in refusal(build, write(edited("spacecraft.configuration", standing)))
 
 
-def test_keys_left_out_of_sines_keep_their_defaults(paper_yaml, write):
-    others = {key: value for key, value in paper_yaml.items() if key != "joint_motion"}
-    motion = "{frequencies: [0.2], amplitudes: {capture_arm_joint2: [0.1]}}"
-    text = f"{yaml.safe_dump(others)}joint_motion: !MultiSineMotion {motion}"
-    scenario = load_scenario(write(text))
-    default = MultiSineMotion()
-    assert scenario.joint_motion.ramp == default.ramp
-    assert scenario.joint_motion.duration == default.duration
-    make_simulation(scenario)
-
-
 def test_sines_whose_frequencies_are_missing_are_refused(paper_yaml, write):
     others = {key: value for key, value in paper_yaml.items() if key != "joint_motion"}
     text = yaml.safe_dump(others) + "joint_motion: !MultiSineMotion {}"
     assert "frequencies must be > 0 Hz, at least one" in refusal(build, write(text))
 
 
-@pytest.mark.parametrize("tag", ["!Other", "!HalfCosineMotion", "!multisinemotion", "!!python/x"])
+@pytest.mark.parametrize("tag", ["!HalfCosineMotion", "!multisinemotion"])
 def test_an_unknown_tag_is_answered_with_the_choices(tagged, tag):
     message = refusal(load_scenario, tagged({}, tag))
     assert "unknown tag" in message
@@ -512,7 +392,7 @@ def test_an_unknown_tag_is_answered_with_the_choices(tagged, tag):
     assert "scenario.yaml" in message
 
 
-@pytest.mark.parametrize("value", ["3", "word", "[1, 2]", ""])
+@pytest.mark.parametrize("value", ["3", ""])
 def test_a_tag_on_what_is_no_mapping_is_refused(paper_yaml, write, value):
     others = {key: value for key, value in paper_yaml.items() if key != "joint_motion"}
     text = f"{yaml.safe_dump(others)}joint_motion: !MultiSineMotion {value}"
@@ -523,11 +403,7 @@ def test_a_tag_on_what_is_no_mapping_is_refused(paper_yaml, write, value):
     ("text", "place"),
     [
         ("!MultiSineMotion {spacecraft: {}}", "a scenario"),
-        ("spacecraft: !MultiSineMotion {}", "spacecraft"),
         ("target: {mass: !MultiSineMotion {}}", "target.mass"),
-        ("target: {visual_model: !MultiSineMotion {}}", "target.visual_model"),
-        ("simulation: {simulator: !MultiSineMotion {}}", "simulation.simulator"),
-        ("joint_motion: {initial: !MultiSineMotion {}}", "joint_motion.initial"),
         ("joint_motion: {final: {elbow: !MultiSineMotion {}}}", "joint_motion.final.elbow"),
     ],
 )
@@ -548,49 +424,25 @@ def test_an_unknown_key_of_sines_is_answered_with_the_choices(tagged, key):
     assert "choose from duration, ramp, frequencies, centre, amplitudes, phases, final" in message
 
 
-def test_a_key_of_sines_given_twice_is_refused(tagged, write):
-    text = tagged({}).read_text()
-    twice = text.replace("ramp: 1.5", "ramp: 1.5, ramp: 2.5")
-    assert "the key 'ramp' is given twice" in refusal(load_scenario, write(twice))
-    twice = text.replace("operating_arm_joint6", "capture_arm_joint1")
-    assert "the key 'capture_arm_joint1' is given twice" in refusal(load_scenario, write(twice))
-
-
 @pytest.mark.parametrize(
     ("key", "value", "cause"),
     [
         ("duration", 0.0, "joint_motion.duration must be a number > 0"),
-        ("duration", "long", "joint_motion.duration must be a number, not 'long'"),
-        ("duration", 10**400, "joint_motion.duration must be a finite number"),
-        ("ramp", [1.0], "joint_motion.ramp must be a number"),
-        ("ramp", None, "joint_motion.ramp must be a number, not null"),
         ("ramp", 1e-300, "joint_motion.ramp must be at least 0.001 s"),
         ("ramp", 4.1, "ramp must be > 0 and at most half the duration"),
         ("frequencies", 0.1, "joint_motion.frequencies must be a list of numbers, not 0.1"),
-        ("frequencies", "12", "joint_motion.frequencies must be a list of numbers"),
-        ("frequencies", ["a", "b"], "joint_motion.frequencies must be a list of numbers"),
         ("frequencies", [0.1, -0.3], "frequencies must be > 0"),
         ("frequencies", [0.1, None], "joint_motion.frequencies must be a list of numbers"),
-        ("frequencies", [[0.1, 0.3]], "frequencies must be finite numbers in 1 dimension"),
         ("frequencies", [0.1], "amplitudes: capture_arm_joint1 needs finite numbers, one for each"),
         ("frequencies", [0.1, 1e6], "more than 1000 cycles"),
-        ("centre", [0.1], "joint_motion.centre must be a mapping"),
-        ("centre", {"capture_arm_joint1": "far"}, "joint_motion.centre.capture_arm_joint1 must be"),
         (
             "centre",
             {"elbow": 0.1},
             "joint_motion.centre: no joint 'elbow'; choose from capture_arm",
         ),
-        ("amplitudes", [[0.1, 0.2]], "joint_motion.amplitudes must be a mapping"),
-        (
-            "amplitudes",
-            {"elbow": [0.1, 0.2]},
-            "joint_motion.amplitudes: no joint 'elbow'; choose from",
-        ),
         ("amplitudes", {"capture_arm_joint1": 0.1}, "capture_arm_joint1 must be a list of numbers"),
         ("amplitudes", {"capture_arm_joint1": [0.1]}, "one for each of the 2 frequencies"),
         ("amplitudes", {"capture_arm_joint1": [0.1, np.nan]}, "joint1 must be finite numbers"),
-        ("phases", {"elbow": [0.1, 0.2]}, "joint_motion.phases: no joint 'elbow'"),
         ("phases", {"capture_arm_joint1": [0.1, 0.2, 0.3]}, "joint_motion.phases: capture_arm_j"),
     ],
 )
@@ -720,15 +572,7 @@ def test_a_prior_is_what_the_recursive_fit_starts_from(write, paper_yaml):
     [
         ({"prior": guess(), "rows": "eq18"}, "identification.prior: least_squares uses no prior"),
         (RECURSIVE | {"prior": guess(sigma=0.0)}, "sigma must be a number from 1e-6 to 100, not 0"),
-        (RECURSIVE | {"prior": guess(sigma="good")}, "identification.prior.sigma must be a number"),
-        (RECURSIVE | {"prior": guess(mass=-1.0)}, "prior: not a rigid body: the mass -1 kg is"),
-        (RECURSIVE | {"prior": guess(p_CTcm_C=[400.0, 0, 0])}, "prior.p_CTcm_C: a centre of mass"),
         (RECURSIVE | {"prior": {"mass": 3.0}}, "identification.prior.p_CTcm_C is missing"),
-        (
-            RECURSIVE | {"prior": guess(p_CTcm_C=[0.0])},
-            "prior.p_CTcm_C must be a list of 3 numbers",
-        ),
-        (RECURSIVE | {"prior": 0.1}, "identification.prior must be a mapping"),
         (
             RECURSIVE | {"prior": guess(p_CTcm_C=[0, 0, 0], I_TTcm_C=np.zeros((3, 3)).tolist())},
             "a point at C's origin",
@@ -740,12 +584,6 @@ def test_a_prior_that_cannot_be_is_refused(write, paper_yaml, values, cause):
     message = refusal(load_scenario, write(content))
     assert "scenario.yaml: identification.prior" in message
     assert cause in message
-
-
-@pytest.mark.parametrize("key", [entry.name for entry in fields(BodyUncertainty)])
-def test_one_uncertainty_is_enough(write, paper_yaml, key):
-    scenario = load_scenario(write(paper_yaml | {"known_bodies": {key: 0.03}}))
-    assert scenario.body_uncertainty() == BodyUncertainty(**{key: 0.03})
 
 
 def test_a_suite_of_ones_own_starts_at_the_scenarios_folder(
@@ -769,20 +607,14 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
 @pytest.mark.parametrize(
     ("section", "values", "cause"),
     [
-        ("sensors", None, "sensors must be a mapping"),
         ("sensors", {"kind": "x"}, "unknown key 'sensors.kind'; choose from suite, explicit, seed"),
         ("sensors", {"suite": "nothing"}, "sensors.suite: no sensors: "),
-        ("sensors", {"suite": "~nobody_at_all/a.yaml"}, "sensors.suite: "),
-        ("sensors", {"suite": "."}, "sensors.suite: no sensors: "),
-        ("sensors", {"suite": "scenario.yaml"}, "sensors.suite: "),
-        ("sensors", {"suite": 3}, "scenario.yaml: "),
         (
             "sensors",
             {"suite": "flight", "explicit": {"encoders": {}}},
             "sensors.suite and sensors.explicit: give one of the two",
         ),
         ("sensors", {"explicit": {}}, "sensors.explicit: encoders are missing"),
-        ("sensors", {"explicit": "flight"}, "sensors.explicit must be a mapping, not 'flight'"),
         (
             "sensors",
             {"explicit": {"encoders": {"rates": 1}}},
@@ -794,7 +626,6 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
             "scenario.yaml: sensors.explicit.encoders.rate must be a number >= 0.001, not -1.0",
         ),
         ("sensors", {"seed": -1}, "sensors.seed must be a whole number >= 0, not -1"),
-        ("sensors", {"seed": 1.5}, "sensors.seed must be a whole number"),
         (
             "identification",
             {"estimator": "guess"},
@@ -802,38 +633,16 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
         ),
         ("identification", {"estimator": "recursive_fit"}, "needs sensors; give sensors.suite"),
         ("known_bodies", {"mass": -0.1}, "known_bodies.mass must be a number >= 0"),
-        ("known_bodies", {"com": np.nan}, "known_bodies.com must be a finite number"),
-        ("known_bodies", {"inertia": np.inf}, "known_bodies.inertia must be a finite number"),
-        ("known_bodies", {"mass": "well"}, "known_bodies.mass must be a number"),
         ("known_bodies", {"masses": 0.1}, "unknown key 'known_bodies.masses'"),
         ("accuracy", {"presets": []}, "accuracy.presets needs at least 1 entry"),
         ("accuracy", {"presets": ["flight", "nothing"]}, "accuracy.presets[1]: no sensors: "),
-        ("accuracy", {"presets": "flight"}, "scenario.yaml: "),
-        ("accuracy", {"presets": [3]}, "scenario.yaml: "),
-        ("accuracy", {"presets": None}, "scenario.yaml: "),
         ("accuracy", {"trials": 0}, "accuracy.trials must be a whole number >= 1, not 0"),
-        ("accuracy", {"trials": 2.5}, "accuracy.trials must be a whole number"),
-        ("accuracy", {"seed": -3}, "accuracy.seed must be a whole number >= 0, not -3"),
-        ("accuracy", {"momentum_known": "yes and no"}, "scenario.yaml: "),
-        ("accuracy", {"firing": 5.0}, "accuracy.firing must be a mapping"),
-        ("accuracy", {"firing": {}}, "accuracy.firing.time is missing"),
         ("accuracy", {"firing": FIRING | {"time": 10.5}}, "duration, 10 s, not 10.5"),
-        ("accuracy", {"firing": FIRING | {"time": -1.0}}, "accuracy.firing.time must be within"),
         ("accuracy", {"firing": {"time": 5.0}}, "accuracy.firing.momentum_W is missing"),
-        (
-            "accuracy",
-            {"firing": FIRING | {"momentum_W": [1.0]}},
-            "momentum_W must be a list of 6 numbers",
-        ),
-        ("accuracy", {"firing": FIRING | {"power": 1.0}}, "unknown key 'accuracy.firing.power'"),
     ],
 )
 def test_sensing_that_cannot_be_is_refused_with_the_key(write, paper_yaml, section, values, cause):
     assert cause in refusal(load_scenario, write(paper_yaml | {section: values}))
-
-
-def test_a_firing_may_be_given_as_none(write, paper_yaml):
-    assert load_scenario(write(paper_yaml | {"accuracy": {"firing": None}})).accuracy.firing is None
 
 
 def test_the_shipped_variants_differ_from_the_exciting_motion_only_where_they_say():
