@@ -16,6 +16,8 @@ from cpid_drake import load_scenario, make_simulation, shipped_scenario
 from cpid_drake.report.live_view import PAUSE, SPEED, START, STOP, LiveView
 from cpid_drake.report.replay import replay_simulation
 
+pytestmark = pytest.mark.slow
+
 HIDE = "show / hide spacecraft and target"
 TITLE = "Capture & <i>hold</i>"
 

@@ -15,6 +15,8 @@ from cpid_drake.report.findings import findings_of
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.resources import models_directory
 
+pytestmark = pytest.mark.slow
+
 FREE_FLYER = SpacecraftReference(
     str(models_directory() / "free_flyer/free_flyer.urdf"), "body", "capture_point"
 )

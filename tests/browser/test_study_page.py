@@ -2,6 +2,8 @@
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 CONTRAST = """() => {
     const parse = text => text.match(/[0-9.]+/g).slice(0, 3).map(Number);
     const light = text => parse(text).map(x => x / 255)

@@ -61,9 +61,7 @@ def added(short_reports, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "options", [("--estimator", "every_second"), ("--rows", "grams"), ("--estimator", "grams")]
-)
+@pytest.mark.parametrize("options", [("--estimator", "every_second"), ("--rows", "grams")])
 def test_what_is_added_identifies_a_log(run_cpid, options):
     found = []
     for method in (("--rows", "standard"), options):
@@ -74,6 +72,7 @@ def test_what_is_added_identifies_a_log(run_cpid, options):
     assert options[1] in (found[1]["estimator"], found[1]["rows"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "label", "unit"),
     [
@@ -91,6 +90,7 @@ def test_the_report_of_a_result_names_what_is_added(run_cpid, options, label, un
     assert "the values differ" not in page
 
 
+@pytest.mark.slow
 def test_the_accuracy_study_tries_what_is_added():
     assert methods() == (
         *("eq18", "standard", "relative", "grams"),

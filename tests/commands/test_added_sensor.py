@@ -110,6 +110,7 @@ def test_added_sensors_make_the_fit_better_and_are_in_its_report(case, run_cpid)
     assert all(sensor.label in contents for sensor in ADDED)
 
 
+@pytest.mark.slow
 def test_joints_in_another_order_are_sorted_for_all_joint_sensors(case, run_cpid):
     target, command = case
     direct = found(run_cpid(*command, "--sensors", "all.yaml"), target)
@@ -124,6 +125,7 @@ def test_joints_in_another_order_are_sorted_for_all_joint_sensors(case, run_cpid
     np.testing.assert_allclose(again, direct, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_estimators_that_do_not_use_them_say_so(case, run_cpid):
     _, command = case
     _, _, stderr = run_cpid(*command, "--sensors", "all.yaml", "--estimator", "least_squares")

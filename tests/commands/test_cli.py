@@ -6,9 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from processes import finish, start
 
 from cpid_drake import shipped_scenario
 from cpid_drake.commands.main import main
@@ -22,7 +20,6 @@ FIGURES = (
     "table2_decimals.png",
     "online_convergence.png",
 )
-PI_60 = [60.0, 0.4330127, 0.0, 0.0, 20.0, 30.0, 10.0, 0.0, 0.0, 0.0]
 
 
 def assert_refused(run) -> str:
@@ -53,20 +50,6 @@ def cpid(monkeypatch, capfd, tmp_path):
         return subprocess.CompletedProcess(arguments, ended.value.code, *capfd.readouterr())
 
     return run
-
-
-@pytest.fixture(scope="module")
-def lighter(tmp_path_factory):
-    """The paper's study of a target of 60 kg, in a process of its own: (folder, process)."""
-    folder = tmp_path_factory.mktemp("runs")
-    text = shipped_scenario("paper").read_text()
-    lighter = re.sub(r"\bmass: \S+", "mass: 60.0", text, count=1)
-    lighter = re.sub(r"\baccuracy: \S+", "accuracy: 3.0e-10", lighter)
-    assert "mass: 60.0" in lighter
-    assert "accuracy: 3.0e-10" in lighter
-    (folder / "lighter.yaml").write_text(lighter)
-    arguments = ("paper", "--quiet", "--out", "lighter", "--scenario", "lighter.yaml")
-    return folder, finish(start("-m", "cpid_drake", *arguments, cwd=folder))
 
 
 @pytest.fixture(scope="module")
@@ -103,71 +86,6 @@ def test_tables_go_to_stdout_and_progress_to_stderr(paper_run):
     assert "\x1b" not in paper_run.stdout  # no colours where it is not a terminal
 
 
-def test_quiet_prints_nothing(lighter):
-    _, run = lighter
-    assert run.returncode == 0
-    assert run.stdout == ""
-    assert run.stderr == ""
-
-
-def test_table_1_of_the_summary(summary):
-    """Exact samples give the target; six decimals give it to a thousandth."""
-    table = summary["table1"]
-    for case, error in (("exact", 1e-7), ("rounded6", 1e-3)):
-        assert table[case].keys() == {
-            *("mass", "com", "inertia", "relative_errors", "max_relative_error")
-        }
-        largest = np.abs(table[case]["relative_errors"]).max()
-        assert largest == pytest.approx(table[case]["max_relative_error"])
-        assert 0 < table[case]["max_relative_error"] < error
-        assert table[case]["mass"] == pytest.approx(100.0, rel=error)
-        np.testing.assert_allclose(table[case]["com"], [0.4330127, 0, 0], atol=error)
-        np.testing.assert_allclose(
-            table[case]["inertia"], [20, 30, 10, 0, 0, 0], rtol=0, atol=60 * error
-        )
-
-
-def test_table_2_of_the_summary(summary):
-    """The error falls about a decade a decimal: there is no plateau from four decimals on."""
-    table = summary["table2"]
-    assert [row["decimals"] for row in table] == list(range(1, 13))
-    keys = {"decimals", "mass", "max_relative_error", "objection"}
-    assert all(row.keys() == keys for row in table)
-    error = {row["decimals"]: row["max_relative_error"] for row in table}
-    for decimals in range(4, 8):
-        assert error[decimals + 2] < 0.2 * error[decimals]
-    assert abs(table[8]["mass"] - 100.0) < 1e-4
-
-
-def test_samples_of_the_summary(summary):
-    """One sample has rank 6, two have rank 9, three determine everything."""
-    table = summary["samples"]
-    assert [row["n"] for row in table] == list(range(1, 11))
-    assert [row["rank"] for row in table] == [6, 9] + 8 * [10]
-    assert [row["max_relative_error"] is None for row in table] == 2 * [True] + 8 * [False]
-    assert table[-1]["max_relative_error"] == pytest.approx(
-        summary["table1"]["exact"]["max_relative_error"]
-    )
-
-
-def test_the_other_numbers_of_the_summary(summary):
-    assert 0 < summary["momentum"]["max_linear_drift"] < 1e-8
-    assert 0 < summary["momentum"]["max_angular_drift"] < 1e-8
-    assert 0 < summary["figure7"]["max_attitude_relative_error"] < 0.0025  # the paper's own
-    assert 0 < summary["figure7"]["max_position_relative_error"] < 0.0004  # the paper's own
-    assert summary["online_minus_batch"] < 1e-9
-    assert summary["wall_seconds"] > 0
-
-
-def test_another_target_is_identified_as_that_one(lighter):
-    """Nothing of the answer is in the program: change the truth and the answer follows."""
-    folder, run = lighter
-    assert run.returncode == 0, run.stderr
-    table = json.loads((folder / "lighter" / "summary.json").read_text())["table1"]["exact"]
-    found = [table["mass"], *table["com"], *table["inertia"]]
-    np.testing.assert_allclose(found, PI_60, rtol=1e-5, atol=1e-4)
-
-
 # -- usage ---------------------------------------------------------------------------------------
 
 
@@ -184,30 +102,20 @@ def test_help_explains(cpid, arguments):
     ("arguments", "cause"),
     [
         (["paper"], "--out"),
-        (["paper", "--out"], "--out"),
         (["nonsense"], "nonsense"),
-        (["--nonsense"], "--nonsense"),
         (["paper", "--out", "x", "--nonsense"], "--nonsense"),
         (["paper", "--out", "x", "extra"], "extra"),
     ],
 )
-def test_wrong_usage_is_one_line_and_exit_code_2(cpid, arguments, cause):
+def test_wrong_usage_is_one_line_and_exit_code_2(cpid, tmp_path, arguments, cause):
     assert cause in assert_refused(cpid(*arguments))
-
-
-def test_wrong_usage_makes_no_folder(cpid, tmp_path):
-    cpid("paper", "--out", "x", "--nonsense")
-    assert not (tmp_path / "x").exists()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
         (None, "no such file"),
-        ("", "mapping"),
-        ("a: [1", "not YAML"),
-        ("massive: 1", "massive"),
-        ("spacecraft: 3", "spacecraft"),
         ("spacecraft: {model: 'a\n\n  b', base: b, capture_frame: c}", "target is missing"),
     ],
 )
@@ -230,14 +138,6 @@ def test_a_bad_model_is_one_line_too(cpid, tmp_path):
     assert "inertia" in assert_refused(cpid("paper", "--out", "x", "--scenario", "bad.yaml"))
 
 
-def test_a_scenario_may_be_a_package_uri(cpid):
-    """It gets as far as the file's name: the URI's slashes are kept."""
-    uri = "package://cpid_drake_models/scenarios/nowhere.yaml"
-    message = assert_refused(cpid("paper", "--out", "x", "--scenario", uri))
-    assert uri in message
-    assert str(models_directory()) in message
-
-
 def test_an_output_that_is_a_file_is_refused(cpid, tmp_path):
     (tmp_path / "taken").write_text("")
     assert "--out taken" in assert_refused(cpid("paper", "--out", "taken"))
@@ -258,6 +158,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_all_else(cpid):
 TRIAL = ("--trials", "2", "--preset", "servicer", "--jobs", "1")
 
 
+@pytest.mark.slow
 def test_accuracy_prints_its_table_and_writes_what_it_says(cpid, tmp_path):
     run = cpid("accuracy", "exciting_motion", *TRIAL, "--out", "acc")
     assert run.returncode == 0, run.stderr
@@ -283,23 +184,12 @@ def test_accuracy_prints_its_table_and_writes_what_it_says(cpid, tmp_path):
     assert page.count("<figure") == page.count("<svg") == 2
 
 
-def test_accuracy_can_be_quiet(cpid):
-    run = cpid(
-        *("accuracy", "exciting_motion", *TRIAL, "--estimator", "relative"),
-        *("--out", "acc", "--quiet"),
-    )
-    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
-
-
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (("exciting",), "no shipped scenario 'exciting'; did you mean 'exciting_motion'?"),
-        (("nowhere.yaml",), "nowhere.yaml"),
         (("paper", "--preset", "fligth"), "fligth"),
         (("paper", "--estimator", "kalman"), "no estimator 'kalman'; choose from eq18"),
         (("paper", "--trials", "0"), "trials must be at least 1"),
-        (("paper", "--jobs", "0"), "jobs must be at least 1"),
         (("paper", "--seed", "-3"), "seed must be >= 0"),
         ((), "Missing argument"),
     ],

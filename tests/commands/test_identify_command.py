@@ -1,6 +1,5 @@
 """`cpid identify` and `cpid telemetry check`: what they print and write, and how they end."""
 
-import importlib.metadata
 import json
 from pathlib import Path
 
@@ -63,8 +62,8 @@ class TestSample:
         assert (code, stderr) == (0, "")
         return stdout, json.loads(Path("found.json").read_text())
 
-    def test_json_holds_what_was_found(self, result):
-        _, found = result
+    def test_json_holds_what_was_found_and_what_is_printed(self, result):
+        stdout, found = result
         values = np.array([found["mass"], *found["com"], *found["inertia"]])
         sigma = np.sqrt(np.diag(found["covariance"]))
         assert np.all(np.abs(values - BAG.to_vector()) < 4 * sigma)
@@ -81,11 +80,7 @@ class TestSample:
         tensor = read_result("found.json").target.I_TTcm_C
         np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor, atol=1e-15)
         assert np.linalg.det(axes) == pytest.approx(1.0)
-
-    def test_what_is_printed_is_what_is_written(self, result):
-        stdout, found = result
         lines = {line.split()[0]: line for line in stdout.splitlines() if line.strip()}
-        values = [found["mass"], *found["com"], *found["inertia"]]
         for name, value in zip(PARAMETER_NAMES, values, strict=True):
             shown = lines[name].split()[1]
             assert float(shown) == pytest.approx(value, abs=10.0 ** -len(shown.split(".")[1]))
@@ -113,6 +108,7 @@ class TestUncertainSpacecraft:
         assert found["source"]["known_bodies"] == self.OPTION
         assert "--known-bodies" in found["source"]["command"]
 
+    @pytest.mark.slow
     def test_a_file_says_the_same_as_the_option(self, cpid):
         pairs = self.OPTION.split(",")
         Path("bodies.yaml").write_text("".join(p.replace("=", ": ") + "\n" for p in pairs))
@@ -136,10 +132,7 @@ class TestUncertainSpacecraft:
             ("mass=-1", "mass=-1: mass must be a number >= 0"),
             ("weight=1", "unknown key 'weight'"),
             ("mass=a lot", "'mass=a lot' is not KEY=NUMBER; the keys are mass, com, "),
-            ("mass=0.1,com", "'com' is not KEY=NUMBER"),
             ("mass=1,mass=2", "the key 'mass' is given twice"),
-            ("mass=nan", "mass must be a finite number"),
-            ("none.yaml", "none.yaml"),
         ],
     )
     def test_impossible_uncertainty(self, cpid, option, problem):
@@ -268,14 +261,3 @@ class TestCheck:
     def test_a_model_needs_its_frames(self, cpid, exact):
         message = refusal(cpid("telemetry", "check", exact, "--base", "bus"))
         assert "give all of --spacecraft" in message
-
-
-def test_a_package_that_is_only_on_the_path_identifies_too(cpid, monkeypatch):
-    """A checkout on PYTHONPATH has no version."""
-
-    def missing(name):
-        raise importlib.metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(importlib.metadata, "version", missing)
-    assert cpid("identify", SAMPLE, *FREE_FLYER, "--json", "r.json", "--quiet")[0] == 0
-    assert read_result("r.json").source.cpid_drake == "not installed"

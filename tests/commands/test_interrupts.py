@@ -83,8 +83,17 @@ def processes_of_group(group: int) -> list[str]:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's process status")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize(("command", "seconds"), [(c, s) for c in COMMANDS for s in (0, 0.3, 2, 6)])
+@pytest.mark.parametrize(
+    ("command", "seconds", "number"),
+    [
+        ("identify", 0.3, signal.SIGINT),
+        *(
+            pytest.param(command, seconds, number, marks=pytest.mark.slow)
+            for command in COMMANDS
+            for seconds, number in ((0, signal.SIGTERM), (2, signal.SIGINT), (6, signal.SIGTERM))
+        ),
+    ],
+)
 def test_an_interrupt_ends_a_command_with_one_line(command, seconds, number, inputs, tmp_path):
     """At any instant: at the start, while modules are imported, or a long computation runs."""
     process = start(
@@ -135,6 +144,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_waits_until_processes_have_been_started(number, tmp_path):
     """Also if another thread receives the signal, and with the handler of the command."""

@@ -30,6 +30,7 @@ def identified(run_cpid, tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["least_squares", "recursive_fit"])
 def test_a_stream_gives_the_result_and_the_page_of_a_log_in_memory(
     identified, short_reports, monkeypatch, estimator

@@ -64,6 +64,7 @@ def test_a_result_s_report_is_that_of_its_identification(cpid, result, folder):
     assert shown == numbers(folder / "identified.html")
 
 
+@pytest.mark.slow
 def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
     text = (models_directory() / "scenario_template.yaml").read_text()
     shorter = text.replace("simulation:\n  duration: 10.0", "simulation:\n  duration: 3.0")

@@ -97,6 +97,7 @@ class TestLogs:
 
 
 class TestPrior:
+    @pytest.mark.slow
     def test_a_result_is_a_prior(self, cpid, halves):
         first, second = halves
         assert cpid("identify", first, *FREE_FLYER, "--json", "1.json", "--quiet")[0] == 0
@@ -122,6 +123,7 @@ class TestPrior:
         assert cpid("identify", second, *SERVICER, *options)[0] == 0
         assert read_result("2.json").mass == pytest.approx(60.0, rel=1e-5)
 
+    @pytest.mark.slow
     def test_a_design_is_a_prior(self, cpid, halves):
         Path("cad.yaml").write_text(CAD + "sigma: 0.1\n")
         code, stdout, stderr = cpid("identify", halves[0], *FREE_FLYER, "--prior", "cad.yaml")
@@ -138,11 +140,9 @@ class TestPrior:
     @pytest.mark.parametrize(
         ("text", "words"),
         [
-            ("{}", "give mass, p_CTcm_C or I_TTcm_C"),
             ("mass: 8\n", "give sigma_mass, or sigma for all"),
             (CAD + "sigma: 0.1\nweight: 3\n", "weight"),
             ("p_CTcm_C: [1, 0, 0]\nsigma: 0.1\n", "give sigma_p_CTcm_C: sigma needs mass"),
-            (CAD.replace("0.2, 0, 0", "0.9, 0, 0") + "sigma: 0.1\n", "not a rigid body"),
         ],
     )
     def test_a_design_that_is_wrong_is_refused(self, cpid, text, words):
@@ -150,6 +150,7 @@ class TestPrior:
         outcome = cpid("identify", SAMPLE, *FREE_FLYER, "--prior", "cad.yaml")
         assert words in refusal(outcome)
 
+    @pytest.mark.slow
     def test_a_prior_in_another_frame_is_refused(self, cpid, halves):
         cpid("identify", halves[0], *FREE_FLYER, "--json", "1.json", "--quiet")
         text = Path("1.json").read_text().replace('"capture_point"', '"gripper"')

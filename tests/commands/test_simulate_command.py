@@ -112,6 +112,7 @@ def test_a_run_with_a_log_that_was_cut_off_is_refused(sensed, tmp_path, name):
         read_run(copy)
 
 
+@pytest.mark.slow
 def test_the_complete_scenario_gives_the_same_run(sensed, folder, capsys):
     before = (sensed / "telemetry.csv").read_text()
     assert run(sensed / "scenario.yaml", "--out", folder / "again") == 0
@@ -122,6 +123,7 @@ def test_the_complete_scenario_gives_the_same_run(sensed, folder, capsys):
     assert "6 files in " in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_printed_command_identifies_from_the_run(folder, short, capsys):
     """Also with spaces in the path, and with everything that the scenario says of the momentum."""
     scenario = short("printed.yaml", ("unknown_momentum: false", "unknown_momentum: true"))
@@ -155,6 +157,7 @@ def test_without_sensors_the_telemetry_is_the_exact_motion(folder, short, capsys
     assert abs(about["online_identification"]["estimate"]["m"] - 60) < 1e-3
 
 
+@pytest.mark.slow
 def test_an_impossible_motion_is_simulated_with_a_warning(folder, short, capsys):
     """The warning is in the output, in run.json and in the report's section."""
     heavy = short(

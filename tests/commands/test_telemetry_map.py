@@ -14,10 +14,10 @@ from cpid_drake import (
     Measurements,
     Telemetry,
     load_scenario,
-    make_simulation,
     shipped_scenario,
     write_telemetry,
 )
+from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.resources import models_directory
 from cpid_drake.sensing.files.column_map import load_column_map
 from cpid_drake.sensing.measurements import Samples
@@ -38,8 +38,11 @@ MARKER = np.array([0.12, -0.08, 0.15])
 @cache
 def truth() -> Telemetry:
     """Return the exact motion of a shipped scenario."""
-    simulation = make_simulation(load_scenario(shipped_scenario("free_flyer_payload")))
-    return simulation.telemetry(simulation.run())
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    craft, time = scenario.spacecraft.make(), np.arange(161) / 16
+    motion = scenario.make_joint_motion(craft)
+    base = propagate_base(craft.tree, motion, scenario.target_truth().to_standard_vector(), time)
+    return base.to_telemetry(craft.joint_names, time, motion)
 
 
 def in_body(motion, vectors):
@@ -174,7 +177,13 @@ LOGS = {
 """By name, what writes the log, options of `cpid telemetry map`, and the sensors in the log."""
 
 
-@pytest.mark.parametrize("kind", LOGS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind in ("ros", "vicon") else pytest.mark.slow)
+        for kind in LOGS
+    ],
+)
 def test_a_log_of_another_tool_is_identified_like_the_house_log(tmp_path, run_cpid, kind):
     write, options, sensors = LOGS[kind]
     log, columns = write(tmp_path, truth()), tmp_path / "map.yaml"
@@ -303,6 +312,7 @@ def test_positions_in_millimetres_are_refused_by_every_command(tmp_path, run_cpi
     )
 
 
+@pytest.mark.slow
 def test_reports_and_replays_read_the_log_with_its_map(
     tmp_path, run_cpid, short_reports, monkeypatch
 ):

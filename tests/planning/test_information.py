@@ -25,8 +25,8 @@ def sigmas(case, model=None) -> np.ndarray:
     ("scenario", "preset"),
     [
         ("paper", "flight"),
-        ("exciting_motion", "coarse"),
-        ("single_arm_wheels", "flight"),
+        pytest.param("exciting_motion", "coarse", marks=pytest.mark.slow),
+        pytest.param("single_arm_wheels", "flight", marks=pytest.mark.slow),
         ("air_bearing", "air_bearing"),  # a table; delays, a lever arm and a mounting are unknown
     ],
 )
@@ -45,6 +45,7 @@ def test_errors_of_encoders_make_a_small_difference(exciting):
     assert (ratio < 1.02).all()
 
 
+@pytest.mark.slow
 def test_an_uncertain_spacecraft_limits_the_information_as_in_the_exact_bound(uncertain):
     """The known bodies' errors make σ hundreds of times larger."""
     np.testing.assert_allclose(sigmas(uncertain) / uncertain.bound(), 1.0, atol=0.03)
@@ -112,6 +113,7 @@ def test_with_momentum_a_change_of_the_attitude_grows():
         np.testing.assert_allclose(found, expected, atol=3e-3 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_motions_in_a_batch_do_not_affect_each_other(uncertain):
     model, samples = uncertain.model, uncertain.samples()
     others = np.random.default_rng(1).normal(size=(len(samples), 3, *samples.shape[2:]))

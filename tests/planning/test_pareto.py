@@ -1,6 +1,7 @@
 """Motions that turn the base less and less."""
 
 import numpy as np
+import pytest
 
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.planning.pareto import FrontPoint, front, undominated
@@ -17,6 +18,7 @@ def test_no_motion_of_a_front_beats_another():
     assert found == [(5.0, 1.0), (3.0, 1.5), (2.0, 3.0)]
 
 
+@pytest.mark.slow
 def test_each_motion_turns_the_base_less_and_keeps_all_constraints():
     scenario = load_scenario(shipped_scenario("exciting_motion"))
     options = PlanOptions(frequency=0.3, candidates=64, starts=1, iterations=15, targets=1, jobs=1)

@@ -27,6 +27,7 @@ def prior_of(scenario, sigma) -> TargetPrior:
     return TargetPrior("estimate", truth, np.diag(np.broadcast_to(sigma, 10) ** 2.0))
 
 
+@pytest.mark.slow
 def test_it_starts_where_the_last_motion_ended_and_returns_to_its_start(problem, scenario):
     following = next_problem(problem, prior_of(scenario, 0.1))
     np.testing.assert_allclose(following.family.start, problem.family.end)

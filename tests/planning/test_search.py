@@ -32,6 +32,7 @@ def test_the_seed_determines_the_candidates(limited):
     np.testing.assert_array_equal(candidates(limited, 30, 5), first[:30])
 
 
+@pytest.mark.slow
 def test_processes_change_nothing(objective, limited):
     """Up to rounding: sums may run in another order, and a poor motion's matrices amplify it."""
     drawn = candidates(limited, 100, 5)

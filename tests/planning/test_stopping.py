@@ -66,6 +66,7 @@ def test_the_gradient_of_positions_at_rest(family, limits):
     check_gradient(Stops(family, limits, 0.2, None), drawn(family, 1, 0.3)[0])
 
 
+@pytest.mark.slow
 def test_the_gradient_of_distances_at_rest(family, limits, distances):
     stops = Stops(family, limits, 1.0, replace(distances, least=0.3))
     rows = len(stops.evaluate(drawn(family, 1, 0.0)[0])[0]) - 66
@@ -100,6 +101,7 @@ def test_a_stop_can_hit_what_the_motion_does_not(family, limits, distances):
     assert not all(weak.is_kept(x) for x in found)
 
 
+@pytest.mark.slow
 def test_a_plan_may_be_stopped_at_any_instant():
     scenario = load_scenario(shipped_scenario("paper"))
     options = PlanOptions(
@@ -126,6 +128,7 @@ def test_a_plan_may_be_stopped_at_any_instant():
     assert needed_torque(problem.setting, motion, problem.checked_targets, 0.12) <= 1
 
 
+@pytest.mark.slow
 def test_motors_that_are_too_weak_for_stops_are_a_reason_to_refuse():
     """The message gives a deceleration for which they are strong enough."""
     scenario = load_scenario(shipped_scenario("paper"))

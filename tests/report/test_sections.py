@@ -12,7 +12,6 @@ from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.convergence import Convergence
 from cpid_drake.identification.description import describe, result_of
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.result_files import (
@@ -20,20 +19,17 @@ from cpid_drake.identification.result_files import (
     HeldOutRecord,
     SpacecraftReference,
     UndeclaredRecord,
-    read_result,
     write_result,
 )
 from cpid_drake.report.accuracy import tables
-from cpid_drake.report.figures import ellipse, motion_pictures
+from cpid_drake.report.figures import motion_pictures
 from cpid_drake.report.page import Table
 from cpid_drake.report.replay import estimate_text
-from cpid_drake.report.sections.convergence import convergence_section
 from cpid_drake.report.sections.effects import undeclared_section
 from cpid_drake.report.sections.observability import observability_section
 from cpid_drake.report.sections.residuals import residuals_section
 from cpid_drake.report.sections.result import result_section
 from cpid_drake.report.sections.sensors import sensors_section
-from cpid_drake.report.sections.warnings import warnings_section
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.thinning import excerpt_of
@@ -139,23 +135,6 @@ class TestResult:
         assert "physically inconsistent (mass is negative)" in text
 
 
-class TestWarnings:
-    def test_those_of_the_estimator_are_shown(self, found):
-        """Such as that the fit did not converge."""
-        found = replace(found, warnings=("the fit did not converge",))
-        section = warnings_section(result_of(found, CRAFT), None)
-        assert list(section.warnings) == ["the fit did not converge"]
-        assert not section.texts
-
-    @pytest.mark.parametrize(("shift", "is_other"), [(0.0, False), (0.01, True)])
-    def test_a_log_that_now_gives_other_values_is_noticed(self, found, shift, is_other):
-        result = result_of(found, CRAFT)
-        moved = result.parameters + shift * SIGMA
-        again = replace(result, mass=moved[0], com=moved[1:4], inertia=moved[4:])
-        texts = warnings_section(result, again).warnings
-        assert any("the values differ" in text for text in texts) == is_other
-
-
 class TestObservability:
     def test_relative_standard_deviations(self, found):
         """Of the mass, of the radius of gyration, and of the trace of the inertia."""
@@ -218,33 +197,6 @@ def test_the_sensors_section_compares_samples_with_the_assumed_noise(found):
     assert column(table, "not used") == ["7", "0"]
     assert column(table, "χ² per reading") == ["2.500", ""]
     assert float(column(table, "σ assumed")[0]) == pytest.approx(suite.sigmas("gyro")[0], rel=0.05)
-
-
-def test_convergence_is_drawn_from_the_first_parameter_that_is_known_on():
-    parameters = np.full((2, 10), np.nan)
-    nothing = Convergence(np.array([1.0, 2.0]), parameters, np.full((2, 10, 2), np.nan), ())
-    assert convergence_section(nothing, None).pictures == ()
-    some = replace(nothing, parameters=np.where(np.arange(10) == 0, 3.0, parameters))
-    section = convergence_section(some, TARGET)
-    assert len(section.pictures) == 10
-    assert "Dashed line: true value." in section.texts[0]
-
-
-def test_a_result_s_report_is_that_of_its_file(found, tmp_path):
-    result = result_of(found, CRAFT)
-    write_result(tmp_path / "r.json", result)
-    one, other = (result_section(r, None) for r in (result, read_result(tmp_path / "r.json")))
-    assert one.texts == other.texts
-    for first, second in zip(one.tables, other.tables, strict=True):
-        assert [[str(c) for c in row] for row in first.rows] == [
-            [str(c) for c in row] for row in second.rows
-        ]
-
-
-def test_the_ellipsoid_of_a_solid_sphere_is_that_sphere():
-    """I = 2/5 m r²: of 5 kg and radius 0.3 m."""
-    sphere = InertialParameters(5.0, [0, 0, 0], 0.4 * 5.0 * 0.09 * np.eye(3))
-    np.testing.assert_allclose(np.linalg.norm(ellipse(sphere, (0, 2)), axis=0), 0.3)
 
 
 def test_pictures_of_the_base_s_motion_name_their_units():

@@ -96,6 +96,7 @@ def test_trials_draw_the_error_of_the_scale():
     assert not len(ideal_samples(case, craft.tree, craft.joint_names).thrust)
 
 
+@pytest.mark.slow
 def test_online_and_offline_identify_with_the_log_of_the_burn():
     """No change of momentum is found; without the log there is one, or a doubt."""
     suspicions = {}

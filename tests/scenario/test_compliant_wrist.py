@@ -74,6 +74,7 @@ def test_the_joints_follow_their_motion(compliant):
     np.testing.assert_allclose(telemetry.q, expected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [False, True])
 def test_a_stiff_wrist_is_a_rigid_grasp(moves):
     rigid = with_wrist()

@@ -36,6 +36,7 @@ def test_a_position_beyond_its_limits_is_named_with_its_time(checked):
     assert found == ["operating_arm_joint4 is at -3.3 rad at 10 s, its limits are -3.1 and 3.1 rad"]
 
 
+@pytest.mark.slow
 def test_a_rate_beyond_its_limit_is_named_with_its_time(checked):
     """Half the time: twice the rates, the largest at half time, and four times the efforts."""
 
@@ -79,6 +80,7 @@ def test_an_arm_through_the_bus_is_named(checked):
     assert re.search(r"bus and operating_arm_link2 overlap by 0\.\d+ m at \S+ s", found)
 
 
+@pytest.mark.slow
 def test_a_brief_overlap_between_the_motions_instants_is_found(checked):
     """In a slow, wide motion the arm swings through the bus and out of it again."""
 

@@ -47,18 +47,21 @@ def result(study, estimator):
     return next(r for r in study.results if r.estimator == estimator)
 
 
+@pytest.mark.slow
 def test_all_estimators_are_tried(study):
     names = [r.estimator for r in study.results]
     assert names == ["eq18", "standard", "relative", "recursive_fit", "trajectory_fit"]
     assert all(r.failed == 0 and r.infeasible == 0 for r in study.results)
 
 
+@pytest.mark.slow
 def test_efficient_estimators_are_near_the_bound(study):
     for name in ("trajectory_fit", "recursive_fit"):
         assert result(study, name).ratio.max() < 2.5
         assert result(study, name).nees_mean < chi2.ppf(0.9999, 40) / 4
 
 
+@pytest.mark.slow
 def test_summary_is_complete_and_strict_json(study):
     text = json.dumps(summarize(study, 1.0), allow_nan=False)
     summary = json.loads(text)
@@ -73,6 +76,7 @@ def test_summary_is_complete_and_strict_json(study):
         )
 
 
+@pytest.mark.slow
 def test_same_seed_same_numbers_in_any_number_of_processes(scenario):
     options = {"trials": 2, "presets": ["servicer"], "estimators": ["standard"], "seed": 5}
     one = run_accuracy(scenario, jobs=1, **options).results[0]
@@ -91,6 +95,7 @@ def test_every_trial_draws_noise_of_its_own(scenario):
     assert (spread > 0.01 * result.rmse).all()
 
 
+@pytest.mark.slow
 def test_figures_are_written(study, tmp_path):
     ((name, group),) = figures(study).items()
     assert name == "accuracy_servicer.png"
@@ -103,8 +108,6 @@ def test_figures_are_written(study, tmp_path):
     [
         ({"estimators": ["kalman"]}, "no estimator 'kalman'; choose from eq18"),
         ({"trials": 0}, "trials must be at least 1"),
-        ({"jobs": 0}, "jobs must be at least 1"),
-        ({"seed": -1}, "seed must be >= 0"),
         ({"presets": ["fligth"]}, "fligth"),
     ],
 )
@@ -231,6 +234,7 @@ def test_burns_add_momentum_at_a_constant_rate(scenario, case):
     np.testing.assert_allclose(np.hstack([L, P]), shares[:, None] * added, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_filter_sees_a_firing_and_the_study_says_when(scenario):
     firing = FiringConfig(5.0, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]))
     fired = replace(scenario, accuracy=replace(scenario.accuracy, firing=firing))
@@ -243,6 +247,7 @@ def test_filter_sees_a_firing_and_the_study_says_when(scenario):
     assert share == 0.0
 
 
+@pytest.mark.slow
 def test_the_truth_is_not_the_nominal_spacecraft_where_that_is_uncertain(scenario):
     uncertain = replace(scenario, known_bodies=replace(scenario.known_bodies, mass=0.01))
     options = {"trials": 2, "presets": ["flight"], "estimators": ["trajectory_fit"]}

@@ -96,35 +96,14 @@ def test_sets_of_instants_agree_if_they_determine_the_target(study):
     assert errors == sorted(errors, reverse=True)
 
 
-def test_computing_is_cheap_and_attitudes_are_orthonormal(study, summary):
-    """A thousandth of the time between samples, on any machine; Eq. 17 to rounding."""
-    assert 0 < study.update_seconds < 0.02
-    assert summary["update_seconds_on_this_machine"] == study.update_seconds
+def test_attitudes_are_orthonormal(study):
+    """Eq. 17, to rounding."""
     assert study.orthonormality < 1e-14
 
 
-def test_conclusions_are_those_of_the_run(study):
-    """With another result they say other things."""
-    from dataclasses import replace
-
-    from cpid_drake.report.paper_conclusions import conclusions
-
-    text = " ".join(conclusions(study))
-    assert "no answer from data of 1, 2 and 3 decimals; Table 2 marks" in text
-    assert "or nearer at every number of decimals; at 1 it is refused" in text
-    assert "No set of 2 instants determines all ten" in text
-    worse = replace(study, livelier=replace(study.livelier, by_fit=study.livelier.by_rows))
-    assert "nearer at every number of decimals but 1 and 2" in " ".join(conclusions(worse))
-    slower = replace(study, update_seconds=0.5)
-    assert "500000 µs on this machine, 50.000%" in " ".join(conclusions(slower))
-    without = " ".join(conclusions(replace(study, livelier=None)))
-    assert "With a livelier motion" in text
-    assert "With a livelier motion" not in without
-
-
-def test_momentum_drift_is_small(summary):
-    assert summary["momentum"]["max_linear_drift"] < 1e-8
-    assert summary["momentum"]["max_angular_drift"] < 1e-8
+def test_momentum_is_conserved(summary):
+    assert 0 < summary["momentum"]["max_linear_drift"] < 1e-8
+    assert 0 < summary["momentum"]["max_angular_drift"] < 1e-8
 
 
 def test_rounded_data_seem_to_have_momentum(summary):
