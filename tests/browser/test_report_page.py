@@ -98,33 +98,6 @@ def test_nothing_sticks_out(opened, width):
         assert page.evaluate(widths) == [width, width]
 
 
-def test_dark_mode_changes_paper_and_ink(opened):
-    colours = """() => ["body", "figure svg text"].map(name => {
-        const style = getComputedStyle(document.querySelector(name));
-        return name === "body" ? getComputedStyle(document.documentElement).backgroundColor
-                               : style.fill;
-    }).map(text => text.match(/[0-9.]+/g).slice(0, 3).reduce((sum, x) => sum + Number(x), 0))"""
-    with opened(scheme="light") as page:
-        paper, ink = page.evaluate(colours)
-        assert paper > 700
-        assert ink < 150
-    with opened(scheme="dark") as page:
-        paper, ink = page.evaluate(colours)
-        assert paper < 150
-        assert ink > 600
-
-
-def test_print_is_light_and_without_the_replay(opened):
-    with opened(scheme="dark") as page:
-        page.emulate_media(media="print")
-        assert not page.locator("#replay").is_visible()
-        assert not page.locator("nav").is_visible()
-        assert page.locator("#convergence svg").first.is_visible()
-        paper = page.evaluate("getComputedStyle(document.documentElement).backgroundColor")
-        assert paper == "rgb(255, 255, 255)"
-        assert page.pdf(format="A4").startswith(b"%PDF")
-
-
 def test_the_replay_opens_when_it_is_asked_for(opened):
     with opened() as page:
         assert page.locator("iframe").count() == 0

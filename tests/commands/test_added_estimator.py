@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES, STANDARD_ROWS
-from cpid_drake.identification.estimators import ESTIMATORS, methods
+from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.problem import Estimator
 from cpid_drake.identification.row_estimator import estimate_by_rows, needs_of_rows
-from cpid_drake.resources import models_directory, shipped_scenario
-from cpid_drake.scenario.files import load_scenario
-from cpid_drake.studies.accuracy import run_accuracy
+from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (
@@ -70,38 +68,6 @@ def test_what_is_added_identifies_a_log(run_cpid, options):
     assert found[0]["mass"] != found[1]["mass"]
     assert found[1]["mass"] == pytest.approx(8.5, rel=0.05)
     assert options[1] in (found[1]["estimator"], found[1]["rows"])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("options", "label", "unit"),
-    [
-        (("--estimator", "every_second"), "least squares on every second sample", "N·s"),
-        (("--rows", "grams"), "least squares on momentum rows (grams)", "g·m/s"),
-    ],
-)
-def test_the_report_of_a_result_names_what_is_added(run_cpid, options, label, unit):
-    """The report of a result file identifies the log again by what was added."""
-    run_cpid("identify", SAMPLE, *FREE_FLYER, *options, "--json", "found.txt")
-    assert run_cpid("report", "found.txt", "--out", "found.html")[0] == 0
-    page = Path("found.html").read_text()
-    assert label in page
-    assert f"[{unit}]" in page or f">{unit}<" in page
-    assert "the values differ" not in page
-
-
-@pytest.mark.slow
-def test_the_accuracy_study_tries_what_is_added():
-    assert methods() == (
-        *("eq18", "standard", "relative", "grams"),
-        *("recursive_fit", "trajectory_fit", "every_second"),
-    )
-    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
-    study = run_accuracy(
-        scenario, trials=2, presets=["testbed"], estimators=["grams", "every_second"], seed=1
-    )
-    assert [result.estimator for result in study.results] == ["grams", "every_second"]
-    assert all(result.failed == 0 for result in study.results)
 
 
 def test_messages_name_what_is_added(run_cpid):

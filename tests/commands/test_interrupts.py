@@ -150,24 +150,3 @@ def test_an_interrupt_waits_until_processes_have_been_started(number, tmp_path):
     """Also if another thread receives the signal, and with the handler of the command."""
     ended = finish(start("-c", STARTS_PROCESSES, int(number), cwd=tmp_path))
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "started\nTrue\n", "")
-
-
-NOISY_LIBRARY = """
-import os, signal, time
-from cpid_drake.commands import app, main
-def run():
-    try:
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(60)
-    except KeyboardInterrupt:
-        os.write(2, b"CRITICAL: could not initialize")
-        raise ImportError("interrupted")
-app.run = run
-main.main()
-"""
-
-
-def test_what_a_library_says_about_an_interrupt_is_not_shown(tmp_path):
-    """Drake writes a critical error if it is interrupted while it is imported."""
-    ended = finish(start("-c", NOISY_LIBRARY, cwd=tmp_path))
-    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "cpid: interrupted\n")

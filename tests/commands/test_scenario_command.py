@@ -73,22 +73,6 @@ def test_what_is_shown_is_the_same_scenario(cpid, name, tmp_path):
     assert cpid("show", "shown.yaml") == (0, stdout, "")
 
 
-def test_a_former_name_of_an_estimator_is_one_line_on_stderr(cpid, tmp_path):
-    cpid("new", "--out", "old.yaml")
-    file = tmp_path / "old.yaml"
-    file.write_text(
-        file.read_text().replace("estimator: recursive_fit", "estimator: momentum_filter")
-    )
-    for _ in range(2):  # in every call anew
-        code, stdout, stderr = cpid("check", "old.yaml")
-        assert code == 0
-        assert "estimator: recursive_fit" in stdout
-        assert stderr.startswith(
-            "warning: estimator 'momentum_filter' is now named 'recursive_fit'"
-        )
-        assert stderr.count("\n") == 1
-
-
 def test_the_new_scenario_is_all_right_and_has_every_key(cpid, tmp_path):
     assert cpid("new", "--out", "mine.yaml") == (0, "", "")
     assert cpid("new") == (0, (tmp_path / "mine.yaml").read_text(), "")

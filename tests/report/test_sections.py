@@ -15,17 +15,13 @@ from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.description import describe, result_of
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.result_files import (
-    EffectRecord,
-    HeldOutRecord,
     SpacecraftReference,
-    UndeclaredRecord,
     write_result,
 )
 from cpid_drake.report.accuracy import tables
 from cpid_drake.report.figures import motion_pictures
 from cpid_drake.report.page import Table
 from cpid_drake.report.replay import estimate_text
-from cpid_drake.report.sections.effects import undeclared_section
 from cpid_drake.report.sections.observability import observability_section
 from cpid_drake.report.sections.residuals import residuals_section
 from cpid_drake.report.sections.result import result_section
@@ -144,11 +140,6 @@ class TestObservability:
         assert shares[4] == pytest.approx(100 * 0.05 / 9.0, rel=0.05)
         assert shares[7] == pytest.approx(100 * 0.02 / 9.0, rel=0.05)
 
-    def test_the_least_certain_parameter_is_named(self, found):
-        texts = " ".join(observability_section(result_of(found, CRAFT)).texts)
-        assert "least certain parameter m has a σ of 4 % of its scale" in texts
-        assert "The largest is 10 times the smallest" in texts
-
 
 class TestResiduals:
     def test_sizes_and_whiteness(self, found):
@@ -261,41 +252,3 @@ def test_the_accuracy_table_marks_intervals_that_are_not_honest():
     assert by_name["most"][1:] == ["100 %", "100 %"]
     assert by_name["within 1 %"][1:] == ["20 %", "20 %"]
     assert by_name["bias / spread"][1] == "0.75"
-
-
-@pytest.mark.parametrize("proposed", [True, False])
-def test_undeclared_errors_have_estimates_and_a_prediction(proposed):
-    zeros = EffectRecord(
-        "encoders.zero",
-        "mrad",
-        np.array([0.1, 10.4]),
-        np.array([0.2, 0.4]),
-        10.0,
-        "the zeros of the joints are off by (…) mrad",
-    )
-    gains = {"gyro.scale": 12.0, "encoders.zero": 345.6}
-    declaration = ["encoders: {zero_mrad: 10}"]
-    section = undeclared_section(
-        UndeclaredRecord(
-            [zeros],
-            345.6,
-            gains,
-            7.5,
-            proposed,
-            HeldOutRecord(4.0, 120, 0.96, 11.1),
-            proposed,
-            declaration,
-        )
-    )
-    text = " ".join(section.texts)
-    assert "change the target by 7.5 σ" in text
-    assert "the other 4 s with χ² per sample 0.96; without them 11.1" in text
-    assert ("add to the file: encoders: {zero_mrad: 10}" in text) == proposed
-    assert ("not proposed" in text) != proposed
-    assert ("do not explain all" in text) != proposed
-    estimates, alone = section.tables
-    assert [row[0] for row in estimates.rows] == ["encoders.zero", ""]
-    assert estimates.rows[1][1].value == 10.4
-    assert estimates.rows[1][1].key == "undeclared.effects.0.value.1"
-    assert float(estimates.rows[1][2].text) == pytest.approx(norm.ppf(0.975) * 0.4, rel=0.02)
-    assert [row[0] for row in alone.rows] == ["encoders.zero", "gyro.scale"]
