@@ -5,6 +5,7 @@ import runpy
 import subprocess
 import sys
 from base64 import b64decode
+from functools import cache
 
 import matplotlib.image
 import numpy as np
@@ -13,6 +14,17 @@ from processes import ROOT, finish, start
 
 FOLDER = ROOT / "diagrams"
 SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py"))
+ARGUMENTS = {
+    "paper_case.py": ["--graph", "diagram.dot"],
+    "online_identification.py": [],
+    "sensor_identification.py": [],
+    "own_spacecraft.py": [],
+    "adaptive_control.py": ["--figure", "errors.png", "--html", "adaptive.html"],
+    "plan_identify_replan.py": ["--figure", "loop.png"],
+    "meshcat_view.py": ["--html", "view.html"],
+}
+QUICK = "online_identification.py"
+"""The script that the quick tests run."""
 
 
 @pytest.fixture
@@ -35,27 +47,23 @@ def run_script(monkeypatch, capfd, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """Every script for real, side by side, in a folder of its own."""
-    folder = tmp_path_factory.mktemp("elsewhere")
-    arguments = {
-        "paper_case.py": ["--graph", "diagram.dot"],
-        "online_identification.py": [],
-        "sensor_identification.py": [],
-        "own_spacecraft.py": [],
-        "adaptive_control.py": ["--figure", "errors.png", "--html", "adaptive.html"],
-        "plan_identify_replan.py": ["--figure", "loop.png"],
-        "meshcat_view.py": ["--html", "view.html"],
-    }
-    processes = {
-        script: start(FOLDER / script, *options, cwd=folder)
-        for script, options in arguments.items()
-    }
-    return folder, {name: finish(process) for name, process in processes.items()}
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("elsewhere")
 
 
-def test_every_script_is_tested(runs):
-    assert list(SCRIPTS) == sorted(runs[1])
+@pytest.fixture(scope="module")
+def ran(folder):
+    """Return a function that runs a script for real, in a folder of its own, and but once."""
+
+    @cache
+    def run(script: str) -> subprocess.CompletedProcess:
+        return finish(start(FOLDER / script, *ARGUMENTS[script], cwd=folder))
+
+    return run
+
+
+def test_every_script_is_tested():
+    assert sorted(ARGUMENTS) == SCRIPTS
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
@@ -67,44 +75,47 @@ def test_help_says_what_it_does(script, run_script):
     assert first_line in " ".join(run.stdout.split())
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_it_identifies_all_ten_parameters(runs, script):
-    run = runs[1][script]
+@pytest.mark.parametrize(
+    "script",
+    [pytest.param(script, marks=() if script == QUICK else pytest.mark.slow) for script in SCRIPTS],
+)
+def test_it_identifies_all_ten_parameters(ran, script):
+    run = ran(script)
     assert run.returncode == 0, run.stderr
     assert "determine 10 of 10 parameters" in run.stdout
     assert "Traceback" not in run.stderr
 
 
-def test_the_paper_case_prints_estimate_deviation_and_truth(runs):
-    rows = re.findall(
-        r"^(\S+) \[\S+\] +(\S+) +(\S+) +(\S+)$", runs[1]["paper_case.py"].stdout, re.M
-    )
+@pytest.mark.slow
+def test_the_paper_case_prints_estimate_deviation_and_truth(ran):
+    rows = re.findall(r"^(\S+) \[\S+\] +(\S+) +(\S+) +(\S+)$", ran("paper_case.py").stdout, re.M)
     assert len(rows) == 10
     for name, estimate, deviation, truth in rows:
         assert float(estimate) == pytest.approx(float(truth), abs=1e-6), name
         assert 0 < float(deviation) < 1e-6
 
 
-def test_the_paper_case_draws_its_diagram(runs):
-    text = (runs[0] / "diagram.dot").read_text()
+@pytest.mark.slow
+def test_the_paper_case_draws_its_diagram(ran, folder):
+    ran("paper_case.py")
+    text = (folder / "diagram.dot").read_text()
     assert text.startswith("digraph")
     for system in ("plant", "momentum_identifier", "joint_controller"):
         assert system in text
 
 
-def test_the_online_estimate_converges_to_the_tank(runs):
+def test_the_online_estimate_converges_to_the_tank(ran):
     """Rank 10 from the third sample on; at the end, from five decimals, the tank of 60 kg."""
-    rows = re.findall(
-        r"^ +(\d+\.\d+) +(\d+) +(\S+) ", runs[1]["online_identification.py"].stdout, re.M
-    )
+    rows = re.findall(r"^ +(\d+\.\d+) +(\d+) +(\S+) ", ran("online_identification.py").stdout, re.M)
     assert [float(time) for time, _, _ in rows] == [0.5 * k for k in range(1, 21)]
     assert [int(rank) for _, rank, _ in rows] == [6, 9] + 18 * [10]
     assert float(rows[-1][2]) == pytest.approx(60.0, abs=0.1)
 
 
-def test_the_estimate_from_sensors_converges_to_the_target(runs):
+@pytest.mark.slow
+def test_the_estimate_from_sensors_converges_to_the_target(ran):
     """σ falls from NaN to below a gram and a half; at the end the truth is within 5 σ."""
-    stdout = runs[1]["sensor_identification.py"].stdout
+    stdout = ran("sensor_identification.py").stdout
     rows = re.findall(r"^ +(\d+\.\d+) +(\d+) +(\S+) ± (\S+) ", stdout, re.M)
     assert [float(time) for time, *_ in rows] == [0.5 + k for k in range(10)]
     counts = [int(count) for _, count, _, _ in rows]
@@ -118,9 +129,10 @@ def test_the_estimate_from_sensors_converges_to_the_target(runs):
         assert abs(float(estimate) - float(truth)) < 5 * float(deviation) + 1e-5, name
 
 
-def test_the_estimate_makes_the_tracking_error_vanish(runs):
+@pytest.mark.slow
+def test_the_estimate_makes_the_tracking_error_vanish(ran, folder):
     """1000 times smaller with exact data, 20 times with sensors; without an estimate it stays."""
-    stdout = runs[1]["adaptive_control.py"].stdout
+    stdout = ran("adaptive_control.py").stdout
     before, after = re.search(r"^initial model, always +(\S+) +(\S+)$", stdout, re.M).groups()
     assert float(after) >= 0.5 * float(before) > 0.1
     for name, least in (("exact state", 1e3), ("flight sensors", 20.0)):
@@ -130,13 +142,14 @@ def test_the_estimate_makes_the_tracking_error_vanish(runs):
         assert before > 0.1
         assert before / after == pytest.approx(ratio, rel=0.1)
         assert ratio > least
-    picture = matplotlib.image.imread(runs[0] / "errors.png")
+    picture = matplotlib.image.imread(folder / "errors.png")
     assert picture.std() > 0.05
 
 
-def test_planned_motions_reach_the_asked_precision(runs):
+@pytest.mark.slow
+def test_planned_motions_reach_the_asked_precision(ran, folder):
     """With the second motion; the estimate makes the transfer ten times more exact at least."""
-    stdout = runs[1]["plan_identify_replan.py"].stdout
+    stdout = ran("plan_identify_replan.py").stdout
     found = re.findall(r"^motion (\d): planned in \S+ s, worst σ (\S+) %$", stdout, re.M)
     sigmas = [float(sigma) for _, sigma in found]
     assert len(sigmas) == 2
@@ -145,28 +158,33 @@ def test_planned_motions_reach_the_asked_precision(runs):
     assert error < 4 * sigmas[1]
     before, after = map(float, re.findall(r"estimate: (\S+) rad$", stdout, re.M))
     assert before > 10 * after
-    assert matplotlib.image.imread(runs[0] / "loop.png").std() > 0.05
+    assert matplotlib.image.imread(folder / "loop.png").std() > 0.05
 
 
-def test_the_adaptive_controllers_recording_has_the_estimate(runs):
-    text = (runs[0] / "adaptive.html").read_text(encoding="utf-8")
+@pytest.mark.slow
+def test_the_adaptive_controllers_recording_has_the_estimate(ran, folder):
+    ran("adaptive_control.py")
+    text = (folder / "adaptive.html").read_text(encoding="utf-8")
     commands = b"".join(map(b64decode, re.findall(r"base64,([A-Za-z0-9+/=]{100,})", text)))
     assert b"captured_target" in commands
     assert b"/cpid/" in commands
     assert b"set_animation" in commands
 
 
-def test_the_sample_log_tells_the_bag_that_it_was_made_with(runs):
-    stdout = runs[1]["own_spacecraft.py"].stdout
+@pytest.mark.slow
+def test_the_sample_log_tells_the_bag_that_it_was_made_with(ran):
+    stdout = ran("own_spacecraft.py").stdout
     mass = float(re.search(r"^m = (\S+) kg", stdout, re.M)[1])
     together = float(re.search(r"^together (\S+) kg", stdout, re.M)[1])
     assert mass == pytest.approx(8.5, abs=0.05)
     assert together - mass == pytest.approx(10.49, abs=0.01)
 
 
-def test_the_recording_is_one_self_contained_file(runs):
+@pytest.mark.slow
+def test_the_recording_is_one_self_contained_file(ran, folder):
     """Whoever gets it needs no network, and it is small enough to send."""
-    path = runs[0] / "view.html"
+    ran("meshcat_view.py")
+    path = folder / "view.html"
     text = path.read_text(encoding="utf-8")
     assert path.stat().st_size < 10e6
     assert re.search(r"""<(?:script|img|link|iframe)[^>]*=\s*["']?https?://""", text) is None
@@ -178,13 +196,14 @@ def test_the_recording_is_one_self_contained_file(runs):
     assert b"set_animation" in commands
 
 
-def test_the_recording_has_every_sample(runs):
+@pytest.mark.slow
+def test_the_recording_has_every_sample(ran):
     """The sample that is due at the very end is taken too."""
-    assert "10 samples determine" in runs[1]["meshcat_view.py"].stdout
+    assert "10 samples determine" in ran("meshcat_view.py").stdout
 
 
 @pytest.mark.parametrize("script", ["paper_case.py", "meshcat_view.py"])
-@pytest.mark.parametrize("text", [None, "target: 3", "spacecraft: {base: 'a\n\n  b'}"])
+@pytest.mark.parametrize("text", [None, "target: 3"])
 def test_a_bad_scenario_is_one_line_and_exit_code_2(script, text, run_script, tmp_path):
     if text is not None:
         (tmp_path / "bad.yaml").write_text(text)
@@ -199,21 +218,12 @@ def test_a_bad_scenario_is_one_line_and_exit_code_2(script, text, run_script, tm
     ("script", "arguments"),
     [
         ("meshcat_view.py", ["--html", "nowhere/view.html"]),
-        ("meshcat_view.py", ["--html", "."]),
         ("paper_case.py", ["--graph", "nowhere/diagram.dot"]),
         ("online_identification.py", ["--period", "0"]),
-        ("online_identification.py", ["--period", "nan"]),
-        ("online_identification.py", ["--period", "inf"]),
         ("sensor_identification.py", ["--sensors", "nothing"]),
         ("own_spacecraft.py", ["nothing.csv"]),
-        ("adaptive_control.py", ["--sensors", "nothing"]),
-        ("plan_identify_replan.py", ["--sensors", "nothing"]),
         ("plan_identify_replan.py", ["--precision", "0"]),
-        ("plan_identify_replan.py", ["--seed", "-1"]),
-        ("plan_identify_replan.py", ["--figure", "nowhere/loop.png"]),
-        ("adaptive_control.py", ["--guess", "-3"]),
         ("adaptive_control.py", ["--figure", "nowhere/errors.png"]),
-        ("sensor_identification.py", ["--seed", "-1"]),
     ],
 )
 def test_what_cannot_work_is_one_line_and_exit_code_2(script, arguments, run_script):
