@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError, load_scenario, shipped_scenario
-from cpid_drake.planning.families import FAMILIES, MotionFamily, family_of
+from cpid_drake.planning.families import FAMILIES, MotionFamily
 from cpid_drake.planning.limits import LimitedFamily, MotionLimits
-from cpid_drake.scenario.joint_motions import dump_motion, load_motion
 
 NAMES = ("shoulder", "elbow", "wrist")
 START, END = np.array([0.1, -0.4, 0.0]), np.array([0.5, -0.4, -0.3])
@@ -55,39 +54,10 @@ def test_joints_that_do_not_move_keep_to_the_known_part(family):
     np.testing.assert_allclose(moved[:, 0, 1], START[1], atol=1e-12)
 
 
-def test_a_file_has_the_same_motion(family, tmp_path):
-    path, x, t = tmp_path / "motion.yaml", random_parameters(family), np.linspace(0, 8, 33)
-    path.write_text(dump_motion(family.declare(x)))
-    motion = load_motion(path).make(Joints(), {})
-    np.testing.assert_allclose(motion.evaluate(t), family.make(x).evaluate(t), atol=1e-12)
-
-
-class Joints:
-    """What a motion's file needs of a spacecraft."""
-
-    joint_names = NAMES
-
-    def configuration(self, angles, where):
-        return np.array([angles.get(name, 0.0) for name in NAMES])
-
-
-def test_a_higher_frequency_gives_more_functions(family):
-    counts = [
-        type(family)(NAMES, START, END, family.moving, 8.0, frequency).count
-        for frequency in (0.3, 0.6, 1.2)
-    ]
-    assert counts == sorted(set(counts))
-
-
 @pytest.mark.parametrize("frequency", [0.0, 1e-3, 1e3])
 def test_a_frequency_that_gives_no_functions_or_too_many_is_refused(frequency):
     with pytest.raises(InputError, match="give a highest frequency"):
         _ = FAMILIES["fourier"](NAMES, START, END, np.arange(3), 8.0, frequency).count
-
-
-def test_an_unknown_family_is_refused():
-    with pytest.raises(InputError, match="no family of motions 'splines'"):
-        family_of("splines")
 
 
 # -- limits ----------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cpid_drake import InputError
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
 from cpid_drake.planning.families import FAMILIES
 from cpid_drake.planning.limits import LimitedFamily, MotionLimits
@@ -11,7 +10,6 @@ from cpid_drake.planning.objective import (
     CRITERIA,
     Objective,
     PlausibleTarget,
-    check_criterion,
 )
 
 
@@ -73,14 +71,6 @@ def test_scores_are_the_largest_components(exciting):
         np.testing.assert_allclose(goal.scores(x), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
-def test_values_are_the_components_without_their_gradients(exciting, criterion):
-    targets = PlausibleTarget(exciting.parameters, weight=3.0), other_target(exciting)
-    goal = objective(exciting, criterion, targets)
-    x = parameters(goal)
-    np.testing.assert_allclose(goal.values(x), goal.evaluate(x)[0], rtol=1e-9)
-
-
 def test_weights_make_targets_count_alike(exciting):
     """The best motion of each target has the same score: the mean of what they reach alone."""
     targets = PlausibleTarget(exciting.parameters, weight=7.0), other_target(exciting)
@@ -135,8 +125,3 @@ def test_moving_less_teaches_less(exciting):
     x /= limited.usage(x).max()
     full, tenth = goal.scores(np.stack([x, x / 10]))
     assert tenth > 5 * full
-
-
-def test_an_unknown_criterion_is_refused():
-    with pytest.raises(InputError, match="no criterion 'best'"):
-        check_criterion("best")
