@@ -63,7 +63,10 @@ def added(short_reports, monkeypatch, tmp_path):
 def test_what_is_added_identifies_a_log(run_cpid, options):
     found = []
     for method in (("--rows", "standard"), options):
-        assert run_cpid("identify", SAMPLE, *FREE_FLYER, *method, "--json", "found.txt")[0] == 0
+        assert (
+            run_cpid("identify", SAMPLE, *FREE_FLYER, "--to", 3, *method, "--json", "found.txt")[0]
+            == 0
+        )
         found.append(json.loads(Path("found.txt").read_text()))
     assert found[0]["mass"] != found[1]["mass"]
     assert found[1]["mass"] == pytest.approx(8.5, rel=0.05)

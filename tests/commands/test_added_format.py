@@ -46,7 +46,7 @@ JSON = Format("JSON", (".json",), read_json, write_json)
 def test_a_log_in_an_added_format_is_identified_from_and_reported(added, run_cpid):
     results = []
     for log, report in ((SAMPLE, []), ("log.json", ["--report", "page.html"])):
-        options = ("--sensors", "testbed", "--json", "found.txt", *report)
+        options = ("--sensors", "testbed", "--to", 2, "--json", "found.txt", *report)
         assert run_cpid("identify", log, *FREE_FLYER, *options)[0] == 0
         results.append(json.loads(Path("found.txt").read_text()))
     assert f"{results[1]['mass']:.2f}" in Path("page.html").read_text()

@@ -98,6 +98,7 @@ def found(outcome, target):
     return np.sqrt(np.diag(covariance))
 
 
+@pytest.mark.slow
 def test_added_sensors_make_the_fit_better_and_are_in_its_report(case, run_cpid):
     target, command = case
     less = found(run_cpid(*command, "--sensors", "one_of_each.yaml"), target)

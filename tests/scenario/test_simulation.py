@@ -103,15 +103,18 @@ def test_drawing_changes_nothing(paper_scenario):
     np.testing.assert_allclose(ours.p_WB, theirs.p_WB, rtol=0, atol=1e-7)
 
 
-def test_momentum_of_the_paper_case_is_conserved(paper_run):
-    """At most 1e-8 N·s and N·m·s over the 10 s."""
-    simulation, telemetry = paper_run.study.simulation, paper_run.study.telemetry
+def test_momentum_of_the_paper_case_is_conserved(paper_scenario):
+    """At most 1e-8 N·s and N·m·s; three samples, from 1 s on, determine the target."""
+    paper_scenario.simulation.duration = 3.0
+    simulation = make_simulation(paper_scenario)
+    telemetry = simulation.telemetry(simulation.run())
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     assert np.linalg.norm(P, axis=1).max() < 1e-8
     assert np.linalg.norm(L, axis=1).max() < 1e-8
-    assert telemetry.time[-1] == 10.0
-    result = identify(simulation.spacecraft, telemetry)
-    np.testing.assert_allclose(result.parameters, simulation.truth.to_vector(), atol=1e-7)
+    assert telemetry.time[-1] == 3.0
+    samples = telemetry.select(np.searchsorted(telemetry.time, [1.0, 2.0, 3.0]))
+    result = identify(simulation.spacecraft, samples, rows="eq18")
+    np.testing.assert_allclose(result.parameters, simulation.truth.to_vector(), atol=1e-5)
 
 
 @pytest.mark.slow
@@ -251,7 +254,7 @@ def test_a_controller_has_the_gains_and_the_sphere_of_its_scenario(servicer):
     assert np.abs(found).max() > 1.0
 
 
-@pytest.mark.parametrize("walk", [0.0, 1e-5])
+@pytest.mark.parametrize("walk", [0.0, pytest.param(1e-5, marks=pytest.mark.slow)])
 def test_a_disturbance_changes_the_momentum_as_newtons_laws_say(walk):
     """The plant gets the force and the torque; the momentum that they give has a closed form."""
     scenario = load_scenario(shipped_scenario("free_flyer_payload"))
@@ -283,7 +286,7 @@ def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
     """Forces on every body of the plant; the base's motion is integrated by its momentum."""
     scenario = load_scenario(shipped_scenario("free_flyer_payload"))
     scenario.simulation.duration = 2.0
-    scenario.simulation.simulator.accuracy = 1e-10
+    scenario.simulation.simulator.accuracy = 1e-8
     scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
     scenario.simulation.disturbance = DisturbanceConfig(
         np.array([4e-3, -3e-3, 2e-3]), np.array([0.01, 0.02, -0.03])
@@ -316,8 +319,8 @@ def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
 
 def with_slosh(frequency: float, damping_ratio: float = 0.05):
     scenario = load_scenario(shipped_scenario("free_flyer_payload"))
-    scenario.simulation.duration = 3.0
-    scenario.simulation.simulator.accuracy = 1e-10
+    scenario.simulation.duration = 1.5
+    scenario.simulation.simulator.accuracy = 1e-9
     scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
     scenario.simulation.disturbance = DisturbanceConfig(np.array([4e-3, -3e-3, 2e-3]))
     scenario.simulation.sprung_masses = [
