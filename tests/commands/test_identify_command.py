@@ -91,6 +91,7 @@ class TestSample:
 class TestUncertainSpacecraft:
     OPTION = "mass=0.01,joint_axis_mrad=0.5,grasp_mm=3"
 
+    @pytest.mark.slow
     def test_intervals_include_the_spacecraft(self, cpid):
         """The centre of mass is known no better than the frame in which it is expressed."""
         sigmas = []

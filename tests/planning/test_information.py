@@ -27,7 +27,8 @@ def sigmas(case, model=None) -> np.ndarray:
         ("paper", "flight"),
         pytest.param("exciting_motion", "coarse", marks=pytest.mark.slow),
         pytest.param("single_arm_wheels", "flight", marks=pytest.mark.slow),
-        ("air_bearing", "air_bearing"),  # a table; delays, a lever arm and a mounting are unknown
+        # A table; delays, a lever arm and a mounting are unknown.
+        pytest.param("air_bearing", "air_bearing", marks=pytest.mark.slow),
     ],
 )
 def test_it_is_the_exact_bound_if_the_encoders_are_good(scenario, preset):
@@ -39,6 +40,7 @@ def test_it_is_the_exact_bound_if_the_encoders_are_good(scenario, preset):
     np.testing.assert_allclose(ratio, 1.0, atol=0.03)
 
 
+@pytest.mark.slow
 def test_errors_of_encoders_make_a_small_difference(exciting):
     ratio = sigmas(exciting) / exciting.bound()
     assert (ratio > 0.9).all()
