@@ -210,42 +210,6 @@ def test_the_live_page_obeys(open_page, live):
         assert not thread.is_alive()
 
 
-def test_numbers_and_legend_lie_over_the_live_scene(open_page, live):
-    """The legend names what is drawn: no estimate before there is one."""
-    _, url, seen, thread = live
-    with open_page(url, 1400, 800) as page:
-        scene_frame = page.locator("iframe").element_handle().content_frame()
-        scene_frame.wait_for_function("viewer.scene_tree.children.cpid !== undefined")
-        page.wait_for_function("document.querySelectorAll('#cpid-legend li').length > 3")
-        legend = page.locator("#cpid-legend").inner_text
-        assert "true inertia" in legend()
-        assert "bar of 0.5 m in five parts" in legend()
-        assert "axes of W" not in legend()  # hidden at first
-        assert "estimated" not in legend()
-        assert "white bar: 0.5 m" in page.locator("#cpid-what").inner_text()
-        assert scene_frame.evaluate(
-            "viewer.scene_tree.children.cpid.children.scale.children.bar !== undefined"
-        )
-        slider(scene_frame, SPEED, 5.0)
-        press(scene_frame, START)
-        wait(lambda: seen and seen[-1] >= 3.0)
-        page.wait_for_function(
-            "document.querySelector('#cpid-heading').textContent.startsWith('The recording')"
-        )
-        numbers = page.locator("#cpid-numbers").inner_text()
-        assert "m 8.50" in numbers
-        assert "true 8.500" in numbers
-        assert "estimated inertia" in legend()
-        page.set_viewport_size({"width": 400, "height": 700})
-        for part in ("#cpid-what", "#cpid-legend"):
-            box = page.locator(part).bounding_box()
-            assert box["x"] >= 0
-            assert box["x"] + box["width"] <= 400
-        press(scene_frame, STOP)
-        thread.join(HUNG)
-        page.wait_for_function("document.querySelector('#cpid-heading').textContent === 'Stopped.'")
-
-
 def wait(condition) -> None:
     """Wait until something holds."""
     end = time.monotonic() + HUNG

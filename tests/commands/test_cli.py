@@ -8,9 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cpid_drake import shipped_scenario
 from cpid_drake.commands.main import main
-from cpid_drake.resources import models_directory
 
 FIGURES = (
     "figure3_configurations.png",
@@ -89,15 +87,6 @@ def test_tables_go_to_stdout_and_progress_to_stderr(paper_run):
 # -- usage ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["paper", "--help"]])
-def test_help_explains(cpid, arguments):
-    run = cpid(*arguments)
-    assert run.returncode == 0
-    assert "Usage:" in run.stdout
-    assert ("--scenario" if "paper" in arguments else "paper") in run.stdout
-    assert run.stderr == ""
-
-
 @pytest.mark.parametrize(
     ("arguments", "cause"),
     [
@@ -124,18 +113,6 @@ def test_a_bad_scenario_is_one_line_and_exit_code_2(cpid, tmp_path, text, cause)
         (tmp_path / "bad.yaml").write_text(text)
     message = assert_refused(cpid("paper", "--out", "x", "--scenario", "bad.yaml"))
     assert cause in message
-
-
-def test_a_bad_model_is_one_line_too(cpid, tmp_path):
-    """What Drake itself has to say of it must not come on top."""
-    model = models_directory() / "dual_arm_servicer" / "dual_arm_servicer.urdf"
-    text = model.read_text().replace('ixx="255"', 'ixx="9000"', 1)
-    (tmp_path / "bad.urdf").write_text(text)
-    scenario = shipped_scenario("paper").read_text()
-    uri = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
-    assert uri in scenario
-    (tmp_path / "bad.yaml").write_text(scenario.replace(uri, str(tmp_path / "bad.urdf")))
-    assert "inertia" in assert_refused(cpid("paper", "--out", "x", "--scenario", "bad.yaml"))
 
 
 def test_an_output_that_is_a_file_is_refused(cpid, tmp_path):

@@ -87,35 +87,6 @@ def test_the_new_scenario_is_all_right_and_has_every_key(cpid, tmp_path):
         assert key.startswith("[") or key in comments or key in ("start_time", REALTIME), line
 
 
-def test_what_only_some_scenarios_have_is_shown_too(cpid, tmp_path):
-    """Explicit sensors, a prior, a configuration, a firing, and files beside the scenario."""
-    cpid("new", "--out", "mine.yaml")
-    text = (tmp_path / "mine.yaml").read_text()
-    for old, new in (
-        (
-            "  suite: flight",
-            "  explicit: {encoders: {bits: 18}, attitude: {rate: 2.5}, digits: 5} #",
-        ),
-        ("prior: null #", "prior:"),
-        ("configuration: {} #", "configuration: {operating_arm_joint2: -0.5} #"),
-        ("firing: null # or {", "firing: {time: 5.0, momentum_W: [6, -4, 5, 3, -2, 2]} # {"),
-        ("presets: [flight]", "presets: [flight, sensors.yaml]"),
-    ):
-        assert old in text
-        text = text.replace(old, new)
-    (tmp_path / "mine.yaml").write_text(text)
-    (tmp_path / "sensors.yaml").write_text("encoders: {rate: 20.0}")
-    code, stdout, stderr = cpid("show", "mine.yaml")
-    assert (code, stderr) == (0, "")
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / "shown.yaml").write_text(stdout)
-    shown = load_scenario("elsewhere/shown.yaml")
-    assert values(shown) == values(load_scenario(tmp_path / "mine.yaml"))
-    assert shown.sensors.explicit.encoders.bits == 18
-    assert shown.identification.prior.mass == 50.0
-    assert shown.accuracy.firing.time == 5.0
-
-
 REALTIME = "target_realtime_rate"
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError, Spacecraft, Telemetry, identify
-from cpid_drake.report.replay import MOST_FRAMES, estimate_text, newest_estimates, replay_html
-from cpid_drake.report.replay import _frames as frames
+from cpid_drake.report.replay import estimate_text, newest_estimates, replay_html
 from cpid_drake.systems.scene_layers import scale_length
 
 INERTIAL = (
@@ -86,21 +85,6 @@ def test_a_replay_with_truth_draws_it(servicer, zero_momentum_motion, skewed_tar
     assert b"cpid/true_inertia" in drawn
     assert b"captured_target" in drawn
     assert "true 60.00" in steps(page)[0][1]
-
-
-def test_a_long_log_is_thinned():
-    """An hour at 100 Hz: frames at equal times, the first and the last among them."""
-    time = 5.0 + np.arange(360_001) / 100
-    chosen = frames(time)
-    assert chosen[0] == 0
-    assert chosen[-1] == len(time) - 1
-    assert MOST_FRAMES <= len(chosen) <= MOST_FRAMES + 1
-    assert np.diff(time[chosen])[:-1] == pytest.approx(3600 / MOST_FRAMES, abs=0.0101)
-
-
-def test_a_slow_log_is_drawn_whole():
-    np.testing.assert_array_equal(frames(np.array([0.0, 0.5, 2.0, 2.5])), [0, 1, 2, 3])
-    np.testing.assert_array_equal(frames(np.array([7.0])), [0])
 
 
 @pytest.mark.parametrize(
