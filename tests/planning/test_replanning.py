@@ -46,6 +46,7 @@ def test_another_end_can_be_required(problem, scenario):
     np.testing.assert_allclose(following.family.end, end)
 
 
+@pytest.mark.slow
 def test_what_is_known_already_does_not_count(problem, scenario):
     """A motion adds to the prior: the predicted σ is below both, and exact for a strong prior."""
     still = np.zeros((1, problem.family.count, len(problem.family.moving)))

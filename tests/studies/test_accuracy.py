@@ -87,6 +87,7 @@ def test_same_seed_same_numbers_in_any_number_of_processes(scenario):
     assert (one.rmse != other.rmse).all()
 
 
+@pytest.mark.slow
 def test_every_trial_draws_noise_of_its_own(scenario):
     """Equal trials would have errors without any spread about their mean."""
     options = {"presets": ["servicer"], "estimators": ["relative"], "seed": 5}
@@ -116,6 +117,7 @@ def test_bad_options_are_named(scenario, options, problem):
         run_accuracy(scenario, **({"trials": 1} | options))
 
 
+@pytest.mark.slow
 def test_an_estimate_that_no_body_can_be_made_of_is_counted(scenario, monkeypatch):
     def fail(found):
         raise InputError("no rigid body was found near the estimate")
