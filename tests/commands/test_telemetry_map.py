@@ -304,12 +304,8 @@ def test_positions_in_millimetres_are_refused_by_every_command(tmp_path, run_cpi
         assert code == 2
         assert "the position seems to be in millimetres" in stdout + stderr
     (tmp_path / "map.yaml").write_text("position: {unit: mm}\n")
-    assert (
-        run_cpid(
-            "identify", log, *CRAFT, "--columns", tmp_path / "map.yaml", "--sensors", "testbed"
-        )[0]
-        == 0
-    )
+    columns = ("--columns", tmp_path / "map.yaml")
+    assert run_cpid("telemetry", "check", log, *CRAFT, *columns)[0] == 0
 
 
 @pytest.mark.slow

@@ -43,6 +43,7 @@ def test_processes_change_nothing(objective, limited):
     np.testing.assert_array_equal(alone[0].parameters, together[0].parameters)
 
 
+@pytest.mark.slow
 def test_the_gradient_method_improves_a_candidate_within_the_limits(objective, limited):
     start = ranked(objective, candidates(limited, 64, 5), 1)[0]
     seen: list[Candidate] = []

@@ -92,6 +92,7 @@ def test_the_function_is_negative_where_a_joint_stops_beyond_a_limit(family, lim
     assert seen == {True, False}
 
 
+@pytest.mark.slow
 def test_a_stop_can_hit_what_the_motion_does_not(family, limits, distances):
     """A joint that comes to rest early lets the others leave the planned path."""
     wide = replace(limits, lowest=-50 + 0 * limits.lowest, highest=50 + 0 * limits.highest)

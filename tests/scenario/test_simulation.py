@@ -385,7 +385,7 @@ def test_a_table_holds_height_and_tilt_and_nothing_in_the_plane():
     """A target above the plane would tilt a free base; on a table it moves as the planar model."""
     scenario = load_scenario(shipped_scenario("air_bearing"))
     scenario.simulation.duration = 3.0
-    scenario.simulation.simulator.accuracy = 1e-9
+    scenario.simulation.simulator.accuracy = 1e-8
     scenario.simulation.disturbance = DisturbanceConfig(
         np.array([4e-3, 3e-3, -5e-3]), np.array([2e-3, -1e-3, 1e-3])
     )
