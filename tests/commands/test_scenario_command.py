@@ -48,6 +48,7 @@ def test_shipped_scenarios_are_all_right(cpid, name):
     assert "not checked" not in stdout
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_exceeded_is_named_and_fails_a_strict_check(cpid, tmp_path):
     cpid("new", "--out", "mine.yaml")
     file = tmp_path / "mine.yaml"

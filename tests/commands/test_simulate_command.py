@@ -140,6 +140,7 @@ def test_the_printed_command_identifies_from_the_run(folder, short, capsys):
     assert abs(mass - 60.0) < 5 * sigma < 5.0
 
 
+@pytest.mark.slow
 def test_without_sensors_the_telemetry_is_the_exact_motion(folder, short, capsys):
     exact = short(
         "exact.yaml",

@@ -127,6 +127,7 @@ def test_online_and_offline_identify_with_the_log_of_the_burn():
     assert min(suspicions[False]) >= 1
 
 
+@pytest.mark.slow
 def test_an_estimator_without_thrust_is_doubted():
     scenario = with_burn(1.0)
     scenario.simulation.simulator.accuracy = 1e-4

@@ -39,7 +39,13 @@ def with_wrist(factor: float = 1.0, *, moves: bool = False):
     return scenario
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["turns", "turns and moves"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(False, id="turns", marks=pytest.mark.slow),
+        pytest.param(True, id="turns and moves"),
+    ],
+)
 def compliant(request):
     simulation = make_simulation(with_wrist(moves=request.param))
     return simulation, simulation.run()

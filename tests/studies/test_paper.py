@@ -201,6 +201,7 @@ def test_sampling_starts_at_the_offset_and_ends_with_the_simulation(paper_scenar
     np.testing.assert_allclose(sampling_times(paper_scenario), [0.5, 2.5, 4.5, 6.5, 8.5])
 
 
+@pytest.mark.slow
 def test_a_scenario_that_cannot_identify_says_so(paper_scenario):
     """Two samples: nine of ten."""
     paper_scenario.identification.offset = 9.0
