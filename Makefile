@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/paper
 
-.PHONY: demo test test-slow lint docs benchmark clean
+.PHONY: demo test test-slow lint docs benchmark reference reference-compare clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/cpid paper --out $(OUT)
@@ -33,6 +33,14 @@ benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmarks/base_motion.py
 	$(VENV)/bin/python tests/benchmarks/recording.py
 	$(VENV)/bin/python tests/benchmarks/start_up.py
+
+# About thirty identifications from end to end, with their errors, intervals and verdicts, as
+# tests/reference/table.json; and a new run compared with that file. CASES=a,b runs some of them.
+reference: $(VENV)/installed-dev
+	$(VENV)/bin/python tests/reference/table.py --cases "$(CASES)"
+
+reference-compare: $(VENV)/installed-dev
+	$(VENV)/bin/python tests/reference/table.py --compare --cases "$(CASES)"
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'

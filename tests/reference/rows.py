@@ -1,0 +1,259 @@
+"""Rows of the reference table: identifications of known targets, compared with the truth."""
+
+import json
+import resource
+import subprocess
+import sys
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from logs import Array, World, log_of
+from scipy.stats import chi2
+
+from cpid_drake import (
+    Identification,
+    InertialParameters,
+    InputError,
+    SensorSuite,
+    TotalMomentum,
+    identify,
+    load_scenario,
+    load_sensors,
+    read_telemetry,
+    shipped_scenario,
+)
+
+FLOOR = 1e-6
+"""Error that is rounding, relative to m, to 0.5 m and to the trace of I."""
+
+WRONG_SIGMA, WRONG_PROBABILITY = 5.0, 1e-6
+"""A trusted answer is wrong with a larger error, or if all its errors are less probable."""
+
+PAIRED = "same draws: first estimate within 0.3 σ of the earlier one, its σ within 10 %"
+BAND = "mean NEES in its 99 % band or no farther outside; error over bound at most 15 % larger"
+EXACT = "exact data: rounding only, an absolute floor"
+CAUGHT = "a refusal, a failed check or a right answer; nothing confidently wrong"
+
+
+def nothing() -> Array:
+    return np.full(10, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One answer compared with the truth; entries that are not known are NaN.
+
+    Attributes:
+        code: exit code that the command line has, or would have.
+        text: messages.
+        seconds: processor time.
+        error, sigma: (10,) estimate minus truth, and σ of the 95 % interval.
+        covariance: (10, 10).
+        floor: (10,) errors that are rounding.
+        online: largest difference of the online estimate, in σ; NaN without one.
+
+    """
+
+    code: int
+    text: str = ""
+    seconds: float = 0.0
+    error: Array = field(default_factory=nothing)
+    sigma: Array = field(default_factory=nothing)
+    covariance: Array = field(default_factory=nothing)
+    floor: Array = field(default_factory=nothing)
+    online: float = np.nan
+
+    @property
+    def known(self) -> Array:
+        return np.isfinite(self.error) & np.isfinite(self.sigma)
+
+    @property
+    def in_sigma(self) -> Array:
+        return np.abs(self.error[self.known]) / np.hypot(self.sigma, self.floor)[self.known]
+
+    @property
+    def relative(self) -> float:
+        """Largest error relative to m, 0.5 m and the trace of I."""
+        return float(np.max(np.abs(self.error) / self.floor * FLOOR))
+
+    @property
+    def nees(self) -> float:
+        k = self.known
+        size = np.sqrt(np.diag(self.covariance)[k])
+        unit = self.covariance[np.ix_(k, k)] / np.outer(size, size)
+        e = self.error[k] / np.hypot(size, self.floor[k])
+        return float(e @ np.linalg.lstsq(unit, e, rcond=1e-13)[0]) if k.any() else np.nan
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether a trusted answer excludes the truth."""
+        if self.code not in (0, 3) or not self.known.any():
+            return False
+        # Intervals may be wider than the covariance.
+        widening = self.sigma[self.known] / np.sqrt(np.diag(self.covariance)[self.known])
+        likely = chi2.sf(self.nees / np.max(widening) ** 2, self.known.sum())
+        return bool(self.in_sigma.max() > WRONG_SIGMA or likely < WRONG_PROBABILITY)
+
+
+def _trial(
+    code, text, seconds, truth: InertialParameters, estimate, intervals, covariance
+) -> Trial:
+    trace = float(np.trace(truth.I_TTcm_C))
+    floor = FLOOR * np.array([truth.mass, *3 * [0.5], *6 * [trace]])
+    sigma = np.diff(intervals, axis=1)[:, 0] / 2 / 1.959964
+    return Trial(code, text, seconds, estimate - truth.to_vector(), sigma, covariance, floor)
+
+
+def trial_of(found: Identification, truth: InertialParameters, seconds: float = 0.0) -> Trial:
+    """Return the comparison of a result with the truth; only here are results read."""
+    code = 4 if found.doubts else 0 if found.is_complete else 3
+    text = "; ".join([*found.doubts, *found.warnings])
+    return _trial(code, text, seconds, truth, found.parameters, found.intervals, found.covariance)
+
+
+def cli(*words: str | Path) -> subprocess.CompletedProcess:
+    """Run `cpid` in another process."""
+    command = [sys.executable, "-m", "cpid_drake", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Trial:
+    """Run `cpid identify` on a log of a world, and compare its result file with the truth."""
+    out, craft = folder / "found.json", world.scenario.spacecraft
+    out.unlink(missing_ok=True)
+    known = [
+        "--spacecraft",
+        craft.model,
+        "--base",
+        craft.base,
+        "--capture-frame",
+        craft.capture_frame,
+    ]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = cli("identify", log, *known, *words, "--json", out)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    text = done.stderr + done.stdout.split("\nTarget in ")[0][:2000]
+    if not out.exists():
+        return Trial(done.returncode, text, seconds)
+    found = json.loads(out.read_text(encoding="utf-8"))
+    keys = "interval_95", "covariance"
+    intervals, covariance = (np.array(found[key], dtype=float) for key in keys)
+    estimate = np.array([found["mass"], *found["com"], *found["inertia"]], dtype=float)
+    return _trial(done.returncode, text, seconds, world.target, estimate, intervals, covariance)
+
+
+# fmt: off
+def row_of(what: str, trials: Sequence[Trial], *, bound: Array | None = None,
+           figures: dict | None = None, why: str = "", is_spoiled: bool = False) -> dict:
+    # fmt: on
+    """Return a row of the table.
+
+    Args:
+        what: one line on the case, with its number of seeds.
+        trials: the answers.
+        bound: (10,) Cramér-Rao bound.
+        figures: further numbers by name, each {"value", and "at_most" or "within" (relative)}.
+        why: the tolerances and their reason; default: those of the same draws.
+        is_spoiled: whether a refusal or a failed check is as good as a right answer.
+
+    """
+    good = [t for t in trials if t.known.any()]
+    freedom = int(sum(t.known.sum() for t in good))
+    errors = np.concatenate([t.in_sigma for t in good]) if good else np.full(1, np.nan)
+    band = chi2.ppf([0.005, 0.995], freedom) / len(good) if good else [np.nan, np.nan]
+    over = None
+    if bound is not None and good:
+        ratio = np.sqrt(np.nanmean([(t.error / bound) ** 2 for t in good], axis=0))
+        over = {"worst": np.nanmax(ratio), "rms": np.sqrt(np.nanmean(ratio**2))}
+    first = (good or trials or [Trial(0)])[0]
+    return {
+        "what": what,
+        "runs": len(trials),
+        "known": min((int(t.known.sum()) for t in trials), default=0),
+        "error_in_sigma": {"worst": errors.max(), "rms": np.sqrt(np.mean(errors**2))},
+        "error_over_bound": over,
+        "nees": {"mean": np.mean([t.nees for t in good]) if good else None, "band99": [*band]},
+        "coverage95": np.mean(errors <= 1.959964) if good else None,
+        "checks_passed": sum(t.code in (0, 3) for t in trials),
+        "exit_codes": dict(sorted(Counter(str(t.code) for t in trials).items())),
+        "confidently_wrong": sum(t.is_wrong for t in trials),
+        "online_minus_batch": max(
+            (t.online for t in trials if np.isfinite(t.online)), default=None
+        ),
+        "figures": figures or {},
+        "error": [*first.error],
+        "sigma": [*first.sigma],
+        "message": next((" ".join(t.text.split())[:200] for t in trials if t.code), ""),
+        "seconds": np.mean([t.seconds for t in trials]) if trials else None,
+        "tolerance": why or (f"{PAIRED}; {BAND}" if len(trials) > 1 else PAIRED),
+        "is_spoiled": is_spoiled,
+    }
+
+
+def identified(
+    world: World, log: Path, suite: SensorSuite, online: bool = False, **options
+) -> Trial:
+    """Return the answer to a log, and how far the online estimate is from it."""
+    warnings.simplefilter("ignore")
+    options = {"sensors": suite, "planar": True if world.planar else None, **options}
+    begin = time.process_time()
+    try:
+        data = read_telemetry(log)
+        found = identify(world.craft, data, **options)
+    except InputError as error:
+        return Trial(2, str(error), time.process_time() - begin)
+    trial = trial_of(found, world.target, time.process_time() - begin)
+    if not online:
+        return trial
+    other = identify(world.craft, data, estimator="recursive_fit", is_final=False, **options)
+    difference = np.abs(other.parameters - found.parameters) / trial.sigma
+    return replace(trial, online=float(np.nanmax(difference, initial=0.0)))
+
+
+def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite = "flight",
+                seeds: int = 3, *, online: int = 1, bound: bool = False, uncertain: bool = False,
+                change: Callable[[World], World] = lambda world: world,
+                true: SensorSuite | None = None, is_spoiled: bool = False, why: str = "",
+                **options) -> dict:  # fmt: skip
+    """Return the row of a scenario with the noise of several seeds.
+
+    Args:
+        what, is_spoiled, why: see `row_of`; the number of seeds is added to `what`.
+        name: of the shipped scenario.
+        folder: for logs.
+        sensors: those that the estimator knows: a preset or a suite.
+        seeds: number of runs, the first `online` of which are also identified online.
+        online: see `seeds`.
+        bound: whether the bound is that of `cpid accuracy`.
+        uncertain: whether the bodies of the spacecraft are drawn at random.
+        change: returns another world in place of the scenario's.
+        true: the true sensors; None for `sensors`.
+        options: of `identify`.
+
+    """
+    suite = load_sensors(sensors) if isinstance(sensors, str) else sensors
+    scenario = load_scenario(shipped_scenario(name))
+    world, trials = change(World(scenario)), []
+    if scenario.identification.unknown_momentum:
+        options["momentum"] = TotalMomentum.unknown()
+    if uncertain:
+        options["known_bodies"] = scenario.known_bodies
+    for seed in range(seeds):
+        if uncertain:
+            world = World(scenario, np.random.default_rng([3, seed]))
+        log = log_of(world, true or suite, seed, folder / "log.npz")
+        trials.append(identified(world, log, suite, seed < online, **options))
+    limit = None
+    if bound:
+        out, words = folder / "accuracy", ["--trials", "1", "--estimator", "standard", "--quiet"]
+        cli("accuracy", name, "--preset", str(sensors), *words, "--out", out, "--jobs", "1")
+        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+        limit = np.array(summary["results"][0]["crlb"], dtype=float)
+    what = f"{what}, {seeds} seeds"
+    return row_of(what, trials, bound=limit, is_spoiled=is_spoiled, why=why)
