@@ -187,7 +187,7 @@ def two_logs(folder: Path) -> Rows:
                 path = log_of(world, suite, 10 * seed + k, folder / "log.npz", hardware=seed)
                 logs[motion] = read_telemetry(path)
             found = identify_together(world.craft, logs, sensors=suite, **options)
-            trials.append(trial_of(found, world.target))
+            trials.append(trial_of(found, world))
         what = f"{name}: exciting_motion and paper together, flight, {seeds} seeds"
         rows[name] = row_of(what, trials)
     return rows

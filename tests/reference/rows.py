@@ -17,7 +17,6 @@ from scipy.stats import chi2
 
 from cpid_drake import (
     Identification,
-    InertialParameters,
     InputError,
     SensorSuite,
     TotalMomentum,
@@ -28,7 +27,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 
-FLOOR = 1e-6
+FLOOR = 1e-8
 """Error that is rounding, relative to m, to 0.5 m and to the trace of I."""
 
 WRONG_SIGMA, WRONG_PROBABILITY = 5.0, 1e-6
@@ -55,6 +54,7 @@ class Trial:
         error, sigma: (10,) estimate minus truth, and σ of the 95 % interval.
         covariance: (10, 10).
         floor: (10,) errors that are rounding.
+        nees: squared error in units of the covariance; see `nees_of`.
         online: largest difference of the online estimate, in σ; NaN without one.
 
     """
@@ -66,6 +66,7 @@ class Trial:
     sigma: Array = field(default_factory=nothing)
     covariance: Array = field(default_factory=nothing)
     floor: Array = field(default_factory=nothing)
+    nees: float = np.nan
     online: float = np.nan
 
     @property
@@ -82,14 +83,6 @@ class Trial:
         return float(np.max(np.abs(self.error) / self.floor * FLOOR))
 
     @property
-    def nees(self) -> float:
-        k = self.known
-        size = np.sqrt(np.diag(self.covariance)[k])
-        unit = self.covariance[np.ix_(k, k)] / np.outer(size, size)
-        e = self.error[k] / np.hypot(size, self.floor[k])
-        return float(e @ np.linalg.lstsq(unit, e, rcond=1e-13)[0]) if k.any() else np.nan
-
-    @property
     def is_wrong(self) -> bool:
         """Whether a trusted answer excludes the truth."""
         if self.code not in (0, 3) or not self.known.any():
@@ -100,20 +93,51 @@ class Trial:
         return bool(self.in_sigma.max() > WRONG_SIGMA or likely < WRONG_PROBABILITY)
 
 
-def _trial(
-    code, text, seconds, truth: InertialParameters, estimate, intervals, covariance
-) -> Trial:
-    trace = float(np.trace(truth.I_TTcm_C))
-    floor = FLOOR * np.array([truth.mass, *3 * [0.5], *6 * [trace]])
+def relative_to(mass: float, pi: Array) -> Array:
+    """Return unknowns (10,) in which the relative motion is linear, from m, c and I about the mass.
+
+    With the mass m_k of the spacecraft and f = m_k / (m_k + m): m f, m f c, and the inertia about
+    C's origin less that of m (1 - f) at c.
+    """
+    m, c, (xx, yy, zz, xy, xz, yz) = pi[0], pi[1:4], pi[4:]
+    f = mass / (mass + m)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    J = inertia + m * f * ((c @ c) * np.eye(3) - np.outer(c, c))
+    return np.concatenate([[m * f], m * f * c, J[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])
+
+
+def nees_of(world: World, estimate: Array, covariance: Array, floor: Array) -> float:
+    """Return the squared error in units of the covariance, in unknowns that are nearly linear."""
+    error = estimate - world.target.to_vector()
+    k = np.isfinite(error) & np.isfinite(np.diag(covariance))
+    P = (covariance + np.diag(floor**2))[np.ix_(k, k)]
+    error = error[k]
+    if k.all():
+        mass = world.craft.mass
+        complex_step = [relative_to(mass, estimate + 1e-30j * unit).imag for unit in np.eye(10)]
+        jacobian = np.array(complex_step).T / 1e-30
+        error = relative_to(mass, estimate) - relative_to(mass, world.target.to_vector())
+        P = jacobian @ P @ jacobian.T
+    size = np.sqrt(np.diag(P))
+    unit = P / np.outer(size, size)
+    return float(error / size @ np.linalg.lstsq(unit, error / size, rcond=1e-13)[0])
+
+
+def _trial(code, text, seconds, world: World, estimate, intervals, covariance) -> Trial:
+    trace = float(np.trace(world.target.I_TTcm_C))
+    floor = FLOOR * np.array([world.target.mass, *3 * [0.5], *6 * [trace]])
     sigma = np.diff(intervals, axis=1)[:, 0] / 2 / 1.959964
-    return Trial(code, text, seconds, estimate - truth.to_vector(), sigma, covariance, floor)
+    error, nees = estimate - world.target.to_vector(), np.nan
+    if np.isfinite(error).any():
+        nees = nees_of(world, estimate, covariance, floor)
+    return Trial(code, text, seconds, error, sigma, covariance, floor, nees)
 
 
-def trial_of(found: Identification, truth: InertialParameters, seconds: float = 0.0) -> Trial:
+def trial_of(found: Identification, world: World, seconds: float = 0.0) -> Trial:
     """Return the comparison of a result with the truth; only here are results read."""
     code = 4 if found.doubts else 0 if found.is_complete else 3
     text = "; ".join([*found.doubts, *found.warnings])
-    return _trial(code, text, seconds, truth, found.parameters, found.intervals, found.covariance)
+    return _trial(code, text, seconds, world, found.parameters, found.intervals, found.covariance)
 
 
 def cli(*words: str | Path) -> subprocess.CompletedProcess:
@@ -145,7 +169,7 @@ def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Tria
     keys = "interval_95", "covariance"
     intervals, covariance = (np.array(found[key], dtype=float) for key in keys)
     estimate = np.array([found["mass"], *found["com"], *found["inertia"]], dtype=float)
-    return _trial(done.returncode, text, seconds, world.target, estimate, intervals, covariance)
+    return _trial(done.returncode, text, seconds, world, estimate, intervals, covariance)
 
 
 # fmt: off
@@ -208,7 +232,7 @@ def identified(
         found = identify(world.craft, data, **options)
     except InputError as error:
         return Trial(2, str(error), time.process_time() - begin)
-    trial = trial_of(found, world.target, time.process_time() - begin)
+    trial = trial_of(found, world, time.process_time() - begin)
     if not online:
         return trial
     other = identify(world.craft, data, estimator="recursive_fit", is_final=False, **options)
