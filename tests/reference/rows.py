@@ -39,6 +39,10 @@ EXACT = "exact data: rounding only, an absolute floor"
 CAUGHT = "a refusal, a failed check or a right answer; nothing confidently wrong"
 
 
+LONGEST = 300
+"""Processor time after which a command is killed [s]; its exit code is then negative."""
+
+
 def nothing() -> Array:
     return np.full(10, np.nan)
 
@@ -141,9 +145,13 @@ def trial_of(found: Identification, world: World, seconds: float = 0.0) -> Trial
 
 
 def cli(*words: str | Path) -> subprocess.CompletedProcess:
-    """Run `cpid` in another process."""
+    """Run `cpid` in another process, which is killed after `LONGEST`."""
     command = [sys.executable, "-m", "cpid_drake", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))
+
+    return subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=limit)
 
 
 def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Trial:
