@@ -418,7 +418,7 @@ CASES: dict[str, Callable[[Path], dict]] = {
         "a firing at 5 s, not logged, flight", "thruster_firing", seeds=4, change=fired, bound=True
     ),
     "logged_burn": run("logged_burn, flight_thrust", "logged_burn", "flight_thrust", 4, bound=True),
-    "uncertain_spacecraft": run("flight", "uncertain_spacecraft", seeds=3, uncertain=True),
+    "uncertain_spacecraft": run("flight", "uncertain_spacecraft", seeds=4, uncertain=True),
     "air_bearing": run("air_bearing", "air_bearing", "air_bearing", 4),
     "orbit": run("orbit", "orbit", "orbit", 1, online=0),
     "gaps_5_Hz": gaps,
