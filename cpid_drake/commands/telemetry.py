@@ -82,7 +82,7 @@ def _comparisons(
 ) -> tuple[list[str], list[str], list[str]]:
     """Return errors, warnings, and what could not be compared."""
     from cpid_drake.sensing.files.consistency import check_consistency
-    from cpid_drake.sensing.files.motion_checks import check_motion, not_checked
+    from cpid_drake.sensing.files.motion_checks import not_checked
 
     unchecked = not_checked(found.measurements, has_spacecraft=craft is not None)
     if craft is None:
@@ -96,8 +96,7 @@ def _comparisons(
         log = check_log(craft, found.measurements)
     except InputError as error:
         return [str(error)], warnings, unchecked
-    motion = check_motion(craft.tree, craft.joint_names, log.head)
-    return [], [*warnings, *log.warnings], [*unchecked, *motion.unchecked]
+    return list(log.doubts), [*warnings, *log.warnings], [*unchecked, *log.unchecked]
 
 
 @telemetry.command(name="map")
@@ -154,6 +153,8 @@ def map_columns(
         checked = check_log(craft, guess.measurements)
     except InputError as error:
         raise InputError(f"{file}: does not agree with this map: {error}") from error
+    if checked.doubts:
+        raise InputError(f"{file}: does not agree with this map: {checked.doubts[0]}")
     for warning in checked.warnings:
         log.print(f"warning: {warning}")
     if out is not None:

@@ -1,7 +1,7 @@
 """The checks of a log before the target is identified from it, whatever the log's length."""
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -25,6 +25,7 @@ from cpid_drake.sensing.measurement_stream import (
     in_one_chunk,
     joined,
     stream_of,
+    time_interval,
 )
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.screening import Screened, screen
@@ -36,7 +37,7 @@ LONGEST_HEAD = 20_000
 """Number of samples of one sensor that are kept in memory of a stream.
 
 A shorter log is kept as a whole. The number suffices to estimate the noise of the sensors, and to
-find wrong units and conventions.
+find wrong units and conventions. Of a longer log, the part is kept in which the arm moves most.
 """
 
 
@@ -49,15 +50,17 @@ class CheckedLog:
     """Screened samples, joints in the spacecraft's order.
 
     Attributes:
-        head: the first samples: all if the log is not long.
+        head: all samples if the log is not long, else the part in which the arm moves most.
         stream: all samples.
         is_long: whether the stream has more samples than the head.
         counts: number of samples by sensor.
         rejected: number of unusable samples by sensor, which are left out.
-        warnings: joints that the spacecraft does not have, contradictions in the log, and positions
-            beyond the joints' limits.
+        warnings: joints that the spacecraft does not have, weak contradictions in the log,
+            and positions beyond the joints' limits.
         normal_B: (3,) normal in B of a table that carries the spacecraft; None without one.
-        doubts: reasons why no table can have carried it.
+        doubts: failed checks: contradictions between positions, rates, and the conservation of
+            momentum, and reasons why no table can have carried the spacecraft.
+        unchecked: what could not be checked, each with the reason.
         first_burn: time at which thrusters first fire by the log of thrust [s]; infinite if never.
 
     """
@@ -70,6 +73,7 @@ class CheckedLog:
     warnings: tuple[str, ...] = ()
     normal_B: NDArray[np.float64] | None = None
     doubts: tuple[str, ...] = ()
+    unchecked: tuple[str, ...] = ()
     first_burn: float = np.inf
 
     @property
@@ -113,22 +117,25 @@ def check_log(
         planar: whether a table carries the spacecraft; see `planar.placed`.
 
     Raises:
-        InputError: the log lacks a joint of the spacecraft; its times cannot be in s; positions and
-            rates contradict each other, or the conservation of momentum, in a way that has a clear
-            cause; or the joint positions must be in degrees.
+        InputError: the log lacks a joint of the spacecraft, or its times cannot be in s.
 
     """
     in_memory = isinstance(data, Measurements)
     chunks = in_one_chunk(data) if isinstance(data, Measurements) else data
-    head: list[Measurements] = []
+    recent, most = deque[Measurements](), -np.inf
+    head: tuple[Measurements, ...] = ()
     counts, rejected = Counter[str](), Counter[str]()
     is_long, first_burn = False, np.inf
     lowest: NDArray[np.float64] = np.full(len(spacecraft.joint_names), np.inf)
     highest = -lowest
     for screened in _screened(spacecraft, chunks, sensors):
         chunk = screened.measurements
-        if not is_long:
-            head.append(chunk)
+        recent.append(chunk)
+        while not in_memory and _largest_count(list(recent)[1:]) > LONGEST_HEAD:
+            recent.popleft()
+        moved = _motion(spacecraft, recent)
+        if moved > most or not is_long:
+            head, most = tuple(recent), moved
         counts.update({name: len(samples) for name, samples in chunk.items()})
         rejected.update(screened.rejected)
         fires = chunk.thrust.value.any(axis=1)
@@ -138,23 +145,37 @@ def check_log(
         lowest = np.fmin(lowest, positions.min(axis=0, initial=np.inf))
         highest = np.fmax(highest, positions.max(axis=0, initial=-np.inf))
     beginning = joined(head) if head else Measurements(spacecraft.joint_names)
-    consistency = check_consistency(beginning)
-    if consistency.errors:
-        raise InputError(consistency.errors[0])
+    joints = [body for body in spacecraft.tree.bodies if body.joint >= 0]
+    sliding = [spacecraft.joint_names[body.joint] for body in joints if body.prismatic]
+    consistency = check_consistency(beginning, sliding)
     spacecraft, notes, doubts = placed(spacecraft, beginning, planar)
     tree = spacecraft.tree
-    motion = MotionFindings()
+    motion = MotionFindings(unchecked=["unit and point of the position, signs of joints (table)"])
     if tree.normal_B is None or tree.normal_C is not None:  # else its centre of mass may rise
         motion = check_motion(tree, spacecraft.joint_names, beginning)
-    if motion.errors:
-        raise InputError(motion.errors[0])
+    beyond, degrees = limit_warnings(spacecraft, lowest, highest)
+    agrees = not (motion.errors or motion.warnings or motion.unchecked)
+    unchecked = list(motion.unchecked)
+    interval = time_interval(beginning)
+    if is_long and interval is not None:
+        unchecked.append(
+            "units and conventions before {:.4g} s and after {:.4g} s (the log is long; the arm "
+            "moves most between them)".format(*interval)
+        )
     others = other_joints(data.joint_names, spacecraft)
     warnings = (
         *([left_out_warning(others)] if others else ()),
         *notes,
         *consistency.warnings,
         *motion.warnings,
-        *limit_warnings(spacecraft, lowest, highest),
+        *beyond,
+        *(degrees if agrees else ()),
+    )
+    doubts = (
+        *consistency.errors,
+        *motion.errors,
+        *(() if agrees else degrees),
+        *doubts,
     )
     stream: MeasurementStream = stream_of(beginning)
     if is_long:
@@ -171,8 +192,24 @@ def check_log(
         warnings,
         tree.normal_B,
         doubts,
+        tuple(unchecked),
         float(first_burn),
     )
+
+
+def _largest_count(pieces: Sequence[Measurements]) -> int:
+    """Return the largest number of samples of one sensor in several pieces."""
+    counts = Counter[str]()
+    for piece in pieces:
+        counts.update({name: len(samples) for name, samples in piece.items()})
+    return max(counts.values(), default=0)
+
+
+def _motion(spacecraft: Spacecraft, pieces: Iterable[Measurements]) -> float:
+    """Return the variance of the positions of all joints but rotors, summed."""
+    angles = np.concatenate([piece.encoders.value for piece in pieces])
+    joints = [k for k in range(angles.shape[1]) if not spacecraft.tree.is_rotor(k)]
+    return float(angles[:, joints].var(axis=0).sum()) if len(angles) else 0.0
 
 
 def _screened(

@@ -81,9 +81,8 @@ def identify(
     Raises:
         InputError: the estimator or the rows are unknown, or cannot handle this momentum; the data
             contain other joints than the spacecraft's; a sensor that the estimator needs is missing
-            (the message lists the estimators that could use the data); rates contradict positions,
-            for example by their unit or frame; there are too few samples; the prior determines
-            combinations of other unknowns than the estimator's.
+            (the message lists the estimators that could use the data); there are too few samples;
+            the prior determines combinations of other unknowns than the estimator's.
 
     """
     log = _identified(
@@ -204,7 +203,7 @@ def _identified(
     R_CF = frame_of(table) if table is not None and is_oblique(table) and not is_part else None
     if R_CF is not None:
         spacecraft = in_frame(spacecraft, R_CF)
-    warnings = list(log.warnings)
+    warnings = [*log.warnings, *map("not checked: {}".format, log.unchecked)]
     is_uncertain = known_bodies is not None and states is None
     has_sensors = sensors is not None or is_uncertain
     record, family = choose_method(
@@ -247,7 +246,7 @@ def _identified(
     if log.has_thrust and not record.uses_thrust:
         text = THRUST_NOT_USED.format(f"{log.first_burn:.4g}", record.name)
         found = replace(found, doubts=(text, *found.doubts))
-    if is_final:
+    if is_final and not log.doubts:  # else the cause is said already
         known = len(found.doubts)
         # Exact states may belong to instants that are not connected.
         is_connected = states is None

@@ -117,33 +117,35 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
 
 def limit_warnings(
     spacecraft: Spacecraft, lowest: NDArray[np.float64], highest: NDArray[np.float64]
-) -> list[str]:
+) -> tuple[list[str], list[str]]:
     """Return warnings about joint positions beyond the joints' limits.
 
     Args:
         spacecraft: the known spacecraft.
         lowest, highest: (J,) extreme positions; infinite without samples.
 
-    Raises:
-        InputError: the joint positions must be in degrees.
+    Returns:
+        The warnings, and those about turning joints whose positions would be within the limits if
+        they were in degrees.
 
     """
-    warnings = []
+    plain, degrees = [], []
     low, high = spacecraft.limits.lowest, spacecraft.limits.highest
+    turning = {body.joint for body in spacecraft.tree.bodies if not body.prismatic}
     sampled = lowest <= highest
     beyond = sampled & ((lowest < low - 0.1) | (highest > high + 0.1))
-    for k in np.flatnonzero(beyond):
+    for k in np.flatnonzero(beyond).tolist():
         joint, extreme = spacecraft.joint_names[k], max(lowest[k], highest[k], key=abs)
-        if abs(extreme) > 4 * np.pi and low[k] <= np.radians(extreme) <= high[k]:
-            raise InputError(
-                f"q:{joint} goes to {extreme:.4g}, beyond its limits {low[k]:.3g} to "
-                f"{high[k]:.3g} rad: is it in degrees?"
-            )
-        warnings.append(
+        unit = "rad" if k in turning else "m"
+        text = (
             f"q:{joint} goes to {extreme:.4g}, beyond the model's limits {low[k]:.3g} to "
-            f"{high[k]:.3g}"
+            f"{high[k]:.3g} {unit}"
         )
-    return warnings
+        if k in turning and abs(extreme) > 4 * np.pi and low[k] <= np.radians(extreme) <= high[k]:
+            degrees.append(f"{text}: is it in degrees?")
+        else:
+            plain.append(text)
+    return plain, degrees
 
 
 def require_sensors(

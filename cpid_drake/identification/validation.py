@@ -139,7 +139,7 @@ def validate(
     for name in ("attitude", "encoders"):
         if not log.counts.get(name):
             raise InputError(f"the log has no samples of {SENSORS[name].label}")
-    warnings = list(log.warnings)
+    warnings = [*log.doubts, *log.warnings, *map("not checked: {}".format, log.unchecked)]
     if sensors is None:
         sensors = estimate_suite(log.head)
         warnings.append(NOISE_ESTIMATED)

@@ -220,6 +220,8 @@ class TestNoisyLogs:
             assert suite.sigmas(name).max() < 1e-7
 
 
+ROLL = np.array([0.0, 0.0, 0.0, 1.0])
+
 WRONG = {
     "q in degrees": (
         {"encoders": np.degrees},
@@ -286,22 +288,42 @@ class TestContradictions:
     @pytest.mark.parametrize("case", WRONG)
     def test_mixed_units_and_conventions_are_named(self, craft, turned, case):
         functions, phrase = WRONG[case]
-        with pytest.raises(InputError) as caught:
-            identify(craft, changed(turned, **functions))
-        assert phrase in str(caught.value)
+        found = identify(craft, changed(turned, **functions))
+        assert any(phrase in doubt for doubt in found.doubts)
 
     @pytest.mark.parametrize("read_as_world", [False, True])
     def test_angular_velocity_in_the_other_frame_is_named(self, craft, turned, read_as_world):
         R_WB = Rotation.from_quat(turned.attitude.value, scalar_first=True)
         wrong = R_WB.inv() if read_as_world else R_WB
-        with pytest.raises(InputError, match="in the body" if read_as_world else "in the world"):
-            identify(craft, changed(turned, gyro=wrong.apply))
+        found = identify(craft, changed(turned, gyro=wrong.apply))
+        assert ("in the body" if read_as_world else "in the world") in found.doubts[0]
 
     def test_joints_all_in_degrees_are_beyond_their_limits(self, craft, exact):
         # The small craft's joints reach 9 rad; its positions here are degrees of 0.5 to 1.5 rad.
         both = changed(exact, encoders=np.degrees, joint_rates=np.degrees)
-        with pytest.raises(InputError, match="beyond its limits -9 to 9 rad: is it in degrees"):
-            identify(craft, both)
+        doubts = "; ".join(identify(craft, both).doubts)
+        assert "beyond the model's limits -9 to 9 rad: is it in degrees" in doubts
+        assert "q:slide" not in doubts
+
+    def test_more_turns_than_the_limits_allow_are_a_warning_only(self, craft, exact):
+        found = identify(craft, changed(exact, encoders=lambda q: q + 6 * np.pi * ROLL))
+        [text] = found.warnings
+        assert "q:roll goes to 2" in text
+        assert "is it in degrees" in text
+        assert not found.doubts
+
+    def test_a_sliding_joint_is_in_metres(self, craft, exact):
+        slide = np.array([1.0, 1000.0, 1.0, 1.0])
+        found = identify(craft, changed(exact, encoders=lambda q: q * slide))
+        assert any(
+            "q:slide" in doubt and "is it in millimetres? It must be in m" in doubt
+            for doubt in found.doubts
+        )
+
+    def test_what_could_not_be_checked_is_said(self, craft, exact):
+        gone = ("position", "velocity", "joint_rates")
+        log = exact.updated({name: exact[name].where(slice(0)) for name in gone})
+        assert any(text.startswith("not checked: ") for text in identify(craft, log).warnings)
 
 
 class TestRotors:

@@ -6,7 +6,7 @@ such as another order of the quaternion's entries, shows as a much better agreem
 convention.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.sensing.measurements import Measurements, Samples
 
 _FACTORS = {
-    180 / np.pi: "degrees",
-    1000.0: "millimetres",
-    100.0: "centimetres",
+    180 / np.pi: ("degrees", "rad"),
+    1000.0: ("millimetres", "m"),
+    100.0: ("centimetres", "m"),
 }
 _SCALAR_LAST = "the quaternion seems to be in the order x, y, z, w; it must be qw, qx, qy, qz"
 _INVERSE = "the quaternion seems to be that of R_BW; it must be that of R_WB, B's axes in W"
@@ -34,8 +34,8 @@ _SLOWEST = 0.5
 _AGREES = 0.2
 """Largest mismatch of positions and rates that agree."""
 
-_WINDOW = 20_000
-"""Number of samples that are compared."""
+_MOST = 20_000
+"""Largest number of differences that are compared, evenly distributed over the log."""
 
 _STEP = 0.5
 """Length of the differences [s]."""
@@ -49,8 +49,16 @@ class Findings:
     warnings: list[str] = field(default_factory=list)
 
 
-def check_consistency(measurements: Measurements) -> Findings:
-    """Compare positions with rates, both of the joints and of the base."""
+def check_consistency(
+    measurements: Measurements, sliding: Collection[str] | None = None
+) -> Findings:
+    """Compare positions with rates, both of the joints and of the base.
+
+    Args:
+        measurements: the samples.
+        sliding: names of the joints that slide instead of turning; None if that is not known.
+
+    """
     found = Findings()
     clock = _clock_unit(measurements)
     if clock is not None:
@@ -64,8 +72,9 @@ def check_consistency(measurements: Measurements) -> Findings:
             Samples(samples.time, samples.value[:, k : k + 1])
             for samples in (measurements.encoders, measurements.joint_rates)
         )
-        _check_vector(positions, rates, f"q:{joint}", f"qd:{joint}", "rad", found)
-    _check_vector(measurements.position, measurements.velocity, "x,y,z", "vx,vy,vz", "m", found)
+        units = ("rad", "m") if sliding is None else ("m" if joint in sliding else "rad",)
+        _check_vector(positions, rates, f"q:{joint}", f"qd:{joint}", units, found)
+    _check_vector(measurements.position, measurements.velocity, "x,y,z", "vx,vy,vz", ("m",), found)
     _check_attitude(measurements, found)
     return found
 
@@ -125,7 +134,12 @@ def _mismatch(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> float:
 
 
 def _check_vector(
-    positions: Samples, rates: Samples, name: str, rate_name: str, unit: str, found: Findings
+    positions: Samples,
+    rates: Samples,
+    name: str,
+    rate_name: str,
+    units: tuple[str, ...],
+    found: Findings,
 ) -> None:
     pairs = _pairs(positions, rates)
     if pairs is None:
@@ -136,7 +150,9 @@ def _check_vector(
     if correlation < -_CLEAR and 0.9 < -slope < 1.1:
         found.errors.append(f"{rate_name} is the rate of {name} with the opposite sign")
     elif correlation > _CLEAR and not 0.9 < slope < 1.1:
-        for factor, other in _FACTORS.items():
+        for factor, (other, unit) in _FACTORS.items():
+            if unit not in units:
+                continue
             if abs(slope / factor - 1) < 0.05:
                 found.errors.append(
                     f"{name} changes {round(slope, 1):g} times as fast as {rate_name} says: is it "
@@ -177,13 +193,12 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
     if correlation > _CLEAR:
         if 0.9 < slope < 1.1:
             return
-        for factor, other in _FACTORS.items():
-            if abs(slope * factor - 1) < 0.05:
-                found.errors.append(
-                    f"the angular velocity is {1 / slope:.3g} times the rate of the attitude: "
-                    f"is it in {other}/s? It must be in rad/s"
-                )
-                return
+        if abs(slope * 180 / np.pi - 1) < 0.05:
+            found.errors.append(
+                f"the angular velocity is {1 / slope:.3g} times the rate of the attitude: "
+                "is it in degrees/s? It must be in rad/s"
+            )
+            return
     w_if_in_W = as_read[0].apply(w_B)  # the columns as read, if they were wx, wy, wz
     explanations = [
         (w_by_attitude, as_read[0].inv().apply(w_B), _IN_WORLD),
@@ -221,22 +236,23 @@ def _pairs(
     """
     if len(positions) < 10 or len(rates) < 10:
         return None
-    time, value = positions.time[:_WINDOW], positions.value[:_WINDOW]
-    rates = rates.where(slice(0, np.searchsorted(rates.time, time[-1]) + 1))
+    time, value = positions.time, positions.value
     stride = max(int(_STEP / np.median(np.diff(time))), 1)
     before, after = time[:-stride], time[stride:]
     inside = (before >= rates.time[0]) & (after <= rates.time[-1])
     inside &= after - before <= 2 * _STEP
     if inside.sum() < 8:
         return None
-    before, after = before[inside], after[inside]
+    chosen = np.flatnonzero(inside)
+    chosen = chosen[:: -(-chosen.size // _MOST)]
+    before, after = before[chosen], after[chosen]
     sums = cumulative_trapezoid(rates.value, rates.time, axis=0, initial=0.0)
     mean = np.stack(
         [np.interp(after, rates.time, c) - np.interp(before, rates.time, c) for c in sums.T],
         axis=1,
     )
     elapsed = (after - before)[:, None]
-    return value[:-stride][inside], value[stride:][inside], elapsed, mean / elapsed
+    return value[chosen], value[chosen + stride], elapsed, mean / elapsed
 
 
 def _compare(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> tuple[float, float]:

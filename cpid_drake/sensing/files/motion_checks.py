@@ -338,8 +338,8 @@ def _explained(found: Explanation) -> str:
     texts = []
     if found.unit != "m":
         texts.append(
-            f"the position seems to be in {_UNIT_WORDS[found.unit]}: in metres, no target could "
-            "let the base move so far; it must be in m"
+            f"the position seems to be in {_UNIT_WORDS[found.unit]} (it must be in m), or masses "
+            "of the model are wrong: no target could let this base move so far"
         )
     if not found.is_origin:
         place = ", ".join(f"{entry:.3g}" for entry in found.fit.point_B)

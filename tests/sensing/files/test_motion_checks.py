@@ -73,14 +73,32 @@ def in_degrees(log):
         (lambda m: {"encoders": reversed_joint(m, 2)}, "q:elbow seems to have the opposite sign"),
     ],
 )
-def test_a_wrong_convention_is_named_and_refused(craft, log, spoil, phrase):
+def test_a_wrong_convention_is_named(craft, log, spoil, phrase):
     bad = changed(log, **spoil(log))
     found = check_motion(craft.tree, craft.joint_names, bad)
     assert len(found.errors + found.warnings) == 1
     assert phrase in (found.errors + found.warnings)[0]
-    if found.errors and "attitude" not in spoil(log):
-        with pytest.raises(InputError):
-            identify(craft, bad, estimator="trajectory_fit", sensors=SUITE)
+
+
+@pytest.fixture(scope="module")
+def exact(craft):
+    suite = coarse_suite(joint_rates=JointSensor(20.0, 1e-4), velocity=VectorSensor(20.0, 1e-4))
+    return measured(craft, Sines.drawn(4, 3, 10.0), TARGET, suite)
+
+
+def test_a_wrong_unit_fails_a_check_and_is_no_refusal(craft, exact):
+    found = identify(craft, changed(exact, position=exact.position.value * 1000), rows="standard")
+    assert any("in millimetres" in doubt for doubt in found.doubts)
+    assert not identify(craft, exact, rows="standard").doubts
+
+
+def test_a_wrong_mass_of_the_model_is_named_beside_a_wrong_unit(craft):
+    """A base that is 100 times lighter than its model moves 50 times as far."""
+    light = heavier("base", 0.01)(craft.tree)
+    log = measured(craft, Sines.drawn(4, 3, 10.0), TARGET, SUITE, tree=light)
+    found = check_motion(craft.tree, craft.joint_names, log)
+    [text] = found.errors + found.warnings
+    assert "masses of the model are wrong" in text
 
 
 def test_a_log_in_the_right_conventions_passes(craft, log):
