@@ -35,7 +35,7 @@ def joint_limits(model: ModelFile, plant: MultibodyPlant, joints: Sequence[Joint
     The effort limit is that of the joint's actuator in the plant. A joint without actuator has the
     limit in its URDF. An effort limit of zero means that none is stated.
     """
-    efforts = [model.efforts.get(joint.name()) or np.inf for joint in joints]
+    efforts = [model.contents.efforts.get(joint.name()) or np.inf for joint in joints]
     order = {joint.index(): k for k, joint in enumerate(joints)}
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)

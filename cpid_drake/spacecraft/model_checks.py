@@ -47,17 +47,29 @@ _COUNTS |= dict.fromkeys(("mass", "value", "density", *_INERTIA, *_LIMITS), 1)
 _NOT_NEGATIVE = ("mass", "value", "density", "size", "diaginertia", "ixx", "iyy", "izz")
 
 
-def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> dict[str, float]:
+@dataclass
+class FileContents:
+    """What Drake does not tell of a model's files.
+
+    Attributes:
+        efforts: effort limits in URDF files [N·m or N], by joint. Drake reads an effort limit only
+            if the joint has a transmission too.
+        hollow: links of URDF and SDF files that have a geometry and no inertia. Drake takes their
+            mass for zero (URDF) or for 1 kg (SDF).
+
+    """
+
+    efforts: dict[str, float] = field(default_factory=dict)
+    hollow: set[str] = field(default_factory=set)
+
+
+def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileContents:
     """Check a model that Drake might never finish reading, or might read with other numbers.
 
     Args:
         path: the model's file.
         where: its name in error messages.
         folders: folders of the packages that its URIs refer to, by name.
-
-    Returns:
-        The effort limits [N·m or N] in its URDF files, by joint. Drake reads an effort limit only
-        if the joint has a transmission too.
 
     Raises:
         InputError: the file, or one that it includes, is not XML or YAML, is too large or nested
@@ -72,7 +84,7 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> dict[str
         raise
     except (OSError, ValueError, RuntimeError) as error:  # too long, with NUL, or a circle of links
         raise InputError(f"{where}: a file that it names cannot be read: {error!s:.200}") from error
-    return walk.efforts
+    return walk.contents
 
 
 @dataclass
@@ -83,7 +95,7 @@ class _Walk:
     start: Path
     folders: Mapping[str, Path]
     count: int = 0
-    efforts: dict[str, float] = field(default_factory=dict)
+    contents: FileContents = field(default_factory=FileContents)
 
     def visit(self, path: Path, around: tuple[Path, ...]) -> None:
         """Check a file and the files that it includes; the files `around` include it."""
@@ -109,9 +121,8 @@ class _Walk:
         if ending in (".yaml", ".yml"):
             included = [self._behind(uri) for uri in _included_by_directives(data, place)]
         else:
-            reader = _XmlReader(ending, place)
+            reader = _XmlReader(ending, place, self.contents)
             reader.read(data)
-            self.efforts |= reader.efforts
             # MJCF paths start at the folder of the first MJCF file.
             main = next((file for file in around if file.suffix.lower() == ".xml"), path)
             included = [
@@ -171,17 +182,18 @@ class _XmlReader:
     Attributes:
         ending: ending of the file's name; it decides what the elements mean.
         where: the file's name in error messages.
+        contents: receives what Drake does not tell.
         included: the files that it includes, as written there.
-        efforts: the effort limits of a URDF's joints, by name [N·m or N].
 
     """
 
     ending: str
     where: str
+    contents: FileContents
     included: list[str] = field(default_factory=list)
-    efforts: dict[str, float] = field(default_factory=dict)
     _open: list[tuple[str, str]] = field(default_factory=list)  # tags and names
     _text: list[str] = field(default_factory=list)
+    _parts: set[str] = field(default_factory=set)  # of the link that is open
 
     def read(self, data: bytes) -> None:
         """Check the whole file.
@@ -234,6 +246,10 @@ class _XmlReader:
         if len(self._open) > DEEPEST:
             raise InputError(f"{self._place()}: nested too deeply, more than {DEEPEST} levels")
         self._text.clear()
+        if tag == "link":
+            self._parts = set()
+        elif self._inside("link"):
+            self._parts.add(tag)
         if self.ending == ".xml":
             numbers = [key for key in _MJCF_NUMBERS if key in attributes]
             if tag == "include" and attributes.get("file"):
@@ -251,7 +267,7 @@ class _XmlReader:
         for key in numbers:
             self._check_numbers(key, attributes[key], f'<{tag} {key}="{{}}">')
         if "effort" in numbers and self._inside("joint"):
-            self.efforts[self._open[-2][1]] = float(attributes["effort"])
+            self.contents.efforts[self._open[-2][1]] = float(attributes["effort"])
 
     def _end(self, tag: str) -> None:
         text = "".join(self._text).strip()
@@ -260,6 +276,8 @@ class _XmlReader:
             self._check_numbers(tag, text, f"<{tag}>{{}}</{tag}>")
         if self.ending == ".sdf" and tag == "uri" and self._inside("include"):
             self.included.append(text)
+        if tag == "link" and self._parts & {"visual", "collision"} and "inertial" not in self._parts:
+            self.contents.hollow.add(self._open[-1][1])
         self._open.pop()
 
     def _check_numbers(self, key: str, text: str, what: str) -> None:

@@ -43,7 +43,7 @@ class ModelFile:
         model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
         folders: the packages' folders as the user named them.
-        efforts: effort limits of joints, as `check_model` returns them.
+        contents: what Drake does not tell of the file.
 
     Raises:
         InputError: no such file, an unknown format, or content that Drake must not read (see
@@ -56,7 +56,7 @@ class ModelFile:
         self.path = resolve_model(model, folders)
         if not self.path.name.endswith(_MODEL_ENDINGS):
             raise self.error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
-        self.efforts = check_model(self.path, self.model, folders)
+        self.contents = check_model(self.path, self.model, folders)
 
     def error(self, problem: str) -> InputError:
         """Return an InputError whose message begins with this model."""

@@ -35,7 +35,8 @@ def require_tree_on_free_base(
 
     Raises:
         InputError: the base is welded to the world or does not float, a body is not connected to
-            it, no joint moves C relative to it, or a joint is of a type that is not supported.
+            it, no joint moves C relative to it, a joint is of a type that is not supported, or a
+            body that joints move has a geometry and no inertia.
 
     """
     _require_free_base(model, plant, base)
@@ -50,6 +51,20 @@ def require_tree_on_free_base(
                 f"joint '{joint.name()}' is of type {joint.type_name()}; only revolute, "
                 "prismatic and fixed joints are supported"
             )
+        if not of_base and not isinstance(joint, WeldJoint):
+            for body in (joint.parent_body(), joint.child_body()):
+                _require_inertia(model, plant, body)
+
+
+def _require_inertia(model: ModelFile, plant: MultibodyPlant, body: RigidBody) -> None:
+    """Refuse bodies that are welded together and have a geometry, but no inertia in their file."""
+    welded = plant.GetBodiesWeldedTo(body)
+    hollow = [each.name() for each in welded if each.name() in model.contents.hollow]
+    if hollow and not any(b.default_mass() > 0 and b.name() not in hollow for b in welded):
+        raise model.error(
+            f"link '{hollow[0]}' moves and has a geometry but no <inertial>: give it a mass and an "
+            "inertia"
+        )
 
 
 def _joints(plant: MultibodyPlant) -> list[Joint]:

@@ -517,6 +517,18 @@ def test_a_spacecraft_without_mass_is_refused(refusal):
     assert "no mass" in refusal(text)
 
 
+def test_a_moving_link_with_a_geometry_needs_an_inertia(refusal, load):
+    box = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
+    hollow = f'<link name="tube">{box}</link>'
+    parts = u_link("base", 50.0), u_link("arm"), u_joint("j", "base", "arm")
+    moving = urdf(*parts, hollow, u_joint("k", "arm", "tube"))
+    assert "link 'tube' moves and has a geometry but no <inertial>" in refusal(moving)
+    # A cover that is fixed to a link, and a link between two joints, have no mass of their own.
+    load(urdf(*parts, hollow, u_joint("k", "arm", "tube", "fixed")), capture_frame="arm")
+    between = '<link name="tube"/>', u_link("hand"), u_joint("k", "arm", "tube")
+    load(urdf(*parts, *between, u_joint("l", "tube", "hand")), capture_frame="arm")
+
+
 def test_a_spacecraft_that_cannot_move_is_refused(refusal):
     refusal(urdf(u_link("base"), u_link("arm"), u_joint("j", "base", "arm", "fixed")))
 
