@@ -13,6 +13,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, VectorSystem
 
 from cpid_drake import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
     HalfCosine,
     InertialParameters,
     JointController,
@@ -38,7 +40,7 @@ class RoundingSensors(VectorSystem):
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", choices=["eq18", "standard"], default="eq18", help="row family")
+    parser.add_argument("--rows", choices=["eq18", "standard"], default="standard", help="row family")
     parser.add_argument("--period", type=float, default=0.5, help="sampling period [s]")
     parser.add_argument("--decimals", type=int, default=5, help="of the measured state")
     args = parser.parse_args()
@@ -91,16 +93,23 @@ def main() -> None:
     plant.SetPositionsAndVelocities(plant_context, initial_state(spacecraft, tank, motion))
     context = identifier.GetMyContextFromRoot(root_context)
 
-    print("time [s]  rank     m [kg]                   c [m]       Ixx, Iyy, Izz [kg·m²]")
+    print("time [s]  rank     m [kg] ± σ                       c [m]       Ixx, Iyy, Izz [kg·m²]")
     for time in np.arange(args.period, 10.0 + 1e-9, args.period):
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
         m, *rest = identifier.GetOutputPort("parameters").Eval(context)
+        sigma = np.sqrt(identifier.GetOutputPort("covariance").Eval(context)[0])
         rank = identifier.GetOutputPort("diagnostics").Eval(context)[1]
         c = " ".join(f"{value:7.4f}" for value in rest[:3])
         moments = " ".join(f"{value:8.4f}" for value in rest[3:6])
-        print(f"{time:8.2f}  {rank:4.0f} {m:10.5f}  {c}  {moments}")
-    print(identifier.identification(context).explain())
+        print(f"{time:8.2f}  {rank:4.0f} {m:10.5f} ± {sigma:<8.2g}  {c}  {moments}")
+    result = identifier.identification(context)
+    print(f"\n{result.explain()}")
+    print(f"{'':12}{'estimate':>12}{'std. deviation':>18}{'truth':>12}")
+    deviations = np.sqrt(np.diag(result.covariance))
+    table = zip(PARAMETER_NAMES, PARAMETER_UNITS, result.parameters, deviations, tank.to_vector())
+    for name, unit, estimate, deviation, truth in table:
+        print(f"{f'{name} [{unit}]':12}{estimate:12.5f}{deviation:18.1e}{truth:12.5f}")
 
 
 if __name__ == "__main__":

@@ -97,8 +97,8 @@ def _diagnostics(found: Identification) -> list[float]:
 class MomentumIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from momentum conservation.
 
-    In every period it samples the spacecraft's state, computes the six rows of Ning et al. 2016,
-    Eq. 18 (or of another family), and adds them to a square-root information filter, which is its
+    In every period it samples the spacecraft's state, computes six momentum rows (those of Ning et
+    al. 2016, Eq. 18, are one of the families), and adds them to a square-root information filter, which is its
     discrete state. It contains the *known* spacecraft only.
 
     .. pydrake_system::
@@ -116,9 +116,9 @@ class MomentumIdentifier(Identifier):
     - `parameters` (10): m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg, m, kg·m²] as estimated; see
       `parameterizations.PARAMETER_NAMES`. An entry is NaN until it is observable.
     - `covariance` (100): of the parameters, row by row, from the residuals of equally
-      weighted rows; NaN until all are observable. With Eq. 18, whose rows are in m/s and in N·m·s,
-      the σ of the mass can be 25 times too large. With standard rows and rounded data every σ is
-      accurate to a factor of about 1.5.
+      weighted rows; NaN until all are observable. With standard rows every σ is accurate to a
+      factor of about 1.5, or 2 with rounded data. With Eq. 18, whose rows are in m/s and in N·m·s,
+      errors are larger, and the σ of the mass can be 25 times too large.
     - `spatial_inertia` (abstract `SpatialInertia`): the physically consistent parameters
       nearest to the estimate, about C's origin, in C; NaN until all are observable.
     - `diagnostics` (4): number of samples, rank (10 when all is observable), condition number of
@@ -130,7 +130,7 @@ class MomentumIdentifier(Identifier):
 
     Args:
         spacecraft: the known spacecraft.
-        rows: "eq18", "standard" or "relative"; see `cpid_drake.dynamics.rows.ROW_FAMILIES`.
+        rows: "standard", "eq18" (the paper's) or "relative"; see `cpid_drake.dynamics.rows.ROW_FAMILIES`.
         momentum: the total momentum, zero (default) or unknown; not unknown with "eq18".
         period: time between samples [s]; the paper's is 1 s.
         offset: time of the first sample [s]; the paper's is 1 s, because samples at rest contain no
@@ -148,7 +148,7 @@ class MomentumIdentifier(Identifier):
         self,
         spacecraft: Spacecraft,
         *,
-        rows: str = "eq18",
+        rows: str = "standard",
         momentum: TotalMomentum | None = None,
         period: float = 1.0,
         offset: float = 1.0,

@@ -96,6 +96,25 @@ def test_online_equals_batch(servicer, motion, rows):
     assert (np.linalg.eigvalsh(covariance) > 0).all()
 
 
+def test_the_default_rows_have_errors_as_large_as_their_deviations(
+    servicer, skewed_target, zero_momentum_motion
+):
+    """Root mean square of error over σ, for each parameter, over logs with white noise."""
+    truth, ratios = skewed_target.to_vector(), []
+    identifier = MomentumIdentifier(servicer)
+    for seed in range(30):
+        states = servicer.to_states(zero_momentum_motion(skewed_target, 20, seed=47))
+        rng = np.random.default_rng(seed)
+        context = identifier.CreateDefaultContext()
+        for state in states + 1e-5 * rng.normal(size=states.shape):
+            take(identifier, context, state)
+        found = identifier.identification(context)
+        ratios.append((found.parameters - truth) / np.sqrt(np.diag(found.covariance)))
+    size = np.sqrt(np.mean(np.square(ratios), axis=0))
+    assert (size > 0.5).all()
+    assert (size < 2.0).all()
+
+
 def test_infeasible_estimates_leave_feasible(servicer, paper_target, zero_momentum_motion):
     """The paper's target is on the limit: rounded data put the raw estimate beyond it."""
     rough = zero_momentum_motion(paper_target, 10, seed=46).rounded(3)
