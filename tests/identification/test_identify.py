@@ -308,7 +308,7 @@ class TestContradictions:
     def test_more_turns_than_the_limits_allow_are_a_warning_only(self, craft, exact):
         found = identify(craft, changed(exact, encoders=lambda q: q + 6 * np.pi * ROLL))
         [text] = found.warnings
-        assert "q:roll goes to 2" in text
+        assert "q:roll goes to 19" in text
         assert "is it in degrees" in text
         assert not found.doubts
 
