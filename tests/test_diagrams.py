@@ -104,16 +104,10 @@ def test_the_paper_case_draws_its_diagram(ran, folder):
         assert system in text
 
 
-<<<<<<< HEAD
 def test_the_online_estimate_converges_to_the_tank(ran):
-    """Rank 10 from the third sample on; at the end, from five decimals, the tank of 60 kg."""
-    rows = re.findall(r"^ +(\d+\.\d+) +(\d+) +(\S+) ", ran("online_identification.py").stdout, re.M)
-=======
-def test_the_online_estimate_converges_to_the_tank(runs):
     """Rank 10 from the third sample on; at the end, from five decimals, the truth within 4 σ."""
-    stdout = runs[1]["online_identification.py"].stdout
+    stdout = ran("online_identification.py").stdout
     rows = re.findall(r"^ +(\d+\.\d+) +(\d+) +(\S+) ", stdout, re.M)
->>>>>>> ab2eff4 (Standard rows are the default of MomentumIdentifier: their deviations are as large as their errors)
     assert [float(time) for time, _, _ in rows] == [0.5 * k for k in range(1, 21)]
     assert [int(rank) for _, rank, _ in rows] == [6, 9] + 18 * [10]
     final = re.findall(r"^(\S+) \[\S+\] +(\S+) +(\S+) +(\S+)$", stdout, re.M)

@@ -124,7 +124,7 @@ def map_columns(
     the conservation of momentum are compared. The map is printed, and with --out written, as YAML
     with the reasons as comments; `--columns` of other commands reads it.
 
-    Exit codes: 0 the log agrees with the map; 2 it does not, or columns are missing.
+    Exit codes: 0 the log agrees with the map; 2 it does not, columns are missing, or a unit is open.
     """
     packages, topics = options.packages_of(package), options.topics_of(topic)
     if frame_rate is not None and not 0 < frame_rate < 1e6:
@@ -153,6 +153,8 @@ def map_columns(
         checked = check_log(craft, guess.measurements)
     except InputError as error:
         raise InputError(f"{file}: does not agree with this map: {error}") from error
+    if guess.missing:
+        raise InputError(f"{file}: complete this map: {'; '.join(guess.missing)}")
     if checked.doubts:
         raise InputError(f"{file}: does not agree with this map: {checked.doubts[0]}")
     for warning in checked.warnings:

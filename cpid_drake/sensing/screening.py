@@ -70,10 +70,13 @@ def as_arrays(measurements: Measurements) -> Measurements:
 
 
 def usable_thrust(measurements: Measurements) -> Measurements:
-    """Return measurements with the finite samples of thrust alone, at increasing times.
+    """Return measurements whose samples of thrust have increasing times.
+
+    A sample of the same time and value as the one before is left out.
 
     Raises:
-        InputError: samples of thrust are not numbers, or have no six entries.
+        InputError: samples of thrust are not finite numbers, have no six entries, or are not in the
+            order of time. Without such a sample, a wrong thrust would hold on.
 
     """
     if THRUST not in measurements.samples:
@@ -89,9 +92,22 @@ def usable_thrust(measurements: Measurements) -> Measurements:
             f"not {time.shape} and {value.shape}"
         )
     usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
-    time, value = time[usable], value[usable]
-    later = np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])[: len(time)]
-    return measurements.updated({THRUST: Samples(time[later], value[later])})
+    if not usable.all():
+        k = int((~usable).argmax())
+        raise InputError(
+            f"measurements: '{THRUST}' at {time[k]:.6g} s is not finite: give the torque and force "
+            "that hold from then on"
+        )
+    again = np.zeros(len(time), dtype=bool)
+    again[1:] = (time[1:] == time[:-1]) & (value[1:] == value[:-1]).all(axis=1)
+    time, value = time[~again], value[~again]
+    if not (time[1:] > time[:-1]).all():
+        k = int((time[1:] <= time[:-1]).argmax())
+        raise InputError(
+            f"measurements: '{THRUST}' at {time[k + 1]:.6g} s comes after that at {time[k]:.6g} s: "
+            "give one sample at a time, in the order of time"
+        )
+    return measurements.updated({THRUST: Samples(time, value)})
 
 
 def screen(
@@ -111,7 +127,7 @@ def screen(
       `repeats.find_repeats`;
     - spikes: see `spikes.find_spikes`.
 
-    The log of thrust keeps its finite samples; see `usable_thrust`.
+    The log of thrust keeps its samples; see `usable_thrust`.
 
     Only sensors of the suite are screened for the last two. Quaternions are normalized; their sign,
     which has no meaning, is kept.
@@ -128,7 +144,7 @@ def screen(
         limits: limits of screening.
 
     Raises:
-        InputError: for the same reasons as `as_arrays`.
+        InputError: for the same reasons as `as_arrays` and `usable_thrust`.
 
     """
     memory = memory or ScreeningMemory()

@@ -278,7 +278,7 @@ TELEMETRY = {
     ),
     "long_line": (file("t.csv", lambda: csv() + "1" * 3_000_000), "line 103 is longer than"),
     # Separators and quotes.
-    "semicolons": (file("t.csv", lambda: csv(between=";")), "line 1", "semicolons"),
+    "tabs": (file("t.csv", lambda: csv(between="\t")), "line 1", "tabs"),
     "decimal_commas": (file("t.csv", put(7, "x", "0,5")), "line 7", "decimals written with commas"),
     "open_quote": (file("t.csv", put(7, "x", '"0.5')), "line 7"),
     "short_row": (file("t.csv", lambda: csv(lambda r: r[8].pop() and None)), "line 9: 19 cells"),

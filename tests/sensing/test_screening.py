@@ -846,3 +846,20 @@ def test_nothing_is_left_of_nothing_good():
 def test_samples_of_the_wrong_shape_are_refused(perfect, name, time, value):
     with pytest.raises(InputError, match=f"measurements: '{name}'"):
         screen(replace(perfect, **{name: Samples(time, value)}))
+
+
+@pytest.mark.parametrize(
+    ("times", "force", "phrase"),
+    [
+        ([0.0, 1.0, 2.0], [5.0, np.nan, 0.0], "at 1 s is not finite"),
+        ([0.0, np.inf, 2.0], [5.0, 1.0, 0.0], "at inf s is not finite"),
+        ([0.0, 2.0, 1.0], [5.0, 1.0, 0.0], "at 1 s comes after that at 2 s"),
+        ([0.0, 1.0, 1.0], [5.0, 1.0, 0.0], "at 1 s comes after that at 1 s"),
+    ],
+)
+def test_a_wrong_sample_of_thrust_is_no_reason_to_hold_the_one_before(times, force, phrase):
+    value = np.zeros((3, 6))
+    value[:, 3] = force
+    log = Measurements(JOINTS, thrust=Samples(np.array(times), value))
+    with pytest.raises(InputError, match=phrase):
+        screen(log)

@@ -16,14 +16,23 @@ _YEARS = (5e8, 4e9)
 """Seconds since 1970 in the years 1985 to 2096."""
 
 
+_UNITS: tuple[TimeUnit, ...] = ("s", "ms", "us", "ns")
+_SHORTEST_STEP, _LONGEST_STEP = 1e-4, 5.0  # of a log [s]
+_USUAL_STEP = 0.5
+"""Step above which the time may be in a smaller unit, if that leaves a possible step [s]."""
+
+
 def guess_time(
-    values: Mapping[str, NDArray[np.float64]], frame_rate: float | None
-) -> tuple[TimeColumn, list[str]]:
-    """Return the time column of a log, and the reasons.
+    values: Mapping[str, NDArray[np.float64]],
+    frame_rate: float | None,
+    unit: TimeUnit | None = None,
+) -> tuple[TimeColumn, list[str], tuple[TimeUnit, ...]]:
+    """Return the time column of a log, the reasons, and other units that the steps allow.
 
     Args:
         values: the log's columns of numbers (N,).
         frame_rate: frames per second, if the log counts frames and does not say it [Hz].
+        unit: the unit, if names and steps leave it open; None to choose the largest one.
 
     Raises:
         InputError: no column can be the time, or it counts frames of an unknown rate.
@@ -60,33 +69,40 @@ def guess_time(
             )
         time.epoch = float(ticks[0])
         reasons.append(f"{time.rate:g} frames per second")
-        return time, reasons
+        return time, reasons, ()
+    others: tuple[TimeUnit, ...] = ()
     time.nanoseconds = _nanoseconds_beside(name, values)
     if time.nanoseconds is not None:
         reasons.append(f"'{time.nanoseconds}' holds the nanoseconds")
     else:
-        stated = unit_of(name)
-        time.unit, why = _unit(stated, float(ticks[0]), step)
+        time.unit, why, others = _unit(unit_of(name), float(ticks[0]), step)
+        if unit in others:
+            time.unit, why = unit, "positions and rates then agree"
         reasons.append(f"in {time.unit}: {why}")
     if abs(ticks[0]) * scale_of(time.unit) > 1e5:
         time.epoch = float(ticks[0])
         reasons.append("the time starts at zero at the first row")
-    return time, reasons
+    return time, reasons, others
 
 
-def _unit(stated: str | None, first: float, step: float) -> tuple[TimeUnit, str]:
-    """Return the unit of a clock, and the reason."""
-    units: tuple[TimeUnit, ...] = ("s", "ms", "us", "ns")
-    for unit in units:
+def _unit(
+    stated: str | None, first: float, step: float
+) -> tuple[TimeUnit, str, tuple[TimeUnit, ...]]:
+    """Return the unit of a clock, the reason, and other units that are possible."""
+    for unit in _UNITS:
         if unit == stated:
-            return unit, "the name says so"
-    for unit in units:
+            return unit, "the name says so", ()
+    for unit in _UNITS:
         if _YEARS[0] < first * scale_of(unit) < _YEARS[1]:
-            return unit, "it counts from 1970"
-    for unit in units:
-        if 1e-4 <= step * scale_of(unit) <= 5.0:
-            return unit, f"the steps are then {step * scale_of(unit):.4g} s"
-    return "s", "assumed"
+            return unit, "it counts from 1970", ()
+    steps = {unit: step * scale_of(unit) for unit in _UNITS}
+    possible = [u for u in _UNITS if _SHORTEST_STEP <= steps[u] <= _LONGEST_STEP]
+    if not possible:
+        return "s", "assumed", ()
+    unit, *others = possible
+    is_open = steps[unit] >= _USUAL_STEP
+    why = f"the steps are then {steps[unit]:.4g} s"
+    return unit, why, tuple(others) if is_open else ()
 
 
 def _nanoseconds_beside(column: str, values: Mapping[str, NDArray[np.float64]]) -> str | None:

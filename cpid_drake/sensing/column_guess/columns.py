@@ -1,6 +1,5 @@
 """Chooses the columns of a log for each quantity by names and values."""
 
-from collections.abc import Iterable
 from typing import Any, cast
 
 import numpy as np
@@ -58,7 +57,7 @@ def _choose_attitude(draft: MapDraft, free: list[str], axes: list[Group]) -> Non
     """Choose the columns of the attitude: a quaternion, else angles."""
     quaternions = []
     for group in axes:
-        if "w" in group.members and _is_unit(draft, group.members.values()):
+        if "w" in group.members and draft.raw.has_unit_norm(group.members.values()):
             columns = list(group.members.values())
             letters = "".join(group.members)
             order = letters if letters in ("wxyz", "xyzw") else "wxyz"
@@ -66,7 +65,7 @@ def _choose_attitude(draft: MapDraft, free: list[str], axes: list[Group]) -> Non
                 columns = [group.members[letter] for letter in order]
             quaternions.append((group, columns, order, "their letters say the order"))
     for group in groups_by_number(free):
-        if len(group.members) == 4 and _is_unit(draft, group.members.values()):
+        if len(group.members) == 4 and draft.raw.has_unit_norm(group.members.values()):
             columns = list(group.members.values())
             quaternions.append((group, columns, "", "the order follows from the motion"))
     if quaternions:
@@ -174,13 +173,6 @@ def _choose_thrust(draft: MapDraft, axes: list[Group]) -> None:
     left = [g.stem for g in groups if not {*g.members.values()} & {*columns}]
     if left:
         draft.say("thrust", f"not used: {', '.join(left)}")
-
-
-def _is_unit(draft: MapDraft, columns: Iterable[str]) -> bool:
-    """Return whether four columns are a unit quaternion in nearly all rows."""
-    norm = np.linalg.norm([draft.raw.values[name] for name in columns], axis=0)
-    there = norm[np.isfinite(norm)]
-    return bool(there.size and np.mean(np.abs(there - 1) < 1e-2) > 0.95)
 
 
 def _nearest(draft: MapDraft, groups: list[Group], words: set[str]) -> Group:

@@ -49,6 +49,8 @@ def choose_joint_units(draft: MapDraft) -> None:
         given.unit, why = "deg", "in rad they would be more than two turns"
     else:
         given.unit, why = "rad", "assumed; they are within the joints' limits"
+        if arms:
+            draft.open.append("the joint positions may be in rad or deg (joint_positions.unit)")
     draft.say("joint_positions", f"in {given.unit}, the largest is {size:.4g}: {why}")
     if draft.map.joint_rates.columns:
         draft.map.joint_rates.unit = _rate_unit(draft, revolute)

@@ -26,6 +26,7 @@ class MapDraft:
         base: name of the base body.
         map: the map so far.
         reasons: by key of the map, the reasons for its entries.
+        open: units that nothing in the log confirms, in words.
         has_free_order: whether the columns' names leave the order of the quaternion open.
 
     """
@@ -35,6 +36,7 @@ class MapDraft:
     base: str
     map: ColumnMap = field(default_factory=ColumnMap)
     reasons: dict[str, list[str]] = field(default_factory=dict)
+    open: list[str] = field(default_factory=list)
     has_free_order: bool = False
 
     def say(self, key: str, text: str) -> None:

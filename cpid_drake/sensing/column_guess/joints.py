@@ -105,7 +105,11 @@ def _by_number(
     found: JointColumnsFound,
 ) -> None:
     """Add the columns of numbered groups, by names in columns of text or in the joints' order."""
-    groups = [g for g in groups_by_number(free) if not g.words & _OTHERS]
+    groups = [
+        group
+        for group in groups_by_number(free)
+        if not group.words & _OTHERS and not _is_quaternion(raw, group)
+    ]
     for kind, words in ((found.rates, _RATES), (found.positions, _POSITIONS)):
         for group in groups:
             is_rate = bool(group.words & _RATES)
@@ -123,6 +127,20 @@ def _by_number(
                 continue
             found.all_columns.update(group.members.values())
             found.reasons.append(reason)
+    unnamed = [g for g in groups if len(g.members) == len(needed) and not g.words & _RATES]
+    if not found.positions and len(unnamed) == 1:
+        columns = unnamed[0].members.values()
+        found.positions.update(zip(needed, columns))
+        found.all_columns.update(columns)
+        found.reasons.append(
+            f"{unnamed[0].stem} are the only numbered columns that are as many as the joints, in "
+            "the model's joint order"
+        )
+
+
+def _is_quaternion(raw: RawLog, group: Group) -> bool:
+    """Return whether four columns have the norm 1 in nearly all rows."""
+    return len(group.members) == 4 and raw.has_unit_norm(group.members.values())
 
 
 def _texts_of(raw: RawLog, group: Group, names: tuple[str, ...]) -> dict[str, str]:

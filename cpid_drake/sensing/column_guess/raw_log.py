@@ -1,6 +1,6 @@
 """All columns of a log as they are in the file, for a guess at their meaning."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,6 +29,12 @@ class RawLog:
 
     values: dict[str, NDArray[np.float64]]
     texts: dict[str, str]
+
+    def has_unit_norm(self, columns: Iterable[str]) -> bool:
+        """Return whether columns together have the norm 1 in nearly all rows that have them."""
+        norm = np.linalg.norm([self.values[name] for name in columns], axis=0)
+        there = norm[np.isfinite(norm)]
+        return bool(there.size and np.mean(np.abs(there - 1) < 1e-2) > 0.95)
 
 
 @dataclass

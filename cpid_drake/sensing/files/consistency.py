@@ -31,7 +31,7 @@ _CLEAR = 0.98
 _SLOWEST = 0.5
 """Step from sample to sample [s] above which the time may be in another unit."""
 
-_AGREES = 0.2
+AGREES = 0.2
 """Largest mismatch of positions and rates that agree."""
 
 _MOST = 20_000
@@ -95,7 +95,7 @@ def _clock_unit(measurements: Measurements) -> str | None:
         for compare, *pair in comparisons:
             positions, rates = (Samples(s.time * scale, s.value) for s in pair)
             mismatch = compare(positions, rates)
-            if mismatch is not None and mismatch < _AGREES:
+            if mismatch is not None and mismatch < AGREES:
                 return unit
     return None
 

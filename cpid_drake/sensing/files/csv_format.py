@@ -1,4 +1,7 @@
-"""Telemetry in CSV files: a header, then one line per time; absent samples are empty cells."""
+"""Telemetry in CSV files: a header, then one line per time; absent samples are empty cells.
+
+Commas separate the cells, or semicolons.
+"""
 
 import csv
 import re
@@ -28,7 +31,7 @@ def _read(file: Path, where: str, options: ReadOptions) -> Iterator[TelemetryTab
     header: list[str] = []
     try:
         with file.open("rb") as stream:
-            for first, raw in blocks_of_lines(stream, where):
+            for first, raw in _comma_separated(stream, where):
                 if not header:
                     number, header = _find_header(first, raw, where)
                     if not header:
@@ -58,7 +61,7 @@ def _read(file: Path, where: str, options: ReadOptions) -> Iterator[TelemetryTab
 def _check_head(file: Path, where: str, columns: Selection) -> None:
     """Refuse a file whose first line is not a header with the columns of telemetry."""
     with file.open("rb") as stream:
-        for first, raw in blocks_of_lines(stream, where):
+        for first, raw in _comma_separated(stream, where):
             number, header = _find_header(first, raw, where)
             if header:
                 columns.select(header, f"{where}: line {number}")
@@ -88,6 +91,16 @@ def blocks_of_lines(stream: BinaryIO, where: str) -> Iterator[tuple[int, list[by
         if lines:
             yield first, lines
         first, data = first + len(lines), following
+
+
+def _comma_separated(stream: BinaryIO, where: str) -> Iterator[tuple[int, list[bytes]]]:
+    """Yield blocks of lines; cells that semicolons separate in the header are so everywhere."""
+    semicolons = None
+    for first, lines in blocks_of_lines(stream, where):
+        if semicolons is None:
+            header = next((line for line in lines if line.strip() and line[:1] != b"#"), None)
+            semicolons = None if header is None else b";" in header and b"," not in header
+        yield first, [line.replace(b";", b",") for line in lines] if semicolons else lines
 
 
 def numbered_text(first: int, lines: Sequence[bytes], where: str) -> Iterator[tuple[int, str]]:
@@ -147,11 +160,11 @@ def _header(number: int, line: str, where: str) -> list[str]:
     except csv.Error as error:
         raise InputError(f"{where}: line {number}: quotes are wrong: {error}") from error
     if len(names) == 1:
-        for separator, word in ((";", "semicolons"), ("\t", "tabs"), (" ", "blanks")):
+        for separator, word in (("\t", "tabs"), (" ", "blanks")):
             if line.count(separator) > 3:
                 raise InputError(
-                    f"{where}: line {number}: columns are separated by {word}; use commas, and "
-                    "decimal points"
+                    f"{where}: line {number}: columns are separated by {word}; use commas or "
+                    "semicolons, and decimal points"
                 )
     if len(names) > MOST_COLUMNS:
         raise InputError(f"{where}: line {number}: more than {MOST_COLUMNS} columns")
