@@ -240,6 +240,7 @@ def test_a_marker_off_the_origin_is_found(tmp_path, run_cpid):
     [
         ("Frame", "no column can be the time"),
         ("arm_joint2", "no column can be the position of joint 'arm_joint2'"),
+        ("RX", "complete this map: no columns are an attitude (attitude.columns)"),
     ],
 )
 def test_what_is_missing_is_named(tmp_path, run_cpid, drop, phrase):
@@ -286,7 +287,7 @@ def test_a_check_says_what_was_not_checked(tmp_path, run_cpid):
     assert "not checked" not in run_cpid("telemetry", "check", sample, *CRAFT)[1]
 
 
-def test_positions_in_millimetres_are_refused_by_every_command(tmp_path, run_cpid):
+def test_positions_in_millimetres_fail_a_check_of_every_command(tmp_path, run_cpid):
     sample = Path(models_directory() / "telemetry/free_flyer.csv").read_text().splitlines()
     names = next(line for line in sample if not line.startswith("#")).split(",")
     rows = [line.split(",") for line in sample if not line.startswith("#")][1:]
@@ -295,13 +296,13 @@ def test_positions_in_millimetres_are_refused_by_every_command(tmp_path, run_cpi
             row[names.index(axis)] = repr(1000 * float(row[names.index(axis)]))
     log = tmp_path / "log.csv"
     log.write_text("\n".join([",".join(names), *map(",".join, rows)]) + "\n")
-    for command in (
-        ("telemetry", "check", log),
-        ("identify", log),
-        ("identify", log, "--sensors", "testbed"),
+    for expected, command in (
+        (2, ("telemetry", "check", log)),
+        (4, ("identify", log)),
+        (4, ("identify", log, "--sensors", "testbed")),
     ):
         code, stdout, stderr = run_cpid(*command, *CRAFT)
-        assert code == 2
+        assert code == expected
         assert "the position seems to be in millimetres" in stdout + stderr
     (tmp_path / "map.yaml").write_text("position: {unit: mm}\n")
     columns = ("--columns", tmp_path / "map.yaml")

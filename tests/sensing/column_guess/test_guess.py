@@ -2,7 +2,14 @@
 
 import numpy as np
 import pytest
-from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft
+from sensing_cases import (
+    MOMENTUM,
+    Sines,
+    coarse_suite,
+    measured,
+    small_craft,
+    true_telemetry,
+)
 
 from cpid_drake import InertialParameters, InputError
 from cpid_drake.sensing.column_guess.guess import guess_map
@@ -130,3 +137,49 @@ def test_without_a_time_the_columns_are_listed(craft, log):
     columns["stamp"] = columns["stamp"][::-1]
     with pytest.raises(InputError, match=r"no column can be the time: .* columns of numbers are"):
         guess_map(RawLog(columns, {}), craft, "base")
+
+
+def columns_at_200_hz(craft):
+    """Return columns at common times, the time in ms, the angles in rad, by plain names."""
+    motion, times = Sines.drawn(len(craft.joint_names), 3, 10.0), np.arange(0.0, 1.5, 0.005)
+    states = true_telemetry(craft.tree, craft.joint_names, motion, TARGET, times, MOMENTUM)
+    columns = {"t": 1e3 * times}
+    columns |= {f"Q{k + 1}": values for k, values in enumerate(states.quaternion_WB.T)}
+    columns |= {f"pos.{axis}": values for axis, values in zip("xyz", states.p_WB.T)}
+    columns |= {f"{n}.position": values for n, values in zip(craft.joint_names, states.q.T)}
+    return columns | {f"{n}.rate": values for n, values in zip(craft.joint_names, states.qdot.T)}
+
+
+def test_a_fast_clock_in_ms_is_found_by_the_rates_or_left_open(craft):
+    columns = columns_at_200_hz(craft)
+    guess = guess_map(RawLog(columns, {}), craft, "base")
+    assert (guess.column_map.time.unit, guess.missing) == ("ms", ())
+    without = {name: values for name, values in columns.items() if not name.endswith("rate")}
+    [text] = guess_map(RawLog(without, {}), craft, "base").missing
+    assert text == "the time may be in s or ms (time.unit)"
+    slow = {name: v / (100 if name.endswith("rate") else 1) for name, v in columns.items()}
+    slow["t"] = columns["t"] / 10  # in s, in steps of 0.5 s
+    guess = guess_map(RawLog(slow, {}), craft, "base")
+    assert (guess.column_map.time.unit, guess.missing) == ("s", ())
+
+
+def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
+    columns = columns_at_200_hz(craft)
+    columns["t"] = columns["t"] / 1e3
+    for k, name in enumerate(("shoulder", "slide", "elbow", "roll")):
+        size = 1.0 if name == "slide" else 180 / np.pi
+        columns[f"A{k + 1}"] = columns.pop(f"{name}.position") * size
+    columns = {name: values for name, values in columns.items() if not name.endswith("rate")}
+    columns["mode"] = np.zeros(len(columns["t"]))
+    columns = {name: values for name, values in columns.items() if "spin" not in name}
+    guess = guess_map(RawLog(columns, {}), craft, "base")
+    assert sorted(guess.column_map.attitude.columns) == ["Q1", "Q2", "Q3", "Q4"]
+    assert list(guess.column_map.joint_positions.columns.values()) == ["A1", "A2", "A3", "A4"]
+    assert guess.column_map.joint_positions.unit == "deg"
+    assert guess.missing == ()
+    assert guess.reasons["ignore_columns"] == ["not used: mode"]
+    bare = {name: values for name, values in columns.items() if name[0] not in "Qp"}
+    bare |= {name: np.radians(v) for name, v in bare.items() if name in ("A1", "A3", "A4")}
+    attitude, unit = guess_map(RawLog(bare, {}), craft, "base").missing
+    assert "attitude" in attitude
+    assert "joint_positions.unit" in unit
