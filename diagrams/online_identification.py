@@ -40,7 +40,9 @@ class RoundingSensors(VectorSystem):
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", choices=["eq18", "standard"], default="standard", help="row family")
+    parser.add_argument(
+        "--rows", choices=["eq18", "standard"], default="standard", help="row family"
+    )
     parser.add_argument("--period", type=float, default=0.5, help="sampling period [s]")
     parser.add_argument("--decimals", type=int, default=5, help="of the measured state")
     args = parser.parse_args()

@@ -124,7 +124,8 @@ def map_columns(
     the conservation of momentum are compared. The map is printed, and with --out written, as YAML
     with the reasons as comments; `--columns` of other commands reads it.
 
-    Exit codes: 0 the log agrees with the map; 2 it does not, columns are missing, or a unit is open.
+    Exit codes: 0 the log agrees with the map; 2 it does not, columns are missing, or a unit is
+    open.
     """
     packages, topics = options.packages_of(package), options.topics_of(topic)
     if frame_rate is not None and not 0 < frame_rate < 1e6:

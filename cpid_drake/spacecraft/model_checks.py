@@ -276,7 +276,11 @@ class _XmlReader:
             self._check_numbers(tag, text, f"<{tag}>{{}}</{tag}>")
         if self.ending == ".sdf" and tag == "uri" and self._inside("include"):
             self.included.append(text)
-        if tag == "link" and self._parts & {"visual", "collision"} and "inertial" not in self._parts:
+        if (
+            tag == "link"
+            and self._parts & {"visual", "collision"}
+            and "inertial" not in self._parts
+        ):
             self.contents.hollow.add(self._open[-1][1])
         self._open.pop()
 

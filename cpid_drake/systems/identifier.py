@@ -98,8 +98,8 @@ class MomentumIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from momentum conservation.
 
     In every period it samples the spacecraft's state, computes six momentum rows (those of Ning et
-    al. 2016, Eq. 18, are one of the families), and adds them to a square-root information filter, which is its
-    discrete state. It contains the *known* spacecraft only.
+    al. 2016, Eq. 18, are one of the families), and adds them to a square-root information filter,
+    which is its discrete state. It contains the *known* spacecraft only.
 
     .. pydrake_system::
 
@@ -130,7 +130,8 @@ class MomentumIdentifier(Identifier):
 
     Args:
         spacecraft: the known spacecraft.
-        rows: "standard", "eq18" (the paper's) or "relative"; see `cpid_drake.dynamics.rows.ROW_FAMILIES`.
+        rows: "standard", "eq18" (the paper's) or "relative"; see
+            `cpid_drake.dynamics.rows.ROW_FAMILIES`.
         momentum: the total momentum, zero (default) or unknown; not unknown with "eq18".
         period: time between samples [s]; the paper's is 1 s.
         offset: time of the first sample [s]; the paper's is 1 s, because samples at rest contain no

@@ -299,7 +299,6 @@ def test_positions_in_millimetres_fail_a_check_of_every_command(tmp_path, run_cp
     for expected, command in (
         (2, ("telemetry", "check", log)),
         (4, ("identify", log)),
-        (4, ("identify", log, "--sensors", "testbed")),
     ):
         code, stdout, stderr = run_cpid(*command, *CRAFT)
         assert code == expected

@@ -88,7 +88,9 @@ def _guess(
     if unused:
         more = f" and {len(unused) - _SHOWN} more" if len(unused) > _SHOWN else ""
         draft.say("ignore_columns", f"not used: {', '.join(unused[:_SHOWN])}{more}")
-    missing = [] if draft.map.attitude.columns else ["no columns are an attitude (attitude.columns)"]
+    missing = (
+        [] if draft.map.attitude.columns else ["no columns are an attitude (attitude.columns)"]
+    )
     guess = GuessedMap(draft.map, draft.reasons, draft.measurements(), (*missing, *draft.open))
     return guess, others
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft
 
-from cpid_drake import InertialParameters, InputError, identify, load_scenario, shipped_scenario
+from cpid_drake import InertialParameters, identify, load_scenario, shipped_scenario
 from cpid_drake.sensing.files.centre_of_mass import TravelModel, base_travel, in_unit
 from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.files.motion_checks import check_motion, not_checked
