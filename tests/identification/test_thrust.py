@@ -171,7 +171,9 @@ def test_a_burn_is_no_noise():
     flight = Flight("exciting_motion", "flight", [burn])
     assert noise_factors(flight.log, flight.suite) == {}
     found = flight.identify(flight.log, is_final=False)
-    assert found.warnings == found.doubts == ()
+    assert found.doubts == ()
+    [text] = found.warnings  # three seconds before the burn have too few positions
+    assert text.startswith("not checked: unit and point of the position")
     assert np.abs(flight.errors(found)).max() < 3.5
 
 
