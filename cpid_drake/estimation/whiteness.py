@@ -6,6 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+NEGLIGIBLE = 0.5
+"""Size of residuals, in units of the assumed noise, below which their correlation is ignored."""
+
 BAND = 3.3
 """Band of white residuals in σ. A report tests several sensors, so the band is a wide one."""
 
@@ -35,10 +38,19 @@ class Whiteness:
         """Whether the correlation is small: one of 0.1, which changes σ by a tenth, is ignored."""
         return bool(abs(self.lag_one) <= max(self.band, 0.1))
 
+    @property
+    def is_negligible(self) -> bool:
+        """Whether residuals in σ are so small that their correlation does not matter."""
+        return self.rms < NEGLIGIBLE
+
 
 def least_white(tests: Iterable[Whiteness]) -> Whiteness | None:
-    """Return the test that is farthest from white; None without tests."""
-    return max(tests, key=lambda each: abs(each.lag_one) / max(each.band, 0.1), default=None)
+    """Return the test that is farthest from white, of those that matter; None without tests."""
+
+    def distance(test: Whiteness) -> tuple[bool, float]:
+        return not test.is_negligible, abs(test.lag_one) / max(test.band, 0.1)
+
+    return max(tests, key=distance, default=None)
 
 
 def whiteness(residuals: NDArray[np.float64]) -> Whiteness:

@@ -309,6 +309,8 @@ def gap_sentences(result: IdentificationResult) -> list[str]:
     if result.table:
         return result.table
     unknown = f"Not all ten are known: {result.not_observable}."
+    if result.doubts:  # another motion would not help
+        return [unknown]
     return [unknown, f"To see the rest: {ADVICE}."]
 
 

@@ -40,9 +40,6 @@ if TYPE_CHECKING:  # the registry of estimators is read without Drake
 NOT_CONVERGED = "the trajectory fit did not converge: its result is not the best fit"
 """The warning if the fit stopped before it converged."""
 
-NEGLIGIBLE = 0.5
-"""Size of residuals, in units of the assumed noise, below which their correlation is ignored."""
-
 MOST_DISTANT = 10.0
 """Largest distance of the best errors of the known bodies from those about which the recursive fit
 is linear; see `BlockState.best_errors`."""
@@ -201,7 +198,7 @@ def _widened(found: Identification) -> Identification:
     Residuals that are much smaller than the assumed noise do not matter.
     """
     white = found.whiteness
-    if white is None or white.is_white or white.rms < NEGLIGIBLE:
+    if white is None or white.is_white or white.is_negligible:
         return found
     text = f"residuals are correlated from sample to sample ({white.lag_one:+.2f})"
     if white.correlation_time > 1.05:

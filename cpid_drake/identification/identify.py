@@ -258,6 +258,7 @@ def _identified(
             found = with_undeclared([log_alone], found, best.solution)
             if found.solution is not alone.solution:
                 found = _of_bodies(found, spacecraft)
+        seen = found.sensors if record.estimates_errors else sensors  # as noisy as the samples
         if len(found.doubts) == known and not log.has_thrust:  # the causes know no forces
-            found = with_cause(spacecraft, log, sensors, found, is_connected=is_connected)
+            found = with_cause(spacecraft, log, seen, found, is_connected=is_connected)
     return IdentifiedLog("", record, problem, found)

@@ -25,7 +25,13 @@ NOISE_ESTIMATED = "the sensors' noise was estimated from the log; give the senso
 """The warning of an estimator that needs the sensors' noise when no sensors were given."""
 
 LARGEST_NOISE = 10.0
-"""Ratio of residuals to the assumed noise that larger noise may explain."""
+"""Ratio of residuals to the assumed noise above which no fit with larger noise is tried."""
+
+MOST_NOISE = 3.0
+"""Ratio of the noise to the given one above which a check fails."""
+
+MOST_CORRELATED = 0.7
+"""Correlation of residuals from sample to sample above which a check fails."""
 
 MOST_UNEXPLAINED = 0.1
 """Share of the log that nothing explains, above which the answer is doubted."""

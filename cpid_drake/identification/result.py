@@ -300,6 +300,8 @@ class Identification:
         if self.table is not None:
             return f"{known}; {' '.join(self.table.sentences())}"
         gap = self.describe_gap()
+        if self.doubts:  # another motion would not help
+            return f"{known}: {gap}"
         return f"{known}: {gap}; turn the target about further axes, or wait for more samples"
 
     def describe_gap(self) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpid_drake.estimation.whiteness import Whiteness
-from cpid_drake.identification.problem import LARGEST_NOISE, Problem
+from cpid_drake.identification.problem import MOST_NOISE, Problem
 from cpid_drake.sensing.measurement_stream import longest_steady
 from cpid_drake.sensing.noise_colour import SMALLEST, noise_factors
 from cpid_drake.sensing.sensors import SENSORS
@@ -48,13 +48,10 @@ def with_seen_noise(problem: Problem) -> SeenNoise:
         return SeenNoise(problem, sensors, warnings)
     parts = [f"the {SENSORS[name].label} {factor:.2g} times" for name, factor in factors.items()]
     text = f"the samples show more noise, or noise that is correlated in time: {', '.join(parts)}"
-    much = tuple(
-        f"the noise of the {SENSORS[name].label} is {factor:.2g} times as large as given"
-        for name, factor in factors.items()
-        if factor > LARGEST_NOISE
-    )
+    much = {name: factor for name, factor in factors.items() if factor > MOST_NOISE}
     seen = with_larger_noise(problem, sensors, factors)
-    return replace(seen, warnings=(*warnings, f"{text} the given σ was assumed"), doubts=much)
+    warnings = (*warnings, f"{text} the given σ was assumed")
+    return replace(seen, warnings=warnings, doubts=(larger_noise(much),) if much else ())
 
 
 def with_larger_noise(
@@ -63,6 +60,17 @@ def with_larger_noise(
     """Return the problem with σ of some of its sensors multiplied, by name."""
     noisier = sensors.noisier(factors)
     return SeenNoise(replace(problem, sensors=noisier), noisier)
+
+
+def larger_noise(factors: Mapping[str, float]) -> str:
+    """Return the doubt about sensors whose noise is larger by these factors, by name."""
+    parts = [f"that of the {label_of(name)} {factor:.2g} times" for name, factor in factors.items()]
+    return f"the noise is larger than the sensors' file declares: {', '.join(parts)} the given one"
+
+
+def label_of(sensor: str) -> str:
+    """Return the label of a sensor by its name; that of all sensors without a name."""
+    return SENSORS[sensor].label if sensor else "sensors"
 
 
 def residual_factors(tests: Mapping[str, Whiteness], channels: int = 3) -> dict[str, float]:

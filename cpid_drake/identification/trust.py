@@ -12,8 +12,15 @@ import numpy as np
 from scipy.special import chdtri
 
 from cpid_drake.dynamics.parameterizations import parameter_scale
-from cpid_drake.identification.problem import LARGEST_NOISE, MOST_UNEXPLAINED
+from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.problem import (
+    LARGEST_NOISE,
+    MOST_CORRELATED,
+    MOST_NOISE,
+    MOST_UNEXPLAINED,
+)
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.seen_noise import label_of, larger_noise, residual_factors
 
 IMPOSSIBLE = 1e-4
 """Probability of an estimate so far from every rigid body below which the answer is doubted."""
@@ -49,16 +56,16 @@ def gated(
     Args:
         found: the identification as its estimator returns it.
         reasons: doubts from tests that need the data, such as that of the momentum. They are kept
-            if no number is shown: they may be why.
+            if no number is shown: they may be why. So are those about the fit.
         is_part: whether the identification becomes a part of a joint one, to which a combination
             of parameters contributes even if no single parameter is determined.
 
     """
+    doubts = [*reasons, *found.doubts, *_of_the_fit(found)]
     is_used = is_part and found.solution.rank > 0
-    if not (is_used or np.isfinite(found.parameters).any()):
-        return replace(found, doubts=(*reasons, *found.doubts))  # no number is shown
-    doubts = (*_of_the_fit(found), *_of_the_body(found))
-    return replace(found, doubts=(*reasons, *found.doubts, *doubts))
+    if is_used or np.isfinite(found.parameters).any():  # else no number is shown
+        doubts += _of_the_body(found)
+    return replace(found, doubts=tuple(doubts))
 
 
 def _of_the_fit(found: Identification) -> Iterator[str]:
@@ -67,7 +74,7 @@ def _of_the_fit(found: Identification) -> Iterator[str]:
         yield "the estimator did not converge: its result is not the best fit"
     white = found.whiteness
     coloured = white is not None and not white.is_white
-    if found.misfit > LARGEST_NOISE:
+    if found.misfit > MOST_NOISE:
         yield f"the fit misses the samples by {found.misfit:.2g} times the assumed noise"
     elif found.misfit > 1 and found.rows is not None:
         yield (
@@ -81,9 +88,29 @@ def _of_the_fit(found: Identification) -> Iterator[str]:
         )
     if found.unexplained > MOST_UNEXPLAINED:
         yield f"nothing explains {100 * found.unexplained:.0f} % of the log"
+    if found.misfit <= LARGEST_NOISE:
+        yield from _of_the_noise(found)
     for name, count in found.rejected.items():
-        if count > MOST_REJECTED * (count + found.sample_count):
+        if found.sample_count and count > MOST_REJECTED * (count + found.sample_count):
             yield f"{count} samples of {name} could not be used"
+
+
+def _of_the_noise(found: Identification) -> Iterator[str]:
+    """Yield doubts about the residuals of a fit that are not the noise of its sensors."""
+    if found.sensors is None or found.rows is not None or found.joint is not None:
+        return  # the logs of a joint estimate have been tested
+    tests = {name: whiteness(series.neighbours) for name, series in found.residuals.items()}
+    if not tests and found.whiteness is not None:  # the recursive fit keeps no residuals
+        tests = {"": found.whiteness}
+    larger = {n: factor for n, factor in residual_factors(tests).items() if factor > MOST_NOISE}
+    if larger:
+        yield larger_noise(larger)
+    for name, white in tests.items():
+        if white.lag_one > MOST_CORRELATED and not white.is_negligible:
+            yield (
+                f"the residuals of the {label_of(name)} are correlated from sample to sample "
+                f"({white.lag_one:+.2f}): that is not noise, and its cause is not in the intervals"
+            )
 
 
 def _of_the_body(found: Identification) -> Iterator[str]:

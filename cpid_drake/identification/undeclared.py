@@ -55,6 +55,9 @@ ODDS = 0.01
 SUSPECTED = 0.05
 """Probability from which an undeclared error widens the intervals."""
 
+NOT_LOOKED_FOR = "errors that the sensors do not declare were not looked for"
+"""The beginning of the warning about a check that could not run."""
+
 FLEXIBLE_GRASP = (
     "the grasp seems to be flexible, and its modes are too slow for an estimate of the compliance: "
     "make it stiffer, or move more slowly"
@@ -88,8 +91,6 @@ def undeclared_errors(
 
     """
     psi = found.values
-    if any(log.problem.sensors is None or log.problem.known_bodies for log in logs):
-        return None
     plain = [_part(log) for log in logs]
     has_thrust = any(log.problem.log.has_thrust for log in logs)
     suites = [with_plausible(_sensors(part), psi, has_thrust=has_thrust) for part in plain]
@@ -156,13 +157,23 @@ def with_undeclared(
 
     """
     about = found if len(logs) > 1 else logs[0].found
-    can_be_said = about.is_complete and all(
-        log.problem.states is None and log.record.estimates_errors for log in logs
-    )  # exact states may belong to instants that are not connected
-    undeclared = undeclared_errors(logs, solution) if can_be_said else None
-    found = replace(found, undeclared=undeclared)
+    problems = [log.problem for log in logs]
+    if any(
+        problem.states is not None or problem.sensors is None or not log.record.estimates_errors
+        for log, problem in zip(logs, problems)
+    ):
+        return found  # exact states, which may not be connected, or an estimator without errors
+    undeclared, reason = None, ""
+    if not about.is_complete:
+        reason = "the samples do not determine all that can act on the motion"
+    elif any(problem.known_bodies for problem in problems):
+        reason = "the spacecraft is uncertain (--known-bodies)"
+    else:
+        undeclared = undeclared_errors(logs, solution)
+        reason = "the fit with such errors fails"
     if undeclared is None:
-        return found
+        return replace(found, warnings=(*found.warnings, f"{NOT_LOOKED_FOR}, because {reason}"))
+    found = replace(found, undeclared=undeclared)
     known = _named(logs, found, undeclared)
     is_same_frame = found.solution is solution  # else the log is that of an oblique table
     return known if known.doubts or not is_same_frame else _with_suspected(known, undeclared)
@@ -197,13 +208,9 @@ def _named(
 
 
 def _with_suspected(found: Identification, undeclared: UndeclaredErrors) -> Identification:
-    """Return an identification whose intervals include errors that may act.
-
-    Where the noise is larger than given, the probabilities of errors are not known, and the noise
-    has made the intervals wider already.
-    """
+    """Return an identification whose intervals include errors that may act."""
     average = undeclared.average
-    if average is None or not average.probabilities or found.misfit > 1:
+    if average is None or not average.probabilities:
         return found
     found = replace(found, solution=widened(found.solution, average.spread))
     named = [f"{name} (probability {share:.2g})" for name, share in undeclared.suspected.items()]
