@@ -22,12 +22,14 @@ def list_names() -> None:
     """List the shipped scenarios and sensors, the estimators and their row families."""
     from cpid_drake.dynamics.rows import ROW_FAMILIES
     from cpid_drake.identification.estimators import ESTIMATORS
-    from cpid_drake.sensing.presets import load_sensors, sensor_presets
+    from cpid_drake.sensing.presets import load_sensors, preset_folder, sensor_presets
 
     scenarios = sorted((models_directory() / "scenarios").glob("*.yaml"))
     parts = {
         "Scenarios": {file.stem: _first_sentence(file.read_text("utf-8")) for file in scenarios},
-        "Sensors (--sensors)": {name: load_sensors(name).description for name in sensor_presets()},
+        f"Sensors (--sensors), files in {preset_folder()}": {
+            name: load_sensors(name).description for name in sensor_presets()
+        },
         "Estimators (--estimator)": {
             name: f"{record.label}: {record.good_for}" for name, record in ESTIMATORS.items()
         },

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 NEGLIGIBLE = 0.5
 """Size of residuals, in units of the assumed noise, below which their correlation is ignored."""
 
+MOST_CORRELATED = 0.7
+"""Correlation of residuals from sample to sample above which a check fails."""
+
 BAND = 3.3
 """Band of white residuals in σ. A report tests several sensors, so the band is a wide one."""
 
@@ -42,6 +45,11 @@ class Whiteness:
     def is_negligible(self) -> bool:
         """Whether residuals in σ are so small that their correlation does not matter."""
         return self.rms < NEGLIGIBLE
+
+    @property
+    def fails(self) -> bool:
+        """Whether residuals in σ are so correlated that they are no noise."""
+        return self.lag_one > MOST_CORRELATED and not self.is_negligible
 
 
 def least_white(tests: Iterable[Whiteness]) -> Whiteness | None:

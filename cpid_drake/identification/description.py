@@ -213,7 +213,7 @@ def describe(
     lines.append(f"  rank         {result.rank} of {found.table.size if found.table else 10}")
     if result.condition is not None:
         lines.append(f"  condition    {result.condition:.4g}")
-    lines.append(f"  residuals    {_residuals(found)}")
+    lines.append(f"  residuals    {residual_words(found)}")
     lines.append(f"  consistency  {_consistency(result)}")
     if source and source.known_bodies is None and found.rows is None:
         lines.append("  assumed      an exact spacecraft model; --known-bodies includes its errors")
@@ -344,17 +344,19 @@ def decimals(width: float) -> int:
     return int(np.clip(2 - np.floor(np.log10(width)), 0, 11))
 
 
-def _residuals(found: Identification) -> str:
+def residual_words(found: Identification) -> str:
+    """Return whether the residuals are noise, and what follows from it for the intervals."""
     white = found.whiteness
     if white is None:
         return "not tested for whiteness"
     text = f"correlation of neighbours {white.lag_one:+.3f}"
     if white.is_white:
         return f"{text}: white"
-    if found.sensors is None:
-        time = white.correlation_time
-        return f"{text}: not white; {time:.3g} samples count as one in the intervals"
-    return f"{text}: not white"
+    if found.rows is not None:
+        return f"{text}: {white.correlation_time:.3g} samples count as one in the intervals"
+    if white.is_negligible:
+        return f"{text}, but they are much smaller than the noise"
+    return f"{text}: {'a check failed' if white.fails else 'the intervals include it'}"
 
 
 def _consistency(result: IdentificationResult) -> str:

@@ -21,6 +21,7 @@ from cpid_drake.identification.planar import in_capture_frame, in_frame, normal_
 from cpid_drake.identification.problem import Problem
 from cpid_drake.identification.requirements import require_sensors
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.seen_noise import LARGER_NOISE
 from cpid_drake.identification.table_setting import TableSetting, frame_of, is_oblique
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.trust import gated
@@ -258,7 +259,8 @@ def _identified(
             found = with_undeclared([log_alone], found, best.solution)
             if found.solution is not alone.solution:
                 found = _of_bodies(found, spacecraft)
-        seen = found.sensors if record.estimates_errors else sensors  # as noisy as the samples
-        if len(found.doubts) == known and not log.has_thrust:  # the causes know no forces
-            found = with_cause(spacecraft, log, seen, found, is_connected=is_connected)
+        is_noisy = any(LARGER_NOISE in doubt for doubt in found.doubts)
+        # The causes know no forces, and larger noise makes all of them likely.
+        if len(found.doubts) == known and not (log.has_thrust or is_noisy):
+            found = with_cause(spacecraft, log, sensors, found, is_connected=is_connected)
     return IdentifiedLog("", record, problem, found)

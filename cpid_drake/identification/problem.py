@@ -30,9 +30,6 @@ LARGEST_NOISE = 10.0
 MOST_NOISE = 3.0
 """Ratio of the noise to the given one above which a check fails."""
 
-MOST_CORRELATED = 0.7
-"""Correlation of residuals from sample to sample above which a check fails."""
-
 MOST_UNEXPLAINED = 0.1
 """Share of the log that nothing explains, above which the answer is doubted."""
 

@@ -19,6 +19,9 @@ from cpid_drake.sensing.noise_colour import SMALLEST, noise_factors
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 
+LARGER_NOISE = "the noise is larger than the sensors' file declares"
+"""The beginning of the doubt about larger noise, which makes other causes seem likely."""
+
 _CERTAIN = 3.0  # σ of χ² above which residuals are larger than the noise
 
 
@@ -65,12 +68,12 @@ def with_larger_noise(
 def larger_noise(factors: Mapping[str, float]) -> str:
     """Return the doubt about sensors whose noise is larger by these factors, by name."""
     parts = [f"that of the {label_of(name)} {factor:.2g} times" for name, factor in factors.items()]
-    return f"the noise is larger than the sensors' file declares: {', '.join(parts)} the given one"
+    return f"{LARGER_NOISE}: {', '.join(parts)} the given one"
 
 
 def label_of(sensor: str) -> str:
-    """Return the label of a sensor by its name; that of all sensors without a name."""
-    return SENSORS[sensor].label if sensor else "sensors"
+    """Return the label of a sensor by its name, which is empty if it is not known which one."""
+    return SENSORS[sensor].label if sensor else "least white sensor"
 
 
 def residual_factors(tests: Mapping[str, Whiteness], channels: int = 3) -> dict[str, float]:

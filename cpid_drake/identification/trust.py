@@ -13,14 +13,14 @@ from scipy.special import chdtri
 
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.problem import (
-    LARGEST_NOISE,
-    MOST_CORRELATED,
-    MOST_NOISE,
-    MOST_UNEXPLAINED,
-)
+from cpid_drake.identification.problem import LARGEST_NOISE, MOST_NOISE, MOST_UNEXPLAINED
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.seen_noise import label_of, larger_noise, residual_factors
+from cpid_drake.identification.seen_noise import (
+    LARGER_NOISE,
+    label_of,
+    larger_noise,
+    residual_factors,
+)
 
 IMPOSSIBLE = 1e-4
 """Probability of an estimate so far from every rigid body below which the answer is doubted."""
@@ -65,6 +65,7 @@ def gated(
     is_used = is_part and found.solution.rank > 0
     if is_used or np.isfinite(found.parameters).any():  # else no number is shown
         doubts += _of_the_body(found)
+    doubts.sort(key=lambda doubt: LARGER_NOISE not in doubt)  # it explains the others
     return replace(found, doubts=tuple(doubts))
 
 
@@ -102,14 +103,17 @@ def _of_the_noise(found: Identification) -> Iterator[str]:
     tests = {name: whiteness(series.neighbours) for name, series in found.residuals.items()}
     if not tests and found.whiteness is not None:  # the recursive fit keeps no residuals
         tests = {"": found.whiteness}
-    larger = {n: factor for n, factor in residual_factors(tests).items() if factor > MOST_NOISE}
-    if larger:
-        yield larger_noise(larger)
+    factors = residual_factors(tests)
+    larger = {name: factor for name, factor in factors.items() if factor > MOST_NOISE}
+    noisier = {name: factor for name, factor in larger.items() if tests[name].is_white}
+    if noisier:
+        yield larger_noise(noisier)
     for name, white in tests.items():
-        if white.lag_one > MOST_CORRELATED and not white.is_negligible:
+        if white.fails or (name in larger and name not in noisier):
             yield (
                 f"the residuals of the {label_of(name)} are correlated from sample to sample "
-                f"({white.lag_one:+.2f}): that is not noise, and its cause is not in the intervals"
+                f"({white.lag_one:+.2f}) and weigh as much as {factors.get(name, 1.0):.2g} times "
+                "the given noise: their cause is not in the intervals"
             )
 
 

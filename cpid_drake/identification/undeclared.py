@@ -25,7 +25,7 @@ from cpid_drake.identification.error_fit import LogPart, fit_errors
 from cpid_drake.identification.held_out import held_out
 from cpid_drake.identification.joint import IdentifiedLog
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.seen_noise import with_seen_noise
+from cpid_drake.identification.seen_noise import LARGER_NOISE, with_seen_noise
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
@@ -164,7 +164,9 @@ def with_undeclared(
     ):
         return found  # exact states, which may not be connected, or an estimator without errors
     undeclared, reason = None, ""
-    if not about.is_complete:
+    if any(LARGER_NOISE in doubt for doubt in found.doubts):
+        reason = LARGER_NOISE
+    elif not about.is_complete:
         reason = "the samples do not determine all that can act on the motion"
     elif any(problem.known_bodies for problem in problems):
         reason = "the spacecraft is uncertain (--known-bodies)"
@@ -188,7 +190,8 @@ def _named(
     if undeclared.is_proposed:
         text = (
             f"the samples show what the sensors do not declare: {undeclared.describe()}; add it to "
-            f"the file of the sensors ({'; '.join(undeclared.declaration)})"
+            f"the file of the sensors ({'; '.join(undeclared.declaration)}), or to a copy of the "
+            "preset's file, which `cpid list` shows"
         )
     else:
         text = (

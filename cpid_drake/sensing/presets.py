@@ -10,7 +10,7 @@ from cpid_drake.sensing.suite import SensorSuite, check_sensors, suite_type
 
 def sensor_presets() -> tuple[str, ...]:
     """Return the names of the shipped sensor suites."""
-    return tuple(sorted(file.stem for file in _folder().glob("*.yaml")))
+    return tuple(sorted(file.stem for file in preset_folder().glob("*.yaml")))
 
 
 def load_sensors(name_or_path: str | Path) -> SensorSuite:
@@ -29,7 +29,7 @@ def load_sensors(name_or_path: str | Path) -> SensorSuite:
     """
     where, presets = str(name_or_path), sensor_presets()
     if where in presets:
-        file = _folder() / f"{where}.yaml"
+        file = preset_folder() / f"{where}.yaml"
     else:
         try:
             file = resolve_model(name_or_path)
@@ -43,5 +43,6 @@ def load_sensors(name_or_path: str | Path) -> SensorSuite:
     return suite
 
 
-def _folder() -> Path:
+def preset_folder() -> Path:
+    """Return the folder with the files of the shipped sensor suites."""
     return models_directory() / "sensors"

@@ -72,4 +72,7 @@ def identification_report(
     model = result.spacecraft.model.rsplit("/", 1)[-1]
     known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"
     subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
+    if result.doubts:
+        title = f"{title}: a check failed"
+        subtitle = f"Do not use this estimate: {result.doubts[0]}. {subtitle}"
     return Report(title, subtitle, sections, {"result": findings.text})

@@ -3,6 +3,7 @@
 import numpy as np
 
 from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.description import residual_words
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import residual_pictures
 from cpid_drake.report.page import Cell, Section, Table
@@ -28,13 +29,8 @@ def residuals_section(found: Identification) -> Section:
     whole = found.whiteness
     if whole is None:
         text += " The samples were smoothed, so neighbours are correlated."
-    elif whole.is_white:
-        text += " Neighbours are not correlated: the residuals are noise."
     else:
-        text += (
-            f" Neighbours are correlated ({whole.lag_one:+.2f}): the residuals hold more than "
-            "noise, such as an error of the model, or the integration error of a simulation."
-        )
+        text += f" Residuals: {residual_words(found)}."
     return Section(
         "Residuals", texts=[text], tables=[_table(found)], pictures=residual_pictures(found)
     )
