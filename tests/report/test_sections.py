@@ -11,7 +11,7 @@ from scipy.stats import norm, t
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
-from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.estimation.whiteness import Whiteness, whiteness
 from cpid_drake.identification.description import describe, result_of
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.result_files import (
@@ -20,7 +20,9 @@ from cpid_drake.identification.result_files import (
 )
 from cpid_drake.report.accuracy import tables
 from cpid_drake.report.figures import motion_pictures
+from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Table
+from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.replay import estimate_text
 from cpid_drake.report.sections.observability import observability_section
 from cpid_drake.report.sections.residuals import residuals_section
@@ -157,6 +159,40 @@ class TestResiduals:
         for k, axis in enumerate("xyz"):
             expected = np.sqrt(np.mean(noise[:, k] ** 2))
             assert float(column(table, f"rms {axis}")[0]) == pytest.approx(expected, rel=0.01)
+
+    @pytest.mark.parametrize(
+        ("rows", "lag_one", "meaning"),
+        [
+            (None, 0.02, "white"),
+            (None, 0.3, "the intervals include it"),
+            (None, 0.9, "a check failed"),
+            ("standard", 0.9, "19 samples count as one in the intervals"),
+        ],
+    )
+    def test_page_and_lines_give_correlated_residuals_one_meaning(
+        self, found, rows, lag_one, meaning
+    ):
+        time = (1 + lag_one) / (1 - lag_one)
+        series = {"gyro": ResidualSeries(np.arange(9.0), np.ones((9, 3)), "σ")}
+        white = Whiteness(lag_one, 0.1, time, 400)
+        found = replace(found, rows=rows, residuals=series, whiteness=white)
+        lines = "\n".join(describe(found, result_of(found, CRAFT)))
+        page = residuals_section(found).texts[0]
+        words = f"correlation of neighbours {lag_one:+.3f}: {meaning}"
+        assert words in lines
+        assert words in page
+        assert "more than noise" not in page
+
+
+def test_a_page_whose_check_failed_says_so_first(found):
+    doubt = "the momentum is <not> zero"
+    for doubts in ((), (doubt,)):
+        result = result_of(replace(found, doubts=doubts), CRAFT)
+        page = identification_report(Findings(result, "{}", None, "no log"))
+        assert ("a check failed" in page.title) == bool(doubts)
+        assert page.subtitle.startswith(f"Do not use this estimate: {doubt}.") == bool(doubts)
+    assert "a check failed</title>" in page.html()
+    assert "Do not use this estimate: the momentum is &lt;not&gt; zero." in page.html()
 
 
 def test_the_sensors_section_compares_samples_with_the_assumed_noise(found):
