@@ -45,7 +45,7 @@ def list_names() -> None:
         table.columns[0].no_wrap = True
         for name, text in part.items():
             table.add_row(f"  {name}", text)
-        console.print(title, style="bold")
+        console.print(title, style="bold", soft_wrap=True)
         console.print(table)
 
 

@@ -356,7 +356,7 @@ def residual_words(found: Identification) -> str:
         return f"{text}: {white.correlation_time:.3g} samples count as one in the intervals"
     if white.is_negligible:
         return f"{text}, but they are much smaller than the noise"
-    return f"{text}: {'a check failed' if white.fails else 'the intervals include it'}"
+    return f"{text}: {'a check failed' if found.doubts else 'the intervals include it'}"
 
 
 def _consistency(result: IdentificationResult) -> str:

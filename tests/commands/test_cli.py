@@ -173,3 +173,11 @@ def test_accuracy_prints_its_table_and_writes_what_it_says(cpid, tmp_path):
 )
 def test_accuracy_refuses_what_it_cannot_do(cpid, arguments, problem):
     assert problem in assert_refused(cpid("accuracy", *arguments, "--out", "acc"))
+
+
+def test_the_list_says_where_the_presets_files_are(run_cpid):
+    """A preset can be changed in a copy of its file only."""
+    code, stdout, stderr = run_cpid("list")
+    assert (code, stderr) == (0, "")
+    folder = Path(re.search(r"Sensors \(--sensors\), files in (.+)", stdout)[1])
+    assert (folder / "testbed.yaml").is_file()

@@ -175,7 +175,8 @@ class TestResiduals:
         time = (1 + lag_one) / (1 - lag_one)
         series = {"gyro": ResidualSeries(np.arange(9.0), np.ones((9, 3)), "σ")}
         white = Whiteness(lag_one, 0.1, time, 400)
-        found = replace(found, rows=rows, residuals=series, whiteness=white)
+        doubts = ("no noise",) if "failed" in meaning else ()
+        found = replace(found, rows=rows, residuals=series, whiteness=white, doubts=doubts)
         lines = "\n".join(describe(found, result_of(found, CRAFT)))
         page = residuals_section(found).texts[0]
         words = f"correlation of neighbours {lag_one:+.3f}: {meaning}"
