@@ -39,6 +39,10 @@ def export(
             "--raw", help="Export the raw estimate, not the nearest physically consistent one."
         ),
     ] = False,
+    allow_failed_checks: Annotated[
+        bool,
+        typer.Option("--allow-failed-checks", help="Export a result that is not trustworthy too."),
+    ] = False,
     force: ForceOption = False,
 ) -> None:
     """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
@@ -48,10 +52,10 @@ def export(
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
     found = read_result(result)
-    if found.doubts and not force:
+    if found.doubts and not allow_failed_checks:
         raise InputError(
             f"{result}: nothing exported, because the result is not trustworthy: "
-            f"{found.doubts[0]}; --force exports it all the same"
+            f"{found.doubts[0]}; --allow-failed-checks exports it all the same"
         )
     parameters = _parameters(found, raw, result)
     spacecraft = None

@@ -26,6 +26,7 @@ from cpid_drake.output_files.overwriting import (
     check_folder,
     check_outputs,
 )
+from cpid_drake.planning import HIGHEST_FREQUENCY
 from cpid_drake.resources import find_scenario
 
 if TYPE_CHECKING:
@@ -38,7 +39,13 @@ _MOTION = "motion"
 
 
 class _PlanGroup(TyperGroup):
-    """A group whose first command needs no name: `cpid plan SCENARIO`."""
+    """A group whose first command needs no name: `cpid plan SCENARIO`; its help has the options."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        super().format_help(ctx, formatter)
+        command = self.commands[_MOTION]
+        with command.make_context("", [], parent=ctx, resilient_parsing=True) as own:
+            command.format_help(own, formatter)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in (*self.commands, "--help"):
@@ -111,7 +118,9 @@ def motion(
             "more seconds than the scenario's motion takes.",
         ),
     ] = None,
-    frequency: Annotated[float, typer.Option(help="Highest frequency of the motion [Hz].")] = 0.4,
+    frequency: Annotated[
+        float, typer.Option(help="Highest frequency of the motion \\[Hz].")
+    ] = HIGHEST_FREQUENCY,
     joint: Annotated[
         list[str] | None,
         typer.Option(help="Joint that moves; may be repeated. Default: all but wheels."),
@@ -216,15 +225,18 @@ def motion(
         if out is None:
             _compare(problem, compare or [])
         else:
-            best = _plan(problem, scenario, out, report, quiet)
-            if front is not None:
-                _plan_front(problem, best, scenario, front, quiet)
+            _plan(problem, scenario, out, report, front, quiet)
 
 
 def _plan(
-    problem: "PlanProblem", scenario: str, out: Path, report: Path | None, quiet: bool
-) -> "Candidate":
-    """Plan, write the motion, and print what it is expected to do; return the plan."""
+    problem: "PlanProblem",
+    scenario: str,
+    out: Path,
+    report: Path | None,
+    front: Path | None,
+    quiet: bool,
+) -> None:
+    """Plan, write the motion, and print what it is expected to do."""
     from cpid_drake.planning.planner import Planner
 
     planner, start = Planner(problem), time.perf_counter()
@@ -238,14 +250,19 @@ def _plan(
             best = planner.run(progress)
         except KeyboardInterrupt:
             if planner.best is not None:
-                _write(problem, planner.best, scenario, out)
+                _write(problem, planner.best, scenario, out, is_finished=False)
             raise
     _write(problem, best, scenario, out)
+    if front is not None:
+        better = _plan_front(problem, best, scenario, front, quiet)
+        if better.score < best.score:
+            best = better
+            _write(problem, best, scenario, out)
     log.print(f"{out}: {time.perf_counter() - start:.0f} s")
     exceeded = _exceeded(problem, best)
     options.print_warnings(exceeded)
     if quiet and report is None:
-        return best
+        return
     from cpid_drake.report.plan import print_predictions
 
     target, active = problem.targets[0], planner.active(best)
@@ -278,12 +295,11 @@ def _plan(
         )
         plan_report(page).write(report)
     if quiet:
-        return best
+        return
     title = f"Predicted σ, a target of {target[0]:.3g} kg"
     print_predictions(predictions, title, Console(markup=False, highlight=False))
     print(f"active limits: {'; '.join(active) or 'none'}")
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
-    return best
 
 
 def _front_files() -> list[tuple[str, Kind]]:
@@ -296,8 +312,11 @@ def _front_files() -> list[tuple[str, Kind]]:
 
 def _plan_front(
     problem: "PlanProblem", best: "Candidate", scenario: str, folder: Path, quiet: bool
-) -> None:
-    """Plan motions that turn the base less and less; write them, a table and a figure."""
+) -> "Candidate":
+    """Plan motions that turn the base less and less; write them, a table and a figure.
+
+    The most precise of them is returned; it may be better than the plan.
+    """
     import numpy as np
 
     from cpid_drake.planning.pareto import front
@@ -306,7 +325,8 @@ def _plan_front(
     log = options.log_console(quiet)
     with log.status("planning") as status, draft_folder(folder) as draft:
         points: list[tuple[float, float, str]] = []
-        for point in front(problem, best, progress=lambda what, _: status.update(what)):
+        found = front(problem, best, progress=lambda what, _: status.update(what))
+        for point in found:
             name = f"motion_{len(points):02d}.yaml"
             _write(problem, point.candidate, scenario, draft / name)
             points.append((math.degrees(point.angle), 100 * point.candidate.score, name))
@@ -316,6 +336,7 @@ def _plan_front(
         values = np.array([each[:2] for each in points])
         front_picture(values, problem.options.criterion).save(draft, "png")
     log.print(f"{len(points)} motions in {folder}")
+    return min((point.candidate for point in found), key=lambda one: one.score)
 
 
 def _exceeded(problem: "PlanProblem", best: "Candidate") -> list[str]:
@@ -335,10 +356,15 @@ def _exceeded(problem: "PlanProblem", best: "Candidate") -> list[str]:
     return list(found)
 
 
-def _write(problem: "PlanProblem", best: "Candidate", scenario: str, out: Path) -> None:
+def _write(
+    problem: "PlanProblem", best: "Candidate", scenario: str, out: Path, *, is_finished: bool = True
+) -> None:
     from cpid_drake.scenario.joint_motions import dump_motion
 
-    header = (
+    interrupted = (
+        "# Interrupted: the best motion within all limits until then; a finished plan may be better.\n"
+    )
+    header = ("" if is_finished else interrupted) + (
         f"# Planned with `cpid plan {scenario}` for {len(problem.targets)} plausible targets.\n"
         f"# Their weighted {problem.options.criterion} criterion is {best.score:.4g} in units of "
         "the scale. Units of this file: rad, m, s, Hz.\n\n"

@@ -31,7 +31,10 @@ def validate(
     ],
     threshold: Annotated[
         float,
-        typer.Option(help="Largest error of the prediction, in σ, with which the result is valid."),
+        typer.Option(
+            help="Largest usual error of the prediction, in σ and whatever its cause, with which "
+            "the result is valid."
+        ),
     ] = 3.0,
     beginning: Annotated[
         float,
@@ -62,9 +65,12 @@ def validate(
     """Predict a log with an identified target, and compare the prediction with the log.
 
     Start, momentum and biases are fitted to the beginning of the log; the rest of the base's motion
-    is predicted from the joint motion. Sensors and columns are those of the result by default.
+    is predicted from the joint motion. Errors that another target would not have are tested by
+    their χ²: a right target fails in one log of a hundred. Sensors and columns are those of the
+    result by default.
 
-    Exit codes: 0 the errors are below the threshold; 2 bad input or usage; 4 they are not.
+    Exit codes: 0 the target passes the test, and the errors are below the threshold; 2 bad input or
+    usage; 4 the result is not valid.
     """
     if not 0 < threshold < 1e6:
         raise InputError(f"--threshold {threshold:g}: give a positive number")
@@ -119,11 +125,12 @@ def validate(
                 beginning=beginning,
             )
     validation = replace(validation, warnings=(*log.warnings, *validation.warnings))
-    is_valid = validation.in_sigma <= threshold
+    is_valid = validation.is_target_right and validation.in_sigma <= threshold
     if json_file is not None:
         content = {
             **asdict(validation),
             "in_sigma": validation.in_sigma,
+            "probability": validation.probability,
             "threshold": threshold,
             "is_valid": is_valid,
             "result": result,
@@ -140,23 +147,51 @@ def validate(
 
 
 def _described(validation: "Validation", threshold: float) -> list[str]:
-    is_valid = validation.in_sigma <= threshold
-    verdict = "valid" if is_valid else "not valid"
+    from cpid_drake.identification.validation import POWER
+
+    test, size = validation.test, validation.in_sigma
+    if not validation.is_target_right:
+        verdict = (
+            "not valid: errors that another target would not have; with this one they have a "
+            f"probability of {max(validation.probability, 1e-99):.2g}"
+        )
+    elif size > threshold:
+        verdict = (
+            f"not valid: a usual error of {size:.3g} σ (threshold {threshold:g}), which no other "
+            "target explains better"
+        )
+    else:
+        verdict = f"valid: the errors are those of this target (p = {validation.probability:.2g})"
     lines = [
-        f"{verdict}: the largest error of the prediction is {validation.in_sigma:.3g} σ "
-        f"(threshold {threshold:g})",
+        verdict,
+        f"{_noticed(test.heavier)} (probability {100 * POWER:g} %)",
         f"Predicted {validation.start:.6g} to {validation.end:.6g} s from the joint motion; total "
         f"momentum {validation.momentum}",
         "",
-        f"  {'':10}{'samples':>8}{'rms error':>11}{'expected':>11}{'noise':>11}{'largest':>11}"
-        f"{'in σ':>8}{'no target':>11}",
+        f"  {'':9}{'samples':>8}{'rms error':>10}{'expected':>10}{'noise':>9}{'largest':>9}"
+        f"{'in σ':>7}{'χ²':>9}{'p':>9}{'no target':>10}",
     ]
     for error in validation.errors:
         numbers = (error.rms, error.expected, error.noise, error.largest)
         lines.append(
-            f"  {error.sensor:10}{error.samples:8}"
-            + "".join(f"{number:11.3g}" for number in numbers)
-            + f"{error.in_sigma:8.3g}{error.without_target:11.3g} {error.unit}"
+            f"  {error.sensor:9}{error.samples:8}"
+            + "".join(f"{number:{width}.3g}" for number, width in zip(numbers, (10, 10, 9, 9)))
+            + f"{error.in_sigma:7.3g}{error.test.chi_squared:9.3g}{error.test.probability:9.2g}"
+            + f"{error.without_target:10.3g} {error.unit}"
         )
-    note = "Expected: from the sensors' noise and the uncertainty of the target. No target: rms"
-    return [*lines, "", f"  {note}", "  error of a prediction with the spacecraft alone."]
+    lines.append(f"  {'all':9}{'':53}{test.chi_squared:9.3g}{test.probability:9.2g}")
+    return [
+        *lines,
+        "",
+        "  Expected: from the sensors' noise and the uncertainty of the target. No target: rms error",
+        f"  of a prediction with the spacecraft alone. χ²: of {test.freedom} combinations of the "
+        "target's parameters, of",
+        "  one sensor and of all; p: probability of so large a χ² with the right target.",
+    ]
+
+
+def _noticed(heavier: float) -> str:
+    """Return the smallest change of the target that the test notices, in words."""
+    if heavier > 1:
+        return "Not even a target twice as heavy would be noticed"
+    return f"A target {100 * heavier:.2g} % heavier would be noticed"

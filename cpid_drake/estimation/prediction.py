@@ -5,6 +5,9 @@ with the target as given. The rest of the log is then predicted from the joint m
 covariance of a prediction contains the sensors' noise, the uncertainty of all that was fitted, and
 that of the target, about which the samples give no information here: a Schmidt-Kalman filter
 (Schmidt 1966, Application of State-Space Methods to Navigation Problems).
+
+The errors of a prediction that another target would not have are found by fitting the predicted
+samples too, from the same beginning: the rows that this leaves about the target.
 """
 
 from collections.abc import Iterable
@@ -25,6 +28,7 @@ from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.recursive_fit import RecursiveFit
 from cpid_drake.estimation.square_root import triangle
+from cpid_drake.estimation.whiteness import LagSums, Whiteness
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,9 @@ class Prediction:
         is_complete: whether all of the log is predicted; it ends before a gap of the encoders.
         sensors: the predictions by sensor.
         chi_squared, freedom: of the samples of the beginning, to which the rest was fitted.
+        noise: what the fit to the beginning leaves of each sensor's samples, in σ.
+        target: rows about ψ of the predicted samples, of one sensor by its name and of `ALL`; None
+            where no start explains the samples.
 
     """
 
@@ -92,6 +99,12 @@ class Prediction:
     sensors: dict[str, SensorPrediction]
     chi_squared: float
     freedom: int
+    noise: dict[str, Whiteness]
+    target: dict[str, SourceRows | None]
+
+
+ALL = "all"
+"""Name of all sensors of the base together."""
 
 
 @dataclass
@@ -109,6 +122,8 @@ def predicted(
     blocks: Iterable[Block],
     until: float,
     constants: NDArray[np.float64] | None = None,
+    *,
+    tested: bool = True,
 ) -> Prediction:
     """Predict a log after its beginning.
 
@@ -120,6 +135,7 @@ def predicted(
         until: end of the beginning, to which everything but the target is fitted [s].
         constants: (k,) values of the constant errors about which the model is linear; see
             `initial_state`.
+        tested: whether to compute `Prediction.target`, which takes longer than all else.
 
     Raises:
         InputError: the log has too few samples, or cannot be predicted with this target.
@@ -128,8 +144,11 @@ def predicted(
     solver, prior = estimator.solver, replace(estimator.prior, psi=psi)
     state: BlockState | None = None
     parts: dict[str, _Parts] = {}
+    noise: dict[str, Whiteness] = {}
     start = end = np.nan
     chi_squared, freedom, is_complete = 0.0, 0, True
+    lags: dict[str, LagSums] = {}
+    fitted: dict[str, BlockState | None] = {}
     for block in blocks:
         if state is None:
             try:
@@ -141,11 +160,16 @@ def predicted(
             fit = solver.solve(state, block_model(solver, state, block))
             state = fit.state
             chi_squared, freedom = chi_squared + fit.chi_squared, freedom + fit.freedom
+            for name, rest in fit.residuals.items():
+                lags[name] = lags.get(name, LagSums()).added(rest)
             continue
         if np.isnan(start):
             if not freedom:
                 break
             start = end = state.time
+            noise = {name: sums.whiteness for name, sums in lags.items()}
+            unknown = _with_target(solver, prior, state, SourceRows(np.zeros((0, 10)), np.zeros(0)))
+            fitted = dict.fromkeys((ALL, *noise) if tested else (), unknown)
             state = _with_target(solver, prior, state, target)
         try:
             model = block_model(solver, state, block)
@@ -155,6 +179,10 @@ def predicted(
         _add_errors(solver, state, model, parts)
         nothing = np.zeros(sum(len(sensor.samples) for sensor in model.sensors.values()))
         state = solver.solve(state, model, weights=nothing).state
+        fitted = {
+            name: _after(solver, known, block, {name: noise[name]} if name in noise else noise)
+            for name, known in fitted.items()
+        }
         end = block.end
     if not parts:
         raise InputError(
@@ -170,7 +198,30 @@ def predicted(
         )
         for name, part in parts.items()
     }
-    return Prediction(start, end, is_complete, sensors, chi_squared, freedom)
+    rows = {name: None if last is None else _rows(last) for name, last in fitted.items()}
+    return Prediction(start, end, is_complete, sensors, chi_squared, freedom, noise, rows)
+
+
+def _after(
+    solver: BlockSolver, state: BlockState | None, block: Block, noise: dict[str, Whiteness]
+) -> BlockState | None:
+    """Return the state after the samples of some sensors, as noisy as the beginning shows."""
+    if state is None:
+        return None
+    try:
+        model = block_model(solver, state, block)
+        weights = [
+            np.full(len(each.samples), 1 / noise[name].scale if name in noise else 0.0)
+            for name, each in model.sensors.items()
+        ]
+        return solver.solve(state, model, weights=np.concatenate([[], *weights])).state
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
+def _rows(state: BlockState) -> SourceRows:
+    R, z = state.psi_equations()
+    return SourceRows(R, z + R @ state.nominal.psi)
 
 
 def _with_target(

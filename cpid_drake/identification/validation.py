@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri, chndtrinc
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -14,7 +14,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.combination import SourceRows
 from cpid_drake.estimation.faults import Block
-from cpid_drake.estimation.prediction import Prediction, SensorPrediction, predicted
+from cpid_drake.estimation.prediction import ALL, Prediction, SensorPrediction, predicted
 from cpid_drake.estimation.trajectory_fit import blocks_of
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.fit_setup import recursive_fit
@@ -28,7 +28,13 @@ from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 THRESHOLD = 3.0
-"""Largest usual error of a prediction in σ; a normal error exceeds it with probability 0.3 %."""
+"""Largest usual error of a prediction in σ, whatever its cause."""
+
+FALSE_ALARM = 0.01
+"""Probability that the test of the target fails though the target is right."""
+
+POWER = 0.9
+"""Probability with which a target that is said to be noticed is noticed."""
 
 BEGINNING = 0.3
 """Share of a log to which start, momentum and biases are fitted."""
@@ -48,6 +54,32 @@ _UNITS = {
 
 
 @dataclass(frozen=True)
+class TargetTest:
+    """The χ² test of the errors of a prediction that another target would not have.
+
+    The errors that remain with the best target for the predicted samples are left out: they are
+    many, and hide what a wrong target does. The covariance contains that of the target that was
+    given, of start, momentum, biases and joints, and the noise at the beginning of the log.
+
+    Attributes:
+        chi_squared: of the errors; infinite if the samples contradict every start.
+        freedom: number of combinations of parameters that the samples determine.
+        heavier: how much heavier than this target another one must be to be noticed with
+            probability `POWER`, whatever its other parameters, as a share of the mass.
+
+    """
+
+    chi_squared: float
+    freedom: int
+    heavier: float
+
+    @property
+    def probability(self) -> float:
+        """Probability of so large a χ² with the right target."""
+        return float(chdtrc(self.freedom, self.chi_squared)) if self.freedom else 1.0
+
+
+@dataclass(frozen=True)
 class SensorError:
     """The error of the predictions of one sensor's samples, in the unit `unit`.
 
@@ -61,6 +93,9 @@ class SensorError:
         noise: root mean square of the sensor's noise alone.
         in_sigma: root mean square of the error in σ: about 1 for the right target.
         without_target: root mean square of the error of a prediction without a target.
+        independent: number of independent samples with the information of all samples, whose
+            noise is correlated as at the beginning.
+        test: of the target by this sensor alone.
 
     """
 
@@ -73,6 +108,8 @@ class SensorError:
     noise: float
     in_sigma: float
     without_target: float
+    independent: float
+    test: TargetTest
 
 
 @dataclass(frozen=True)
@@ -83,6 +120,7 @@ class Validation:
         start, end: first and last time of the prediction [s].
         momentum: the total momentum that was assumed: "zero", "unknown" or "known".
         errors: of each sensor of the base.
+        test: of the target by all sensors together.
         warnings: sentences for the reader.
 
     """
@@ -91,12 +129,24 @@ class Validation:
     end: float
     momentum: str
     errors: tuple[SensorError, ...]
+    test: TargetTest
     warnings: tuple[str, ...] = ()
 
     @property
     def in_sigma(self) -> float:
         """Largest error of a sensor in σ."""
         return max(error.in_sigma for error in self.errors)
+
+    @property
+    def probability(self) -> float:
+        """Probability of so unlikely a test, of all sensors or of one, with the right target."""
+        tests = [self.test, *(error.test for error in self.errors)]
+        return min(1.0, len(tests) * min(test.probability for test in tests))
+
+    @property
+    def is_target_right(self) -> bool:
+        """Whether the samples agree with the target."""
+        return self.probability >= FALSE_ALARM
 
 
 def validate(
@@ -147,10 +197,12 @@ def validate(
     start, end = _interval(log.stream)
     until = start + beginning * (end - start)
 
-    def run(momentum: TotalMomentum, psi: NDArray[np.float64], rows: SourceRows) -> Prediction:
+    def run(
+        momentum: TotalMomentum, psi: NDArray[np.float64], rows: SourceRows, tested: bool = True
+    ) -> Prediction:
         fit = recursive_fit(spacecraft, sensors, momentum=momentum, known_bodies=known_bodies)
         blocks: Iterable[Block] = blocks_of(BlockQueue.of(sensors), log.stream)
-        return predicted(fit, psi, rows, blocks, until)
+        return predicted(fit, psi, rows, blocks, until, tested=tested)
 
     vague = recursive_fit(spacecraft, sensors).prior
     psi = target.moved(form, vague.psi)
@@ -163,15 +215,22 @@ def validate(
             found, used = free, TotalMomentum.unknown()
     # A target without mass has no centre of mass; a small one hardly moves the base.
     nothing = SourceRows(np.diag(1 / (_SMALL * vague.plausible)), np.zeros(10))
-    alone = run(used, _SMALL * vague.psi, nothing)
+    alone = run(used, _SMALL * vague.psi, nothing, tested=False)
     if not found.is_complete:
         warnings.append(
             f"the prediction ends at {found.end:.4g} s, before a gap of the joints' samples"
         )
+    count = len(found.target)
+    share = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
+    tests = {
+        name: _test_of(each, psi, rows, vague.plausible, share, FALSE_ALARM / count)
+        for name, each in found.target.items()
+    }
     errors = tuple(
-        _error_of(name, each, alone.sensors.get(name)) for name, each in found.sensors.items()
+        _error_of(name, each, alone.sensors.get(name), found, tests)
+        for name, each in found.sensors.items()
     )
-    return Validation(found.start, found.end, used.name, errors, tuple(warnings))
+    return Validation(found.start, found.end, used.name, errors, tests[ALL], tuple(warnings))
 
 
 def _interval(stream: MeasurementStream) -> tuple[float, float]:
@@ -181,7 +240,49 @@ def _interval(stream: MeasurementStream) -> tuple[float, float]:
     return known[0][0], max(last for _, last in known)
 
 
-def _error_of(name: str, found: SensorPrediction, alone: SensorPrediction | None) -> SensorError:
+def _test_of(
+    log: SourceRows | None,
+    psi: NDArray[np.float64],
+    target: SourceRows,
+    plausible: NDArray[np.float64],
+    share: NDArray[np.float64],
+    level: float,
+) -> TargetTest:
+    """Return the test of a target with ψ by rows of the predicted samples.
+
+    Args:
+        log: these rows, which contain a prior of plausible size about ψ.
+        psi: (10,) of the target.
+        target: what is known about it.
+        plausible: (10,) plausible sizes of ψ.
+        share: (10,) derivative by ψ of the share by which a target is heavier.
+        level: probability of a false alarm.
+
+    """
+    if log is None:
+        return TargetTest(np.inf, 10, np.inf)
+    U, size, axes = np.linalg.svd(log.A * plausible)
+    seen = size**2 > 2  # the samples tell more than the prior of plausible size
+    freedom = int(seen.sum())
+    if not freedom:
+        return TargetTest(0.0, 0, np.inf)
+    known = np.linalg.qr(np.vstack([target.A * plausible, np.eye(10)]), mode="r")
+    errors = np.linalg.inv(known)  # a root of the covariance of the given ψ, in plausible sizes
+    spread = size[seen, None] * (axes[seen] @ errors)
+    root = np.linalg.cholesky(spread @ spread.T + np.eye(freedom))
+    error = np.linalg.solve(root, U[:, seen].T @ (log.b - log.A @ psi))
+    mass = share * plausible @ np.hstack([errors, axes.T / size])
+    needed = chndtrinc(chdtri(freedom, level), freedom, 1 - POWER)
+    return TargetTest(float(error @ error), freedom, float(np.sqrt(needed * (mass @ mass))))
+
+
+def _error_of(
+    name: str,
+    found: SensorPrediction,
+    alone: SensorPrediction | None,
+    prediction: Prediction,
+    tests: dict[str, TargetTest],
+) -> SensorError:
     quantity = SENSORS[name].quantity
     factor, unit = _UNITS.get(quantity.unit, (1.0, quantity.unit))
     return SensorError(
@@ -194,4 +295,6 @@ def _error_of(name: str, found: SensorPrediction, alone: SensorPrediction | None
         factor * float(np.linalg.norm(found.sigmas)),
         found.in_sigma,
         factor * alone.rms if alone is not None else np.nan,
+        len(found.time) / prediction.noise[name].correlation_time,
+        tests[name],
     )

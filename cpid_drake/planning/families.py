@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.joint_motion import MultiSine
 from cpid_drake.dynamics.linear_motion import SPLINE_DEGREE, Spline, Waypoints
 from cpid_drake.errors import InputError, choose_from
+from cpid_drake.planning import HIGHEST_FREQUENCY
 from cpid_drake.scenario.joint_motions import (
     AnyMotion,
     Motion,
@@ -21,9 +22,6 @@ from cpid_drake.scenario.joint_motions import (
     SplineMotion,
     WaypointMotion,
 )
-
-FREQUENCY = 0.5
-"""Default of the highest frequency of a motion [Hz]."""
 
 MOST_FUNCTIONS = 60
 """Largest number of functions of a family."""
@@ -51,7 +49,7 @@ class MotionFamily(ABC):
     end: NDArray[np.float64]
     moving: NDArray[np.intp]
     duration: float
-    frequency: float = FREQUENCY
+    frequency: float = HIGHEST_FREQUENCY
     smooth_ends: bool = True
 
     @property

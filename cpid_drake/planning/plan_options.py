@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpid_drake.planning.families import FREQUENCY
+from cpid_drake.planning import HIGHEST_FREQUENCY
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class PlanOptions:
     criterion: str = "worst"
     duration: float | None = None
     opportunistic: float = 0.0
-    frequency: float = FREQUENCY
+    frequency: float = HIGHEST_FREQUENCY
     joints: tuple[str, ...] = ()
     rate_share: float = 0.95
     acceleration: float = np.inf

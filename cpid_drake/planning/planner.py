@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,12 +45,13 @@ class Planner:
 
     Args:
         problem: the motion's family, targets and constraints.
-        best: the best motion so far, also after an interrupt.
+        best: the best motion so far that keeps all constraints, also after an interrupt.
 
     """
 
     problem: PlanProblem
     best: Candidate | None = None
+    _seen: list[Candidate] = field(default_factory=list)
 
     def run(self, progress: Callable[[str, float], None] = lambda what, best: None) -> Candidate:
         """Search; return the best motion that keeps all constraints.
@@ -75,30 +76,54 @@ class Planner:
         self.problem.demands.begin(seen)
         self._check_stops(order[:SEEN_CANDIDATES])
         starts = self._kept(order, options.starts)
-        self.best = next((each for each in starts if np.isfinite(each.score)), None)
+        for each in starts:
+            self._see(each)
 
         def better(candidate: Candidate) -> None:
-            if self.best is None or candidate.score < self.best.score:
-                self.best = candidate
-            progress(f"gradient method, {time.perf_counter() - start:.0f} s", self.best.score)
+            self._see(candidate)
+            what = f"gradient method, {time.perf_counter() - start:.0f} s"
+            if self.best is None:
+                progress(f"{what}, not within all limits yet", candidate.score)
+            else:
+                progress(what, self.best.score)
 
         chosen = starts
         if starts and len(objective.targets) > FIRST_TARGETS:
             what = f"gradient method for {FIRST_TARGETS} targets"
             chosen = [self._prepared(starts, lambda one: progress(what, one.score))]
-        finished = [*(self._improved(each, better) for each in chosen), *starts]
-        best = next(filter(self._is_plan, sorted(finished, key=lambda one: one.score)), None)
-        if best is None:  # the gradient method met a dead end
-            others = self._kept(order, options.starts + SPARE_STARTS)[options.starts :]
-            tried = (self._improved(each, better) for each in others)
-            best = next(filter(self._is_plan, tried), None)
-        if best is None:
+        for each in chosen:
+            self._improve(each, better)
+        if self.best is None:  # the gradient method met a dead end
+            for each in self._kept(order, options.starts + SPARE_STARTS)[options.starts :]:
+                self._improve(each, better)
+                if self.best is not None:
+                    break
+        if self.best is None:
             raise InputError(
                 "no motion keeps the constraints; allow smaller distances or more motion of the "
                 "base, a longer duration, or give more --candidates"
             )
-        self.best = best
-        return best
+        return self.best
+
+    def _see(self, candidate: Candidate) -> None:
+        """Keep a motion if it is the best so far, and keeps all constraints.
+
+        Targets with which it exceeds a limit are checked from now on.
+        """
+        if candidate.score >= (np.inf if self.best is None else self.best.score):
+            return
+        self._demand_more(candidate.parameters)
+        if self.problem.is_kept(candidate):
+            self.best = candidate
+            self._seen.append(candidate)
+
+    def _demand_more(self, parameters: NDArray[np.float64]) -> bool:
+        """Add the targets that a motion demands, and choose again; return whether there are any."""
+        if not self.problem.demands.demand_more(parameters):
+            return False
+        self._seen = [each for each in self._seen if self.problem.is_kept(each)]
+        self.best = min(self._seen, key=lambda one: one.score, default=None)
+        return True
 
     def _check_stops(self, seen: list[Candidate]) -> None:
         """Raise InputError if motors are too weak for the stops of all these candidates."""
@@ -126,13 +151,13 @@ class Planner:
         ]
         parameters = np.array([each.parameters for each in found])
         best = parameters[objective.scores(parameters).argmin()]
-        problem.demands.demand_more(best)
+        self._demand_more(best)
         return Candidate(best, np.inf)
 
-    def _improved(self, start: Candidate, better: Callable[[Candidate], None]) -> Candidate:
-        """Return the best motion that the gradient method finds; see `run`."""
+    def _improve(self, start: Candidate, better: Callable[[Candidate], None]) -> None:
+        """Improve a motion by the gradient method, and see all motions on the way; see `run`."""
         problem = self.problem
-        first, iterations, pool = start, problem.options.iterations, [start]
+        first, iterations = start, problem.options.iterations
         for _ in range(1 + TIGHTENINGS):
             found = refined(
                 problem.objective,
@@ -142,17 +167,15 @@ class Planner:
                 iterations,
                 better,
             )
-            pool = [*found, *pool]
-            is_enough = not problem.demands.demand_more(found[0].parameters)
+            is_enough = not self._demand_more(found[0].parameters)
             needed = problem.needed(found[0])
             if needed.largest <= 1 and is_enough:
                 break
             problem.demands.tighten(found[0].parameters, needed)
             first, iterations = Candidate(found[0].parameters, np.inf), iterations // 2
         if problem.demands.base_limits:
-            pool[1:1] = self._moving_less(found[0].parameters)
-        finite = (one for one in pool if np.isfinite(one.score))
-        return next((one for one in finite if problem.is_kept(one)), replace(start, score=np.inf))
+            for each in self._moving_less(found[0].parameters):
+                self._see(each)
 
     def _moving_less(self, parameters: NDArray[np.float64]) -> Iterator[Candidate]:
         """Yield motions that move the joints less than one that moves the base too much."""
@@ -181,9 +204,6 @@ class Planner:
                 if len(found) == count:
                     return found
         return found
-
-    def _is_plan(self, candidate: Candidate) -> bool:
-        return bool(np.isfinite(candidate.score)) and self.problem.is_kept(candidate)
 
     def own_needs(self) -> float:
         """Return the share of the limits that the scenario's motion needs, over checked targets."""

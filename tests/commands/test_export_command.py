@@ -86,6 +86,17 @@ def test_the_feasible_target_alone(cpid, result, tmp_path):
     assert '<mass value="60.0"/>' in text
 
 
+def test_failed_checks_are_allowed_by_an_option_of_their_own(cpid, result, refusal):
+    """Leave to replace a file is no leave to export an answer that is not trustworthy."""
+    result(doubts=["the residuals are too large"])
+    options = ("r.json", "--format", "urdf", "--out", "t.urdf")
+    for force in ((), ("--force",)):
+        assert "--allow-failed-checks exports it all the same" in refusal(*options, *force)
+    assert cpid(*options, "--allow-failed-checks")[0] == 0
+    assert "exists" in refusal(*options, "--allow-failed-checks")
+    assert cpid(*options, "--allow-failed-checks", "--force")[0] == 0
+
+
 def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
     """Again with --force; what is exported then still has its own spacecraft under it."""
     options = ("--format", "urdf", "--with-spacecraft", "--raw")

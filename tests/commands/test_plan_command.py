@@ -3,6 +3,7 @@
 import re
 import sys
 from contextlib import redirect_stdout
+from dataclasses import replace
 from io import StringIO
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
 from cpid_drake.commands.main import main
 from cpid_drake.commands.plan import motion
+from cpid_drake.planning import pareto
+from cpid_drake.planning.pareto import FrontPoint
 from cpid_drake.planning.planner import Planner
 from cpid_drake.planning.search import Candidate
 from cpid_drake.scenario.joint_motions import dump_motion, load_motion
@@ -86,7 +89,24 @@ def test_an_interrupt_keeps_the_best_motion_so_far(options, duration, tmp_path, 
     with pytest.raises(KeyboardInterrupt):
         motion("paper", file, targets=1, jobs=1, **options)
     assert "criterion is 0.5" in file.read_text()
+    assert file.read_text().startswith("# Interrupted: ")
     assert load_motion(file).duration == duration
+
+
+def test_a_better_motion_of_the_front_becomes_the_plan(tmp_path, monkeypatch):
+    """The front goes on from the plan, and may find a motion that is better in both respects."""
+    plan, better = (Candidate(np.full((5, 12), size), score) for size, score in PLANS)
+    monkeypatch.setattr(Planner, "run", lambda planner, progress: plan)
+    points = [FrontPoint(better, 0.2), FrontPoint(replace(plan, score=0.7), 0.1)]
+    monkeypatch.setattr(pareto, "front", lambda *arguments, **options: points)
+    file = tmp_path / "motion.yaml"
+    motion("paper", file, front=tmp_path / "front", targets=1, jobs=1, frequency=0.3, quiet=True)
+    assert "criterion is 0.4" in file.read_text()
+    assert not file.read_text().startswith("# Interrupted: ")
+    assert file.read_text() == (tmp_path / "front/motion_00.yaml").read_text()
+
+
+PLANS = ((0.01, 0.5), (0.02, 0.4))
 
 
 @pytest.mark.parametrize(
@@ -125,3 +145,13 @@ def test_a_motion_of_another_spacecraft_is_refused(run_cpid, planned, tmp_path):
     code, _, error = run_cpid("plan", "paper", "--compare", other)
     assert code == 2
     assert "no joint 'elbow'" in error
+
+
+def test_the_help_has_the_units(run_cpid):
+    code, text, _ = run_cpid("plan", "--help")
+    assert code == 0
+    text = " ".join(re.sub("[│\n]", " ", text).split())
+    assert " export " in text
+    assert "--stoppable" in text
+    for unit in ("[s]", "[Hz]", "[m]", "[deg]", "[deg/s]", "[rad/s² or m/s²]", "[N·m·s]"):
+        assert unit in text

@@ -45,7 +45,8 @@ def refusal(outcome) -> str:
 def test_the_right_target_predicts_another_log(cpid):
     code, stdout, stderr = cpid("validate", "result.json", "second.csv", "--json", "v.json")
     assert (code, stderr) == (0, "")
-    assert stdout.startswith("valid: the largest error of the prediction is")
+    assert stdout.startswith("valid: the errors are those of this target")
+    assert "A target 1.4 % heavier would be noticed" in stdout
     found = json.loads(Path("v.json").read_text())
     assert found["is_valid"]
     assert found["momentum"] == "zero"
@@ -65,7 +66,18 @@ def test_a_wrong_target_is_noticed(cpid):
     code, stdout, _ = cpid("validate", "wrong.json", "second.csv")
     assert code == 4
     assert stdout.startswith("not valid: ")
-    assert cpid("validate", "wrong.json", "second.csv", "--threshold", "1000", "--quiet")[0] == 0
+
+
+def test_a_mass_wrong_by_forty_sigma_is_noticed(cpid):
+    result = read_result("result.json")
+    mass = result.mass + 40 * float(np.sqrt(result.covariance[0, 0]))
+    write_result("wrong.json", replace(result, mass=mass, feasible=None))
+    code, stdout, _ = cpid("validate", "wrong.json", "second.csv", "--json", "v.json")
+    assert code == 4
+    assert stdout.startswith("not valid: errors that another target would not have")
+    found = json.loads(Path("v.json").read_text())
+    assert not found["is_valid"]
+    assert found["probability"] < 1e-6
 
 
 def test_the_log_of_the_result_is_refused(cpid):

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import chi2, kstest
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, true_psi
 
 from cpid_drake import InputError, TargetPrior
 from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.prediction import predicted
 from cpid_drake.estimation.trajectory_fit import blocks_of
@@ -19,6 +20,8 @@ from cpid_drake.sensing.noise import add_noise
 
 SIGMA = np.array([0.3, *3 * [2e-3], *6 * [0.1]])
 """σ of an identified target whose uncertainty dominates the errors of predictions."""
+
+SEEDS = 8
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +50,7 @@ def test_errors_of_the_right_target_are_chi_squared(craft, suite, log, skewed_ta
         noisy = add_noise(suite, log, seed=seed)
         blocks = blocks_of(BlockQueue.of(suite), [noisy])
         rows = target.rows(form, guess, np.abs(psi) + 1.0)
-        found = predicted(fit, guess, rows, blocks, 1.5)
+        found = predicted(fit, guess, rows, blocks, 1.5, tested=False)
         assert found.is_complete
         for name, squares in last.items():
             squares.append(found.sensors[name].squares[-1])
@@ -76,6 +79,65 @@ def test_a_wrong_target_is_not_valid(craft, suite, log, skewed_target):
     assert sure.in_sigma > 5
     modest = validate(craft, target_of(heavier, 10 * SIGMA), noisy, sensors=suite)
     assert modest.in_sigma < 2
+
+
+def test_a_mass_wrong_by_forty_sigma_is_not_valid(craft, suite, log, skewed_target):
+    """The usual error of so many samples remains below 3 σ, and χ² of the target does not."""
+    sigma = SIGMA * np.array([0.1, *np.ones(9)])
+    heavier = skewed_target.to_vector() + 40 * sigma * (np.arange(10) == 0)
+    found = validate(craft, target_of(heavier, sigma), add_noise(suite, log, seed=1), sensors=suite)
+    assert found.in_sigma < 3
+    assert not found.is_target_right
+    assert found.probability < 1e-6
+
+
+@pytest.mark.slow
+def test_right_targets_pass_and_heavier_ones_are_noticed_as_often_as_stated(
+    craft, suite, log, skewed_target
+):
+    sigma, rng, heavier = 0.1 * SIGMA, np.random.default_rng(5), 0.0
+    chi_squared, noticed = [], {0.3: 0, 1.0: 0}
+    for seed in range(SEEDS):
+        target = skewed_target.to_vector() + sigma * rng.normal(size=10)
+        noisy = add_noise(suite, log, seed=seed)
+        found = checked(craft, target_of(target, sigma), noisy, suite)
+        assert found.is_target_right
+        chi_squared.append([test.chi_squared for test in all_tests(found)])
+        heavier = found.test.heavier
+        for share in noticed:
+            wrong = target * np.where(np.arange(10) == 0, 1 + share * heavier, 1.0)
+            wrong = checked(craft, target_of(wrong, sigma), noisy, suite)
+            noticed[share] += not wrong.is_target_right
+    freedom = np.array([test.freedom for test in all_tests(found)])
+    low, high = chi2.ppf([[0.001], [0.999]], SEEDS * freedom)
+    assert (low < np.sum(chi_squared, axis=0)).all()
+    assert (np.sum(chi_squared, axis=0) < high).all()
+    assert 0.001 < heavier < 0.01
+    assert noticed[1.0] >= SEEDS - 2
+    assert noticed[0.3] <= 2
+
+
+def checked(craft, target, log, suite):
+    return validate(craft, target, log, sensors=suite, momentum=TotalMomentum.zero())
+
+
+def all_tests(found):
+    return [found.test, *(error.test for error in found.errors)]
+
+
+def test_noise_that_is_larger_than_declared_does_not_reject_the_right_target(
+    craft, suite, log, skewed_target
+):
+    """The beginning shows the noise; the test of the target is less sharp, and says so."""
+    target = target_of(skewed_target.to_vector(), 1e-3 * SIGMA)
+    noisy = add_noise(suite, log, seed=1)
+    samples = dict(noisy.samples)
+    for name in ("attitude", "gyro", "position"):
+        ideal, seen = log.samples[name].value, noisy.samples[name].value
+        samples[name] = replace(samples[name], value=ideal + 2 * (seen - ideal))
+    louder = checked(craft, target, replace(noisy, samples=samples), suite)
+    assert louder.is_target_right
+    assert louder.test.heavier > 1.3 * checked(craft, target, noisy, suite).test.heavier
 
 
 def test_combinations_alone_predict_what_they_determine(craft, suite, log, skewed_target):

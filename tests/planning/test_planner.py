@@ -33,7 +33,8 @@ def scenario():
 @pytest.fixture(scope="module")
 def planner(scenario):
     planner = Planner(PlanProblem(scenario, load_sensors("flight"), SMALL))
-    planner.run()
+    planner.left_by_interrupts = []
+    planner.run(lambda what, best: planner.left_by_interrupts.append(planner.best))
     return planner
 
 
@@ -69,6 +70,13 @@ def test_it_suits_all_targets_better_than_any_random_motion(planner):
     assert found.max() == pytest.approx(planner.best.score)
     assert found.max() < 0.7 * random.max(axis=0).min()
     assert found.max() < 2 * found.min()
+
+
+def test_no_motion_that_an_interrupt_leaves_is_better_than_the_plan(planner):
+    left = [each for each in planner.left_by_interrupts if each is not None]
+    assert len({each.score for each in left}) > 1
+    assert all(each.score >= planner.best.score for each in left)
+    assert planner.problem.is_kept(planner.best)
 
 
 @pytest.mark.slow
