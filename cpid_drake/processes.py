@@ -7,14 +7,49 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ContextDecorator, contextmanager
+from functools import cache
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from typing import Any, TypeVar
 
+from threadpoolctl import ThreadpoolController
+
 Inputs = TypeVar("Inputs")
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+
+
+class OneThread(ContextDecorator):
+    """Limits linear algebra to one thread: with small matrices, several only wait for each other.
+
+    NumPy and SciPy have libraries of their own, which are limited both. The limit ends with the
+    last of the functions that run in it, in whatever thread.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._depth = threading.Lock(), 0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._depth:
+                self._limited = _libraries().limit(limits=1, user_api="blas")
+            self._depth += 1
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._depth -= 1
+            if not self._depth:
+                self._limited.restore_original_limits()
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Return the libraries; to find them takes longer than to solve a block."""
+    return ThreadpoolController()
+
+
+one_thread = OneThread()
 
 
 def shared_work(
@@ -34,11 +69,11 @@ def shared_work(
 
     """
     if jobs <= 1:
-        yield from map(prepare(inputs), tasks)
+        with one_thread:
+            yield from map(prepare(inputs), tasks)
         return
     # The inputs are in a file: a start with large arguments waits for the process to read them.
     with (
-        one_thread_each(),
         tempfile.NamedTemporaryFile() as file,
         ProcessPoolExecutor(jobs, get_context("spawn"), _start, (file.name,)) as pool,
     ):
@@ -62,29 +97,14 @@ def _start(file: str) -> None:
     """Prepare a process from the file with its inputs."""
     global _function
     threading.Thread(target=end_with_parent, daemon=True).start()
-    prepare, inputs = pickle.loads(Path(file).read_bytes())
+    prepare, inputs = pickle.loads(Path(file).read_bytes())  # imports NumPy and SciPy
+    one_thread.__enter__()
     _function = prepare(inputs)
 
 
 def _work(task: Any) -> Any:
     assert _function is not None
     return _function(task)
-
-
-@contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Limit linear algebra to one thread in new processes, which share the cores already."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @contextmanager

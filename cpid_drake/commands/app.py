@@ -71,10 +71,6 @@ app.command("list")(list_names)
 
 def run() -> int:
     """Run `cpid` and return its exit code; see `EXIT_CODES`."""
-    # The matrices are small: BLAS threads only wait for each other. NumPy, here and in child
-    # processes, reads these variables when it is imported, which is later.
-    for library in ("OPENBLAS", "MKL"):
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", FormerNameWarning)

@@ -361,9 +361,7 @@ def _write(
 ) -> None:
     from cpid_drake.scenario.joint_motions import dump_motion
 
-    interrupted = (
-        "# Interrupted: the best motion within all limits until then; a finished plan may be better.\n"
-    )
+    interrupted = "# Interrupted: the best motion within all limits until then.\n"
     header = ("" if is_finished else interrupted) + (
         f"# Planned with `cpid plan {scenario}` for {len(problem.targets)} plausible targets.\n"
         f"# Their weighted {problem.options.criterion} criterion is {best.score:.4g} in units of "

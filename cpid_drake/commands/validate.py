@@ -183,10 +183,11 @@ def _described(validation: "Validation", threshold: float) -> list[str]:
     return [
         *lines,
         "",
-        "  Expected: from the sensors' noise and the uncertainty of the target. No target: rms error",
-        f"  of a prediction with the spacecraft alone. χ²: of {test.freedom} combinations of the "
-        "target's parameters, of",
-        "  one sensor and of all; p: probability of so large a χ² with the right target.",
+        "  Expected: from the sensors' noise and the uncertainty of the target. No target: rms",
+        "  error of a prediction with the spacecraft alone. χ²: of the combinations of the",
+        f"  target's parameters that the samples determine, {test.freedom} with all sensors; p: probability "
+        "of so",
+        "  large a χ² with the right target.",
     ]
 
 

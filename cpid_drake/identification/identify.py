@@ -26,6 +26,7 @@ from cpid_drake.identification.table_setting import TableSetting, frame_of, is_o
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.trust import gated
 from cpid_drake.identification.undeclared import with_undeclared
+from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurement_stream import MeasurementStream
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import SENSORS, STANDARD_SENSORS
@@ -39,6 +40,7 @@ THRUST_NOT_USED = (
 """The doubt of an estimator that assumes a constant momentum while thrusters fire."""
 
 
+@one_thread
 def identify(
     spacecraft: Spacecraft,
     data: Telemetry | Measurements | MeasurementStream,
@@ -103,6 +105,7 @@ def identify(
     return _completed([log], identify_jointly([log], prior), spacecraft)
 
 
+@one_thread
 def identify_together(
     spacecraft: Spacecraft,
     logs: Mapping[str, Telemetry | Measurements | MeasurementStream],

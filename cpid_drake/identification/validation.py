@@ -20,6 +20,7 @@ from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.fit_setup import recursive_fit
 from cpid_drake.identification.problem import NOISE_ESTIMATED
 from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurement_stream import MeasurementStream, time_interval
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
@@ -149,6 +150,7 @@ class Validation:
         return self.probability >= FALSE_ALARM
 
 
+@one_thread
 def validate(
     spacecraft: Spacecraft,
     target: TargetPrior,

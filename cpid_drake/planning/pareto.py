@@ -12,6 +12,7 @@ import numpy as np
 from cpid_drake.planning.base_limits import BaseAttitude
 from cpid_drake.planning.plan_problem import PlanProblem
 from cpid_drake.planning.search import Candidate, refined
+from cpid_drake.processes import one_thread
 
 POINTS = 18
 """Number of limits of the base's turn."""
@@ -37,6 +38,7 @@ class FrontPoint:
     angle: float
 
 
+@one_thread
 def front(
     problem: PlanProblem,
     best: Candidate,

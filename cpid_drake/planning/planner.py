@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cpid_drake.errors import InputError
 from cpid_drake.planning.plan_problem import PlanProblem
 from cpid_drake.planning.search import Candidate, candidates, ranked, refined
+from cpid_drake.processes import one_thread
 
 TIGHTENINGS = 3
 """Largest number of times that limits are lowered, or demanding targets are added."""
@@ -53,6 +54,7 @@ class Planner:
     best: Candidate | None = None
     _seen: list[Candidate] = field(default_factory=list)
 
+    @one_thread
     def run(self, progress: Callable[[str, float], None] = lambda what, best: None) -> Candidate:
         """Search; return the best motion that keeps all constraints.
 

@@ -25,6 +25,7 @@ from cpid_drake.estimation.recursive_state import RecursiveState
 from cpid_drake.identification.fit_estimator import identification_of_state
 from cpid_drake.identification.fit_setup import recursive_fit
 from cpid_drake.identification.result import Identification
+from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
 from cpid_drake.sensing.screening import ScreeningMemory, screen
 from cpid_drake.sensing.sensors import SENSORS
@@ -205,6 +206,7 @@ class SensorIdentifier(Identifier):
     def _memory(self, context: Context) -> "_Memory":
         return context.get_abstract_state(self._memory_index).get_value()
 
+    @one_thread
     def _collect(self, context: Context, state: State) -> EventStatus:
         """Collect new samples, and process all if a block may be complete."""
         memory, now = self._with_new_samples(context), context.get_time()
@@ -215,6 +217,7 @@ class SensorIdentifier(Identifier):
         state.get_mutable_abstract_state(self._memory_index).set_value(memory)
         return EventStatus.Succeeded()
 
+    @one_thread
     def _finish(self, context: Context, state: State) -> EventStatus:
         """Process all samples, those of the incomplete block included."""
         memory = self._processed(self._with_new_samples(context))
@@ -267,6 +270,7 @@ class SensorIdentifier(Identifier):
         )
         return min(screening.newest, max(complete, screening.newest - LONGEST_DELAY))
 
+    @one_thread
     def _solve(self, context: Context) -> Identification:
         return identification_of_state(self._estimator, self._memory(context).online)
 
