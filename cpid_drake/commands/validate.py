@@ -185,9 +185,8 @@ def _described(validation: "Validation", threshold: float) -> list[str]:
         "",
         "  Expected: from the sensors' noise and the uncertainty of the target. No target: rms",
         "  error of a prediction with the spacecraft alone. χ²: of the combinations of the",
-        f"  target's parameters that the samples determine, {test.freedom} with all sensors; p: probability "
-        "of so",
-        "  large a χ² with the right target.",
+        f"  target's parameters that the samples determine, {test.freedom} with all sensors.",
+        "  p: probability of so large a χ² with the right target.",
     ]
 
 
