@@ -1,7 +1,10 @@
 """The section with the replay in three dimensions."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -59,4 +62,16 @@ def motion_of(evidence: Evidence) -> Telemetry:
                 return complete
     suite = evidence.found.sensors or estimate_suite(measurements)
     with_position = bool(len(measurements.position))
-    return smooth(measurements, suite, with_position=with_position).telemetry
+    return _with_inner_rates(smooth(measurements, suite, with_position=with_position).telemetry)
+
+
+def _with_inner_rates(motion: Telemetry) -> Telemetry:
+    """Return a smoothed motion with the rates of the neighbours at its first and last sample.
+
+    A spline's rates at its ends are known from one side only, and their noise looks like momentum.
+    """
+    if len(motion) < 3:
+        return motion
+    inner = np.arange(len(motion)).clip(1, len(motion) - 2)
+    rates = {name: getattr(motion, name)[inner] for name in ("v_WB", "w_WB", "qdot")}
+    return replace(motion, **rates)

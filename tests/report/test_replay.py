@@ -1,0 +1,24 @@
+"""The replay of a log shows the momenta of the motion, not those of its noise."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from cpid_drake import Spacecraft, load_sensors, read_telemetry
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import linear_momentum
+from cpid_drake.report.sections.replay import motion_of
+from cpid_drake.resources import models_directory
+
+
+def test_at_rest_the_first_and_the_last_frame_show_no_momentum():
+    """The joints of the sample log rest at both ends; arrows are drawn in shares of the largest."""
+    model = models_directory() / "free_flyer/free_flyer.urdf"
+    craft = Spacecraft(model, base="body", capture_frame="capture_point")
+    log = read_telemetry(models_directory() / "telemetry/free_flyer.csv")
+    found = SimpleNamespace(sensors=load_sensors("testbed"))
+    motion = motion_of(SimpleNamespace(spacecraft=craft, data=log, found=found))
+    assert (motion.time[0], motion.time[-1]) == (0.0, 10.0)
+    bodies, _ = propagate(craft.tree, motion)
+    momentum = np.linalg.norm(linear_momentum(craft.tree, bodies), axis=1)
+    assert momentum[[0, -1]].max() < 0.1 * momentum.max()
