@@ -28,9 +28,6 @@ from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-THRESHOLD = 3.0
-"""Largest usual error of a prediction in σ, whatever its cause."""
-
 FALSE_ALARM = 0.01
 """Probability that the test of the target fails though the target is right."""
 
