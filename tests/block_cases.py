@@ -10,10 +10,9 @@ from sensing_cases import Sines, measured, small_craft, true_psi, true_telemetry
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.faults import Block, after
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -77,9 +76,6 @@ class Case:
     @property
     def psi(self):
         return true_psi(self.craft, self.target)
-
-    def solver(self, known_bodies=None) -> BlockSolver:
-        return BlockSolver(self.craft.tree, self.suite, known_bodies)
 
     def block(self, start: float, end: float, samples=None) -> Block:
         samples = self.samples if samples is None else samples
@@ -155,11 +151,6 @@ def check_derivatives(model, state, steps: dict[str, float], drift: float = 1e-3
                 np.testing.assert_allclose(found, by, rtol=0, atol=atol, err_msg=(name, part))
 
 
-def best_psi(state) -> np.ndarray:
-    """Return the target (10,) that solves a state's equations, all combinations included."""
-    return state.nominal.psi + np.linalg.solve(state.root[-10:, -10:], state.rest[-10:])
-
-
 def fired(case: Case, *firings: trials.Firing) -> Measurements:
     """Return what a case's sensors measure without noise if thrusters fire."""
     return trials.ideal_samples(trial_of(case, *firings), case.craft.tree, case.craft.joint_names)
@@ -181,14 +172,3 @@ def trial_of(case: Case, *firings: trials.Firing) -> trials.Case:
         estimators=(),
         seed=0,
     )
-
-
-def spoiled(samples: Measurements, name: str, which, shift) -> Measurements:
-    """Return samples of which some of one sensor are off by `shift` (3,) or one number."""
-    time, value = samples[name].time, samples[name].value.copy()
-    if value.shape[1] == 4:
-        turned = Rotation.from_quat(value[which], scalar_first=True) * Rotation.from_rotvec(shift)
-        value[which] = turned.as_quat(scalar_first=True)
-    else:
-        value[which] += shift
-    return samples.updated({name: Samples(time, value)})

@@ -10,7 +10,6 @@ from cpid_drake.estimation.combination import (
     agreement_of_one,
     joint_solution,
 )
-from cpid_drake.estimation.least_squares import solution_of_information
 
 TRUE = np.array([3.0, -1.0, 0.5, 2.0])
 SCALE = np.array([1.0, 10.0, 2.0, 5.0])
@@ -49,27 +48,6 @@ def test_combinations_that_no_source_determines_keep_their_nominal_values():
     np.testing.assert_allclose(found.values[1:], 7 * SCALE[1:])
 
 
-@pytest.mark.parametrize("rank", [2, 3, 4])
-def test_the_rows_of_a_solution_hold_its_information(rank):
-    rng = np.random.default_rng(rank)
-    A = 100 * rng.normal(size=(rank, 4)) / SCALE
-    solution = solution_of_information(TRUE, A.T @ A, SCALE)
-    rows = SourceRows.of_solution(solution)
-    np.testing.assert_allclose(rows.A.T @ rows.A, A.T @ A, rtol=1e-6, atol=1e-6 * (A**2).max())
-    np.testing.assert_allclose(rows.A @ TRUE, rows.b, rtol=1e-9)
-    again = SourceRows.of_information(TRUE, A.T @ A, SCALE)
-    np.testing.assert_allclose(again.A.T @ again.A, A.T @ A, rtol=1e-6, atol=1e-6 * (A**2).max())
-    assert len(again.b) == len(rows.b) == rank
-
-
-def test_wider_covariance_of_a_solution_counts():
-    A = 100 * np.random.default_rng(0).normal(size=(4, 4)) / SCALE
-    solution = solution_of_information(TRUE, A.T @ A, SCALE)
-    wide = solution_of_information(TRUE, A.T @ A, SCALE, consider=3 * np.linalg.inv(A.T @ A))
-    rows, weak = SourceRows.of_solution(solution), SourceRows.of_solution(wide)
-    np.testing.assert_allclose(weak.A.T @ weak.A, rows.A.T @ rows.A / 4, rtol=1e-9)
-
-
 def test_the_test_of_agreement_is_chi_squared():
     """Two of three sources determine two combinations each: there are 4 − 4 + 2 + 2 = 4 tests."""
     probabilities, singles = [], []
@@ -97,12 +75,3 @@ def test_sources_about_different_combinations_cannot_contradict_each_other():
     second = SourceRows(50 * np.eye(4)[2:], np.array([300.0, -400.0]))
     assert agreement([first, second], NOWHERE, SCALE).freedom == 0
     assert agreement([first, second], NOWHERE, SCALE).probability == 1.0
-
-
-def test_differences_of_rounding_are_no_contradiction():
-    exact = SourceRows(1e14 * np.eye(4), 1e14 * TRUE)
-    rounded = SourceRows(1e14 * np.eye(4), 1e14 * TRUE * (1 + 1e-12))
-    limited = [each.limited(SCALE, 1e-8) for each in (exact, rounded)]
-    assert agreement([exact, rounded], NOWHERE, SCALE).probability < 1e-6
-    assert agreement(limited, NOWHERE, SCALE).probability > 0.99
-    np.testing.assert_allclose(joint_solution(limited, NOWHERE, SCALE).estimate, TRUE, rtol=1e-11)

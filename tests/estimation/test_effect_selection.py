@@ -69,62 +69,6 @@ def test_ratios_are_those_of_marginal_likelihoods(free):
         assert ratio == pytest.approx(exact(A, y, free) - exact(A, y, NAMES), abs=1e-8)
 
 
-def test_a_submodel_is_the_solution_without_the_others():
-    """Target, errors and σ are those of a least-squares problem with fewer columns."""
-    A, rng = model(3), np.random.default_rng(4)
-    y = A @ rng.standard_normal(18) + rng.standard_normal(60)
-    found = selection(A, y).submodel(["attitude.delay"])
-    kept = [3, *range(8, 18)]
-    prior = np.diag([1.0] + [1 / PRIOR_PSI] * 10)
-    rows = np.vstack([A[:, kept], prior])
-    x = np.linalg.lstsq(rows, np.concatenate([y, np.zeros(11)]), rcond=None)[0]
-    np.testing.assert_allclose(found.psi, x[1:], atol=1e-10)
-    np.testing.assert_allclose(found.constants, np.eye(8)[3] * x[0], atol=1e-10)
-    sigma = np.sqrt(np.linalg.inv(rows.T @ rows)[0, 0])
-    np.testing.assert_allclose(found.sigma, np.eye(8)[3] * sigma, atol=1e-12)
-
-
-def test_declared_errors_are_always_free():
-    A, rng = model(5), np.random.default_rng(6)
-    y = A @ rng.standard_normal(18) + rng.standard_normal(60)
-    found = selection(A, y, candidates=["gyro.scale"]).submodel([])
-    assert (found.sigma[:5] > 0).all()
-    assert not found.constants[5:].any()
-    assert found.constants[:5].all()
-
-
-@pytest.mark.parametrize(
-    "free", [[], ["acceleration of b"], ["attitude.delay", "acceleration of a"]]
-)
-def test_logs_have_the_errors_of_sensors_in_common_and_forces_of_their_own(free):
-    """Ratios of marginal likelihoods are those of one linear model of all samples."""
-    rng, y = np.random.default_rng(11), {}
-    parts = {name: model(seed) for name, seed in (("a", 12), ("b", 13))}
-    for name, A in parts.items():
-        y[name] = A @ rng.standard_normal(18) + rng.standard_normal(60)
-    fits = [log_fit(A, y[n], rng.standard_normal(18), n) for n, A in parts.items()]
-    found = EffectSelection(fits, NAMES)
-    assert found.candidates[0] == "acceleration of a"
-    assert len(found.candidates) == len(NAMES) + 1
-    joint = np.zeros((120, 21))  # forces of a, forces of b, errors of sensors, target
-    joint[:60, :3], joint[60:, 3:6] = parts["a"][:, :3], parts["b"][:, :3]
-    joint[:, 6:] = np.vstack([A[:, 3:] for A in parts.values()])
-    samples = np.concatenate(list(y.values()))
-    own = {name: Constants(ERRORS).place(name) for name in NAMES}
-    places = {"acceleration of a": slice(0, 3), "acceleration of b": slice(3, 6)}
-    places |= {n: slice(p.start + 3, p.stop + 3) for n, p in own.items() if p.start >= 3}
-
-    def marginal(free) -> float:
-        variance = np.zeros(21)
-        variance[11:] = PRIOR_PSI**2 / 2  # the prior of ψ is in the fit of each log
-        for name in free:
-            variance[places[name]] = 1.0
-        return multivariate_normal(cov=np.eye(120) + joint * variance @ joint.T).logpdf(samples)
-
-    ratio = found.submodel(free).log_likelihood - found.submodel(places).log_likelihood
-    assert ratio == pytest.approx(marginal(free) - marginal(places), abs=1e-8)
-
-
 @pytest.mark.parametrize("hidden", [[], *([name] for name in NAMES), NAMES[:2], NAMES[1:]])
 def test_the_hidden_errors_are_found_and_no_others(hidden):
     A, rng, constants = model(7, 400), np.random.default_rng(8), Constants(ERRORS)
@@ -134,16 +78,6 @@ def test_the_hidden_errors_are_found_and_no_others(hidden):
         x[constants.place(name)] = 1.5
     y = A @ x + rng.standard_normal(400)
     assert set(selection(A, y).best(5.0).free) == set(hidden)
-
-
-def test_an_error_that_two_others_replace_is_removed_again():
-    """The first choice is the best single one; it is superfluous beside the two true ones."""
-    A, rng = model(9, 400), np.random.default_rng(10)
-    A[:, 4] = A[:, 3] + A[:, 5] + 0.05 * rng.standard_normal(400)
-    x = np.zeros(18)
-    x[3], x[5:8] = 1.0, [1.0, 1.0, 1.0]
-    y = A @ x + 0.3 * rng.standard_normal(400)
-    assert set(selection(A, y).best(5.0).free) == {"attitude.delay", "gyro.scale"}
 
 
 def test_the_average_of_models_is_that_of_their_mixture():
@@ -173,13 +107,3 @@ def test_the_average_of_models_is_that_of_their_mixture():
     wider = (nothing.covariance + average.spread - second) / scale / scale[:, None]
     np.testing.assert_allclose(wider, 0.0, atol=0.01)
     assert np.trace(average.spread) > 0.1 * np.trace(nothing.covariance)
-
-
-def test_what_is_improbable_does_not_count():
-    A, rng = model(23), np.random.default_rng(24)
-    y = A[:, 8:] @ rng.standard_normal(10) + rng.standard_normal(60)
-    found = selection(A, y)
-    others = [found.submodel([name]) for name in NAMES]
-    average = model_average(found.submodel(()), others, 0.01, 0.05)
-    assert not average.probabilities
-    assert not average.spread.any()

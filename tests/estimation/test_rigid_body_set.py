@@ -13,7 +13,7 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.dynamics.rows import eq18_to_world
 from cpid_drake.estimation.combination import SourceRows
-from cpid_drake.estimation.rigid_body_set import RigidBodySet, _Program
+from cpid_drake.estimation.rigid_body_set import RigidBodySet
 
 KNOWN_MASS = 10.0
 FORMS = {
@@ -166,20 +166,3 @@ def test_the_nearest_body_is_the_estimate_if_that_is_possible():
         x = unknowns(pi)
         found = bodies(exactly(x, range(10), sigma=1e-2), form, pi[0])
         np.testing.assert_allclose(found.nearest(), x, atol=1e-4)
-
-
-def test_a_bound_that_the_solver_does_not_find_is_the_plausible_size(monkeypatch):
-    """No infinite number reaches the solver's next problem."""
-    x = np.array([2.0, 0.6, -0.2, 0.1, 0.6, 0.0, 0.0, 0.8, 0.0, 0.7])
-    found = bodies(exactly(x, range(10)), "standard", 2.0, 0.8)
-    usual = _Program.extremes
-
-    def fails(program, weights):
-        is_com = weights[1:4].any()
-        return (-np.inf, np.inf) if is_com else usual(program, weights)
-
-    monkeypatch.setattr(_Program, "extremes", fails)
-    bounds = found.bounds()
-    np.testing.assert_allclose(bounds[1:4], 0.8 * np.array([[-1, 1]] * 3))
-    assert np.isfinite(bounds).all()
-    assert bounds[0, 0] <= 2.0 <= bounds[0, 1]

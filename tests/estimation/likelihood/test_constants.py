@@ -2,28 +2,21 @@
 
 from copy import deepcopy
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from block_cases import added_sensors, best_psi, make_case, rich_suite
+from block_cases import added_sensors, make_case, rich_suite
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, true_telemetry
 
 from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.blocks import BlockSolver
-from cpid_drake.estimation.faults import block_model
-from cpid_drake.estimation.initial_state import initial_state
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import joint_block
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.priors import vague_prior
 from cpid_drake.estimation.likelihood.sensors import OFF_DIAGONAL
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.sensors import SENSORS, JointSensor
+from cpid_drake.sensing.sensors import SENSORS
 
 START, END = 1.0, 2.5
 STEP = 0.0125
@@ -83,26 +76,6 @@ def with_values(solver_or_model, **values):
         name = name.replace("__", ".")
         vector = constants.moved(vector, name, np.asarray(value) / constants.errors[name].sigma)
     return vector
-
-
-def test_every_declared_error_has_its_place_and_scale():
-    """Names, sizes and σ in SI units; errors of σ zero have no place."""
-    found = {e.name: (e.size, e.sigma) for e in Constants.of(suite_with_all(), 4).errors.values()}
-    arcsecond = np.pi / 648000
-    assert found.pop("acceleration") == (3, 0.01)
-    assert found.pop("torque") == (3, 1.0)
-    assert found.pop("attitude.mounting") == (3, pytest.approx(300 * arcsecond))
-    assert found.pop("tracker_2.mounting") == (3, pytest.approx(100 * arcsecond))
-    assert found.pop("gyro.scale") == (3, pytest.approx(1e-3))
-    assert found.pop("gyro.misalignment") == (6, pytest.approx(200 * arcsecond))
-    assert found.pop("encoders.zero") == (4, pytest.approx(1e-3))
-    for sensor in ("position", "velocity"):
-        assert found.pop(f"{sensor}.lever_arm") == (3, pytest.approx(0.02))
-    delays = {"attitude": 0.01, "gyro": 0.01, "gyro_2": 0.005, "encoders": 0.01}
-    for sensor, sigma in (delays | {"position": 0.01, "velocity": 0.01}).items():
-        assert found.pop(f"{sensor}.delay") == (1, pytest.approx(sigma))
-    assert not found
-    assert Constants.of(rich_suite(), 4).size == 0
 
 
 def test_derivatives_by_the_constants(case, model, state):
@@ -297,58 +270,3 @@ class Shifted:
 
     def evaluate(self, time):
         return self._motion.evaluate(np.asarray(time) + self._start)
-
-
-def test_the_state_at_the_end_is_that_of_the_next_block(case, model, state):
-    """Two halves of a block end where the whole does, with forces that change the momentum."""
-    samples, middle = case.block(START, END).samples, (START + END) / 2
-    now = state
-    for a, b in ((START, middle), (middle, END)):
-        half = case.block(a, b, samples).samples
-        piece = joint_block(a, b, half, replace(case.suite, encoders=JointSensor(50.0)), None)
-        part = BlockModel(case.craft.tree, piece, half, case.suite, None, STEP)
-        now = part.motion.end(part.motion.trajectory(now))
-    whole = model.motion.end(model.motion.trajectory(state))
-    np.testing.assert_allclose(now.L, whole.L, atol=1e-9)
-    np.testing.assert_allclose(now.v_Wcm, whole.v_Wcm, atol=1e-12)
-    np.testing.assert_allclose(now.p_Wcm, whole.p_Wcm, atol=1e-12)
-    assert (now.attitude.inv() * whole.attitude).magnitude() < 1e-5
-    assert np.abs(whole.L - state.L).max() > 0.1
-
-
-@pytest.mark.parametrize("parts", [1, 3])
-def test_blocks_find_constants_and_target(case, parts):
-    """From samples without noise: late, turned and pushed; however many blocks there are."""
-    suite = deepcopy(rich_suite())
-    suite.joint_rates, suite.attitude.delay_ms, suite.gyro_2.integrates = None, 10.0, True
-    suite.disturbances = Disturbances(acceleration=0.01, torque=1.0)
-    known = relative_dynamics(case.craft.tree, *np.zeros((2, 1, 4)))
-    prior = vague_prior(case.craft.mass, known.I_K[0], TotalMomentum.unknown())
-    solver = BlockSolver(case.craft.tree, suite)
-    samples = case.samples
-    late = samples.attitude
-    samples = samples.updated(
-        {
-            "attitude": Samples(late.time + 0.008, late.value),
-            "joint_rates": Samples(np.empty(0), np.empty((0, 4))),
-        }
-    )
-    a = np.array([0.004, -0.003, 0.002])
-    p, v = samples.position, samples.velocity
-    samples = samples.updated(
-        {
-            "position": Samples(p.time, p.value + a * p.time[:, None] ** 2 / 2),
-            "velocity": Samples(v.time, v.value + a * v.time[:, None]),
-        }
-    )
-    edges = np.linspace(0.0, 4.0, parts + 1)
-    blocks = [case.block(s if s else -1e-7, e, samples) for s, e in pairwise(edges)]
-    now = initial_state(solver, prior, case.psi, blocks[0])
-    for block in blocks:
-        now = solver.solve(now, block_model(solver, now, block)).state
-    found = solver.settled(now, prior.plausible).nominal.constants
-    value = solver.constants.value
-    assert value(found, "attitude.delay")[0] == pytest.approx(0.008, abs=1e-4)
-    np.testing.assert_allclose(value(found, "acceleration"), a, atol=1e-4)
-    np.testing.assert_allclose(value(found, "torque"), 0.0, atol=0.05)
-    np.testing.assert_allclose(best_psi(now), case.psi, rtol=0.02, atol=0.5)

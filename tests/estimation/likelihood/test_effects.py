@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.likelihood.effects import GyroBias, Momentum, Start
-from cpid_drake.estimation.likelihood.model import gyro_biases
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import Gyro
@@ -47,43 +46,6 @@ def test_simulated_biases_walk_as_the_effect_says():
     rows, _ = GyroBias("gyro", WALKING, 0, 0.0, 4.0).links(some_state(np.zeros((2, 3))))
     steps = ends.reshape(-1, 6) @ rows.T
     assert np.mean(steps**2) == pytest.approx(1.0, rel=0.08)
-
-
-def test_the_walk_pulls_both_ends_together():
-    """The right-hand side is what the rows leave of the present biases."""
-    state = some_state([[9.0, 9.0, 9.0], [1.0, 2.0, 3.0], [1.5, 2.0, 2.0]])
-    bias = GyroBias("gyro", WALKING, 1, 0.0, 2.0)
-    rows, rest = bias.links(state)
-    np.testing.assert_allclose(rows @ state.bias[1:].ravel() + rest, 0, atol=1e-9)
-    assert np.abs(rest).max() > 0
-
-
-def test_a_constant_bias_has_one_node_and_no_walk():
-    bias = GyroBias("gyro", Gyro(bias=3.0), 0, 5.0, 20.0)
-    assert (bias.nodes, bias.size) == (1, 3)
-    np.testing.assert_array_equal(bias.weights(np.array([5.0, 20.0])), [[1.0], [1.0]])
-    np.testing.assert_array_equal(bias.at_start, bias.at_end)
-    rows, rest = bias.links(some_state(np.zeros((1, 3))))
-    assert rows.shape == (0, 3)
-    assert rest.shape == (0,)
-
-
-def test_a_bias_between_its_nodes_is_interpolated():
-    bias = GyroBias("gyro", WALKING, 0, 10.0, 14.0)
-    times = np.array([10.0, 10.25, 12.5, 14.0])
-    np.testing.assert_allclose(bias.weights(times) @ [10.0, 14.0], times)
-
-
-def test_biases_of_several_gyros_do_not_share_nodes():
-    """The rows of all gyros' nodes follow each other."""
-    suite = SensorSuite(gyro=WALKING)
-    biases = gyro_biases(suite, 0.0, 1.0)
-    assert list(biases) == ["gyro"]
-    second = GyroBias("gyro_2", Gyro(bias=1.0), biases["gyro"].rows.stop, 0.0, 1.0)
-    state = some_state(np.zeros((3, 3)))
-    moved = second.moved(biases["gyro"].moved(state, np.arange(1.0, 7.0)), np.array([7.0, 8, 9]))
-    np.testing.assert_array_equal(moved.bias, [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
-    np.testing.assert_array_equal(state.bias, 0)
 
 
 def test_steps_of_start_and_momentum():

@@ -2,17 +2,12 @@
 
 import itertools
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cpid_drake.errors import InputError
-from cpid_drake.estimation.likelihood.effects import JointErrors
 from cpid_drake.estimation.likelihood.joint_motion import (
-    LARGEST_SHARE,
     ORDER,
-    PIECES,
     TIME_SCALE,
     joint_block,
 )
@@ -75,18 +70,6 @@ def blocks():
     return chain(measured())
 
 
-@pytest.mark.parametrize("derivative", range(ORDER))
-def test_coefficients_at_both_ends_are_scaled_derivatives(blocks, derivative):
-    """s = h^d / d! q^(d), of each block's spline at its own ends."""
-    factor = TIME_SCALE**derivative / [1, 1, 2][derivative]
-    for block in blocks:
-        ends = np.array([block.start, block.end])
-        values = factor * block.basis(ends, derivative) @ block.coefficients
-        np.testing.assert_allclose(values[0], block.coefficients[derivative], atol=1e-9)
-        np.testing.assert_allclose(values[1], block.coefficients[derivative - ORDER], atol=1e-9)
-        assert not np.abs(block.basis(ends[:1], derivative)[:, ORDER:]).max() > 1e-9
-
-
 def test_the_track_and_its_covariance_are_those_of_one_problem(blocks):
     """All samples so far, in one spline that is continuous to the second derivative."""
     samples = measured()
@@ -110,24 +93,6 @@ def test_the_track_and_its_covariance_are_those_of_one_problem(blocks):
     assert sum(block.chi_squared for block in blocks) == pytest.approx(rest.sum(), rel=1e-6)
 
 
-def test_a_blocks_own_information_contains_its_samples_only(blocks):
-    """rows δc = rest is the least-squares problem of the block's own samples."""
-    block = blocks[1]
-    A, b = rows_of(measured(), block)
-    b = b - A @ block.coefficients
-    N, size = A.T @ A, np.abs(A.T).sum(axis=1).max()
-    for rows, rest, own in zip(block.rows, block.rest, b.T, strict=True):
-        np.testing.assert_allclose(rows.T @ rows, N, rtol=1e-6, atol=1e-6 * N.max())
-        np.testing.assert_allclose(rows.T @ rest, A.T @ own, atol=1e-3 * size)
-
-
-def test_the_motion_is_smooth_over_a_boundary(blocks):
-    """Up to what the block after it learned: positions, rates and accelerations, in their σ."""
-    for before, after in itertools.pairwise(blocks):
-        moved = after.coefficients[:ORDER] - before.track.mean
-        assert np.sqrt(np.sum((before.track.root @ moved) ** 2, axis=0)).max() < 5
-
-
 def test_errors_are_those_of_the_noise():
     """Position and rate at every time within their σ; χ² is that of its degrees of freedom."""
     squares, chi_squared, freedom = [], 0.0, 0
@@ -142,53 +107,6 @@ def test_errors_are_those_of_the_noise():
         freedom += sum(block.freedom for block in blocks)
     assert 0.5 * ORDER < np.mean(squares) < 1.7 * ORDER
     assert abs(chi_squared / freedom - 1) < 5 * np.sqrt(2 / freedom) + 0.02
-
-
-def test_a_fast_motion_gets_more_pieces():
-    """Akaike's criterion: the misfit stays below the noise."""
-    pieces = []
-    for factor in (1.0, 6.0):
-        t = np.arange(0, 1.0, 0.01)
-        true = 0.4 * np.sin(factor * 2 * np.pi * t)[:, None]
-        q = true + SIGMA * np.random.default_rng(1).normal(size=true.shape)
-        suite = SensorSuite(encoders=JointSensor(100.0, SIGMA))
-        block = joint_block(-1e-7, 1.0, Measurements(("a",), encoders=Samples(t, q)), suite, None)
-        pieces.append(block.pieces)
-        error = block.basis(t) @ block.coefficients - true
-        assert np.sqrt(np.mean(error**2)) < SIGMA
-        assert block.size <= LARGEST_SHARE * 100 + 5
-    assert pieces[1] > 2 * pieces[0]
-
-
-def test_pieces_become_at_most_one_size_longer_from_block_to_block():
-    """The pieces of the block before limit those of a block that needs few."""
-    samples = measured(rates=False)
-    suite = replace(SUITE, joint_rates=None)
-    first = joint_block(EDGES[0], 1.0, part(samples, EDGES[0], 1.0), suite, None)
-    pieces = []
-    for before in (1.0, 1 / 32):
-        track = replace(first.track, piece=before)
-        pieces.append(joint_block(1.0, 2.0, part(samples, 1.0, 2.0), suite, track).pieces)
-    assert pieces[0] < 32 / 1.5
-    assert 32 / 1.5 <= pieces[1] <= 32
-
-
-@pytest.mark.parametrize("finer", [1, 2])
-def test_finer_splines_are_finer_by_the_same_number_of_sizes_in_all_blocks(finer):
-    """They do not become finer and finer from block to block."""
-    samples = measured(rates=False, duration=6.0)
-    suite = replace(SUITE, joint_rates=None)
-
-    def sizes(finer):
-        track, found = None, []
-        for start in range(6):
-            edges = start + EDGES[0], start + 1.0
-            block = joint_block(*edges, part(samples, *edges), suite, track, finer)
-            track = block.track
-            found.append(PIECES.index(block.pieces))
-        return np.array(found)
-
-    np.testing.assert_array_equal(sizes(finer) - sizes(0), finer)
 
 
 def test_outliers_of_one_joint_are_left_out_and_nothing_else():
@@ -236,32 +154,6 @@ def test_a_gap_is_bridged_with_the_jerk_so_far():
     assert block.track.jerk > 0
 
 
-def test_too_few_samples_are_refused():
-    samples = measured(rates=False)
-    with pytest.raises(InputError, match="5 samples of the joints' positions are too few"):
-        joint_block(-1e-7, 0.09, part(samples, -1e-7, 0.09), SUITE, None)
-    nothing = part(samples, 50.0, 51.0)
-    with pytest.raises(InputError, match="0 samples"):
-        joint_block(1.0, 2.0, nothing, SUITE, chain(samples)[0].track)
-
-
-def test_errors_of_resolution_do_not_average_at_rest():
-    """Over all places of a resting joint between two steps, the error is as large as its σ."""
-    suite = SensorSuite(encoders=JointSensor(100.0, 0.0, bits=16))
-    step, times = suite.encoders.step, np.arange(0, 1.001, 0.01)
-    true = np.linspace(-0.5, 0.5, 41) * step + 0.3
-    value = np.tile(np.round(true / step) * step, (len(times), 1))
-    names = tuple(f"joint {k}" for k in range(len(true)))
-    samples = Measurements(names, encoders=Samples(times, value))
-    block = joint_block(-1e-7, 1.0, samples, suite, None)
-    errors = block.evaluate(np.array([0.5]))[0, 0] - true
-    basis = block.basis(np.array([0.5]))[0]
-    for joint, error in enumerate(errors):
-        sigma = np.linalg.norm(np.linalg.solve(block.rows[joint].T, basis))
-        assert sigma > abs(error) / np.sqrt(3) * 0.9  # a uniform error is at most √3 σ
-        assert sigma < step
-
-
 def test_errors_of_resolution_are_those_of_the_coefficients():
     """Joints that start from rest, at all places between two steps: errors as large as their σ."""
     suite = SensorSuite(encoders=JointSensor(100.0, 0.0, bits=16))
@@ -277,19 +169,3 @@ def test_errors_of_resolution_are_those_of_the_coefficients():
     errors = np.einsum("jrk,jk->jr", block.rows, (exact - block.coefficients).T)
     assert 0.3 < np.mean(errors**2) < 1.2
     assert np.mean(errors**2, axis=0).max() < 2.0
-
-
-def test_the_likelihood_has_the_information_of_each_joint():
-    """The rows of each joint are its own, and contain no other joint's errors."""
-    samples = part(measured(rates=False), 0.0, 1.0)
-    block = joint_block(0.0, 1.0, samples, replace(SUITE, joint_rates=None), None)
-    factor = np.array([1.0, 2.0, 5.0])
-    block = replace(block, rows=block.rows / factor[:, None, None])
-    instants = SimpleNamespace(times=np.array([0.0, 0.5]))
-    rows, rest = JointErrors(SimpleNamespace(joints=block, instants=instants)).links(None)
-    K = block.size
-    for j in range(3):
-        own = slice(j * K, (j + 1) * K)
-        np.testing.assert_allclose(rows[own, own], block.rows[j])
-        np.testing.assert_allclose(rest[own], block.rest[j])
-        assert not np.delete(rows[own], np.arange(K * 3)[own], axis=1).any()

@@ -115,39 +115,6 @@ def test_derivatives_by_errors_of_the_joints(case, block, model, state):
             assert_column(column, *values, 1e-4, 2e-3, f"joint {joint}, {k}")
 
 
-def test_gyros_and_attitudes_feel_errors_of_the_joints_as_the_derivatives_say(case, block, state):
-    """On a grid that hardly resolves them: they vary fast, and are far larger than its noise.
-
-    Momentum makes the attitude's errors act on the gyro, by the trapezoidal rule.
-    """
-    samples, joints = block
-    model = BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP)
-    coarse = BlockModel(case.craft.tree, joints, samples, case.suite, None)
-    assert len(coarse.motion.nodes) < len(model.motion.nodes)
-    at = coarse.motion.trajectory(state)
-    exact, _ = coarse.jacobian(at)
-    sizes = [sensor.width * len(sensor.samples) for sensor in coarse.sensors.values()]
-    ends = np.cumsum([0, *sizes])
-    places = {n: slice(a, b) for n, a, b in zip(coarse.sensors, ends, ends[1:])}
-    change = 1e-6 * np.random.default_rng(12).normal(size=joints.coefficients.shape)
-    ahead, behind = (
-        BlockModel(
-            case.craft.tree,
-            replace(joints, coefficients=joints.coefficients + sign * change),
-            samples,
-            case.suite,
-            None,
-        )
-        for sign in (1, -1)
-    )
-    found = -(residuals(ahead, state) - residuals(behind, state)) / 2
-    expected = exact[:, coarse.columns["joints"]] @ change.T.ravel()
-    tolerance = 1e-3 if state.L.any() else 1e-6
-    for name in ("gyro", "attitude"):
-        error = (expected - found)[places[name]]
-        assert np.abs(error).max() < tolerance * np.abs(found[places[name]]).max()
-
-
 @pytest.mark.parametrize(("body", "k"), [(0, 0), (0, 2), (0, 5), (1, 0), (2, 3), (4, 8)])
 def test_derivatives_by_errors_of_the_known_bodies(case, block, model, state, body, k):
     """In units of their σ; the target remains the same body."""
@@ -209,23 +176,3 @@ def test_only_its_own_gyro_reads_a_bias(model, state):
         total = exact[rows[gyro], columns].reshape(-1, nodes, 3).sum(axis=1)
         sigma = model.sensors[gyro].sigmas[0]
         np.testing.assert_allclose(total * sigma, np.tile(np.eye(3), (len(total) // 3, 1)))
-
-
-def test_the_columns_of_both_ends_are_the_same_quantities(model):
-    """In the same order, ψ last; a walking bias and the joints have other columns at the end."""
-    at_start, at_end = model.at_start.tolist(), model.at_end.tolist()
-    assert len(at_start) == len(at_end)
-    psi = list(range(model.columns["psi"].start, model.columns["psi"].stop))
-    assert at_start[-10:] == at_end[-10:] == psi
-    for name in ("start", "momentum", "bias of gyro_2"):
-        columns = range(model.columns[name].start, model.columns[name].stop)
-        assert [at_start.index(k) for k in columns] == [at_end.index(k) for k in columns]
-    walking = model.columns["bias of gyro"].start
-    place = at_start.index(walking)
-    assert at_start[place : place + 3] == [walking, walking + 1, walking + 2]
-    assert at_end[place : place + 3] == [walking + 3, walking + 4, walking + 5]
-    K, J = model.motion.joints.coefficients.shape
-    first = model.columns["joints"].start + K * np.arange(J)[:, None]
-    place = at_start.index(first[0, 0])
-    assert at_start[place : place + 3 * J] == (first + np.arange(3)).ravel().tolist()
-    assert at_end[place : place + 3 * J] == (first + np.arange(K - 3, K)).ravel().tolist()

@@ -56,15 +56,6 @@ def test_the_covariance_is_that_of_rounding_at_random_zeros(rate, acceleration, 
     assert np.linalg.eigvalsh(found)[-1] == pytest.approx(largest, rel=0.2)
 
 
-def test_white_noise_and_resolution_far_below_it_are_white():
-    """No correlation without a step; none with noise of a step."""
-    q = motion(0.01)
-    for each in (rounded(q, STEP), rounded(q, STEP, step=0.0)):
-        np.testing.assert_allclose(each.covariance()[0], np.eye(5), atol=1e-3)
-    white = whitening([rounded(q, STEP, step=0.0)])[0]
-    np.testing.assert_allclose(white @ white.T, np.eye(5), atol=1e-12)
-
-
 @pytest.mark.parametrize(("rate", "acceleration"), MOTIONS.values(), ids=MOTIONS)
 def test_whitened_errors_are_at_most_noise(rate, acceleration):
     """No combination is said to be better than it is, by more than its neglected harmonics."""
@@ -81,16 +72,6 @@ def test_a_joint_that_may_have_moved_within_a_step_is_not_known_better():
     assert np.linalg.norm(whitening([still])[0] @ ramp) < 1.5
     assert still.smallest() == pytest.approx(N)
     assert rounded(motion(17.37)).smallest() == pytest.approx(SMALLEST)
-
-
-def test_each_joint_has_its_own_correlation():
-    """Joints side by side give what each gives alone."""
-    several = np.hstack([motion(0.0), motion(1.0), motion(17.37, 0.43)])
-    together = rounded(several)
-    for j in range(3):
-        alone = rounded(several[:, j : j + 1])
-        np.testing.assert_allclose(together.covariance()[j], alone.covariance()[0], atol=1e-12)
-        assert together.smallest()[j] == pytest.approx(alone.smallest()[0])
 
 
 def test_sensors_add_their_information():

@@ -10,7 +10,6 @@ from sensing_cases import MOMENTUM
 
 from cpid_drake.estimation.likelihood.joint_motion import joint_block
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.sensors import model_classes
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.sensors import JointSensor
 
@@ -110,10 +109,3 @@ def test_position_moves_with_the_centre_of_mass(case, trajectory):
     np.testing.assert_allclose(change["velocity"][:, 1], -0.01 / 1e-3, rtol=1e-6)
     assert not change["attitude"].any()
     assert not change["gyro"].any()
-
-
-def test_sensors_without_samples_and_joint_sensors_have_no_model(case):
-    nothing = Samples(np.empty(0), np.empty((0, 3)))
-    samples = case.block(START, END).samples.updated({"velocity": nothing})
-    classes = model_classes(samples)
-    assert set(classes) == {"attitude", "gyro", "position", "gyro_2", "tracker_2"}
