@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, InputError
@@ -109,23 +108,6 @@ def test_the_papers_true_inertia_is_feasible_though_on_the_limit(paper_target):
     assert paper_target.is_feasible()
     assert paper_target.to_spatial_inertia().IsPhysicallyValid()
     assert min(np.linalg.eigvalsh(pseudo_inertia(paper_target))) < 1e-9
-
-
-def test_the_papers_identified_inertia_is_no_rigid_body():
-    """Erratum 8: Table 1's inertia violates the triangle inequality; Drake refuses it."""
-    from cpid_drake.studies.paper_values import PAPER_TABLE_1
-
-    assert not PAPER_TABLE_1.is_feasible()
-    assert "triangle inequality" in PAPER_TABLE_1.infeasibilities()[0]
-    with pytest.raises(InputError, match="nearest_feasible"):
-        PAPER_TABLE_1.to_spatial_inertia()
-    I = PAPER_TABLE_1.I_TTcm_C  # noqa: E741
-    with pytest.raises(RuntimeError):
-        SpatialInertia.MakeFromCentralInertia(
-            PAPER_TABLE_1.mass,
-            PAPER_TABLE_1.p_CTcm_C,
-            RotationalInertia(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
-        )
 
 
 @pytest.mark.parametrize(

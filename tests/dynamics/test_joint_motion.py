@@ -18,15 +18,6 @@ def test_it_starts_and_ends_at_rest_where_it_should(motion):
     np.testing.assert_allclose([start[1], end[1]], 0.0, atol=1e-15)
 
 
-def test_it_is_the_papers_formula(motion):
-    """Errata 9: q(t) = q0 + Δ/2 (1 − cos(π t/T))."""
-    t = np.linspace(0, 10, 41)
-    expected = motion.q_initial + (motion.q_final - motion.q_initial) / 2 * (
-        1 - np.cos(np.pi * t / 10)
-    ).reshape(-1, 1)
-    np.testing.assert_allclose(motion.evaluate(t)[:, 0], expected, atol=1e-14)
-
-
 def test_rates_and_accelerations_are_derivatives(motion):
     t, h = np.linspace(0.5, 9.5, 19), 1e-5
     ahead, now, behind = (motion.evaluate(t + d) for d in (h, 0.0, -h))

@@ -5,52 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sensing_cases import small_craft
 
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
-
-
-@pytest.fixture(scope="module", params=["turning joints", "a sliding joint"])
-def both_routes(request, servicer, random_motion, tmp_path_factory):
-    slides = request.param == "a sliding joint"
-    craft = small_craft(tmp_path_factory.mktemp("craft"), wheels=True) if slides else servicer
-    telemetry = random_motion(20, 11, craft)
-    bodies, capture = propagate(craft.tree, telemetry)
-    plant = craft.plant
-    context = plant.CreateDefaultContext()
-    drake = {"R": [], "r": [], "w": [], "v": [], "R_WC": [], "p_WC": [], "w_WC": [], "v_WC": []}
-    for state in craft.to_states(telemetry):
-        plant.SetPositionsAndVelocities(context, state)
-        links = [plant.GetBodyByName(body.name) for body in craft.tree.bodies]
-        X_WB = [link.EvalPoseInWorld(context) for link in links]
-        V_WB = [link.EvalSpatialVelocityInWorld(context) for link in links]
-        c_W = [X.rotation() @ body.p_BBcm for X, body in zip(X_WB, craft.tree.bodies, strict=True)]
-        drake["R"].append([X.rotation().matrix() for X in X_WB])
-        drake["r"].append([X.translation() + c for X, c in zip(X_WB, c_W, strict=True)])
-        drake["w"].append([V.rotational() for V in V_WB])
-        drake["v"].append([V.Shift(c).translational() for V, c in zip(V_WB, c_W, strict=True)])
-        X_WC = craft.capture_frame.CalcPoseInWorld(context)
-        V_WC = craft.capture_frame.CalcSpatialVelocityInWorld(context)
-        drake["R_WC"].append(X_WC.rotation().matrix())
-        drake["p_WC"].append(X_WC.translation())
-        drake["w_WC"].append(V_WC.rotational())
-        drake["v_WC"].append(V_WC.translational())
-    return bodies, capture, {name: np.array(values) for name, values in drake.items()}
-
-
-@pytest.mark.parametrize("quantity", ["R", "r", "w", "v"])
-def test_every_body_moves_as_in_drake(both_routes, quantity):
-    """Eqs. 1 (w), 2 (r) and 3 (v) to 1e-12."""
-    bodies, _, drake = both_routes
-    ours = np.swapaxes(getattr(bodies, quantity), 0, 1)
-    np.testing.assert_allclose(ours, drake[quantity], rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("quantity", ["R_WC", "p_WC", "w_WC", "v_WC"])
-def test_the_capture_frame_moves_as_in_drake(both_routes, quantity):
-    _, capture, drake = both_routes
-    np.testing.assert_allclose(getattr(capture, quantity), drake[quantity], rtol=0, atol=1e-12)
 
 
 def test_velocities_are_the_derivatives_of_the_positions(servicer, random_motion):

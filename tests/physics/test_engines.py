@@ -1,0 +1,188 @@
+"""Kinematics and momentum against Drake, MuJoCo and Pinocchio, which compute them another way."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sensing_cases import small_craft
+
+from cpid_drake.dynamics.base_motion import base_twist, known_dynamics, target_spatial_inertia
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, total_momentum
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    """With turning and sliding joints and reaction wheels."""
+    return small_craft(tmp_path_factory.mktemp("craft"), wheels=True)
+
+
+@pytest.fixture(scope="module", params=["turning joints", "a sliding joint"])
+def both_routes(request, random_motion):
+    craft = request.getfixturevalue("craft" if request.param == "a sliding joint" else "servicer")
+    telemetry = random_motion(20, 11, craft)
+    bodies, capture = propagate(craft.tree, telemetry)
+    plant = craft.plant
+    context = plant.CreateDefaultContext()
+    drake = {"R": [], "r": [], "w": [], "v": [], "R_WC": [], "p_WC": [], "w_WC": [], "v_WC": []}
+    for state in craft.to_states(telemetry):
+        plant.SetPositionsAndVelocities(context, state)
+        links = [plant.GetBodyByName(body.name) for body in craft.tree.bodies]
+        X_WB = [link.EvalPoseInWorld(context) for link in links]
+        V_WB = [link.EvalSpatialVelocityInWorld(context) for link in links]
+        c_W = [X.rotation() @ body.p_BBcm for X, body in zip(X_WB, craft.tree.bodies, strict=True)]
+        drake["R"].append([X.rotation().matrix() for X in X_WB])
+        drake["r"].append([X.translation() + c for X, c in zip(X_WB, c_W, strict=True)])
+        drake["w"].append([V.rotational() for V in V_WB])
+        drake["v"].append([V.Shift(c).translational() for V, c in zip(V_WB, c_W, strict=True)])
+        X_WC = craft.capture_frame.CalcPoseInWorld(context)
+        V_WC = craft.capture_frame.CalcSpatialVelocityInWorld(context)
+        drake["R_WC"].append(X_WC.rotation().matrix())
+        drake["p_WC"].append(X_WC.translation())
+        drake["w_WC"].append(V_WC.rotational())
+        drake["v_WC"].append(V_WC.translational())
+    return bodies, capture, {name: np.array(values) for name, values in drake.items()}
+
+
+@pytest.mark.parametrize("quantity", ["R", "r", "w", "v"])
+def test_every_body_moves_as_in_drake(both_routes, quantity):
+    """Eqs. 1 (w), 2 (r) and 3 (v) to 1e-12."""
+    bodies, _, drake = both_routes
+    ours = np.swapaxes(getattr(bodies, quantity), 0, 1)
+    np.testing.assert_allclose(ours, drake[quantity], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("quantity", ["R_WC", "p_WC", "w_WC", "v_WC"])
+def test_the_capture_frame_moves_as_in_drake(both_routes, quantity):
+    _, capture, drake = both_routes
+    np.testing.assert_allclose(getattr(capture, quantity), drake[quantity], rtol=0, atol=1e-12)
+
+
+def drake_momentum(plant, states, points):
+    context = plant.CreateDefaultContext()
+    result = []
+    for state, p_WQ in zip(states, points, strict=True):
+        plant.SetPositionsAndVelocities(context, state)
+        L_WQ = plant.CalcSpatialMomentumInWorldAboutPoint(context, p_WQ)
+        result.append(np.hstack([L_WQ.translational(), L_WQ.rotational()]))
+    return np.array(result)
+
+
+def test_known_momentum_agrees_with_drake_about_any_point(servicer, random_motion):
+    """Eq. 4 and the sum of Eq. 9."""
+    telemetry = random_motion(15, seed=21)
+    points = np.random.default_rng(22).normal(size=(15, 3))
+    bodies, _ = propagate(servicer.tree, telemetry)
+    P = linear_momentum(servicer.tree, bodies)
+    L = angular_momentum(servicer.tree, bodies, points)
+    drake = drake_momentum(servicer.plant, servicer.to_states(telemetry), points)
+    scale = np.abs(drake).max()
+    np.testing.assert_allclose(np.hstack([P, L]), drake, rtol=0, atol=1e-12 * scale)
+
+
+def test_total_momentum_agrees_with_a_plant_that_holds_the_target(
+    servicer, skewed_target, random_motion
+):
+    telemetry = random_motion(15, seed=23)
+    plant = servicer.make_simulation_plant(skewed_target)
+    drake = drake_momentum(plant, servicer.to_states(telemetry), np.zeros((15, 3)))
+    ours = np.hstack(total_momentum(servicer.tree, skewed_target, telemetry))
+    np.testing.assert_allclose(ours, drake, rtol=0, atol=1e-12 * np.abs(drake).max())
+
+
+def test_base_twist_leaves_no_momentum_in_drake(servicer, skewed_target, zero_momentum_motion):
+    states = servicer.to_states(zero_momentum_motion(skewed_target, 10, seed=25))
+    plant = servicer.make_simulation_plant(skewed_target)
+    assert np.abs(drake_momentum(plant, states, np.zeros((10, 3)))).max() < 1e-11
+
+
+def test_momentum_is_the_derivative_of_the_centre_of_mass(servicer, paper_target, random_motion):
+    """P = M d(r_cm)/dt: Eq. 5 by differences of positions alone."""
+    telemetry, step = random_motion(5, seed=26), 1e-6
+    plant = servicer.make_simulation_plant(paper_target)
+    context = plant.CreateDefaultContext()
+    mass = servicer.mass + paper_target.mass
+    attitude = Rotation.from_quat(telemetry.quaternion_WB, scalar_first=True)
+    places = []
+    for h in (step, -step):
+        turned = Rotation.from_rotvec(h * telemetry.w_WB) * attitude
+        moved = replace(
+            telemetry,
+            quaternion_WB=turned.as_quat(scalar_first=True),
+            p_WB=telemetry.p_WB + h * telemetry.v_WB,
+            q=telemetry.q + h * telemetry.qdot,
+        )
+        row = []
+        for state in servicer.to_states(moved):
+            plant.SetPositionsAndVelocities(context, state)
+            row.append(plant.CalcCenterOfMassPositionInWorld(context))
+        places.append(np.array(row))
+    expected = mass * (places[0] - places[1]) / (2 * step)
+    P, _ = total_momentum(servicer.tree, paper_target, telemetry)
+    np.testing.assert_allclose(P, expected, rtol=0, atol=1e-6 * np.abs(P).max())
+
+
+@pytest.mark.parametrize("which", ["servicer", "craft"])
+def test_drake_sees_the_same_known_bodies(which, request):
+    """`PlantRelativeDynamics` one configuration at a time, several rates at once."""
+    craft, rng = request.getfixturevalue(which), np.random.default_rng(76)
+    bodies, J = PlantRelativeDynamics(craft), len(craft.joint_names)
+    for _ in range(4):
+        q, qdot = rng.normal(size=J), rng.normal(size=(3, J))
+        drake, ours = bodies(q, qdot), relative_dynamics(craft.tree, np.tile(q, (3, 1)), qdot)
+        assert drake.mass == pytest.approx(ours.mass, rel=1e-14)
+        for name in ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot"):
+            mine = getattr(ours, name)
+            his = np.broadcast_to(getattr(drake, name), mine.shape)
+            atol = 1e-12 * max(np.abs(mine).max(), 1.0)
+            np.testing.assert_allclose(his, mine, rtol=0, atol=atol, err_msg=name)
+
+
+def test_target_inertia_is_drakes(skewed_target):
+    """G in Drake's order [rotational; translational] about C's origin."""
+    G = target_spatial_inertia(skewed_target.to_standard_vector())
+    drake = skewed_target.to_spatial_inertia().CopyToFullMatrix6()
+    np.testing.assert_allclose(G, drake, rtol=1e-12, atol=1e-12)
+
+
+def test_without_a_target_it_is_the_spacecraft_alone(servicer, random_motion):
+    """The known bodies' inertia is that of Drake's mass matrix for the base."""
+    telemetry = random_motion(1, 33)
+    q, qdot = telemetry.q[0], telemetry.qdot[0]
+    known = known_dynamics(servicer.tree, q[None], qdot[None])
+    context = servicer.plant.CreateDefaultContext()
+    columns, _ = servicer.joint_state_columns
+    positions = servicer.plant.GetPositions(context)
+    positions[columns] = q
+    servicer.plant.SetPositions(context, positions)
+    mass_matrix = servicer.plant.CalcMassMatrix(context)[:6, :6]
+    np.testing.assert_allclose(known.M[0], mass_matrix, atol=1e-9)
+    np.testing.assert_allclose(
+        base_twist(known, np.zeros(10))[0], np.linalg.solve(mass_matrix, -known.h[0]), atol=1e-12
+    )
+
+
+def test_momentum_and_centre_of_mass_agree_with_pinocchio(servicer, random_motion):
+    """From the same URDF: h_G about the centre of mass, and the centre itself."""
+    pin = pytest.importorskip("pinocchio")
+    model = pin.buildModelFromUrdf(str(servicer.path), pin.JointModelFreeFlyer())
+    data, telemetry = model.createData(), random_motion(6, 34)
+    places = [model.joints[model.getJointId(name)].idx_q for name in servicer.joint_names]
+    bodies, _ = propagate(servicer.tree, telemetry)
+    P = linear_momentum(servicer.tree, bodies)
+    masses = np.array([body.mass for body in servicer.tree.bodies])
+    p_WScm = np.einsum("k,kni->ni", masses, bodies.r) / servicer.mass
+    L = angular_momentum(servicer.tree, bodies, p_WScm)
+    for k in range(len(telemetry)):
+        R = telemetry.R_WB[k]
+        q, v = np.zeros(model.nq), np.zeros(model.nv)
+        q[:3], q[3:7] = telemetry.p_WB[k], np.roll(telemetry.quaternion_WB[k], -1)
+        v[:3], v[3:6] = R.T @ telemetry.v_WB[k], R.T @ telemetry.w_WB[k]
+        q[places], v[np.array(places) - 1] = telemetry.q[k], telemetry.qdot[k]
+        h = pin.computeCentroidalMomentum(model, data, q, v)
+        np.testing.assert_allclose(data.com[0], p_WScm[k], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(h.linear, P[k], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(h.angular, L[k], rtol=0, atol=1e-9)

@@ -1,0 +1,309 @@
+"""Signs, frames and terms, each by hand: a base, and an arm of one metre that turns about z.
+
+The base is at W's origin and has its centre of mass there. The arm's joint is at (1, 0, 0); the
+arm's centre of mass is 0.5 m along its x axis, and C is at its end, parallel to the arm.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InertialParameters, Spacecraft, Telemetry, TotalMomentum, identify
+from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
+from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
+from cpid_drake.dynamics.kinematics import CaptureMotion, propagate
+from cpid_drake.dynamics.momentum import momentum_samples, target_momentum, total_momentum
+from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.dynamics.parameterizations import (
+    EQ18,
+    relative_parameterization,
+    tensor_to_vector,
+)
+from cpid_drake.dynamics.rows import com_position_rows
+from cpid_drake.sensing.noise import SensorNoise
+from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro
+from cpid_drake.sensing.suite import SensorSuite
+
+X, Y, Z = np.eye(3)
+BASE_MASS, ARM_MASS, ARM_IZZ, BASE_IZZ = 10.0, 2.0, 0.3, 4.0
+TARGET = InertialParameters(5.0, [0.2, 0.1, -0.3], [[2, 0.1, 0.2], [0.1, 3, 0.3], [0.2, 0.3, 4]])
+NOTHING = InertialParameters(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+def arm_craft(folder, kind="revolute", axis="0 0 1", rpy="0 0 0") -> Spacecraft:
+    def link(name, mass, x, izz):
+        return (
+            f'<link name="{name}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/><inertia '
+            f'ixx="{izz}" iyy="{izz}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+
+    parts = [
+        link("base", BASE_MASS, 0, BASE_IZZ),
+        link("arm", ARM_MASS, 0.5, ARM_IZZ),
+        '<link name="tip"/>',
+        f'<joint name="j" type="{kind}"><parent link="base"/><child link="arm"/>'
+        f'<origin xyz="1 0 0" rpy="{rpy}"/><axis xyz="{axis}"/>'
+        '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>',
+        '<joint name="f" type="fixed"><parent link="arm"/><child link="tip"/>'
+        '<origin xyz="1 0 0"/></joint>',
+    ]
+    path = folder / "arm.urdf"
+    path.write_text(f'<robot name="arm">{"".join(parts)}</robot>')
+    return Spacecraft(path, base="base", capture_frame="tip")
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return arm_craft(tmp_path_factory.mktemp("craft"))
+
+
+def seen(*, q=0.0, qdot=0.0, R_WB=None, p_WB=(0, 0, 0), w_WB=(0, 0, 0), v_WB=(0, 0, 0)):
+    """Return the telemetry of one instant."""
+    R_WB = Rotation.identity() if R_WB is None else R_WB
+    quaternion = R_WB.as_quat(scalar_first=True)[None]
+    vectors = (np.array([each], dtype=float) for each in (p_WB, w_WB, v_WB))
+    return Telemetry(("j",), [0.0], quaternion, *vectors, [[q]], [[qdot]])
+
+
+QUARTER = Rotation.from_rotvec(np.pi / 2 * Z)
+
+
+# -- kinematics: Eqs. 1-3 --------------------------------------------------------------------------
+
+
+def test_a_positive_rate_turns_the_arm_from_x_to_y(craft):
+    _, capture = propagate(craft.tree, seen(qdot=0.4))
+    np.testing.assert_allclose(capture.p_WC[0], 2 * X)
+    np.testing.assert_allclose(capture.w_WC[0], 0.4 * Z)
+    np.testing.assert_allclose(capture.v_WC[0], 0.4 * Y)
+    _, capture = propagate(craft.tree, seen(q=np.pi / 2))
+    np.testing.assert_allclose(capture.p_WC[0], X + Y)
+    np.testing.assert_allclose(capture.R_WC[0] @ X, Y, atol=1e-15)
+
+
+def test_velocities_of_the_base_are_those_of_its_origin_in_W(craft):
+    """v_C = v_B + ω × (p_C − p_B)."""
+    _, capture = propagate(craft.tree, seen(R_WB=QUARTER, p_WB=3 * Z, w_WB=0.5 * X, v_WB=2 * Y))
+    np.testing.assert_allclose(capture.p_WC[0], [0, 2, 3], atol=1e-15)
+    np.testing.assert_allclose(capture.v_WC[0], [0, 2, 1.0], atol=1e-15)  # 0.5 X × 2 Y = Z
+
+
+def test_a_sliding_joint_moves_along_its_axis_in_the_joints_own_frame(tmp_path):
+    craft = arm_craft(tmp_path, "prismatic", "1 0 0", f"0 0 {np.pi / 2}")
+    _, capture = propagate(craft.tree, seen(q=0.5, qdot=0.2))
+    np.testing.assert_allclose(capture.p_WC[0], [1, 1.5, 0], atol=1e-12)
+    np.testing.assert_allclose(capture.v_WC[0], 0.2 * Y, atol=1e-12)
+    np.testing.assert_allclose(capture.w_WC[0], 0, atol=1e-15)
+
+
+def test_a_joint_turns_about_its_axis_in_the_frame_of_its_parent(craft):
+    _, capture = propagate(craft.tree, seen(qdot=1.0, R_WB=Rotation.from_rotvec(np.pi / 2 * X)))
+    np.testing.assert_allclose(capture.w_WC[0], -Y, atol=1e-15)
+
+
+# -- momentum: Eqs. 4-9 ----------------------------------------------------------------------------
+
+
+def test_the_known_momentum_is_about_C(craft):
+    """A base that moves along y at 2 m from C, and an arm that is carried along."""
+    samples = momentum_samples(craft.tree, seen(v_WB=0.5 * Y))
+    np.testing.assert_allclose(samples.P[0], 0.5 * 12 * Y)
+    # Σ (r − p_C) × m v = (−2 X) × 5 Y + (−0.5 X) × 1 Y
+    np.testing.assert_allclose(samples.L[0], (-10.0 - 0.5) * Z)
+
+
+def test_a_turning_body_has_its_own_angular_momentum(craft):
+    samples = momentum_samples(craft.tree, seen(qdot=0.4))
+    np.testing.assert_allclose(samples.P[0], ARM_MASS * 0.4 * 0.5 * Y)
+    np.testing.assert_allclose(samples.L[0], (ARM_IZZ * 0.4 - 0.5 * 0.4) * Z)
+
+
+def test_the_targets_momentum_has_all_its_terms():
+    """P = m (v + ω × c), L about C = m c × v + (I + m (|c|² 1 − c cᵀ)) ω, c turned into W."""
+    w, v, R = np.array([0.3, -0.2, 0.5]), np.array([1.0, 2.0, -1.0]), QUARTER.as_matrix()
+    P, L = target_momentum(TARGET, CaptureMotion(R[None], np.zeros((1, 3)), w[None], v[None]))
+    m, c, inertia = TARGET.mass, R @ TARGET.p_CTcm_C, R @ TARGET.I_TTcm_C @ R.T
+    np.testing.assert_allclose(P[0], m * (v + np.cross(w, c)))
+    J = inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
+    np.testing.assert_allclose(L[0], m * np.cross(c, v) + J @ w)
+
+
+def test_the_total_is_about_the_origin_of_W(craft):
+    """Shifting all by p changes L by p × P."""
+    one, other = (
+        total_momentum(craft.tree, TARGET, seen(qdot=0.4, v_WB=0.3 * Z, p_WB=p))
+        for p in (np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    )
+    np.testing.assert_allclose(other[0], one[0], atol=1e-14)
+    np.testing.assert_allclose(other[1] - one[1], np.cross([[1.0, 2.0, 3.0]], one[0]), atol=1e-13)
+
+
+def test_a_known_momentum_about_the_origin_is_less_about_the_centre_of_mass():
+    """L about Scm = L about Wo − p × P, v = P / m."""
+    known = TotalMomentum.known_about_origin([0, 0, 5.0, 0, 2.0, 0], 3 * X, 4.0)
+    np.testing.assert_allclose(known.L_WScm_W, (5.0 - 3 * 2.0) * Z)
+    np.testing.assert_allclose(known.v_WScm_W, 0.5 * Y)
+
+
+def test_the_base_turns_and_moves_against_the_arm(craft):
+    """At rest in sum: by hand, from the two bodies' motion about their common centre of mass."""
+    known = known_dynamics(craft.tree, np.zeros((1, 1)), np.array([[0.4]]))
+    V = base_twist(known, NOTHING.to_standard_vector())[0]
+    mu, d = BASE_MASS * ARM_MASS / 12, 1.5  # reduced mass, distance of the centres of mass
+    w = -0.4 * (ARM_IZZ + mu * d * 0.5) / (BASE_IZZ + ARM_IZZ + mu * d**2)
+    np.testing.assert_allclose(V[:3], w * Z, atol=1e-15)
+    np.testing.assert_allclose(V[3:], -ARM_MASS * (w * d + 0.4 * 0.5) / 12 * Y, atol=1e-15)
+
+
+def test_a_momentum_moves_the_base_along_it_and_turns_it(craft):
+    """From [L; P] about B's origin, in B: P = 6 z has L = 1.5 y about the centre of mass."""
+    known = known_dynamics(craft.tree, np.zeros((1, 1)), np.zeros((1, 1)))
+    V = base_twist(known, NOTHING.to_standard_vector(), np.array([[0, 0, 0, 0, 0, 6.0]]))[0]
+    w = 1.5 / (BASE_IZZ + ARM_IZZ + BASE_MASS * ARM_MASS / 12 * 1.5**2)
+    np.testing.assert_allclose(V[:3], w * Y, atol=1e-15)
+    np.testing.assert_allclose(V[3:], (0.5 + 0.25 * w) * Z, atol=1e-15)  # v_cm − ω × 0.25 x
+
+
+# -- unknowns --------------------------------------------------------------------------------------
+
+
+def test_the_standard_vector_is_about_C_and_the_parameters_about_the_centre_of_mass():
+    phi, (x, y, z) = TARGET.to_standard_vector(), TARGET.p_CTcm_C
+    np.testing.assert_allclose(phi[:4], [5.0, 1.0, 0.5, -1.5])
+    xx, yy, zz = y * y + z * z, x * x + z * z, x * x + y * y
+    shift = np.array([[xx, -x * y, -x * z], [-x * y, yy, -y * z], [-x * z, -y * z, zz]])
+    J = TARGET.I_TTcm_C + 5.0 * shift
+    np.testing.assert_allclose(phi[4:], tensor_to_vector(J))
+
+
+def test_eq18_has_the_inverse_mass_and_the_inertia_about_the_centre_of_mass():
+    theta = EQ18.from_parameters(TARGET.to_vector())
+    np.testing.assert_allclose(theta, [0.2, *TARGET.p_CTcm_C, *tensor_to_vector(TARGET.I_TTcm_C)])
+
+
+def test_the_relative_unknowns_have_the_reduced_mass():
+    """μ = m_k m / (m_k + m), I_* = I + μ (|c|² 1 − c cᵀ)."""
+    psi, c = relative_parameterization(20.0).from_parameters(TARGET.to_vector()), TARGET.p_CTcm_C
+    assert psi[0] == pytest.approx(4.0)
+    np.testing.assert_allclose(psi[1:4], 4.0 * c)
+    expected = TARGET.I_TTcm_C + 4.0 * (c @ c * np.eye(3) - np.outer(c, c))
+    np.testing.assert_allclose(psi[4:], tensor_to_vector(expected))
+
+
+def test_products_of_inertia_are_those_of_the_tensor():
+    """Ixy is the entry of the matrix, as in URDF and Drake, and not its negative."""
+    np.testing.assert_array_equal(TARGET.to_vector()[7:], [0.1, 0.2, 0.3])
+    M = TARGET.to_spatial_inertia()
+    np.testing.assert_allclose(M.get_com(), TARGET.p_CTcm_C)
+    about_cm = M.Shift(M.get_com()).CalcRotationalInertia().get_products()
+    np.testing.assert_allclose(about_cm, [0.1, 0.2, 0.3], atol=1e-14)
+
+
+def test_the_centre_of_mass_of_all_stays(craft):
+    """The base moves back by the target's share when the arm goes forward."""
+    stretched, turned = seen(), seen(q=np.pi / 2)
+    everything = [craft.tree.with_target(TARGET.to_standard_vector())]
+    places = []
+    for telemetry in (stretched, turned):
+        bodies, _ = propagate(everything[0], telemetry)
+        masses = [body.mass for body in everything[0].bodies]
+        places.append(np.average(bodies.r[:, 0], axis=0, weights=masses))
+    second = replace(turned, time=[1.0], p_WB=(places[0] - places[1])[None])
+    both = Telemetry(
+        ("j",),
+        [0.0, 1.0],
+        *(
+            np.vstack([getattr(t, n) for t in (stretched, second)])
+            for n in ("quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
+        ),
+    )
+    A, b = com_position_rows(momentum_samples(craft.tree, both))
+    np.testing.assert_allclose(A @ TARGET.to_standard_vector()[:4], b, atol=1e-12)
+    assert np.abs(b).max() > 0.5
+
+
+# -- sensors ---------------------------------------------------------------------------------------
+
+
+def test_a_gyro_shows_the_angular_velocity_in_B_and_a_velocity_sensor_in_W():
+    telemetry = seen(R_WB=QUARTER, w_WB=0.3 * Y, v_WB=0.2 * X, p_WB=Z)
+    np.testing.assert_allclose(SENSORS["gyro"].quantity.ideal(telemetry)[0], 0.3 * X, atol=1e-15)
+    np.testing.assert_allclose(SENSORS["velocity"].quantity.ideal(telemetry)[0], 0.2 * X)
+    np.testing.assert_allclose(SENSORS["position"].quantity.ideal(telemetry)[0], Z)
+
+
+def test_a_quaternion_is_scalar_first_and_takes_B_to_W():
+    telemetry = seen(R_WB=QUARTER)
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(telemetry.quaternion_WB[0], [half, 0, 0, half])
+    np.testing.assert_allclose(telemetry.R_WB[0] @ X, Y, atol=1e-15)
+    np.testing.assert_allclose(SENSORS["attitude"].quantity.ideal(telemetry)[0], [half, 0, 0, half])
+
+
+def test_a_tracker_errs_most_about_its_boresight():
+    """R_WB Exp(R_BS e): the third axis of S is the boresight in B."""
+    suite = SensorSuite(attitude=AttitudeSensor(1.0, 1.0, 100.0, Y))
+    count = 400
+    value = np.tile(QUARTER.as_quat(scalar_first=True), (count, 1))
+    noisy = Rotation.from_quat(SensorNoise(suite, 1).apply("attitude", value), scalar_first=True)
+    errors = (QUARTER.inv() * noisy).as_rotvec()  # in B
+    arcsecond = np.pi / 648000
+    np.testing.assert_allclose(np.std(errors, axis=0) / arcsecond, [1, 100, 1], rtol=0.15)
+
+
+def test_a_bias_is_added_to_the_angular_velocity():
+    suite = SensorSuite(gyro=Gyro(rate=1.0, bias=100.0))
+    noise = SensorNoise(suite, 3)
+    bias = noise.gyro_bias(5)
+    np.testing.assert_allclose(noise.apply("gyro", np.zeros((5, 3))), bias, atol=1e-12)
+    assert np.abs(bias).max() > 0
+
+
+# -- forces ----------------------------------------------------------------------------------------
+
+
+def test_a_force_moves_and_turns_about_the_origin():
+    """P' = F, L' = τ, and an acceleration acts at the centre of mass."""
+    start = SystemMomentum(np.zeros(6), 2.0 * X, 5.0)
+    wrench, nothing = np.array([0, 0, 3.0, 1.0, 0, 0]), np.zeros(6)
+    np.testing.assert_allclose(start.after(2.0, nothing, wrench).momentum_W, 2 * wrench)
+    pushed = start.after(2.0, np.array([0, 0, 0, 0, 0.1, 0]), nothing)
+    np.testing.assert_allclose(pushed.momentum_W[3:], 5.0 * 0.1 * 2.0 * Y)
+    np.testing.assert_allclose(pushed.momentum_W[:3], 2.0 * 1.0 * Z, atol=1e-12)  # p × m a t
+    np.testing.assert_allclose(pushed.p_WScm, 2.0 * X + 0.5 * 0.1 * 4.0 * Y)
+
+
+def test_the_tide_pulls_apart_along_the_nadir_and_together_across_the_orbit():
+    orbit = Orbit(rate=0.01, nadir_W=-Z, normal_W=Y)
+    np.testing.assert_allclose(orbit.tide(np.zeros(1))[0], 1e-4 * np.diag([-1, -1, 2]), atol=1e-18)
+
+
+def test_the_gravity_gradient_turns_the_long_axis_to_the_nadir():
+    """A rod 45° off the nadir, in the orbit's plane: τ = 3 n² r̂ × J r̂."""
+    orbit = Orbit(rate=0.01, nadir_W=-Z, normal_W=Y)
+    along = (X - Z) / np.sqrt(2)
+    J = np.eye(3) - np.outer(along, along)
+    torque = orbit.torque(J[None], np.zeros(1))[0]
+    np.testing.assert_allclose(torque, 3e-4 * np.cross(-Z, J @ -Z), atol=1e-18)
+    assert np.cross(torque, along) @ -Z > 0  # towards the nadir
+
+
+# -- the whole way ---------------------------------------------------------------------------------
+
+
+def test_the_estimate_is_that_of_the_target_and_of_no_mirror_image(
+    servicer, zero_momentum_motion, skewed_target
+):
+    """Of rows in which every sign matters; with the rates turned round it is the same target."""
+    telemetry = zero_momentum_motion(skewed_target, 12, 6)
+    names = ("w_WB", "v_WB", "qdot")
+    backwards = replace(telemetry, **{n: -getattr(telemetry, n) for n in names})
+    for motion in (telemetry, backwards):
+        found = identify(servicer, motion).parameters
+        np.testing.assert_allclose(found, skewed_target.to_vector(), atol=1e-8)
+    for name in names:
+        wrong = replace(telemetry, **{name: -getattr(telemetry, name)})
+        found = identify(servicer, wrong)
+        assert np.nanmax(np.abs(found.parameters - skewed_target.to_vector())) > 1.0
