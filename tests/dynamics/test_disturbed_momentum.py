@@ -30,13 +30,6 @@ def test_the_polynomial_solves_newtons_laws():
     np.testing.assert_allclose(found.p_WScm, expected.p_WScm, rtol=1e-9)
 
 
-def test_two_steps_are_one():
-    once = START.after(7.0, DISTURBANCE_W, WRENCH_W)
-    twice = START.after(3.0, DISTURBANCE_W, WRENCH_W).after(4.0, DISTURBANCE_W, WRENCH_W)
-    np.testing.assert_allclose(twice.momentum_W, once.momentum_W, rtol=1e-12)
-    np.testing.assert_allclose(twice.p_WScm, once.p_WScm, rtol=1e-12)
-
-
 def test_an_acceleration_does_not_turn_the_system():
     """It leaves the angular momentum about the system's own centre of mass constant."""
 
@@ -47,10 +40,3 @@ def test_an_acceleration_does_not_turn_the_system():
     np.testing.assert_allclose(about_com(moved), about_com(START), rtol=1e-12)
     turned = START.after(7.0, np.append(DISTURBANCE_W[:3], np.zeros(3)), np.zeros(6))
     np.testing.assert_allclose(about_com(turned) - about_com(START), 7 * DISTURBANCE_W[:3])
-
-
-def test_no_force_changes_nothing():
-    later = START.after(5.0, np.zeros(6), np.zeros(6))
-    np.testing.assert_array_equal(later.momentum_W, START.momentum_W)
-    v_Wcm = START.momentum_W[3:] / START.mass
-    np.testing.assert_allclose(later.p_WScm, START.p_WScm + 5.0 * v_Wcm)

@@ -47,11 +47,8 @@ def test_the_largest_rates_are_at_an_instant(motion):
     ("arguments", "message"),
     [
         (([0.0], [1.0, 2.0], 1.0), "equal length"),
-        (([[0.0]], [[1.0]], 1.0), "equal length"),
         (([0.0], [np.nan], 1.0), "finite"),
         (([0.0], [1.0], 0.0), "> 0"),
-        (([0.0], [1.0], -1.0), "> 0"),
-        (([0.0], [1.0], np.inf), "> 0"),
     ],
 )
 def test_bad_motions_are_refused(arguments, message):
@@ -139,27 +136,11 @@ def test_one_instant_and_many_give_the_same(multi_sine):
     ("changes", "message"),
     [
         ({"centre": 0.0}, "centre must be"),
-        ({"centre": [0.3, np.nan, 0.0]}, "centre must be finite"),
-        ({"centre": [0.3, 0.0]}, r"shape \(2, 2\)"),
-        ({"amplitudes": [0.1, 0.2, 0.3]}, "amplitudes must be .* 2 dimension"),
-        ({"amplitudes": [[0.1, 0.2, 0.3], [0.1]]}, "amplitudes must be"),
         ({"amplitudes": [[0.1, 0.2, 0.3]]}, r"not \(1, 3\)"),
-        ({"phases": np.zeros((2, 4))}, r"\(2, 4\)"),
         ({"phases": np.full((2, 3), np.inf)}, "phases must be finite"),
-        ({"frequencies": [0.1, 0.0]}, "frequencies must be > 0"),
         ({"frequencies": [0.1, -0.3]}, "frequencies must be > 0"),
-        ({"frequencies": [0.1, np.nan]}, "frequencies must be finite"),
-        (
-            {"frequencies": [], "amplitudes": np.zeros((0, 3)), "phases": np.zeros((0, 3))},
-            "at least one",
-        ),
         ({"frequencies": [0.1, 1e9]}, "more than 1000 cycles"),
-        ({"duration": 0.0}, "duration must be > 0"),
         ({"duration": np.inf}, "duration must be > 0"),
-        ({"duration": 1e300}, "more than 1000 cycles"),
-        ({"ramp": 0.0}, "ramp must be > 0"),
-        ({"ramp": -1.0}, "ramp must be > 0"),
-        ({"ramp": np.nan}, "ramp must be > 0"),
         ({"ramp": 5.1}, "at most half the duration"),
     ],
 )

@@ -1,15 +1,11 @@
 """Eqs. 4-9 against Drake, and the base motion that conserves momentum."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 
 from cpid_drake.dynamics.momentum import (
     momentum_samples,
     target_momentum,
 )
-from cpid_drake.dynamics.rotations import rotate
 
 
 def test_online_and_batched_samples_are_the_same(servicer, random_motion):
@@ -37,23 +33,3 @@ def test_target_momentum_is_linear_in_the_standard_vector(servicer, random_motio
     for part in range(2):
         summed = target_momentum(a, motion)[part] + target_momentum(b, motion)[part]
         np.testing.assert_allclose(target_momentum(both, motion)[part], summed, atol=1e-12)
-
-
-def test_rotate_is_a_matrix_product():
-    rng = np.random.default_rng(29)
-    R, v = rng.normal(size=(4, 3, 3)), rng.normal(size=(4, 3))
-    np.testing.assert_allclose(rotate(R, v), (R @ v[..., None])[..., 0])
-
-
-@pytest.mark.parametrize("scale", [0.5, 3.0])
-def test_momentum_is_linear_in_the_rates(servicer, random_motion, scale):
-    telemetry = random_motion(4, seed=30)
-    faster = replace(
-        telemetry,
-        w_WB=scale * telemetry.w_WB,
-        v_WB=scale * telemetry.v_WB,
-        qdot=scale * telemetry.qdot,
-    )
-    slow, fast = (momentum_samples(servicer.tree, x) for x in (telemetry, faster))
-    np.testing.assert_allclose(fast.P, scale * slow.P, rtol=1e-12, atol=1e-9)
-    np.testing.assert_allclose(fast.L, scale * slow.L, rtol=1e-12, atol=1e-9)

@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import RPY, small_craft, true_psi
 
-from cpid_drake import InertialParameters
 from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
-from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
+from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
 
@@ -160,11 +159,3 @@ def test_no_target_is_the_spacecraft_alone(dynamics):
     np.testing.assert_array_equal(dynamics.inertia(none), dynamics.I_K)
     np.testing.assert_array_equal(dynamics.momentum_at_rest(none), dynamics.h_K)
     np.testing.assert_array_equal(dynamics.com(none), dynamics.p_BK)
-
-
-def test_no_instants_give_no_samples(craft):
-    empty = np.empty((0, len(craft.joint_names)))
-    dynamics = relative_dynamics(craft.tree, empty, empty)
-    psi = true_psi(craft, InertialParameters(1.0, [0, 0, 0], np.eye(3)))
-    assert dynamics.inertia(psi).shape == (0, 3, 3)
-    assert isinstance(dynamics, RelativeDynamics)

@@ -7,7 +7,7 @@ from cpid_drake import HalfCosine, InertialParameters, InputError, Telemetry, id
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
-from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import (
     EQ18_ROWS,
     RELATIVE_ROWS,
@@ -27,13 +27,6 @@ FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMI
 
 
 # -- operators ---------------------------------------------------------------------------------
-
-
-def test_skew_is_the_cross_product():
-    """Eq. 8."""
-    rng = np.random.default_rng(1)
-    a, b = rng.normal(size=(7, 3)), rng.normal(size=(7, 3))
-    np.testing.assert_allclose(rotate(skew(a), b), np.cross(a, b), atol=1e-15)
 
 
 def test_inertia_operator_multiplies_a_vector_by_a_tensor():

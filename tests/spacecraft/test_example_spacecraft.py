@@ -18,7 +18,7 @@ from cpid_drake import (
 )
 from cpid_drake.resources import models_directory
 
-EXAMPLES = {"single_arm_wheels": 6.0, "free_flyer_payload": 5.0}  # enough to simulate [s]
+EXAMPLES = {"single_arm_wheels": 4.0, "free_flyer_payload": 4.0}  # enough to simulate [s]
 
 
 @pytest.fixture(scope="module", params=EXAMPLES)
@@ -82,18 +82,6 @@ def test_wheels_point_along_the_diagonals(wheels_scenario):
         np.testing.assert_allclose(spin_axis * np.sqrt(3), signs, atol=1e-9)
 
 
-def test_wheels_turn_without_limit_and_no_faster_than_their_motors_can(wheels_scenario):
-    """The torque is that of a wheel on a base at rest, whose own acceleration is far smaller."""
-    spacecraft = wheels_scenario.spacecraft.make()
-    motion = wheels_scenario.make_joint_motion(spacecraft)
-    q, qdot, qddot = np.moveaxis(motion.evaluate(np.linspace(0.0, 12.0, 600)), 1, 0)[..., :4]
-    assert spacecraft.joint_names[:4] == tuple(f"wheel{k}_spin" for k in range(1, 5))
-    assert spacecraft.configuration({"wheel1_spin": 1e4}, "here")[0] == 1e4
-    assert np.ptp(q, axis=0).min() > 2 * 2 * np.pi
-    assert 60 < np.abs(qdot).max() * 30 / np.pi < 75
-    assert 0.01815 * np.abs(qddot).max() < 0.2
-
-
 @pytest.mark.parametrize("run", ["single_arm_wheels"], indirect=True)
 def test_wheels_that_are_not_counted_spoil_the_estimate(run):
     """Their momentum is small beside the arm's, but far from nothing."""
@@ -155,16 +143,6 @@ def test_arm_and_target_stay_clear_of_the_base_and_of_each_other(name):
         for center, radius in held:
             gaps.append(np.linalg.norm(np.vstack(pieces[:-1]) - center, axis=1).min() - radius)
     assert min(gaps) > gap
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_the_motion_leaves_a_margin_to_the_velocity_limits(name):
-    scenario = load_scenario(shipped_scenario(name))
-    spacecraft = scenario.spacecraft.make()
-    motion = scenario.make_joint_motion(spacecraft)
-    rates = np.abs(motion.evaluate(motion.instants())[:, 1]).max(axis=0)
-    share = rates / spacecraft.limits.rates
-    assert share.max() < 0.9
 
 
 # -- what they hold ------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sensing_cases import MOMENTUM, small_craft
 
-from cpid_drake import InertialParameters, InputError, MultiSine, Spacecraft
+from cpid_drake import InertialParameters, MultiSine, Spacecraft
 from cpid_drake.scenario.simulation import predicted_motion
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 
@@ -41,8 +41,3 @@ def test_the_motors_power_is_the_rate_of_the_kinetic_energy(craft, momentum_W):
     rate = (np.array(energy[2::3]) - np.array(energy[::3])) / (2 * h)
     assert np.abs(power).max() > 1.0
     np.testing.assert_allclose(power, rate, atol=2e-5 * np.abs(power).max())
-
-
-def test_the_model_must_have_the_spacecrafts_joints(craft, servicer):
-    with pytest.raises(InputError, match="must have the spacecraft's joints"):
-        FreeFloatingDynamics(craft, servicer.plant)

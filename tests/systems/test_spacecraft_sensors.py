@@ -112,20 +112,6 @@ def test_ports_are_as_documented(servicer, suite):
     assert not sensors.HasAnyDirectFeedthrough()
 
 
-@pytest.mark.parametrize("absent", ["attitude", "gyro", "position", "velocity", "joint_rates"])
-def test_absent_sensors_have_no_port(servicer, suite, absent):
-    setattr(suite, absent, None)
-    sensors = SpacecraftSensors(servicer, suite)
-    assert sensors.num_output_ports() == 5
-    assert not sensors.HasOutputPort(absent)
-
-
-def test_there_is_nothing_before_the_first_sample(servicer, suite):
-    sensors = SpacecraftSensors(servicer, suite)
-    for value in latest(sensors, sensors.CreateDefaultContext()).values():
-        assert np.isnan(value).all()
-
-
 @pytest.mark.parametrize("per_step", [False, True])
 @pytest.mark.parametrize("digits", [None, 4])
 def test_samples_are_those_of_the_array_model(servicer, suite, motion, diagram, per_step, digits):
@@ -223,19 +209,6 @@ def test_the_last_sample_needs_the_pending_events(diagram):
     assert latest(sensors, context)["gyro"][0] == 1.0
 
 
-def test_samples_are_held_until_the_next(diagram):
-    system, sensors, _ = diagram()
-    simulator = Simulator(system)
-    context = sensors.GetMyContextFromRoot(simulator.get_context())
-    simulator.AdvanceTo(0.3)
-    early = latest(sensors, context)
-    simulator.AdvanceTo(0.45)
-    late = latest(sensors, context)
-    np.testing.assert_array_equal(early["attitude"], late["attitude"])
-    assert early["attitude"][0] == 0.25
-    assert late["gyro"][0] > early["gyro"][0]
-
-
 def test_a_replay_gives_the_same_samples_and_another_seed_others(diagram):
     system, sensors, logs = diagram(seed=5)
     one, again = (measurements_from_logs(sensors, logs, run(system)) for _ in range(2))
@@ -266,29 +239,6 @@ def test_all_state_is_in_the_context(diagram):
     assert context.num_discrete_state_groups() == 6
 
 
-def test_a_run_that_starts_late_takes_the_samples_of_that_time(servicer, suite, motion, diagram):
-    system, sensors, logs = diagram(seed=3)
-    simulator = Simulator(system)
-    simulator.get_mutable_context().SetTime(1.0)
-    simulator.Initialize()
-    simulator.Initialize()
-    simulator.AdvanceTo(DURATION)
-    simulator.AdvancePendingEvents()
-    found = measurements_from_logs(sensors, logs, simulator.get_context())
-    perfect = ideal_measurements(suite, servicer.joint_names, motion, DURATION)
-    expected = add_noise(suite, perfect, seed=3).between(found.gyro.time[0], DURATION)
-    assert found.gyro.time[0] == 1.0
-    assert_same(found, expected)
-
-
-def test_sensors_without_a_log_have_no_samples(diagram):
-    system, sensors, logs = diagram()
-    found = measurements_from_logs(sensors, {"gyro": logs["gyro"]}, run(system, 0.1))
-    assert len(found.gyro) == 11
-    assert len(found.encoders) == 0
-    assert found.encoders.value.shape == (0, 12)
-
-
 def test_wiring_a_port_of_another_size_is_refused(servicer, suite):
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(np.zeros(5)))
@@ -304,12 +254,6 @@ def test_sensors_that_cannot_be_are_refused(servicer, suite):
         SpacecraftSensors(servicer, suite)
     with pytest.raises(InputError, match="encoders are missing"):
         SpacecraftSensors(servicer, SensorSuite())
-
-
-@pytest.mark.parametrize("seed", [-1, 0.5, None])
-def test_a_seed_that_is_none_is_refused(servicer, suite, seed):
-    with pytest.raises(InputError, match="a seed must be"):
-        SpacecraftSensors(servicer, suite, seed)
 
 
 @pytest.mark.parametrize(
