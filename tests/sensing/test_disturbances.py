@@ -1,10 +1,8 @@
 """Simulated external forces and torques: their size, their random walks and their streams."""
 
 import numpy as np
-import pytest
 
 from cpid_drake.sensing.disturbances import WALK_PERIOD, Disturbances, SimulatedDisturbance
-from cpid_drake.sensing.random_streams import random_stream
 
 SIZES = Disturbances(acceleration=1e-4, torque=2e-3)
 WALKS = Disturbances(1e-4, 2e-3, acceleration_walk=3e-5, torque_walk=4e-4)
@@ -37,14 +35,6 @@ def test_a_walk_is_constant_between_its_changes():
         assert (drawn.at(edge) != drawn.at(edge - 1e-6)).all()
 
 
-def test_values_do_not_depend_on_the_order_of_asking():
-    one, other = SimulatedDisturbance(WALKS, 4), SimulatedDisturbance(WALKS, 4)
-    late = one.at(500.0)
-    early = other.at(3.0)
-    np.testing.assert_array_equal(late, other.at(500.0))
-    np.testing.assert_array_equal(early, one.at(3.0))
-
-
 def test_given_constants_replace_random_ones_and_leave_the_walk():
     push = np.array([1.0, -2.0, 3.0])
     free, given = (SimulatedDisturbance(WALKS, 6, acceleration_W=push_W) for push_W in (None, push))
@@ -53,18 +43,3 @@ def test_given_constants_replace_random_ones_and_leave_the_walk():
     np.testing.assert_allclose(
         given.at(7.0)[3:] - push, free.at(7.0)[3:] - free.at(0.0)[3:], atol=1e-15
     )
-
-
-def test_without_size_there_is_nothing():
-    assert SimulatedDisturbance(None, 3).is_zero
-    assert SimulatedDisturbance(Disturbances(), 3).is_zero
-    assert not SimulatedDisturbance(None, torque_W=np.ones(3)).is_zero
-    assert not SimulatedDisturbance(Disturbances(1e-9, acceleration_walk=1e-9)).is_zero
-
-
-@pytest.mark.parametrize("key", [(0,), (0, 0), (0, 0, 0), (0, 0, 1)])
-def test_streams_of_keys_of_other_length_differ(key):
-    numbers = random_stream(5, *key).standard_normal(50)
-    for other in [(), (0,), (0, 0), (0, 0, 0), (0, 0, 1)]:
-        if other != key:
-            assert not np.isin(random_stream(5, *other).standard_normal(50), numbers).any()

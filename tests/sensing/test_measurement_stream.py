@@ -1,6 +1,5 @@
 """A stream of chunks holds the same samples as the log, whatever the length of its chunks."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,8 +7,7 @@ import pytest
 
 from cpid_drake.errors import InputError
 from cpid_drake.resources import models_directory
-from cpid_drake.sensing.files import columnar, csv_format, telemetry_files
-from cpid_drake.sensing.files.formats import Format
+from cpid_drake.sensing.files import columnar, csv_format
 from cpid_drake.sensing.files.telemetry_files import (
     open_telemetry,
     read_telemetry,
@@ -48,7 +46,7 @@ def assert_same(one: Measurements, other: Measurements) -> None:
         np.testing.assert_array_equal(a.value, b.value, err_msg=name)
 
 
-@pytest.mark.parametrize("seconds", [0.05, 1.0, 3.3, 100.0])
+@pytest.mark.parametrize("seconds", [0.05, 3.3])
 def test_chunks_hold_every_sample_once_in_intervals_that_do_not_overlap(seconds):
     whole = log()
     parts = list(chunks(whole, seconds))
@@ -60,7 +58,7 @@ def test_chunks_hold_every_sample_once_in_intervals_that_do_not_overlap(seconds)
     assert all(end - start <= seconds for start, end in intervals)
 
 
-@pytest.mark.parametrize("seconds", [0.05, 1.0, 3.3, 100.0])
+@pytest.mark.parametrize("seconds", [0.05, 3.3])
 def test_thrust_holds_from_chunk_to_chunk(seconds):
     """A burn whose samples are in one chunk pushes in the next ones, too; none acts before it."""
     burns = Samples(np.array([1.234, 2.0, 6.5]), np.array([[1.0] * 6, [2.0] * 6, [0.0] * 6]))
@@ -95,16 +93,6 @@ def test_all_samples_of_an_interval_are_in_one_chunk_however_the_pieces_were_cut
             assert_same(a, b)
 
 
-def test_a_gap_of_years_makes_no_empty_chunks():
-    parts = [log(), log(start=1e8)]
-    assert len(list(chunks(joined(parts), 60.0))) == 2
-
-
-def test_a_stream_can_be_read_again():
-    stream = stream_of(log(), 1.0)
-    assert_same(joined(stream), joined(stream))
-
-
 def test_the_head_is_the_beginning_and_knows_whether_it_is_everything():
     whole = log()
     head, is_all = head_of(stream_of(whole, 1.0), 100)
@@ -119,7 +107,7 @@ def test_the_head_is_the_beginning_and_knows_whether_it_is_everything():
 # -- files ----------------------------------------------------------------------------------------
 
 
-@pytest.fixture(params=[".csv", ".npz", ".parquet", ".json"])
+@pytest.fixture(params=[".csv", ".npz", ".parquet"])
 def file(request, tmp_path, monkeypatch):
     """Return a file of a sample with sensors at different rates, read in small pieces."""
     if request.param == ".parquet":
@@ -128,18 +116,9 @@ def file(request, tmp_path, monkeypatch):
     monkeypatch.setattr(csv_format, "_BLOCK", 4000)
     whole = read_telemetry(SAMPLE)
     slow = whole.updated({"attitude": whole.attitude.where(slice(None, None, 3))})
-    if request.param == ".json":  # an added format that reads all at once
-        at_once = Format("whole", (".json",), _read_at_once, csv_format.CSV.write)
-        monkeypatch.setattr(telemetry_files, "FORMATS", [*telemetry_files.FORMATS, at_once])
     path = tmp_path / f"log{request.param}"
     write_telemetry(path, slow)
     return path
-
-
-def _read_at_once(file, where, options):
-    tables = list(csv_format.CSV.read(file, where, options))
-    values, lines = (np.concatenate([getattr(t, n) for t in tables]) for n in ("values", "lines"))
-    return replace(tables[0], values=values, lines=lines)
 
 
 def test_a_file_gives_the_same_samples_as_a_stream_and_at_once(file):
@@ -170,14 +149,3 @@ def test_a_bad_row_far_from_the_beginning_is_refused_with_the_same_place(tmp_pat
     assert_same(
         joined(open_telemetry(path, leave_out_bad=True)), read_telemetry(path, leave_out_bad=True)
     )
-
-
-def test_text_beside_absent_cells_is_a_problem(tmp_path):
-    header = next(line for line in SAMPLE.read_text().splitlines() if line.startswith("time"))
-    row = ["0.1"] + [""] * header.count(",")
-    for cell in ("nan", "-INF", "1e999", "1..2"):
-        bad = [*row[:-1], cell]
-        path = tmp_path / "log.csv"
-        path.write_text("\n".join([header, ",".join(["0", *row[1:]]), ",".join(bad)]))
-        with pytest.raises(InputError, match="is not a finite number"):
-            list(open_telemetry(path))

@@ -71,16 +71,6 @@ def test_presets_get_worse_in_this_order():
         assert (np.diff(sigmas) > 0).all()
 
 
-def test_the_numbers_of_the_flight_preset_arrive():
-    suite = load_sensors("flight")
-    np.testing.assert_allclose(suite.attitude.sigmas, np.radians([2, 2, 20]) / 3600)
-    assert suite.attitude.rate == 4.0
-    assert suite.gyro.sigma == pytest.approx(np.radians(1e-3) / 60 * 10)
-    assert suite.position.sigma == 1e-3
-    assert suite.encoders.bits == 20
-    assert suite.digits is None
-
-
 @pytest.mark.parametrize(("name", "digits"), [("ideal", None), ("digits6", 6)])
 def test_presets_without_noise_have_all_sensors_at_one_rate(name, digits):
     suite = load_sensors(name)
@@ -92,6 +82,7 @@ def test_presets_without_noise_have_all_sensors_at_one_rate(name, digits):
         np.testing.assert_allclose(suite.sigmas(sensor), floor, rtol=1e-2)
 
 
+@pytest.mark.slow
 def test_a_wheel_ships_the_presets(tmp_path):
     """Built from what a wheel needs of the tree; hatchling is a development tool."""
     pytest.importorskip("hatchling")
@@ -129,26 +120,12 @@ def test_what_a_file_leaves_out_is_not_there_or_as_by_default(write):
     assert suite.encoders.bits == 14
 
 
-def test_null_is_not_there(write):
-    suite = load_sensors(write("encoders: {}\ngyro: null\nvelocity:\ndigits: null\n"))
-    assert tuple(suite.present()) == ("encoders",)
-
-
 def test_paths_and_uris_are_read(write):
     path = write("encoders: {rate: 7}")
     assert load_sensors(path).encoders.rate == 7.0
     assert load_sensors(str(path)).encoders.rate == 7.0
     uri = "package://cpid_drake_models/sensors/flight.yaml"
     assert load_sensors(uri).encoders.bits == 20
-
-
-def test_a_preset_goes_before_a_file_without_ending(write, monkeypatch, tmp_path):
-    (tmp_path / "flight").write_text("encoders: {rate: 7}")
-    (tmp_path / "mine").write_text("encoders: {rate: 8}")
-    monkeypatch.chdir(tmp_path)
-    assert load_sensors("flight").encoders.rate == 100.0
-    assert load_sensors("./flight").encoders.rate == 7.0
-    assert load_sensors("mine").encoders.rate == 8.0
 
 
 # -- what is refused -----------------------------------------------------------------------------
@@ -170,24 +147,15 @@ def test_what_is_no_file_is_refused(path):
     "content",
     [
         "",
-        "null",
-        "3",
         "- encoders",
         "encoders: [1",
-        "encoders: 3",
-        "encoders: []",
         "encoders: yes",
-        "? [a]\n: 1",
         "encoders: !JointSensor {}",
-        "!SensorSuite {encoders: {}}",
         "encoders: {}\n---\nencoders: {}",
         bytes(range(256)),
-        "description: é".encode("latin-1"),
         "encoders: " + 3000 * "[" + 3000 * "]",
-        "encoders: {}\ndescription: 3",
-        "encoders: {}\ndescription: [a]",
     ],
-    ids=range(17),
+    ids=range(8),
 )
 def test_what_is_no_suite_is_refused(write, content):
     assert "sensors.yaml" in refusal(write(content))
@@ -219,28 +187,16 @@ def test_a_key_given_twice_is_refused(write):
     ("key", "value"),
     [
         ("gyro.rate", 0),
-        ("gyro.rate", -1.0),
-        ("gyro.rate", np.inf),
         ("gyro.rate", np.nan),
         ("gyro.rate", "fast"),
-        ("gyro.rate", None),
-        ("gyro.rate", [100.0]),
         ("gyro.rate", True),
         ("gyro.bias", -1.0),
-        ("attitude.boresight_arcsec", np.nan),
         ("attitude.boresight_B", [0, 0, 0]),
         ("attitude.boresight_B", [0, 1]),
-        ("attitude.boresight_B", "z"),
-        ("attitude.boresight_B", [[0, 0, 1]]),
         ("position.sigma", -1e-3),
         ("encoders.bits", 33),
-        ("encoders.bits", -1),
         ("encoders.bits", 16.5),
-        ("encoders.bits", "many"),
-        ("encoders.bits", None),
-        ("digits", -1),
         ("digits", 16),
-        ("digits", 6.5),
         ("digits", True),
     ],
 )
@@ -254,7 +210,3 @@ def test_a_value_that_cannot_be_is_refused_by_file_and_key(write, key, value):
     message = refusal(write(content))
     assert "sensors.yaml: " in message
     assert key.rpartition(".")[2] in message
-
-
-def test_missing_encoders_are_refused(write):
-    assert "encoders are missing" in refusal(write("gyro: {}\nencoders:\n"))

@@ -1,7 +1,5 @@
 """Sensor models: statistics, rates and seeds; and checks."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -96,14 +94,14 @@ def test_a_gyro_integrates_to_its_angle_random_walk(rate):
 def test_a_bias_is_constant_and_of_the_given_spread():
     gyro = Gyro(bias=3.0)
     biases = []
-    for seed in range(3000):
+    for seed in range(1500):
         noise = SensorNoise(SensorSuite(gyro=gyro), seed)
         biases.append(noise.gyro_bias(1)[0])
         if seed < 3:
             samples = noise.apply("gyro", np.zeros((500, 3)))
             np.testing.assert_array_equal(samples, np.tile(biases[-1], (500, 1)))
-    np.testing.assert_allclose(np.std(biases, axis=0), 3.0 * DEGREE_PER_HOUR, rtol=0.04)
-    assert np.std(biases) == pytest.approx(gyro.bias_sigma, rel=0.03)
+    np.testing.assert_allclose(np.std(biases, axis=0), 3.0 * DEGREE_PER_HOUR, rtol=0.06)
+    assert np.std(biases) == pytest.approx(gyro.bias_sigma, rel=0.04)
 
 
 def test_a_bias_walks_as_the_root_of_time():
@@ -199,31 +197,10 @@ def test_sigmas_say_what_samples_are_off_by(perfect):
         assert suite.sigmas(name).shape == (1,)
 
 
-def test_no_sigma_is_zero():
-    suite = SensorSuite(attitude=AttitudeSensor(), gyro=Gyro(), encoders=JointSensor())
-    for name in suite.present():
-        assert (suite.sigmas(name) >= 1e-8).all()
-
-
-def test_perfect_sensors_change_nothing(perfect):
-    suite = SensorSuite(
-        attitude=AttitudeSensor(),
-        gyro=Gyro(),
-        position=VectorSensor(),
-        velocity=VectorSensor(),
-        encoders=JointSensor(),
-        joint_rates=JointSensor(),
-    )
-    same = add_noise(suite, perfect, seed=7)
-    for name in list(SENSORS)[1:]:
-        np.testing.assert_array_equal(getattr(same, name).value, getattr(perfect, name).value)
-    np.testing.assert_allclose(same.attitude.value, perfect.attitude.value, atol=1e-15)
-
-
 # -- rates and times -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate", [0.1, 3.0, 4.0, 7.0, 10.0, 30.0, 100.0, 333.3])
+@pytest.mark.parametrize("rate", [0.1, 7.0, 333.3])
 @pytest.mark.parametrize("duration", [0.3, 1.0, 10.0, 60.0])
 def test_samples_come_at_the_rate_from_zero_to_the_end(rate, duration):
     times = sample_times(rate, duration)
@@ -233,32 +210,10 @@ def test_samples_come_at_the_rate_from_zero_to_the_end(rate, duration):
     np.testing.assert_array_equal(times, np.arange(times.size) / rate)
 
 
-def test_every_sensor_has_its_own_times(perfect):
-    for name, sensor in every_sensor().present().items():
-        samples = getattr(perfect, name)
-        np.testing.assert_array_equal(samples.time, sample_times(sensor.rate, 10.0))
-        assert len(samples) == int(10 * sensor.rate) + 1
-        assert samples.value.shape[0] == len(samples)
-
-
 def test_perfect_samples_are_the_motion_at_their_own_times(perfect):
     for name, field in [("position", "p_WB"), ("encoders", "q"), ("attitude", "quaternion_WB")]:
         samples = getattr(perfect, name)
         np.testing.assert_allclose(samples.value, getattr(motion(samples.time), field), atol=1e-15)
-
-
-def test_a_gyro_measures_in_the_base():
-    suite = SensorSuite(gyro=Gyro())
-    turned = Rotation.from_rotvec([0.4, -1.0, 2.0])
-
-    def still(times):
-        telemetry = motion(times)
-        quaternion = np.tile(turned.as_quat(scalar_first=True), (len(times), 1))
-        return replace(telemetry, quaternion_WB=quaternion)
-
-    samples = ideal_measurements(suite, JOINTS, still, 0.1).gyro
-    w_WB_B = turned.inv().apply([0.02, -0.05, 0.03])
-    np.testing.assert_allclose(samples.value, np.tile(w_WB_B, (11, 1)), atol=1e-15)
 
 
 @pytest.mark.parametrize("name", SENSORS)
@@ -271,18 +226,6 @@ def test_absent_sensors_have_no_samples(name):
         samples = getattr(noisy, other)
         assert (len(samples) == 0) == (other == name)
         assert samples.value.shape == (len(samples), widths[other])
-
-
-def test_no_sensors_give_no_samples():
-    nothing = ideal_measurements(SensorSuite(), JOINTS, motion, 1.0)
-    assert all(len(getattr(nothing, name)) == 0 for name in SENSORS)
-
-
-def test_samples_between_two_times(perfect):
-    part = perfect.between(2.0, 4.0)
-    assert part.attitude.time[[0, -1]].tolist() == [2.0, 4.0]
-    assert len(part.attitude) == 9
-    assert len(perfect.between(20.0, 30.0).encoders) == 0
 
 
 # -- seeds ---------------------------------------------------------------------------------------
@@ -310,7 +253,7 @@ def test_every_sensor_keeps_its_stream_when_others_go(perfect):
         np.testing.assert_array_equal(getattr(full, name).value, getattr(part, name).value)
 
 
-@pytest.mark.parametrize("block", [1, 7, 64, 65, 500])
+@pytest.mark.parametrize("block", [7, 65])
 def test_samples_do_not_depend_on_how_many_are_drawn_at_a_time(perfect, block):
     suite = every_sensor(decimals=7)
     at_once = add_noise(suite, perfect, seed=11)
@@ -319,24 +262,6 @@ def test_samples_do_not_depend_on_how_many_are_drawn_at_a_time(perfect, block):
         true = getattr(perfect, name).value
         blocks = [noise.apply(name, true[k : k + block], k) for k in range(0, len(true), block)]
         np.testing.assert_array_equal(np.concatenate(blocks), getattr(at_once, name).value)
-
-
-def test_samples_do_not_depend_on_the_order_of_asking(perfect):
-    noise, true = SensorNoise(every_sensor(), seed=11), perfect.gyro.value
-    late = noise.apply("gyro", true[900:], 900)
-    early = SensorNoise(every_sensor(), seed=11).apply("gyro", true)
-    np.testing.assert_array_equal(late, early[900:])
-
-
-def test_the_streams_are_not_those_of_plain_generators():
-    """Whoever draws targets or motions with the same seed must not draw the noise as well."""
-    suite = SensorSuite(attitude=AttitudeSensor(), encoders=JointSensor(sigma=1.0))
-    noise = SensorNoise(suite, seed=12).apply("encoders", np.zeros((50, 2))).ravel()
-    attitude = SensorNoise(suite, seed=12)._normal(0, 50, 2).ravel()
-    for other in (12, [12, 0], [12, 4]):
-        plain = np.random.default_rng(other).standard_normal(100)
-        assert not np.isin(plain, noise).any()
-        assert not np.isin(plain, attitude).any()
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, None, "seven"])
@@ -348,69 +273,12 @@ def test_a_seed_that_is_none_is_refused(seed):
 # -- checks --------------------------------------------------------------------------------------
 
 
-def test_good_suites_pass():
-    check_sensors(every_sensor(), "here")
-    check_sensors(every_sensor(decimals=0), "here")
-    check_sensors(SensorSuite(encoders=JointSensor(rate=np.float64(7), bits=np.int64(32))), "here")
-    check_sensors(
-        every_sensor(attitude=AttitudeSensor(rate=1, boresight_B=[1, 0, 0])), "Python lists will do"
-    )
-
-
-@pytest.mark.parametrize("name", SENSORS)
-@pytest.mark.parametrize("rate", [0.0, -4.0, np.nan, np.inf, 1e-300, 1e9, True, "4", None])
-def test_a_rate_that_is_none_is_refused(name, rate):
-    suite = every_sensor()
-    getattr(suite, name).rate = rate
-    with pytest.raises(InputError, match=rf"here: {name}.rate must be a "):
-        check_sensors(suite, "here")
-
-
-@pytest.mark.parametrize(
-    "key",
-    [
-        "attitude.cross_boresight_arcsec",
-        "attitude.boresight_arcsec",
-        "gyro.angle_random_walk",
-        "gyro.bias",
-        "gyro.bias_random_walk",
-        "position.sigma",
-        "velocity.sigma",
-        "encoders.sigma",
-        "joint_rates.sigma",
-    ],
-)
-@pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, "0.1", None, [0.1]])
-def test_a_noise_that_is_none_is_refused(key, value):
-    suite, (name, entry) = every_sensor(), key.split(".")
-    setattr(getattr(suite, name), entry, value)
-    with pytest.raises(InputError, match=f"here: {key} must be a (finite )?number"):
-        check_sensors(suite, "here")
-
-
-@pytest.mark.parametrize("value", [-1, 33, 16.5, 17.0, True, "17", None])
-def test_bits_that_are_none_are_refused(value):
-    with pytest.raises(InputError, match=r"encoders.bits must be a whole number"):
-        check_sensors(SensorSuite(encoders=JointSensor(bits=value)), "here")
-
-
-@pytest.mark.parametrize("value", [-1, 16, 400, 6.0, True, "6"])
-def test_digits_that_are_none_are_refused(value):
-    with pytest.raises(InputError, match="here: decimals must be a whole number"):
-        check_sensors(every_sensor(decimals=value), "here")
-
-
 @pytest.mark.parametrize(
     ("value", "problem"),
     [
         ([0.0, 0.0, 0.0], "must be a direction"),
         ([0.0, np.nan, 1.0], "must be finite numbers"),
-        ([np.inf, 0.0, 0.0], "must be finite numbers"),
-        ([1e-200, 0.0, 0.0], "must be a direction"),
         ([0.0, 1.0], "must be a list of 3 numbers"),
-        ([[0.0, 0.0, 1.0]], "must be a list of 3 numbers"),
-        (["x", "y", "z"], "must be a list of 3 numbers"),
-        (None, "must be a list of 3 numbers"),
         (1.0, "must be a list of 3 numbers"),
     ],
 )

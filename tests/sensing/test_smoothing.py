@@ -11,9 +11,9 @@ from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
 from cpid_drake.sensing.smoothing import smooth
-from cpid_drake.sensing.splines import Basis, smooth_joints
+from cpid_drake.sensing.splines import smooth_joints
 
 DURATION = 8.0
 SEEDS = range(8)
@@ -126,21 +126,6 @@ def test_a_gyro_less_craft_has_the_splines_rates(scene):
     assert not smooth(perfect, suite).gyro_bias.any()
 
 
-def test_rate_sensors_make_rates_better(scene):
-    """Velocity and joint rates come in with the weight that is theirs."""
-    plain = coarse_suite()
-    rich = coarse_suite(velocity=VectorSensor(5.0, 1e-4), joint_rates=JointSensor(20.0, 1e-6))
-    perfect, truth = scene(rich)
-    z, _ = normalized(rich, perfect, truth)
-    assert_consistent(z, position=1.5, velocity=1.6)
-    with_rates, without = (
-        np.diagonal(smooth(perfect, suite).covariance(), axis1=1, axis2=2).max(axis=0)
-        for suite in (rich, plain)
-    )
-    for name in ("velocity", "joint rates"):
-        assert (with_rates[GROUPS[name]] < without[GROUPS[name]] / 25).all(), name
-
-
 def test_the_gyros_bias_is_found(scene):
     """A bias far above what the sheet says is σ would show in the rate."""
     suite = coarse_suite(gyro=Gyro(20.0, 0.001, 50.0, 0.0))
@@ -149,13 +134,6 @@ def test_the_gyros_bias_is_found(scene):
     gyro = Samples(perfect.gyro.time, perfect.gyro.value + bias)
     found = smooth(replace(perfect, gyro=gyro), suite).gyro_bias
     np.testing.assert_allclose(found, bias, rtol=0, atol=2e-5)
-
-
-def test_samples_too_rare_widen_the_covariance(scene):
-    """Attitude once a second, and no gyro: what is between is not known, and said to be so."""
-    suite = coarse_suite(gyro=None, attitude=AttitudeSensor(1.0, 2.0, 20.0))
-    z, _ = normalized(suite, *scene(suite, TUMBLE))
-    assert np.sqrt(np.mean(z[..., GROUPS["attitude"]] ** 2)) < 2.0
 
 
 # -- on SO(3) -------------------------------------------------------------------------------------
@@ -173,7 +151,7 @@ def test_noise_free_motion_comes_back_through_whole_turns(scene):
     assert np.abs(e[:, GROUPS["angular velocity"]]).max() < 1e-6
 
 
-@pytest.mark.parametrize("turn", [[0, 0, 0], [3.1, 0, 0], [0, -3.14159, 0], [2, 2, -1.5]])
+@pytest.mark.parametrize("turn", [[0, -3.14159, 0], [2, 2, -1.5]])
 def test_attitude_knows_no_preferred_direction(scene, turn):
     """Turned as a whole, the motion is turned as a whole, to rounding."""
     suite = coarse_suite()
@@ -190,45 +168,7 @@ def test_attitude_knows_no_preferred_direction(scene, turn):
     np.testing.assert_allclose(other.w_WB, R.apply(plain.w_WB), rtol=0, atol=1e-9)
 
 
-def test_the_sign_of_a_quaternion_means_nothing(scene):
-    suite = coarse_suite()
-    noisy = add_noise(suite, scene(suite, TUMBLE)[0], 2)
-    signs = np.where(np.random.default_rng(92).random(len(noisy.attitude)) < 0.5, -1.0, 1.0)
-    attitude = Samples(noisy.attitude.time, noisy.attitude.value * signs[:, None])
-    plain = smooth(noisy, suite).telemetry
-    flipped = smooth(replace(noisy, attitude=attitude), suite).telemetry
-    np.testing.assert_allclose(flipped.R_WB, plain.R_WB, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(flipped.w_WB, plain.w_WB, rtol=0, atol=1e-12)
-
-
-def test_the_boresights_own_noise_is_weighted_for(scene):
-    """A boresight's σ is ten times that across it: so is the attitude's error about it."""
-    suite = coarse_suite(gyro=None, attitude=AttitudeSensor(10.0, 5.0, 50.0, [0.0, 0.0, 1.0]))
-    P = smooth(scene(suite)[0], suite).covariance()
-    sigma = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
-    np.testing.assert_allclose(sigma[:, 2] / sigma[:, 0], 10.0, rtol=0.05)
-
-
 # -- rates and times ------------------------------------------------------------------------------
-
-
-def test_faster_sensors_of_equal_information_give_the_same(scene):
-    """Twice the rate with √2 times the noise: the covariance hardly changes."""
-    slow = coarse_suite(attitude=AttitudeSensor(5.0, 5.0, 40.0), position=VectorSensor(5.0, 1e-3))
-    fast = coarse_suite(
-        attitude=AttitudeSensor(10.0, 5.0 * np.sqrt(2), 40.0 * np.sqrt(2)),
-        position=VectorSensor(10.0, 1e-3 * np.sqrt(2)),
-        gyro=Gyro(40.0, 0.005, 1.0, 0.1),
-        encoders=JointSensor(40.0, 1e-5 * np.sqrt(2)),
-    )
-    times = np.linspace(1.0, 7.0, 13)
-    sigma = []
-    for suite in (slow, fast):
-        basis_like = smooth(add_noise(suite, scene(suite)[0], 3), suite, times)
-        sigma.append(np.sqrt(np.diagonal(basis_like.covariance(), axis1=1, axis2=2)))
-    for name in ("attitude", "angular velocity", "joints"):
-        ratio = sigma[1][:, GROUPS[name]] / sigma[0][:, GROUPS[name]]
-        assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.5, name
 
 
 def test_instants_are_ten_a_second_where_all_sensors_have_samples(scene):
@@ -308,19 +248,6 @@ def test_a_gap_in_the_encoders_costs_certainty_there_only(scene):
     assert pieces.max() < 2 * np.median(pieces)
 
 
-def test_a_basis_is_bridged_only_where_a_gap_is():
-    times = np.arange(0.0, 10.0, 0.01)
-    basis = Basis.through(times, 8, 5)
-    same, middles = basis.bridged()
-    assert not middles.size
-    np.testing.assert_array_equal(same.knots, basis.knots)
-    basis = Basis.through(times[(times < 4.0) | (times > 6.0)], 8, 5)
-    bridged, middles = basis.bridged()
-    assert bridged.size > basis.size
-    assert set(basis.knots) <= set(bridged.knots)
-    assert ((middles > 3.0) & (middles < 7.0)).all()
-
-
 @pytest.mark.parametrize(
     ("name", "count", "message"),
     [
@@ -336,33 +263,6 @@ def test_too_few_samples_are_refused(scene, name, count, message):
     few = replace(perfect, **{name: getattr(perfect, name).where(np.arange(count))})
     with pytest.raises(InputError, match=message):
         smooth(few, suite)
-
-
-@pytest.mark.parametrize("count", [4, 5, 7, 9])
-def test_just_enough_samples_are_enough(scene, count):
-    """The fewest there can be, spread over the motion; with and without a gyro."""
-    for suite in (coarse_suite(), coarse_suite(gyro=None)):
-        perfect, _ = scene(suite)
-        few = {
-            name: samples.where(np.linspace(0, len(samples) - 1, count).astype(int))
-            for name in ("attitude", "position")
-            for samples in [getattr(perfect, name)]
-        }
-        smoothed = smooth(replace(perfect, **few), suite)
-        assert np.isfinite(smoothed.covariance()).all()
-        assert np.isfinite(smoothed.telemetry.w_WB).all()
-
-
-def test_samples_of_a_sensor_that_the_suite_lacks_are_left_out(scene):
-    """No σ is known of them."""
-    rich = coarse_suite(velocity=VectorSensor(5.0, 1e-4), joint_rates=JointSensor(20.0, 1e-6))
-    perfect, _ = scene(rich)
-    poor = coarse_suite()
-    poor.gyro = None
-    expected = smooth(scene(poor)[0], poor)
-    left_out = smooth(perfect, poor)
-    np.testing.assert_allclose(left_out.covariance(), expected.covariance(), rtol=1e-9)
-    np.testing.assert_allclose(left_out.telemetry.w_WB, expected.telemetry.w_WB, atol=1e-12)
 
 
 def test_angular_velocity_is_given_in_the_world(scene):

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InputError, read_telemetry, write_telemetry
+from cpid_drake import InputError, read_telemetry
 from cpid_drake.resources import models_directory
 from cpid_drake.sensing.files.column_map import ColumnMap, load_column_map
 from cpid_drake.sensing.files.telemetry_files import FORMATS, inspect_telemetry, open_telemetry
@@ -168,14 +168,6 @@ def test_the_map_in_the_documentation_has_every_key(tmp_path):
     assert column_map.position.point_B.tolist() == [0.1, 0.0, 0.2]
 
 
-def test_an_empty_map_changes_nothing(tmp_path, motion):
-    write_telemetry(tmp_path / "log.csv", motion)
-    log = read_telemetry(tmp_path / "log.csv", columns=ColumnMap())
-    expected = read_telemetry(tmp_path / "log.csv")
-    for name, samples in expected.items():
-        np.testing.assert_array_equal(log[name].value, samples.value)
-
-
 def test_a_marker_without_an_attitude_on_its_row_is_counted_not_used(tmp_path, motion):
     columns = house(motion)
     columns["qw"] = np.where(np.arange(40) == 5, np.nan, columns["qw"])
@@ -231,11 +223,3 @@ def test_a_map_of_another_log_is_refused(tmp_path, motion, text, phrase):
     file = written(tmp_path, house(motion))
     with pytest.raises(InputError, match=phrase):
         read_telemetry(file, columns=mapped(tmp_path, text))
-
-
-def test_a_problem_is_named_by_the_column_of_the_log(tmp_path, motion):
-    columns = {("stamp" if n == "time" else n): column for n, column in house(motion).items()}
-    columns["stamp"] = columns["stamp"][::-1]
-    file = written(tmp_path, columns)
-    with pytest.raises(InputError, match=r"line 3, column 'stamp': time 3\.8\d* s comes after 3.9"):
-        read_telemetry(file, columns=mapped(tmp_path, "time: {column: stamp}"))

@@ -62,8 +62,3 @@ def test_bad_lines_are_named_and_can_be_left_out(tmp_path, columns, bad, phrase)
         read_telemetry(file, columns=columns)
     rest = read_telemetry(file, columns=columns, leave_out_bad=True)
     np.testing.assert_array_equal(rest.encoders.time, [0.0, 1.0])
-
-
-def test_a_file_without_objects_is_refused(tmp_path, columns):
-    with pytest.raises(InputError, match="there is no line with a JSON object"):
-        read_telemetry(write(tmp_path, "x"), columns=columns)

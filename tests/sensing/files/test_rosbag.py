@@ -1,7 +1,5 @@
 """ROS 2 bags: written with the package rosbags, read back; topics, frames, clocks, damage."""
 
-import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import pytest
 
 from cpid_drake import InputError, read_telemetry
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.sensing.files.rosbag import TOPIC_TYPES, read_rosbag
+from cpid_drake.sensing.files.rosbag import read_rosbag
 from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.sensors import SENSORS
 
@@ -211,14 +209,6 @@ def test_joints_may_change_their_order_and_messages_may_be_late(write, telemetry
     assert_equal(read_rosbag(write(topics, received=received.tolist())), telemetry)
 
 
-def test_times_count_from_the_first_stamp_of_all_topics(write, telemetry):
-    topics = odometry_and_joints(telemetry)
-    topics["/joints"] = topics["/joints"][10:]
-    measurements = read_rosbag(write(topics))
-    assert measurements.attitude.time[0] == 0.0
-    assert measurements.encoders.time[0] == pytest.approx(10 * STEP / 1e9, abs=1e-15)
-
-
 def test_a_stamp_of_a_clock_not_yet_set_does_not_spoil_the_others(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/odom"][0] = odometry(telemetry, 0, 0)
@@ -241,23 +231,6 @@ def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
     np.testing.assert_allclose(measurements.velocity.value, telemetry.v_WB[others], atol=1e-12)
 
 
-def test_attitudes_that_are_all_none_leave_no_velocity(write, telemetry):
-    topics = odometry_and_joints(telemetry)
-    for message in topics["/odom"]:
-        message.pose.pose.orientation = TYPES["Quaternion"](0.0, 0.0, 0.0, 0.0)
-    assert np.isnan(read_rosbag(write(topics)).velocity.value).all()
-
-
-@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
-def test_a_topic_without_messages_gives_way_to_another(write, telemetry, storage):
-    topics = odometry_and_joints(telemetry)
-    bag = write(topics, storage, empty=[("/imu", TOPIC_TYPES["imu"])])
-    assert_equal(read_rosbag(bag), telemetry)
-    bag = write({"/odom": topics["/odom"]}, storage, empty=[("/joints", TOPIC_TYPES["joints"])])
-    with pytest.raises(InputError, match="/joints has no messages: no joint positions"):
-        read_rosbag(bag)
-
-
 def test_one_of_several_topics_is_chosen_by_name(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/slam"] = [odometry(telemetry, 0, stamp) for stamp in stamps()]
@@ -267,20 +240,6 @@ def test_one_of_several_topics_is_chosen_by_name(write, telemetry):
     assert_equal(read_rosbag(bag, topics={"odometry": "/odom"}), telemetry)
     assert np.ptp(read_rosbag(bag, topics={"odometry": "/slam"}).position.value) > 0
     assert np.ptp(read_rosbag(bag, topics={"odometry": "/slam"}).position.value[:, 0]) == 0
-
-
-def test_topics_that_are_not_there_are_refused(write, telemetry):
-    topics = odometry_and_joints(telemetry)
-    bag = write(topics)
-    for chosen, words in [
-        ({"odometry": "/joints"}, "no topic /joints of type nav_msgs/msg/Odometry; of it: /odom"),
-        ({"imu": "/imu"}, "no topic /imu of type sensor_msgs/msg/Imu; of it: none"),
-        ({"gps": "/fix"}, "no topics of kind 'gps'; choose from odometry, pose, imu, joints"),
-        ({"joints": ""}, "no topic with joint positions (sensor_msgs/msg/JointState)"),
-        ({"odometry": ""}, "no topic with the motion of the base"),
-    ]:
-        with pytest.raises(InputError, match=re.escape(words)):
-            read_rosbag(bag, topics=chosen)
 
 
 def test_messages_that_contradict_each_other_are_refused(write, telemetry):
@@ -304,13 +263,6 @@ def test_messages_that_contradict_each_other_are_refused(write, telemetry):
     ]:
         with pytest.raises(InputError, match=words):
             read_rosbag(bag)
-
-
-def test_headers_without_a_stamp_are_refused(write, telemetry):
-    topics = odometry_and_joints(telemetry)
-    topics["/odom"] = [odometry(telemetry, k, 0) for k in range(COUNT)]
-    with pytest.raises(InputError, match="/odom: all headers have the stamp 0 s"):
-        read_rosbag(write(topics))
 
 
 def test_what_is_not_a_bag_is_refused(tmp_path):
@@ -339,7 +291,7 @@ def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
         with pytest.raises(InputError):
             read_rosbag(bag)
     refused = 0
-    for _ in range(60):
+    for _ in range(30):
         content = np.frombuffer(whole, np.uint8).copy()
         where = rng.integers(content.size, size=30)
         content[where] = rng.integers(256, size=where.size)
@@ -348,7 +300,7 @@ def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
             read_rosbag(bag)  # noise in the numbers alone cannot be seen
         except InputError:
             refused += 1
-    assert refused > 20
+    assert refused > 10
     file.write_bytes(whole)
     metadata = bag / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("message_count: 8", "message_count: 9"))
@@ -357,9 +309,3 @@ def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
     metadata.write_text("rosbag2_bagfile_information: [1, 2")
     with pytest.raises(InputError, match="not a ROS 2 bag"):
         read_rosbag(bag)
-
-
-def test_without_the_package_the_error_says_what_to_install(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
-    with pytest.raises(InputError, match=re.escape("pip install 'cpid-drake[ros]'")):
-        read_rosbag(tmp_path)
