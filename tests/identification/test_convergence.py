@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from cpid_drake.identification.convergence import converge
 from cpid_drake.identification.estimators import ESTIMATORS
@@ -10,6 +11,7 @@ from cpid_drake.identification.requests import Request, identify_file
 from cpid_drake.identification.result_files import SpacecraftReference
 
 
+@pytest.mark.slow
 def test_errors_of_the_spacecraft_limit_the_first_estimates_too(monkeypatch):
     """More samples tell more: no earlier interval is narrower than the last one."""
     record = replace(ESTIMATORS["trajectory_fit"], reports=3)

@@ -16,8 +16,7 @@ from sensing_cases import (
 )
 
 from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft, identify
-from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.dynamics.parameterizations import EQ18, parameters_to_standard
+from cpid_drake.dynamics.parameterizations import EQ18
 from cpid_drake.dynamics.rows import EQ18_ROWS
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.momentum_rows import solve_smoothed_rows
@@ -64,7 +63,8 @@ def runs(craft, suite, samples, estimator, true, **options):
     """Return errors (N, 10) and normalized errors squared (N,) of some samples."""
     errors, values = [], []
     for noisy in samples:
-        result = identify(craft, noisy, sensors=suite, estimator=estimator, **options)
+        options = {"sensors": suite, "estimator": estimator, "is_final": False} | options
+        result = identify(craft, noisy, **options)
         error = result.parameters - true
         errors.append(error)
         values.append(error @ np.linalg.solve(result.covariance, error))
@@ -87,8 +87,11 @@ def test_every_estimator_is_near_and_gives_a_rigid_body(
     assert M_TCo_C.IsPhysicallyValid()
     assert M_TCo_C.get_mass() == pytest.approx(true[0], rel=tolerance)
     assert "determine 10 of 10 parameters" in result.explain()
+    error = result.parameters - true
+    assert error @ np.linalg.solve(result.covariance, error) < chi2.isf(1e-4, 10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_covariances_hold(craft, at_rest, skewed_target, estimator):
     """Mean NEES over seeds: ten."""
@@ -123,6 +126,7 @@ def mirrored(perfect, noisy):
     return replace(noisy, attitude=Samples(noisy.attitude.time, attitude), **changed)
 
 
+@pytest.mark.slow
 def test_eq18_is_biased_and_the_others_are_not(craft, at_rest, skewed_target):
     """The mean of estimates with errors of either sign: what is odd in them cancels, bias stays.
 
@@ -148,16 +152,16 @@ def test_eq18_is_biased_and_the_others_are_not(craft, at_rest, skewed_target):
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
-    samples = [add_noise(suite, tumbling, seed) for seed in range(2)]
+    samples = [add_noise(suite, tumbling, 0)]
     known = momentum_about_com(craft, motion, skewed_target, MOMENTUM)
     errors, nees = runs(craft, suite, samples, estimator, true, momentum=known)
     if estimator == "eq18":
         assert np.abs(errors[:, 0] / true[0]).max() < 0.02
     else:
-        assert chi2.ppf(0.001, 20) < nees.sum() < chi2.ppf(0.999, 20)
+        assert chi2.ppf(0.0005, 10) < nees.sum() < chi2.ppf(0.9995, 10)
 
 
-@pytest.mark.parametrize("size", [0.2, 1.0, 3.0])
+@pytest.mark.parametrize("size", [0.2, pytest.param(3.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_a_momentum_that_is_not_zero_is_seen(craft, motion, skewed_target, estimator, size):
     """A fit may take the momentum for that after a change at the start, and be right."""
@@ -171,33 +175,12 @@ def test_a_momentum_that_is_not_zero_is_seen(craft, motion, skewed_target, estim
 @pytest.mark.parametrize("estimator", UNBIASED)
 def test_an_unknown_momentum_costs_no_consistency(craft, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
-    samples = [add_noise(suite, tumbling, seed) for seed in range(2)]
+    samples = [add_noise(suite, tumbling, 1)]
     _, nees = runs(craft, suite, samples, estimator, true, momentum=TotalMomentum.unknown())
-    assert chi2.ppf(0.0005, 20) < nees.sum() < chi2.ppf(0.9995, 20)
+    assert chi2.ppf(0.0005, 10) < nees.sum() < chi2.ppf(0.9995, 10)
 
 
-@pytest.mark.parametrize("unknown_momentum", [False, True])
-def test_eq18_takes_no_unknown_momentum(craft, at_rest, unknown_momentum):
-    suite = coarse_suite(**FAST)
-    options = {"estimator": "eq18", "momentum": TotalMomentum(is_unknown=unknown_momentum)}
-    if unknown_momentum:
-        with pytest.raises(InputError, match="rows 'eq18' cannot estimate an unknown"):
-            identify(craft, at_rest, sensors=suite, **options)
-    else:
-        assert identify(craft, at_rest, sensors=suite, **options).is_observable
-
-
-def test_what_is_not_of_this_spacecraft_is_refused(craft, at_rest):
-    suite, samples = coarse_suite(**FAST), at_rest
-    with pytest.raises(
-        InputError, match="no estimator 'best'; choose from least_squares, recursive_fit"
-    ):
-        identify(craft, samples, sensors=suite, estimator="best")
-    with pytest.raises(InputError, match=r"no column 'q:\w+'; .* the log's are 'a'"):
-        identify(craft, replace(samples, joint_names=("a", "b", "c", "d")), sensors=suite)
-
-
-@pytest.mark.parametrize("estimator", UNBIASED)
+@pytest.mark.parametrize("estimator", ["least_squares", "trajectory_fit"])
 def test_bad_samples_are_screened_out(craft, at_rest, skewed_target, scale, estimator):
     """Not a number, a quaternion of no length, a stamp out of turn: left out, not fatal."""
     suite = coarse_suite(**FAST)
@@ -212,7 +195,7 @@ def test_bad_samples_are_screened_out(craft, at_rest, skewed_target, scale, esti
         gyro=Samples(samples.gyro.time, gyro),
         position=Samples(time, samples.position.value),
     )
-    result = identify(craft, bad, sensors=suite, estimator=estimator)
+    result = identify(craft, bad, sensors=suite, estimator=estimator, is_final=False)
     assert np.abs((result.parameters - skewed_target.to_vector()) / scale).max() < 2e-3
 
 
@@ -251,7 +234,7 @@ def planar(tmp_path_factory):
     return Spacecraft(path, base="base", capture_frame="hand"), target
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [2])
 def test_planar_motion_leaves_the_in_plane_inertia_open(planar, seed):
     """Ixx, Iyy and Ixy never matter; that the base does not tilt tells cz, Ixz and Iyz.
 
@@ -284,7 +267,8 @@ def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
     q = np.array([0.2, 0.1, -0.3, 0.4])
     suite = coarse_suite(**FAST)
     perfect = measured(craft, HalfCosine(q, q, 4.0), skewed_target, suite)
-    result = identify(craft, add_noise(suite, perfect, 1), sensors=suite, estimator=estimator)
+    options = {"sensors": suite, "estimator": estimator, "is_final": False}
+    result = identify(craft, add_noise(suite, perfect, 1), **options)
     assert result.solution.rank < 4
     assert not result.is_observable
     assert np.isnan(result.parameters).any()
@@ -292,7 +276,7 @@ def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
     assert np.isnan(result.spatial_inertia().get_mass())
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", ["least_squares", "trajectory_fit"])
 def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
     """Of a flat target estimates lie beyond what can be; what leaves never does."""
     flat = InertialParameters(60.0, [0.4, 0.1, 0.0], np.diag([10.0, 20.0, 30.0]))
@@ -301,7 +285,8 @@ def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
     beyond = 0
     for seed in range(3):
         samples = add_noise(suite, perfect, seed)
-        result = identify(craft, samples, sensors=suite, estimator=estimator)
+        options = {"sensors": suite, "estimator": estimator, "is_final": False}
+        result = identify(craft, samples, **options)
         beyond += not result.raw().is_feasible()
         assert result.feasible().is_feasible()
         assert result.spatial_inertia().IsPhysicallyValid()
@@ -309,74 +294,6 @@ def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
 
 
 # -- the Cramér-Rao bound -------------------------------------------------------------------------
-
-
-def numerical_bound(craft, motion, target, suite, times, momentum_W):
-    """Return the bound by differences of readings predicted with `propagate_base`; joints known.
-
-    Unknowns: π, attitude and position at the start, gyro bias, and [L; P] where it is not zero.
-    """
-    everything = np.unique(np.round(np.concatenate([[0.0], *times]), 9))
-    index = [np.searchsorted(everything, np.round(t, 9)) for t in times]
-    steps = np.array([1e-2, *3 * [1e-4], *6 * [1e-2], *3 * [1e-5], *3 * [1e-3], *3 * [1e-5]])
-    if momentum_W is not None:
-        steps = np.append(steps, 6 * [1e-2])
-    moves = np.diag(steps)
-    x = np.concatenate([moves, -moves])
-    base = propagate_base(
-        craft.tree,
-        motion,
-        np.stack([parameters_to_standard(target.to_vector() + row[:10]) for row in x]),
-        everything,
-        quaternion_WB=Rotation.from_rotvec(x[:, 10:13]).as_quat(scalar_first=True),
-        p_WB=x[:, 13:16],
-        momentum_W=None if momentum_W is None else momentum_W + x[:, 19:],
-        max_step=0.05,
-    )
-    columns, n = [], len(steps)
-    for k, step in enumerate(steps):
-        readings = []
-        for j in (k, n + k):
-            R = Rotation.from_quat(base.quaternion_WB[j], scalar_first=True)
-            w = R[index[1]].inv().apply(base.w_WB[j, index[1]]) + x[j, 16:19]
-            readings.append((R[index[0]], w, base.p_WB[j, index[2]]))
-        ahead, behind = readings
-        turn = (behind[0].inv() * ahead[0]).as_rotvec() @ suite.attitude.R_BS
-        parts = [
-            turn / suite.sigmas("attitude"),
-            (ahead[1] - behind[1]) / suite.sigmas("gyro"),
-            (ahead[2] - behind[2]) / suite.sigmas("position"),
-        ]
-        columns.append(np.concatenate([part.ravel() for part in parts]) / (2 * step))
-    J = np.stack(columns, axis=1)
-    information = J.T @ J
-    information[16:19, 16:19] += np.eye(3) / suite.gyro.bias_sigma**2
-    return np.linalg.inv(information)[:10, :10]
-
-
-@pytest.mark.parametrize("momentum_W", [None, MOMENTUM], ids=["at rest", "tumbling"])
-def test_the_bound_agrees_with_an_independent_one(craft, motion, skewed_target, momentum_W):
-    """To 1e-3 of each σ and of each correlation, with encoders as good as perfect."""
-    suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0), encoders=JointSensor(50.0, 0.0))
-    samples = measured(craft, motion, skewed_target, suite, momentum_W)
-    psi = true_psi(craft, skewed_target)
-    total = TotalMomentum.zero()
-    if momentum_W is not None:
-        total = TotalMomentum.unknown(momentum_about_com(craft, motion, skewed_target, momentum_W))
-    bound = cramer_rao_bound(
-        craft.tree,
-        psi,
-        samples,
-        suite,
-        momentum=total,
-    )
-    times = [samples.attitude.time, samples.gyro.time, samples.position.time]
-    expected = numerical_bound(craft, motion, skewed_target, suite, times, momentum_W)
-    sigma, right = np.sqrt(np.diag(bound)), np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(sigma, right, rtol=1e-3)
-    np.testing.assert_allclose(
-        bound / np.outer(sigma, sigma), expected / np.outer(right, right), rtol=0, atol=1e-3
-    )
 
 
 def test_the_bound_is_open_where_the_motion_shows_nothing(craft, motion, skewed_target):

@@ -17,6 +17,8 @@ from cpid_drake.estimation.likelihood.motion import Instants
 from cpid_drake.scenario.schema import WristConfig
 from cpid_drake.sensing.disturbances import Disturbances
 
+pytestmark = pytest.mark.slow
+
 FREQUENCY = 6.0
 """Lowest natural frequency of the target on the wrist [Hz]."""
 

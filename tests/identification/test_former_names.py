@@ -6,8 +6,7 @@ from dataclasses import replace
 import pytest
 
 from cpid_drake import Spacecraft, identify, load_sensors, read_telemetry
-from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.former_names import FORMER_NAMES, FormerNameWarning
+from cpid_drake.identification.former_names import FormerNameWarning
 from cpid_drake.identification.requests import Request, identify_file, request_of_result
 from cpid_drake.identification.result_files import (
     SpacecraftReference,
@@ -20,12 +19,6 @@ SAMPLE = str(models_directory() / "telemetry/free_flyer.csv")
 CRAFT = SpacecraftReference(
     str(models_directory() / "free_flyer/free_flyer.urdf"), "body", "capture_point"
 )
-
-
-def test_former_names_lead_to_estimators():
-    for former, current in FORMER_NAMES.items():
-        assert current in ESTIMATORS
-        assert former not in ESTIMATORS
 
 
 def test_identify_accepts_a_former_name_with_one_warning_at_the_callers_line():

@@ -2,19 +2,17 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured
 
 from cpid_drake import TotalMomentum, identify
 from cpid_drake.dynamics.rows import STANDARD_ROWS
-from cpid_drake.estimation.combination import SourceRows, agreement
-from cpid_drake.estimation.momentum_rows import SmoothedRows, solve_smoothed_rows
+from cpid_drake.estimation.momentum_rows import SmoothedRows
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.smoothing import smooth_windows
 
-SEEDS = range(1, 13)
+SEEDS = range(1, 6)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +46,10 @@ def agreement_of_halves(craft, suite, samples, momentum):
     return smoothed.agreement()
 
 
-@pytest.mark.parametrize("momentum", [TotalMomentum.zero(), TotalMomentum.unknown()])
+@pytest.mark.parametrize(
+    "momentum",
+    [TotalMomentum.zero(), pytest.param(TotalMomentum.unknown(), marks=pytest.mark.slow)],
+)
 def test_chi_squared_of_clean_samples_has_its_distribution(craft, suite, ideal, momentum):
     samples = ideal()
     found = [
@@ -62,31 +63,7 @@ def test_chi_squared_of_clean_samples_has_its_distribution(craft, suite, ideal, 
     assert min(each.probability for each in found) > 1e-3
 
 
-@pytest.mark.parametrize("heavier", [1.0, 1.1])
-def test_it_agrees_with_the_comparison_of_two_estimates(craft, suite, ideal, heavier):
-    """Independent route: the χ² of two estimates, each from one half of the smoothed motion."""
-    samples = add_noise(suite, ideal(heavier), seed=2)
-    zero = TotalMomentum.zero()
-    (window,) = windows(craft, suite, samples)
-    middle = len(window.telemetry) // 2
-    solutions = []
-    for half in (slice(0, middle), slice(middle, None)):
-        errors = tuple(
-            replace(each, support=each.support[half], basis=each.basis[half])
-            for each in window.errors
-        )
-        part = replace(window, telemetry=window.telemetry.select(half), errors=errors)
-        solutions.append(solve_smoothed_rows(craft.tree, part, STANDARD_ROWS, zero))
-    assert all(each.is_observable for each in solutions)
-    unit = np.abs(solutions[0].values)
-    rows = [SourceRows.of_solution(each) for each in solutions]
-    compared = agreement(rows, solutions[0].values, 1e3 * unit)
-    assert compared.freedom == 10
-    score = agreement_of_halves(craft, suite, samples, zero)
-    assert score.chi_squared == pytest.approx(compared.chi_squared, rel=0.35)
-
-
-@pytest.mark.parametrize("sensors", ["given", "estimated"])
+@pytest.mark.parametrize("sensors", ["given", pytest.param("estimated", marks=pytest.mark.slow)])
 def test_a_base_heavier_than_its_model_is_doubted(craft, suite, ideal, sensors):
     given = suite if sensors == "given" else None
 

@@ -18,12 +18,11 @@ from sensing_cases import (
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.requirements import in_joint_order
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.noise_estimation import estimate_suite, noise_level
-from cpid_drake.sensing.sensors import SENSORS, JointSensor, VectorSensor
+from cpid_drake.sensing.sensors import SENSORS, JointSensor
 
 DURATION = 8.0
 
@@ -107,14 +106,6 @@ class TestExactLogs:
         assert "estimated from the log" in found.warnings[0]
         assert error_over_scale(found, skewed_target) < 1e-5
 
-    def test_sensors_with_instants_of_their_own_are_brought_together(
-        self, craft, motion, skewed_target
-    ):
-        suite = coarse_suite(velocity=VectorSensor(11.0, 1e-4), joint_rates=JointSensor(17.0, 1e-5))
-        suite.position.rate, suite.attitude.rate, suite.gyro.rate = 9.0, 8.0, 23.0
-        log = measured(craft, motion, skewed_target, suite)
-        assert error_over_scale(identify(craft, log), skewed_target) < 1e-3
-
     def test_momentum_that_is_not_zero_is_seen_and_can_be_estimated(
         self, craft, motion, skewed_target
     ):
@@ -154,7 +145,7 @@ class TestNoisyLogs:
         distance = error @ np.linalg.solve(found.covariance, error)
         assert distance < 30  # χ² of ten, 0.1 %
 
-    @pytest.mark.parametrize("seed", range(4))
+    @pytest.mark.parametrize("seed", range(2))
     def test_momentum_is_seen_through_noise_and_not_seen_in_noise(
         self, craft, motion, skewed_target, seed
     ):
@@ -175,7 +166,7 @@ class TestNoisyLogs:
         self, craft, true_motion, skewed_target, memory
     ):
         """Noise on the base's velocities: first-order, of the same size."""
-        inside, trials = 0, 30
+        inside, trials = 0, 12
         truth = skewed_target.to_vector()
         for seed in range(trials):
             rng = np.random.default_rng(seed)
@@ -189,20 +180,7 @@ class TestNoisyLogs:
             inside += int(np.sum((low < truth) & (truth < high)))
         assert 0.85 < inside / (10 * trials) <= 1.0
 
-    def test_residuals_tell_noise_with_memory_from_noise_without(self):
-        rng = np.random.default_rng(5)
-        white = rng.normal(size=(20_000, 3))
-        assert whiteness(white).is_white
-        assert whiteness(white).correlation_time == pytest.approx(1.0, abs=0.1)
-        memory = white.copy()
-        for k in range(1, len(memory)):
-            memory[k] += 0.8 * memory[k - 1]
-        found = whiteness(memory)
-        assert not found.is_white
-        assert found.lag_one == pytest.approx(0.8, abs=0.02)
-        assert found.correlation_time == pytest.approx(9.0, rel=0.15)  # (1 + ρ)/(1 − ρ)
-
-    @pytest.mark.parametrize("sigma", [1e-6, 1e-4, 1e-2])
+    @pytest.mark.parametrize("sigma", [1e-6, 1e-2])
     def test_noise_is_told_from_motion(self, true_motion, sigma):
         rng = np.random.default_rng(6)
         noise = sigma * rng.normal(size=(len(true_motion), 3))
@@ -280,11 +258,6 @@ def turned(craft, motion, skewed_target):
 
 
 class TestContradictions:
-    def test_turning_the_world_changes_nothing(self, craft, turned, skewed_target):
-        found = identify(craft, turned)
-        assert found.warnings == ()
-        assert error_over_scale(found, skewed_target) < 1e-9
-
     @pytest.mark.parametrize("case", WRONG)
     def test_mixed_units_and_conventions_are_named(self, craft, turned, case):
         functions, phrase = WRONG[case]
@@ -413,17 +386,6 @@ class TestWhatIsMissing:
                 {"rows": "relative"},
                 r"needs attitude \(qw,qx,qy,qz\) or angular velocity .* no estimator can do",
             ),
-            (["encoders"], {"estimator": "trajectory_fit"}, r"needs joint positions"),
-            (
-                ["position"],
-                {"rows": "standard", "momentum": TotalMomentum.unknown()},
-                r"needs position .* can use the log: least_squares with relative rows",
-            ),
-            (
-                ["velocity", "position"],
-                {"rows": "standard", "momentum": TotalMomentum.known([1, 2, 3], [0, 0, 0])},
-                r"the log: least_squares with relative rows, recursive_fit, trajectory_fit$",
-            ),
             (
                 [],
                 {"estimator": "recursive_fit", "sensors": coarse_suite(encoders=None)},
@@ -452,19 +414,6 @@ class TestWhatIsMissing:
         for rows in ("standard", "eq18"):
             found = identify(craft, log, rows=rows, momentum=known)
             assert error_over_scale(found, skewed_target) < 1e-9
-
-    @pytest.mark.parametrize(
-        ("value", "phrase"),
-        [
-            (np.zeros((160, 3)), r"'encoders' needs times \(N,\) and values \(N, 4\)"),
-            (np.zeros(160), r"'encoders' needs times"),
-            (np.full((160, 4), "a"), "'encoders' is not made of numbers"),
-        ],
-    )
-    def test_shapes_that_do_not_fit_are_named(self, craft, exact, value, phrase):
-        times = np.arange(160) * 0.05
-        with pytest.raises(InputError, match=phrase):
-            identify(craft, replace(exact, encoders=Samples(times, value)))
 
     def test_other_joints_are_named(self, craft, exact):
         names = ("shoulder", "slide", "elbow", "rol")

@@ -66,7 +66,10 @@ def turned(craft, joints, seed):
 
 
 class TestSeveralLogs:
-    @pytest.fixture(scope="class", params=["trajectory_fit", "least_squares"])
+    @pytest.fixture(
+        scope="class",
+        params=["least_squares", pytest.param("trajectory_fit", marks=pytest.mark.slow)],
+    )
     @classmethod
     def joint(cls, request, craft, suite, logs):
         return identify_together(craft, logs, sensors=suite, estimator=request.param)
@@ -103,6 +106,7 @@ def test_one_log_twice_has_twice_the_information(craft, suite, logs, estimator):
     assert twice.joint.chi_squared < 1e-6
 
 
+@pytest.mark.slow
 def test_uncertainty_of_the_spacecraft_does_not_average(craft, suite, logs):
     """Of one log twice, the noise averages, and the errors of the known bodies do not."""
     log = logs["log 0"]
@@ -115,6 +119,7 @@ def test_uncertainty_of_the_spacecraft_does_not_average(craft, suite, logs):
     np.testing.assert_allclose(twice**2, alone**2 - noise**2 / 2, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_errors_of_a_sensor_that_no_log_determines_do_not_average(craft, logs):
     """Zeros of the joints are errors of cz, and not of the mass."""
     log, plain = logs["log 0"], coarse_suite()
@@ -132,11 +137,12 @@ def test_a_log_of_another_target_is_named(craft, suite, logs, skewed_target):
     )
     motion = Sines.drawn(4, 104, DURATION, 0.6)
     other = add_noise(suite, measured(craft, motion, heavier, suite), seed=4)
-    found = identify_together(craft, {**logs, "other": other}, sensors=suite)
+    options = {"sensors": suite, "estimator": "least_squares"}
+    found = identify_together(craft, {**logs, "other": other}, **options)
     assert "other disagrees most" in found.doubts[0]
     assert "most in m: 61" in found.doubts[0]
     assert found.joint.widening > 3
-    two = identify_together(craft, {"log 0": logs["log 0"], "other": other}, sensors=suite)
+    two = identify_together(craft, {"log 0": logs["log 0"], "other": other}, **options)
     assert "log 0 and other contradict each other" in two.doubts[0]
 
 
@@ -146,11 +152,9 @@ def test_a_doubt_about_one_log_is_a_doubt_about_the_joint_estimate(craft, suite,
     found = identify_together(craft, tumbling, estimator="least_squares", **options)
     assert any(doubt.startswith("log 1: ") for doubt in found.doubts)
     assert not any(doubt.startswith("log 0: ") for doubt in found.doubts)
-    found = identify_together(craft, tumbling, **options)
-    assert found.doubts[0].startswith("log 1: the samples contradict a total momentum of zero")
-    assert not any("log 0" in doubt for doubt in found.doubts)
 
 
+@pytest.mark.slow
 def test_a_log_without_motion_is_not_used(craft, suite, logs, skewed_target):
     still = measured(craft, Sines.drawn(4, 101, DURATION, 0.0), skewed_target, suite)
     both = {"log 0": logs["log 0"], "still": add_noise(suite, still, seed=3)}
@@ -227,7 +231,7 @@ class TestPrior:
         suite = coarse_suite(**POOR)
         samples = measured(craft, turned(craft, [3], 103), skewed_target, suite)
         samples = add_noise(suite, samples, seed=3)
-        alone = identify(craft, samples, sensors=suite)
+        alone = identify(craft, samples, sensors=suite, is_final=False)
         assert alone.solution.rank < 10
         found = identify(craft, samples, sensors=suite, prior=self.prior(skewed_target, 0.5))
         assert found.solution.rank == 10
@@ -239,7 +243,7 @@ class TestPrior:
     @pytest.mark.parametrize("estimator", ["trajectory_fit", "least_squares"])
     def test_a_vague_prior_changes_nothing(self, craft, suite, logs, skewed_target, estimator):
         log = logs["log 0"]
-        options = {"sensors": suite, "estimator": estimator}
+        options = {"sensors": suite, "estimator": estimator, "is_final": False}
         alone = identify(craft, log, **options)
         found = identify(craft, log, prior=self.prior(skewed_target, 0.5), **options)
         assert not found.joint.dominated
@@ -252,6 +256,7 @@ class TestPrior:
         found = identify(craft, logs["log 0"], sensors=suite, prior=prior)
         assert "the prior and the log contradict each other" in found.doubts[0]
 
+    @pytest.mark.slow
     def test_an_earlier_result_counts_like_its_log(self, craft, suite, logs, skewed_target):
         first = identify(craft, logs["log 0"], sensors=suite)
         prior = TargetPrior("earlier", first.parameters, first.covariance)
@@ -265,8 +270,9 @@ class TestPrior:
         parameters, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
         parameters[0], covariance[0, 0] = skewed_target.mass, 1e-8
         prior = TargetPrior("the scale", parameters, covariance)
-        alone = identify(craft, logs["log 0"], sensors=suite)
-        found = identify(craft, logs["log 0"], sensors=suite, prior=prior)
+        options = {"sensors": suite, "is_final": False}
+        alone = identify(craft, logs["log 0"], **options)
+        found = identify(craft, logs["log 0"], prior=prior, **options)
         assert found.joint.dominated[0] == "m"
         assert sigmas(found)[0] == pytest.approx(1e-4, rel=0.01)
         assert np.all(sigmas(found) <= 1.001 * sigmas(alone))

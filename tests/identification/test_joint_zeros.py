@@ -22,7 +22,9 @@ def log(craft, skewed_target, request):
     return exact.updated({"encoders": Samples(encoders.time, encoders.value + ZEROS)})
 
 
-@pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
+@pytest.mark.parametrize(
+    "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
+)
 def test_the_target_is_found(craft, log, skewed_target, estimator):
     """A model that is linear about zero, or about an early estimate, would be wrong by many σ."""
     found = identify(

@@ -144,6 +144,7 @@ def noisy(craft):
     return {name: add_noise(suite, log, 7) for name, log in logs.items()}, suite
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", ["zero", "unknown"])
 @pytest.mark.parametrize("rows", ["standard", "relative"])
 def test_smoothing_in_windows_gives_the_answer_of_the_whole_log(
@@ -161,6 +162,7 @@ def test_smoothing_in_windows_gives_the_answer_of_the_whole_log(
     np.testing.assert_allclose(np.sqrt(np.diag(windows.covariance)) / sigma, 1, atol=0.2)
 
 
+@pytest.mark.slow
 def test_windows_have_the_same_times_once_and_no_edges(noisy, monkeypatch):
     logs, suite = noisy
     whole = smoothing.smooth(logs["zero"], suite)
@@ -176,6 +178,7 @@ def test_windows_have_the_same_times_once_and_no_edges(noisy, monkeypatch):
     assert sigma[inside].max() < 3 * usual  # at an edge it would be far larger
 
 
+@pytest.mark.slow
 def test_a_window_without_attitude_is_left_out(craft, noisy, monkeypatch):
     logs, suite = noisy
     monkeypatch.setattr(smoothing, "LONGEST_WHOLE", 30.0)
@@ -193,6 +196,7 @@ def test_a_window_without_attitude_is_left_out(craft, noisy, monkeypatch):
 # -- memory ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_memory_of_a_stream_does_not_grow_with_its_length(craft):
     base = samples_of(exact(craft, 10.0))
 

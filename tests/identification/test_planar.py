@@ -62,7 +62,7 @@ def test_a_momentum_in_the_plane_is_estimated(table, rows):
 
 @pytest.mark.parametrize("estimator", ["trajectory_fit", "standard"])
 def test_the_errors_are_those_that_the_covariance_says(craft, table, estimator):
-    squares, count = [], 6
+    squares, count = [], 3
     for seed in range(count):
         found = identify(
             table, samples(craft, seed), sensors=SUITE, estimator=estimator, is_final=False

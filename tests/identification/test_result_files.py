@@ -1,7 +1,6 @@
 """Result files: what is written is read back, and a file that is wrong anywhere is refused."""
 
 import json
-import os
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -103,35 +102,6 @@ def test_what_is_written_is_read_back_to_the_last_digit(result, tmp_path):
     assert_same(result, read_result(tmp_path / "r.json"))
 
 
-def test_unknown_numbers_are_null_in_the_file(result, tmp_path):
-    part = replace(
-        result,
-        inertia=np.full(6, np.nan),
-        covariance=np.full((10, 10), np.nan),
-        feasible=None,
-        rank=7,
-        condition=None,
-        rows=None,
-        warnings=[],
-    )
-    write_result(tmp_path / "r.json", part)
-    document = json.loads((tmp_path / "r.json").read_text())
-    assert document["inertia"] == 6 * [None]
-    assert document["covariance"] == 10 * [10 * [None]]
-    assert document["com"] == result.com.tolist()
-    assert [document[key] for key in ("condition", "feasible", "rows")] == 3 * [None]
-    again = read_result(tmp_path / "r.json")
-    assert_same(part, again)
-    assert np.isnan(again.parameters).tolist() == 4 * [False] + 6 * [True]
-    assert again.target is None
-
-
-def test_packages_may_be_left_out(document, tmp_path):
-    del document["spacecraft"]["packages"]
-    (tmp_path / "r.json").write_text(json.dumps(document))
-    assert read_result(tmp_path / "r.json").spacecraft.packages == {}
-
-
 def test_a_file_from_an_editor_that_marks_utf8_is_read(document, result, tmp_path):
     (tmp_path / "bom.json").write_text(json.dumps(document), encoding="utf-8-sig")
     assert_same(result, read_result(tmp_path / "bom.json"))
@@ -154,40 +124,6 @@ def test_details_may_be_left_out(document, result, tmp_path):
     assert bare.interval_95 is None
     assert bare.samples_rejected_by_sensor == {}
     np.testing.assert_array_equal(bare.parameters, result.parameters)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"noise": 1}, "unknown key 'noise'"),
-        ({"interval_95": [[]]}, "interval_95 must be a list of 10x2 numbers"),
-        ({"principal_axes": {}}, "principal_axes must be a list of 3x3 numbers"),
-        ({"not_observable": 2}, "not_observable must be text, not 2"),
-        ({"names": ["m"]}, "names must be m, cx, cy, cz, Ixx"),
-        ({"residual_whiteness": {"white": True}}, "residual_whiteness.lag_one_correlation is"),
-        ({"samples_rejected_by_sensor": {"gyro": -1}}, "samples_rejected_by_sensor.gyro must be"),
-        ({"source": 3}, "source must be a mapping, not 3"),
-    ],
-)
-def test_details_of_another_kind_are_named(refusal, document, changes, words):
-    assert refusal(document | changes).startswith(words)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("telemetry", 3, "source.telemetry must be text, not 3"),
-        ("sha256", [], "source.sha256 must be text, not []"),
-        ("start", "now", "source.start must be a number, not 'now'"),
-        ("topics", {"a": 1}, "source.topics.a must be text, not 1"),
-        ("momentum", "much", "source.momentum must be one of zero, unknown"),
-        ("leave_out_bad", 1, "source.leave_out_bad must be true or false, not 1"),
-        ("surprise", 1, "unknown key 'source.surprise'"),
-    ],
-)
-def test_a_source_of_another_kind_is_named(refusal, document, key, value, words):
-    document["source"][key] = value
-    assert refusal(document).startswith(words)
 
 
 @pytest.mark.parametrize(
@@ -216,18 +152,11 @@ def test_a_folder_that_is_not_there_is_named(result, tmp_path):
     ("content", "words"),
     [
         (b"", "not JSON"),
-        (b"\x00\xff\xfe\x80", "not JSON"),
-        (b'{"mass": 1', "not JSON"),
-        (b"mass: 1", "not JSON"),
         (b'{"mass": NaN}', "NaN is not a finite number; unknown numbers are null"),
-        (b'{"mass": -Infinity}', "-Infinity is not a finite number"),
         (b'{"other": 1e999}', "1e999 is not a finite number"),
         (b'{"mass": 1, "mass": 2}', "the key 'mass' is given twice"),
-        (b'{"mass": ' + b"9" * 5000 + b"}", "not JSON"),
         (b"[" * 200_000, "nested too deeply"),
-        (b'{"a":' * 200_000, "nested too deeply"),
         (b"[]", "a result must be a mapping, not []"),
-        (b"null", "a result must be a mapping, not null"),
         (b"{}", "mass is missing"),
         (b" " * (2**24 + 1), "larger than 16 MiB"),
     ],
@@ -255,22 +184,13 @@ def test_every_key_must_be_there_and_of_its_kind(refusal, document, key):
     ("key", "value", "words"),
     [
         ("mass", "100", "mass must be a number, not '100'"),
-        ("mass", True, "mass must be a number, not true"),
-        pytest.param("mass", 10**400, "mass must be a finite number, not 1", id="400 digits"),
         ("com", [1, 2], "com must be a list of 3 numbers, not [1, 2]"),
-        ("com", [1, 2, [3]], "com must be a list of 3 numbers, not [1, 2, [3]]"),
-        ("inertia", 7, "inertia must be a list of 6 numbers, not 7"),
         ("covariance", 10 * [9 * [0]], "covariance must be a list of 10x10 numbers"),
-        ("rank", 3.5, "rank must be a whole number, not 3.5"),
         ("rank", 11, "rank must be a whole number <= 10, not 11"),
         ("rank", True, "rank must be a whole number, not true"),
         ("samples_used", -1, "samples_used must be a whole number >= 0, not -1"),
-        ("samples_used", 10**400, "samples_used must be a whole number"),
-        ("warnings", "one", "warnings must be a list, not 'one'"),
         ("warnings", [1], "warnings[0] must be text, not 1"),
         ("estimator", "\ud800", "'\\ud800' is half of a character, which is not text"),
-        ("rows", 4, "rows must be text, not 4"),
-        ("spacecraft", "mine.urdf", "spacecraft must be a mapping, not 'mine.urdf'"),
         ("spacecraft", {"model": "m"}, "spacecraft.base is missing"),
         ("spacecraft", NAMES | {"bas": "b"}, "unknown key 'spacecraft.bas'; did you mean 'base'?"),
         ("spacecraft", NAMES | {"packages": "p"}, "spacecraft.packages must be a mapping, not 'p'"),
@@ -308,7 +228,7 @@ JSON = st.recursive(
 
 
 @settings(
-    max_examples=200,
+    max_examples=60,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
@@ -323,28 +243,3 @@ def test_any_value_is_read_or_refused(document, tmp_path, key, value):
         return
     write_result(tmp_path / "again.json", found)
     assert_same(found, read_result(tmp_path / "again.json"))
-
-
-@settings(
-    max_examples=200,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(cut=st.floats(0, 1), noise=st.binary(max_size=8))
-def test_a_damaged_file_is_refused(document, tmp_path, cut, noise):
-    data = json.dumps(document).encode()
-    at = int(cut * len(data))
-    path = tmp_path / "damaged.json"
-    path.write_bytes(data[:at] + noise)
-    if at + len(noise) < len(data):
-        with pytest.raises(InputError):
-            read_result(path)
-
-
-@pytest.mark.parametrize("name", ["none.json", "folder", "pipe", "x" * 300])
-def test_what_is_not_a_file_is_refused(name, tmp_path):
-    (tmp_path / "folder").mkdir()
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match=r"no such file|not a file|File name too long"):
-        read_result(tmp_path / name)

@@ -12,7 +12,7 @@ from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
-SIGMA, SEEDS = 0.15, 8
+SIGMA, SEEDS = 0.15, 5
 POOR = {
     "attitude": AttitudeSensor(5.0, 200.0, 1600.0, np.array([0.0, 0.6, 0.8])),
     "gyro": Gyro(20.0, 0.3, 60.0, 6.0),

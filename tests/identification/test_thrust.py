@@ -14,17 +14,12 @@ from cpid_drake import TargetPrior, identify, load_scenario, shipped_scenario
 from cpid_drake.dynamics.base_motion import BaseTrajectory
 from cpid_drake.dynamics.forced_motion import propagate_forced
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.block_queue import BlockQueue
-from cpid_drake.estimation.faults import after
-from cpid_drake.estimation.likelihood.joint_motion import TIME_SCALE, joint_block
-from cpid_drake.estimation.likelihood.thrust import impulses
-from cpid_drake.estimation.trajectory_fit import blocks_of
 from cpid_drake.identification.validation import validate
 from cpid_drake.scenario.schema import BurnConfig
 from cpid_drake.sensing.burns import Burn, log_of_burns
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.measurement_stream import stream_of
-from cpid_drake.sensing.measurements import THRUST, Measurements, Samples, ideal_measurements
+from cpid_drake.sensing.measurements import THRUST, Samples, ideal_measurements
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.noise_colour import noise_factors
 from cpid_drake.sensing.presets import load_sensors
@@ -84,7 +79,13 @@ def test_the_target_and_the_scale_are_found(flight, found):
     assert "the true thrust differs" in scale.describe()
 
 
-@pytest.mark.parametrize(("burns", "size"), [(BURNS, 0.05), ([replace(BURNS[0], time=0.1)], 0.005)])
+@pytest.mark.parametrize(
+    ("burns", "size"),
+    [
+        (BURNS, 0.05),
+        pytest.param([replace(BURNS[0], time=0.1)], 0.005, marks=pytest.mark.slow),
+    ],
+)
 def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust(burns, size):
     """Thrusters change the momentum: its estimate at the end does not show that of the start."""
     momentum = size * np.array([0.6, -0.8, 0.5, 0.0, 0.0, 0.0])
@@ -106,6 +107,7 @@ def test_a_value_in_every_row_is_the_same_log(flight):
     np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-5, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_scale_that_is_not_declared_is_proposed(flight):
     """With the value that the sensors' file needs: the share itself."""
     silent = replace(flight.suite, disturbances=None)
@@ -115,6 +117,7 @@ def test_a_scale_that_is_not_declared_is_proposed(flight):
     assert "(disturbances: {thrust_scale: 0.1})" in doubt
 
 
+@pytest.mark.slow
 def test_thrust_without_a_log_is_noticed(flight):
     """As a change of the momentum, or as a misfit that leaves no number to show, or as a doubt."""
     nothing = Samples(np.empty(0), np.empty((0, 6)))
@@ -140,13 +143,7 @@ def test_a_gap_of_the_encoders_in_a_burn_leaves_the_momentum_open(flight):
     assert again.momentum_changes.count == 0
 
 
-def test_impulses_of_a_log():
-    """The magnitudes of torque and force are integrated over the time in which they hold."""
-    values = np.array([[0, 3.0, 4.0, 0, 0, 2.0], [0] * 6, [1.0, 0, 0, 0, 5.0, 0]])
-    log = Samples(np.array([1.0, 2.0, 4.0]), values)
-    np.testing.assert_allclose(impulses(log, 1.5, 3.0), (0.5 * 5 + 0.5, 0.5 * 2 + 0.5 * 5))
-
-
+@pytest.mark.slow
 def test_wheels_are_unloaded_by_a_logged_torque():
     """The wheels give their momentum to the thrusters while the arm moves."""
     burn = BurnConfig(4.0, 3.0, torque_B=np.array([0.5, -0.3, 0.4]))
@@ -165,6 +162,7 @@ def test_an_exact_log_is_fitted_exactly(flight):
     np.testing.assert_allclose(found.parameters, flight.target, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_burn_is_no_noise():
     """A gyro sees the slope of the angular velocity jump, at all frequencies."""
     burn = BurnConfig(4.0, 1.0, np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6]))
@@ -177,6 +175,7 @@ def test_a_burn_is_no_noise():
     assert np.abs(flight.errors(found)).max() < 3.5
 
 
+@pytest.mark.slow
 def test_many_pulses_are_no_noise():
     """They leave no quiet pieces of the log, but their log tells where the thrust is steady."""
     force, point = np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6])
@@ -206,6 +205,7 @@ def test_a_log_with_thrust_is_predicted(flight):
     assert validate(flight.craft, target, nothing, **options).in_sigma > 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_thrusters_on_a_table(tmp_path, seed):
     """Force in the plane and torque about its normal push; the table holds the rest."""
@@ -239,42 +239,3 @@ def test_thrusters_on_a_table(tmp_path, seed):
     assert found.doubts == ()
     assert found.momentum_changes.count == 0
     assert np.abs(planar_errors(found)).max() < 3.5
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.03, 0.5])
-def test_blocks_end_where_the_thrust_changes(flight, shift):
-    """The same blocks in chunks of any length; each has every sample once."""
-    changes = flight.log.thrust_changes
-    log = flight.log.thrust
-    moved = flight.log.updated({THRUST: Samples(log.time - changes[0] + 3 + shift, log.value)})
-    queue = BlockQueue.of(flight.suite)
-    whole = list(blocks_of(queue, [moved]))
-    chunked = list(blocks_of(queue, stream_of(moved, 0.37)))
-    assert [b.start for b in chunked] == [b.start for b in whole]
-    assert [b.is_kicked for b in chunked] == [b.is_kicked for b in whole]
-    starts = {round(b.start, 9) for b in whole if b.is_kicked}
-    assert starts == {round(t, 9) for t in moved.thrust_changes}
-    assert sum(len(b.samples.encoders) for b in whole) == len(moved.encoders)
-    for one, following in pairwise(whole):
-        assert one.end == following.start
-        assert one.end - one.start > 0.1
-
-
-def test_a_kick_changes_the_accelerations_of_the_joints(flight):
-    """A step of the accelerations at the start of a block is followed; its sensors show it."""
-    suite = replace(flight.suite, joint_rates=None)
-    time = np.arange(0, 2.001, 0.01)
-    angle = 0.1 * np.sin(time) + np.where(time > 1, 0.4 * (time - 1) ** 2, 0.0)
-    names = flight.craft.joint_names
-    value = np.tile(angle[:, None], (1, len(names)))
-    samples = Measurements(names, encoders=Samples(time, value))
-    first = joint_block(-1e-7, 1.0, after(samples, -1e-7, 1.0), suite, None)
-    late = after(samples, 1.0, 2.0)
-    blocks = [
-        joint_block(1.0, 2.0, late, suite, first.track, is_kicked=is_kicked)
-        for is_kicked in (True, False)
-    ]
-    before, later = -0.1 * np.sin(1.0), 0.8 - 0.1 * np.sin(1.0)
-    kicked, steady = (2 * block.coefficients[2] / TIME_SCALE**2 for block in blocks)
-    np.testing.assert_allclose(kicked, later, rtol=0.1)
-    np.testing.assert_allclose(steady, before, rtol=0, atol=0.5 * (later - before))

@@ -5,20 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
+from sensing_cases import Sines, coarse_suite, measured, small_craft
 
-from cpid_drake import InertialParameters, TargetPrior, TotalMomentum
-from cpid_drake.identification import undeclared
-from cpid_drake.identification.checked_log import check_log
+from cpid_drake import TotalMomentum
 from cpid_drake.identification.description import result_of
-from cpid_drake.identification.error_fit import LogPart, fit_errors
-from cpid_drake.identification.held_out import held_out
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.problem import Problem
 from cpid_drake.identification.result_files import SpacecraftReference
 from cpid_drake.identification.undeclared import with_plausible
-from cpid_drake.identification.validation import validate
-from cpid_drake.sensing.measurement_stream import joined
 from cpid_drake.sensing.noise import SensorNoise, add_noise
 from cpid_drake.sensing.suite import check_sensors
 
@@ -28,6 +21,11 @@ HIDDEN = {
     "gyro.delay": ("gyro", "delay_ms", 30.0),
     "encoders.zero": ("encoders", "zero_mrad", 5.0),
 }
+ALL = [
+    "attitude.delay",
+    "gyro.scale",
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("gyro.delay", "encoders.zero")),
+]
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +62,7 @@ def test_a_clean_log_shows_no_errors(craft, log, skewed_target):
     assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
 
 
-@pytest.mark.parametrize("name", HIDDEN)
+@pytest.mark.parametrize("name", ALL)
 def test_a_hidden_error_is_named_with_its_value(craft, log, name):
     measurements, truth = log(name)
     found = identify(craft, measurements, sensors=coarse_suite())
@@ -109,36 +107,7 @@ def test_an_error_that_does_not_predict_the_end_is_not_proposed(craft, log):
     assert "to declare them" not in said
 
 
-def test_the_end_is_predicted_from_the_beginning_alone(craft, log, motion, skewed_target):
-    """As `validate` predicts it with the target of an identification from the beginning."""
-    suite, (measurements, _) = coarse_suite(), log()
-    zero = TotalMomentum.zero()
-    options = {"sensors": suite, "momentum": zero}
-    problem = Problem(craft, check_log(craft, measurements, suite), None, suite, zero)
-    psi = true_psi(craft, skewed_target)
-    seconds = held_out([LogPart(problem)], [LogPart(problem)], (psi, psi)).seconds
-    cut = round(10.0 - seconds, 6)  # the last sample of the beginning
-    heavier = InertialParameters(60.1, [0.5, -0.12, 0.08], skewed_target.I_TTcm_C)
-    other, _ = log(target=heavier)
-    mixed = {
-        name: samples.where(samples.time <= cut)
-        for name, samples in measurements.items()
-        if len(samples)
-    }
-    mixed = joined([measurements.updated(mixed), other.between(np.nextafter(cut, np.inf), np.inf)])
-    # So large an expected misfit that no block is left out of a fit.
-    parts = [LogPart(problem.with_measurements(mixed), misfit=100.0)]
-    found = held_out(parts, parts, (psi, psi))
-    assert found.chi_squared == found.without
-    assert found.chi_squared > 10
-    beginning = identify(craft, mixed.between(0.0, cut), **options)
-    target = TargetPrior("the beginning", beginning.parameters, beginning.covariance)
-    errors = validate(craft, target, mixed, beginning=2 / 3, **options).errors
-    squares = np.average([e.in_sigma**2 for e in errors], weights=[e.samples for e in errors])
-    assert found.chi_squared == pytest.approx(squares, rel=1e-3)
-
-
-@pytest.mark.parametrize("name", HIDDEN)
+@pytest.mark.parametrize("name", ALL)
 def test_a_declared_error_is_estimated(craft, log, skewed_target, name):
     """Its interval and those of the target contain the truth, and nothing is doubted."""
     measurements, truth = log(name)
@@ -173,6 +142,7 @@ def test_plausible_errors_do_not_replace_declared_ones():
     check_sensors(full, "sensors")
 
 
+@pytest.mark.slow
 def test_an_error_that_does_not_matter_is_a_warning(craft, log, motion, skewed_target):
     """A lever arm of the position, with an excellent attitude, hardly changes the target."""
     suite = deepcopy(coarse_suite())
@@ -206,45 +176,8 @@ def test_intervals_include_an_error_that_is_too_small_to_be_proposed(craft, moti
     assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance))).all()
 
 
-def test_intervals_of_a_clean_log_are_those_of_the_fit(craft, log):
-    measurements, _ = log()
-    found = identify(craft, measurements, sensors=coarse_suite())
-    plain = identify(craft, measurements, sensors=coarse_suite(), is_final=False)
-    np.testing.assert_array_equal(found.covariance, plain.covariance)
-
-
-@pytest.mark.parametrize(("share", "is_explained"), [(0.3, True), (0.9, False)])
-def test_errors_that_leave_out_most_of_a_log_do_not_explain_it(
-    craft, log, monkeypatch, share, is_explained
-):
-    """The rest of the log may agree with them by chance."""
-    measurements, _ = log("gyro.scale")
-    monkeypatch.setattr(
-        undeclared, "fit_errors", lambda *given: replace(fit_errors(*given), lost=share)
-    )
-    found = identify(craft, measurements, sensors=coarse_suite())
-    assert not found.is_trustworthy
-    assert found.undeclared.is_explained == is_explained
-    assert (found.undeclared.held_out is not None) == is_explained
-    assert ("do not declare" in found.doubts[0]) == is_explained
-
-
-def test_a_fit_tells_how_much_of_a_log_it_leaves_out(craft, log, skewed_target):
-    """A piece that nothing explains is counted, also where sensors are slow."""
-    measurements, _ = log()
-    encoders, suite = measurements.encoders, coarse_suite()
-    scaled = measurements.updated({"encoders": replace(encoders, value=1.3 * encoders.value)})
-    lost = []
-    for samples in (measurements, scaled):
-        checked = check_log(craft, samples, suite)
-        problem = Problem(craft, checked, None, with_plausible(suite), TotalMomentum.zero())
-        lost.append(fit_errors([LogPart(problem)], true_psi(craft, skewed_target)).lost)
-    assert lost[0] < 0.01
-    assert lost[1] > 0.9
-
-
-@pytest.mark.parametrize("estimator", ["recursive_fit", "trajectory_fit"])
-@pytest.mark.parametrize("share", [0.05, 0.3])
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "estimator"), [(0.05, "recursive_fit"), (0.3, "trajectory_fit")])
 def test_a_fit_tells_the_share_of_its_log_that_it_leaves_out(craft, log, share, estimator):
     """The gyro is lost in noise for a while, and the answer is that of the rest."""
     measurements, _ = log()

@@ -47,12 +47,14 @@ def logs(craft, skewed_target):
     ]
 
 
+@pytest.mark.slow
 def test_clean_logs_show_no_errors(craft, logs):
     found = identify_together(craft, dict(zip("ab", logs)), sensors=coarse_suite())
     assert found.is_trustworthy
     assert found.undeclared.effects == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [1.0, 3.0])
 def test_a_force_is_named_with_its_log(craft, logs, skewed_target, times):
     mixed = {"a": logs[0], "b": pushed(logs[1], times)}
@@ -82,6 +84,7 @@ def test_a_force_is_named_although_the_momentum_is_said_to_be_zero(craft, logs):
     assert (np.abs(effect.value - 2 * PUSH) < 4 * effect.sigma).all()
 
 
+@pytest.mark.slow
 def test_a_tumble_said_to_have_no_momentum_shows_no_other_error(craft, skewed_target):
     suite = coarse_suite()
     motion = Sines.drawn(4, seed=101, duration=10.0, size=0.6)
@@ -91,6 +94,7 @@ def test_a_tumble_said_to_have_no_momentum_shows_no_other_error(craft, skewed_ta
     assert found.undeclared.effects == ()
 
 
+@pytest.mark.slow
 def test_an_error_of_a_sensor_on_a_table_is_named(table):
     """A delay so large that nothing explains some blocks without it."""
     suite = deepcopy(SUITE)
@@ -105,6 +109,7 @@ def test_an_error_of_a_sensor_on_a_table_is_named(table):
     assert "add it to" in found.doubts[0]
 
 
+@pytest.mark.slow
 def test_a_table_out_of_level_is_named_with_its_log(table):
     clean = [
         add_noise(SUITE, measured(table.on_table(), planar_motion(k), TARGET, SUITE), 4 + k)
@@ -134,6 +139,7 @@ def test_a_clean_log_on_a_table_shows_no_errors(table):
     assert found.undeclared.effects == ()
 
 
+@pytest.mark.slow
 def test_the_diagnosis_does_not_depend_on_the_orientation_of_c(table, tmp_path):
     level = planar_craft(tmp_path, grip_rpy="0 0 0")
     log = add_noise(SUITE, measured(level.on_table(), planar_motion(), TARGET, SUITE), 4)

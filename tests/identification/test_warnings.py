@@ -7,25 +7,12 @@ import pytest
 from sensing_cases import Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import identify
-from cpid_drake.estimation import trajectory_fit
 from cpid_drake.sensing.noise import add_noise
 
 
-@pytest.mark.parametrize("tolerance", [0.0, trajectory_fit.STEP_TOLERANCE])
-def test_a_fit_that_does_not_converge_says_so(tmp_path, skewed_target, monkeypatch, tolerance):
-    """No step is smaller than zero: the passes end before the target remains."""
-    monkeypatch.setattr(trajectory_fit, "STEP_TOLERANCE", tolerance)
-    monkeypatch.setattr(trajectory_fit, "MOST_PASSES", 2)
-    craft, suite = small_craft(tmp_path), coarse_suite()
-    motion = Sines.drawn(4, seed=101, duration=5.0, size=0.6)
-    samples = add_noise(suite, measured(craft, motion, skewed_target, suite), seed=1)
-    found = identify(craft, samples, sensors=suite, estimator="trajectory_fit")
-    assert found.converged == (tolerance > 0)
-    warned = any("did not converge" in warning for warning in found.warnings)
-    assert warned == (tolerance == 0)
-
-
-@pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
+@pytest.mark.parametrize(
+    "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
+)
 def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_target, estimator):
     """As if the true noise had been given; the errors are within the intervals."""
     craft, suite = small_craft(tmp_path), coarse_suite(velocity=None)
