@@ -65,17 +65,6 @@ def test_jacobian_is_the_derivative(parameterization):
     assert np.abs((np.stack(columns, axis=1) - jacobian) / scale).max() < 1e-7
 
 
-def test_every_representation_returns_the_same_body():
-    body = random_body(np.random.default_rng(3))
-    for again in (
-        InertialParameters.from_vector(body.to_vector()),
-        InertialParameters.from_standard_vector(body.to_standard_vector()),
-        body_of(pseudo_inertia(body)),
-        InertialParameters.from_spatial_inertia(body.to_spatial_inertia()),
-    ):
-        np.testing.assert_allclose(again.to_vector(), body.to_vector(), rtol=1e-12, atol=1e-12)
-
-
 def test_standard_vector_agrees_with_drakes_spatial_inertia():
     body = random_body(np.random.default_rng(4))
     M_TCo_C = body.to_spatial_inertia()

@@ -12,7 +12,6 @@ from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 
 def test_velocities_are_the_derivatives_of_the_positions(servicer, random_motion):
     """Eq. 3 against differences of Eq. 2 along the motion that the velocities describe."""
-    from dataclasses import replace
 
     now, step = random_motion(6, seed=12), 1e-6
     attitude = Rotation.from_quat(now.quaternion_WB, scalar_first=True)
@@ -53,17 +52,3 @@ def test_lumping_welded_bodies_changes_no_momentum(servicer, random_motion):
         )
     for one, other in zip(*results, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-11)
-
-
-def test_massless_links_that_are_welded_together_have_no_momentum(servicer, random_motion):
-    """Lumping an arm's last link with its gripper, both without mass, must not divide by it."""
-    massless = dict(mass=0.0, p_BBcm=np.zeros(3), I_BBcm=np.zeros((3, 3)))
-    tree, telemetry = servicer.tree, random_motion(5, 18)
-    names = ("operating_arm_link6", "operating_arm_gripper")
-    bodies = (replace(b, **massless) if b.name in names else b for b in tree.bodies)
-    tree = replace(tree, bodies=tuple(bodies))
-    assert tree.mass == servicer.mass - 5.5
-    found = [
-        angular_momentum(t, propagate(t, telemetry)[0], np.zeros(3)) for t in (tree, tree.lumped)
-    ]
-    np.testing.assert_allclose(*found, rtol=0, atol=1e-11)

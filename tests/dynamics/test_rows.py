@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from cpid_drake import HalfCosine, InertialParameters, InputError, Telemetry, identify
-from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake import HalfCosine, InertialParameters, InputError, identify
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
 from cpid_drake.dynamics.rotations import rotate
@@ -159,24 +158,8 @@ def tumbling(servicer, skewed_target):
     joints = len(servicer.joint_names)
     motion = HalfCosine(rng.uniform(-1, 1, joints), rng.uniform(-1, 1, joints), duration=10.0)
     times, momentum = np.linspace(0.5, 9.5, 12), np.array([4.0, -2.0, 3.0, 1.0, 2.0, -1.5])
-    base = propagate_base(
-        servicer.tree,
-        motion,
-        skewed_target.to_standard_vector(),
-        times,
-        momentum_W=momentum,
-        max_step=0.05,
-    )
-    q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
-    telemetry = Telemetry(
-        servicer.joint_names,
-        times,
-        quaternion_WB=base.quaternion_WB,
-        p_WB=base.p_WB,
-        w_WB=base.w_WB,
-        v_WB=base.v_WB,
-        q=q,
-        qdot=qdot,
+    telemetry = true_telemetry(
+        servicer.tree, servicer.joint_names, motion, skewed_target, times, momentum
     )
     return telemetry, momentum_samples(servicer.tree, telemetry), momentum
 
@@ -228,17 +211,9 @@ def test_the_centre_of_mass_stays_where_it_is(servicer, skewed_target):
     rng = np.random.default_rng(23)
     motion = HalfCosine(rng.uniform(-1, 1, 12), rng.uniform(-1, 1, 12), duration=10.0)
     times = np.linspace(0.0, 10.0, 9)
-    base = propagate_base(servicer.tree, motion, skewed_target.to_standard_vector(), times)
-    telemetry = Telemetry(
-        servicer.joint_names,
-        times,
-        quaternion_WB=base.quaternion_WB,
-        p_WB=base.p_WB,
-        w_WB=np.zeros((9, 3)),
-        v_WB=np.zeros((9, 3)),
-        q=motion.evaluate(times)[:, 0],
-        qdot=np.zeros((9, 12)),
-    )
+    telemetry = true_telemetry(servicer.tree, servicer.joint_names, motion, skewed_target, times)
+    still = {name: 0 * getattr(telemetry, name) for name in ("w_WB", "v_WB", "qdot")}
+    telemetry = replace(telemetry, **still)
     A, b = com_position_rows(momentum_samples(servicer.tree, telemetry))
     found = np.linalg.lstsq(A.reshape(-1, 4), b.ravel(), rcond=None)[0]
     np.testing.assert_allclose(found, skewed_target.to_standard_vector()[:4], atol=1e-5)

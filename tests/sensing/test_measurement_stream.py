@@ -18,7 +18,6 @@ from cpid_drake.sensing.measurement_stream import (
     head_of,
     joined,
     longest_steady,
-    rechunked,
     stream_of,
     time_interval,
 )
@@ -81,16 +80,6 @@ def test_thrust_holds_from_chunk_to_chunk(seconds):
     cut = whole.between(1.5, 3.0)
     np.testing.assert_array_equal(cut.thrust.time, [1.5, 2.0])
     np.testing.assert_array_equal(cut.thrust.value[:, 0], [1.0, 2.0])
-
-
-def test_all_samples_of_an_interval_are_in_one_chunk_however_the_pieces_were_cut():
-    whole = log()
-    expected = list(chunks(whole, 2.0))
-    for length in (0.3, 0.9, 5.0):
-        found = list(rechunked(chunks(whole, length), 2.0))
-        assert len(found) == len(expected)
-        for a, b in zip(found, expected):
-            assert_same(a, b)
 
 
 def test_the_head_is_the_beginning_and_knows_whether_it_is_everything():

@@ -85,15 +85,6 @@ def test_factors_are_those_of_noisy_sensors_only():
             assert factors["gyro"] == pytest.approx(expected, rel=0.1)
 
 
-def test_rounded_samples_keep_the_noise_of_their_resolution():
-    suite = load_sensors("flight")
-    step = suite["encoders"].step
-    slow = moving(np.zeros((1000, 3)))
-    rounded = Samples(slow.time, step * np.round(1e-3 * slow.value / step))
-    log = Measurements(("a", "b", "c"), {"encoders": rounded})
-    assert noise_factors(log, suite) == {}
-
-
 @pytest.mark.parametrize("preset", ["flight", "testbed", "servicer", "coarse", "digits6"])
 def test_a_noisier_suite_has_larger_sigmas(preset):
     suite = load_sensors(preset)

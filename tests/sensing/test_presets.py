@@ -1,9 +1,6 @@
 """Sensors from presets and files: all presets load, and bad files are refused in one line."""
 
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -82,33 +79,6 @@ def test_presets_without_noise_have_all_sensors_at_one_rate(name, digits):
         np.testing.assert_allclose(suite.sigmas(sensor), floor, rtol=1e-2)
 
 
-@pytest.mark.slow
-def test_a_wheel_ships_the_presets(tmp_path):
-    """Built from what a wheel needs of the tree; hatchling is a development tool."""
-    pytest.importorskip("hatchling")
-    root = models_directory().parent
-    if not (root / "pyproject.toml").is_file():
-        pytest.skip("installed: not a checkout")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(root / name, tmp_path)
-    shutil.copytree(root / "models", tmp_path / "models")
-    shutil.copytree(
-        root / "cpid_drake", tmp_path / "cpid_drake", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel"],
-        cwd=tmp_path,
-        check=True,
-        capture_output=True,
-    )
-    from zipfile import ZipFile
-
-    [wheel] = (tmp_path / "dist").glob("*.whl")
-    files = ZipFile(wheel).namelist()
-    for name in PRESETS:
-        assert f"cpid_drake/models/sensors/{name}.yaml" in files
-
-
 # -- files ---------------------------------------------------------------------------------------
 
 
@@ -118,14 +88,6 @@ def test_what_a_file_leaves_out_is_not_there_or_as_by_default(write):
     assert suite.attitude.rate == AttitudeSensor().rate
     np.testing.assert_array_equal(suite.attitude.R_BS[:, 2], [1.0, 0.0, 0.0])
     assert suite.encoders.bits == 14
-
-
-def test_paths_and_uris_are_read(write):
-    path = write("encoders: {rate: 7}")
-    assert load_sensors(path).encoders.rate == 7.0
-    assert load_sensors(str(path)).encoders.rate == 7.0
-    uri = "package://cpid_drake_models/sensors/flight.yaml"
-    assert load_sensors(uri).encoders.bits == 20
 
 
 # -- what is refused -----------------------------------------------------------------------------
@@ -175,12 +137,6 @@ def test_an_unknown_key_is_answered_with_the_choices(write, content, key, choice
     message = refusal(write(content))
     assert f"sensors.yaml: unknown key '{key}'; choose from " in message
     assert choices in message
-
-
-def test_a_key_given_twice_is_refused(write):
-    message = refusal(write("encoders: {}\ngyro:\n  rate: 1.0\n  rate: 2.0\n"))
-    assert "the key 'rate' is given twice (line 4)" in message
-    assert "'gyro' is given twice" in refusal(write("gyro: {}\nencoders: {}\ngyro: {}\n"))
 
 
 @pytest.mark.parametrize(

@@ -155,27 +155,6 @@ def test_encoders_round_to_their_step(bits):
     assert suite.sigmas("encoders")[0] == pytest.approx(step / np.sqrt(12), rel=1e-3)
 
 
-def test_every_sample_is_rounded(perfect):
-    """As `Telemetry.rounded`: attitudes as 3-2-1 Euler angles, all else as it is."""
-    suite = every_sensor(
-        attitude=AttitudeSensor(),
-        gyro=Gyro(),
-        position=VectorSensor(),
-        velocity=VectorSensor(),
-        encoders=JointSensor(),
-        joint_rates=JointSensor(),
-        decimals=4,
-    )
-    rounded = add_noise(suite, perfect, seed=0)
-    for name in list(SENSORS)[1:]:
-        value = getattr(rounded, name).value
-        np.testing.assert_array_equal(value, np.round(getattr(perfect, name).value, 4))
-        assert suite.sigmas(name)[0] == pytest.approx(1e-4 / np.sqrt(12), rel=1e-3)
-    telemetry = motion(perfect.attitude.time).rounded(4)
-    dots = np.sum(rounded.attitude.value * telemetry.quaternion_WB, axis=1)
-    np.testing.assert_allclose(np.abs(dots), 1.0, atol=1e-15)
-
-
 def test_sigmas_say_what_samples_are_off_by(perfect):
     suite = every_sensor(gyro=Gyro(rate=100.0, angle_random_walk=0.07), decimals=4)
     long = Measurements(

@@ -9,11 +9,10 @@ from sensing_cases import Sines, coarse_suite, measured, small_craft, true_telem
 
 from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro
 from cpid_drake.sensing.smoothing import smooth
-from cpid_drake.sensing.splines import smooth_joints
 
 DURATION = 8.0
 SEEDS = range(8)
@@ -230,24 +229,6 @@ def test_a_gap_of_a_second_is_bridged_and_its_uncertainty_known(scene, name, qua
             assert np.sqrt(np.mean(part[..., GROUPS[quantity]] ** 2)) < 1.5, quantity
 
 
-def test_a_gap_in_the_encoders_costs_certainty_there_only(scene):
-    """Their spline has no long piece in the gap, and its σ grows a hundredfold in it."""
-    suite = coarse_suite(encoders=JointSensor(50.0, 1e-6))
-    perfect, _ = scene(suite)
-    whole = smooth_joints(perfect, suite)
-    gapped = smooth_joints(without("encoders", 3.5, 4.5)(perfect), suite)
-    sigma = [
-        np.sqrt(np.einsum("nk,kl,nl->n", B, joints.covariance, B))
-        for joints in (whole, gapped)
-        for B in [joints.basis(np.array([1.0, 2.0, 4.0, 6.0, 7.0]))]
-    ]
-    growth = sigma[1] / sigma[0]
-    assert growth[2] > 100
-    assert growth[[0, 1, 3, 4]].max() < 2
-    pieces = np.diff(np.unique(gapped.basis.knots))
-    assert pieces.max() < 2 * np.median(pieces)
-
-
 @pytest.mark.parametrize(
     ("name", "count", "message"),
     [
@@ -271,13 +252,3 @@ def test_angular_velocity_is_given_in_the_world(scene):
     t = smooth(perfect, suite, perfect.gyro.time[20:60]).telemetry
     in_base = rotate(np.swapaxes(t.R_WB, -1, -2), t.w_WB)
     np.testing.assert_allclose(in_base, perfect.gyro.value[20:60], rtol=0, atol=1e-5)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_alone_asks_for_no_knots(craft, seed):
-    """Joints at rest: the criterion stops at few intervals, however many samples there are."""
-    suite = coarse_suite(encoders=JointSensor(100.0, 1e-4))
-    times = np.arange(0.0, DURATION, 0.01)
-    noise = 1e-4 * np.random.default_rng(seed).normal(size=(times.size, JOINTS))
-    still = Measurements(craft.joint_names, encoders=Samples(times, noise))
-    assert smooth_joints(still, suite).basis.size <= 13

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -96,53 +95,6 @@ def test_wheels_that_are_not_counted_spoil_the_estimate(run):
 
 # The base's boxes (centre, half size), spheres that hold the target (centre in C, radius), links
 # between which the arm's centreline runs, and the gap that the scenario's file speaks of [m].
-ROOM = {
-    "single_arm_wheels": (
-        [((0, 0, 0), (0.45, 0.5, 0.45))] + [((-0.1, y, 0), (0.4, 1.0, 0.02)) for y in (1.8, -1.8)],
-        [
-            ((0.52 + x, y, z), 0.44)
-            for x in (-0.2, 0.2)
-            for y in (-0.15, 0.15)
-            for z in (-0.15, 0.15)
-        ],
-        ["arm_link1", "arm_link3", "arm_link5", "arm_link6", "capture_point"],
-        0.2,
-    ),
-    "free_flyer_payload": (
-        [((0, 0, 0), (0.16, 0.16, 0.16))],
-        [((0.255 + x, y, 0), 0.235) for x in (-0.06, 0.06) for y in (-0.08, 0.08)],
-        ["arm_link2", "arm_link3", "arm_link4", "capture_point"],
-        0.08,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_arm_and_target_stay_clear_of_the_base_and_of_each_other(name):
-    """Beyond the first piece of the arm, which is mounted on the base; centrelines for links."""
-    boxes, spheres, links, gap = ROOM[name]
-    scenario = load_scenario(shipped_scenario(name))
-    spacecraft = scenario.spacecraft.make()
-    motion = scenario.make_joint_motion(spacecraft)
-    base = spacecraft.base.body_frame()
-    context = spacecraft.plant.CreateDefaultContext()
-    positions = spacecraft.plant.GetPositions(context)
-    gaps = []
-    for q in motion.evaluate(np.linspace(0.0, motion.duration, 61))[:, 0]:
-        positions[spacecraft.joint_state_columns[0]] = q
-        spacecraft.plant.SetPositions(context, positions)
-        frames = [spacecraft.plant.GetFrameByName(link) for link in links]
-        ends = [frame.CalcPose(context, base).translation() for frame in frames]
-        pieces = [np.linspace(*piece, 9) for piece in pairwise(ends)]
-        X_BC = spacecraft.capture_frame.CalcPose(context, base)
-        held = [(X_BC.multiply(np.array(center))[None], radius) for center, radius in spheres]
-        for points, radius in [(np.vstack(pieces[1:]), 0.0), *held]:
-            for center, half in boxes:
-                outside = np.maximum(np.abs(points - np.array(center)) - half, 0.0)
-                gaps.append(np.linalg.norm(outside, axis=1).min() - radius)
-        for center, radius in held:
-            gaps.append(np.linalg.norm(np.vstack(pieces[:-1]) - center, axis=1).min() - radius)
-    assert min(gaps) > gap
 
 
 # -- what they hold ------------------------------------------------------------------------------

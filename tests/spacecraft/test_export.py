@@ -57,7 +57,7 @@ def by_mujoco(path, name) -> InertialParameters:
     return InertialParameters(body.mass[0], body.ipos, inertia)
 
 
-def by_pinocchio(path) -> InertialParameters:
+def by_pinocchio(path, _name) -> InertialParameters:
     pinocchio = pytest.importorskip("pinocchio")
     model = pinocchio.buildModelFromUrdf(str(path), pinocchio.JointModelFreeFlyer())
     inertia = model.inertias[1]
@@ -90,6 +90,15 @@ targets = pytest.mark.parametrize("target", TARGETS.values(), ids=TARGETS.keys()
 
 
 @targets
+@pytest.mark.parametrize("read", [by_mujoco, by_pinocchio])
+def test_mujoco_and_pinocchio_read_what_was_meant(target, read, tmp_path):
+    format = "mjcf" if read is by_mujoco else "urdf"
+    path = out_file(tmp_path, format)
+    export_target(target, path, format=format)
+    assert_same(read(path, "target"), target)
+
+
+@targets
 @pytest.mark.parametrize("format", FORMATS)
 def test_drake_reads_what_was_meant(target, format, tmp_path):
     path = out_file(tmp_path, format)
@@ -98,20 +107,6 @@ def test_drake_reads_what_was_meant(target, format, tmp_path):
     assert exported.files[0] == path
     assert sorted(exported.files) == sorted(tmp_path.iterdir())
     assert_same(by_drake(path, "target"), target)
-
-
-@targets
-def test_pinocchio_reads_what_was_meant(target, tmp_path):
-    path = out_file(tmp_path, "urdf")
-    export_target(target, path, format="urdf")
-    assert_same(by_pinocchio(path), target)
-
-
-@targets
-def test_mujoco_reads_what_was_meant(target, tmp_path):
-    path = out_file(tmp_path, "mjcf")
-    export_target(target, path, format="mjcf")
-    assert_same(by_mujoco(path, "target"), target)
 
 
 @st.composite

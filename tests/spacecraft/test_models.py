@@ -1,6 +1,5 @@
 """The shipped models: physically possible, as documented, and moved within their limits."""
 
-import re
 from itertools import pairwise
 
 import numpy as np
@@ -23,7 +22,6 @@ from cpid_drake.resources import models_directory
 
 URDFS = sorted(models_directory().glob("*/*.urdf"))
 SCENARIOS = sorted((models_directory() / "scenarios").glob("*.yaml"))
-NUMBER = r"[-−]?\d+(?:\.\d+)?"
 
 
 def strictly_loaded(path) -> MultibodyPlant:
@@ -40,13 +38,6 @@ def bodies(plant) -> list:
     return [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
 
 
-@pytest.fixture(scope="module")
-def readme() -> dict[str, str]:
-    """Sections of models/README.md by the first name in their headings."""
-    text = (models_directory() / "README.md").read_text().replace("−", "-")
-    return dict(re.findall(r"^## `(\w+)`[^\n]*\n(.*?)(?=^## |\Z)", text, re.M | re.S))
-
-
 @pytest.mark.parametrize("path", URDFS, ids=lambda path: path.stem)
 def test_every_body_is_physically_possible(path):
     for body in bodies(strictly_loaded(path)):
@@ -58,63 +49,7 @@ def test_every_body_is_physically_possible(path):
             assert not InertialParameters.from_spatial_inertia(inertia).infeasibilities()
 
 
-def test_the_two_arms_are_identical(servicer):
-    """Bodies, joints and limits, name by name; only the mount differs, mirrored in y."""
-    plant = servicer.plant
-    compared = 0
-    for body in bodies(plant):
-        if not body.name().startswith("capture_"):
-            continue
-        twin = plant.GetBodyByName(body.name().replace("capture_", "operating_", 1))
-        np.testing.assert_array_equal(
-            body.default_spatial_inertia().CopyToFullMatrix6(),
-            twin.default_spatial_inertia().CopyToFullMatrix6(),
-        )
-        compared += 1
-    assert compared == 8
-    for k in range(1, 7):
-        ours, theirs = (plant.GetJointByName(f"{arm}_arm_joint{k}") for arm in _ARMS)
-        np.testing.assert_array_equal(ours.revolute_axis(), theirs.revolute_axis())
-        for limit in ("position_lower_limits", "position_upper_limits", "velocity_upper_limits"):
-            np.testing.assert_array_equal(getattr(ours, limit)(), getattr(theirs, limit)())
-        poses = [j.frame_on_parent().GetFixedPoseInBodyFrame() for j in (ours, theirs)]
-        places = [pose.translation() * (1, -1 if k == 1 else 1, 1) for pose in poses]
-        np.testing.assert_allclose(np.abs(places[0]), np.abs(places[1]), atol=1e-15)
-        np.testing.assert_array_equal(poses[0].rotation().matrix(), poses[1].rotation().matrix())
-
-
 _ARMS = ("capture", "operating")
-
-
-@pytest.mark.parametrize(
-    ("model", "stars"),
-    [
-        ("dual_arm_servicer", _ARMS),
-        ("single_arm_servicer", "1234"),
-        ("free_flyer", ""),
-        ("planar_servicer", ""),
-    ],
-)
-def test_every_body_is_as_documented(readme, model, stars):
-    """Mass, centre of mass and moments of models/README.md, row by row."""
-    row = re.compile(
-        rf"\| `(\S+)` \| ({NUMBER}) \| \(({NUMBER}), ({NUMBER}), ({NUMBER})\) "
-        rf"\| ({NUMBER}) \| ({NUMBER}) \| ({NUMBER}) \|"
-    )
-    documented = {}
-    for name, *numbers in row.findall(readme[model]):
-        for star in stars if "*" in name else ("",):
-            documented[name.replace("*", star)] = np.array(numbers, dtype=float)
-    plant = strictly_loaded(models_directory() / model / f"{model}.urdf")
-    heavy = {body.name(): body for body in bodies(plant) if body.default_mass() > 0}
-    assert documented.keys() == heavy.keys()
-    for name, numbers in documented.items():
-        body = InertialParameters.from_spatial_inertia(heavy[name].default_spatial_inertia())
-        np.testing.assert_allclose(body.mass, numbers[0], rtol=1e-12, err_msg=name)
-        np.testing.assert_allclose(body.p_CTcm_C, numbers[1:4], atol=1e-6, err_msg=name)
-        np.testing.assert_allclose(
-            body.I_TTcm_C, np.diag(numbers[4:]), rtol=1e-6, atol=1e-9, err_msg=name
-        )
 
 
 def test_the_papers_target_is_the_scenarios_target(paper_scenario):

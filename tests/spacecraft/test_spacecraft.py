@@ -506,19 +506,6 @@ def test_an_inertia_that_no_body_has_is_refused(refusal, name):
     assert "inertia" in refusal(sdf(*parts), ".sdf")
 
 
-def test_a_harmless_warning_is_no_reason_to_refuse(tmp_path):
-    """Even where the file's own path has "inertia" in it."""
-    parts = sdf(s_link("base"), s_link("arm", pose=ARM_POSE), s_joint("j", "base", "arm"))
-    world = parts.replace("<model", '<world name="w"><gravity>0 0 -5</gravity><model').replace(
-        "</model>", "</model></world>"
-    )
-    folder = tmp_path / "inertia"
-    folder.mkdir()
-    (folder / "model.sdf").write_text(world)
-    spacecraft = Spacecraft(folder / "model.sdf", base="base", capture_frame="arm")
-    assert spacecraft.plant.gravity_field().gravity_vector().tolist() == [0, 0, 0]
-
-
 # -- states --------------------------------------------------------------------------------------
 
 

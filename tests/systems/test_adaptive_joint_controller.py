@@ -137,12 +137,6 @@ def test_the_model_is_state_of_the_context(servicer, inputs, skewed_target):
     np.testing.assert_array_equal(force(controller, after), second)
 
 
-def test_the_efforts_do_not_push_the_base(servicer, inputs, skewed_target):
-    controller = AdaptiveJointController(servicer, guess=skewed_target)
-    base = servicer.base.floating_velocities_start_in_v()
-    assert not force(controller, fixed(controller, inputs))[base : base + 6].any()
-
-
 def test_an_estimate_with_the_wrong_momentum_is_not_used():
     """A target that tumbles, identified as if the momentum were zero, is not known well enough."""
     scenario = load_scenario(shipped_scenario("tumbling_capture"))

@@ -1,15 +1,14 @@
 """The identifier in a diagram: state only in the Context, NaN until observable, equal to batch."""
 
-import threading
-
 import numpy as np
 import pytest
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
+from sensing_cases import true_telemetry
 
-from cpid_drake import InputError, MomentumIdentifier, identify
+from cpid_drake import HalfCosine, InputError, MomentumIdentifier, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.systems.identifier import DIAGNOSTICS
 
@@ -186,22 +185,6 @@ def test_a_state_that_is_not_finite_is_refused_and_changes_nothing(servicer, mot
     assert identifier.GetOutputPort("diagnostics").Eval(context)[0] == 0
 
 
-def test_samples_at_rest_do_not_make_it_more_certain(servicer, skewed_target, motion):
-    identifier = MomentumIdentifier(servicer)
-    context = identifier.CreateDefaultContext()
-    for state in servicer.to_states(motion.rounded(4)):
-        take(identifier, context, state)
-    before = outputs(identifier, context)
-    still = servicer.to_states(motion)[0]
-    still[servicer.plant.num_positions() :] = 0.0
-    for _ in range(20):
-        take(identifier, context, still)
-    after = outputs(identifier, context)
-    assert after["diagnostics"][0] == 30
-    np.testing.assert_allclose(after["parameters"], before["parameters"], rtol=1e-12)
-    np.testing.assert_allclose(after["covariance"], before["covariance"], rtol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -218,62 +201,19 @@ def test_states_that_mean_nothing_are_refused(servicer, motion, change, message)
         take(identifier, identifier.CreateDefaultContext(), state)
 
 
-def test_contexts_in_two_threads_do_not_disturb_each_other(servicer, skewed_target, motion):
-    """One identifier, two Contexts, two threads that switch as often as they can."""
-    import sys
-
-    identifier, states = MomentumIdentifier(servicer), servicer.to_states(motion)
-    roots = {}
-
-    def accumulate(name, order):
-        root = np.zeros((11, 11))
-        for _ in range(30):
-            for k in order:
-                root = identifier.update(root, states[k])
-        roots[name] = root
-
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        orders = {"up": range(10), "down": range(9, -1, -1)}
-        threads = [threading.Thread(target=accumulate, args=item) for item in orders.items()]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    finally:
-        sys.setswitchinterval(interval)
-    up, down = roots["up"], roots["down"]
-    np.testing.assert_allclose(up.T @ up, down.T @ down, rtol=1e-10, atol=1e-8)
-
-
 @pytest.mark.parametrize(("rows", "size"), [("standard", 17), ("relative", 14)])
 def test_an_unknown_momentum_is_estimated_along(servicer, skewed_target, rows, size):
     """Online as in batch: its unknowns lead the triangle, and the rest is the target's problem."""
-    from cpid_drake import HalfCosine, Telemetry
-    from cpid_drake.dynamics.base_motion import propagate_base
-
     rng = np.random.default_rng(43)
     arms = HalfCosine(rng.uniform(-1, 1, 12), rng.uniform(-1, 1, 12), duration=10.0)
-    times = np.linspace(0.5, 9.5, 8)
-    base = propagate_base(
+    momentum_W = np.array([2.0, -3.0, 1.0, 0.5, 0.8, -0.6])
+    telemetry = true_telemetry(
         servicer.tree,
-        arms,
-        skewed_target.to_standard_vector(),
-        times,
-        momentum_W=[2.0, -3.0, 1.0, 0.5, 0.8, -0.6],
-        max_step=0.05,
-    )
-    q, qdot, _ = np.moveaxis(arms.evaluate(times), 1, 0)
-    telemetry = Telemetry(
         servicer.joint_names,
-        times,
-        quaternion_WB=base.quaternion_WB,
-        p_WB=base.p_WB,
-        w_WB=base.w_WB,
-        v_WB=base.v_WB,
-        q=q,
-        qdot=qdot,
+        arms,
+        skewed_target,
+        np.linspace(0.5, 9.5, 8),
+        momentum_W,
     )
     identifier = MomentumIdentifier(servicer, rows=rows, momentum=TotalMomentum.unknown())
     context = identifier.CreateDefaultContext()

@@ -185,19 +185,6 @@ def test_constant_errors_are_those_of_the_array_model(servicer, suite, motion, d
     assert 10 < len(found.gyro) < 99
 
 
-def test_an_integrating_gyro_starts_where_its_run_starts(servicer, suite, motion, diagram):
-    """The first sample of a run from t = 1 s is the mean over the first period after it."""
-    suite.gyro = Gyro(4.0, integrates=True)
-    system, sensors, logs = diagram(seed=3)
-    simulator = Simulator(system)
-    simulator.get_mutable_context().SetTime(1.0)
-    simulator.AdvanceTo(DURATION)
-    simulator.AdvancePendingEvents()
-    gyro = measurements_from_logs(sensors, logs, simulator.get_context()).gyro
-    np.testing.assert_array_equal(gyro.time, [1.25, 1.5, 1.75, 2.0])
-    np.testing.assert_allclose(gyro.value, np.tile([0.2, -0.5, 0.3], (4, 1)), atol=1e-7)
-
-
 def test_the_last_sample_needs_the_pending_events(diagram):
     system, sensors, _ = diagram()
     simulator = Simulator(system)

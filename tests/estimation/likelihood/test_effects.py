@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.estimation.likelihood.effects import GyroBias, Momentum, Start
+from cpid_drake.estimation.likelihood.effects import GyroBias
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import Gyro
@@ -46,16 +46,3 @@ def test_simulated_biases_walk_as_the_effect_says():
     rows, _ = GyroBias("gyro", WALKING, 0, 0.0, 4.0).links(some_state(np.zeros((2, 3))))
     steps = ends.reshape(-1, 6) @ rows.T
     assert np.mean(steps**2) == pytest.approx(1.0, rel=0.08)
-
-
-def test_steps_of_start_and_momentum():
-    """The attitude turns about W's axes; everything else is a sum."""
-    state = some_state(np.zeros((1, 3)))
-    step = np.array([0.1, -0.2, 0.3, 1.0, 2.0, 3.0])
-    started = Start().moved(state, step)
-    expected = Rotation.from_rotvec(step[:3]).as_matrix() @ state.attitude.as_matrix()
-    np.testing.assert_allclose(started.attitude.as_matrix(), expected, atol=1e-12)
-    np.testing.assert_allclose(started.p_Wcm, state.p_Wcm + step[3:])
-    moved = Momentum().moved(state, step)
-    np.testing.assert_allclose(moved.L, state.L + step[:3])
-    np.testing.assert_allclose(moved.v_Wcm, state.v_Wcm + step[3:])

@@ -52,45 +52,9 @@ def chain(samples, edges=EDGES, suite=SUITE):
     return blocks
 
 
-def rows_of(samples, block):
-    """Return the plain rows A c = b of a block's samples, in units of σ."""
-    inside = part(samples, block.start, block.end)
-    encoders, rates = SUITE.sigmas("encoders"), SUITE.sigmas("joint_rates")
-    A = [
-        block.basis(inside.encoders.time) / encoders,
-        block.basis(inside.joint_rates.time, 1) / rates,
-    ]
-    return np.vstack(A), np.vstack(
-        [inside.encoders.value / encoders, inside.joint_rates.value / rates]
-    )
-
-
 @pytest.fixture(scope="module")
 def blocks():
     return chain(measured())
-
-
-def test_the_track_and_its_covariance_are_those_of_one_problem(blocks):
-    """All samples so far, in one spline that is continuous to the second derivative."""
-    samples = measured()
-    sizes = [block.size for block in blocks]
-    plain, right = zip(*(rows_of(samples, block) for block in blocks))
-    # Columns: all coefficients of the first block, then those of later ones without their heads.
-    n = sizes[0] + sum(size - ORDER for size in sizes[1:])
-    A, place = np.zeros((sum(map(len, plain)), n)), []
-    first, row = 0, 0
-    for rows, size in zip(plain, sizes):
-        place = np.arange(first, first + size)
-        A[row : row + len(rows), place] += rows
-        row, first = row + len(rows), first + size - ORDER
-    b = np.vstack(right)
-    solution, rest, *_ = np.linalg.lstsq(A, b, rcond=None)
-    track = blocks[-1].track
-    np.testing.assert_allclose(track.mean, solution[-ORDER:], rtol=0, atol=1e-3 * SIGMA)
-    covariance = np.linalg.inv(A.T @ A)[-ORDER:, -ORDER:]
-    found = np.linalg.inv(track.root.T @ track.root)
-    np.testing.assert_allclose(found, covariance, rtol=1e-4, atol=1e-5 * np.abs(covariance).max())
-    assert sum(block.chi_squared for block in blocks) == pytest.approx(rest.sum(), rel=1e-6)
 
 
 def test_errors_are_those_of_the_noise():

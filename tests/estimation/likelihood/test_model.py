@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_cases import added_sensors, make_case, rich_suite
-from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
@@ -149,18 +148,6 @@ def test_derivatives_by_errors_of_the_geometry(case, block, state, k):
         tree = with_errors(case.craft.tree, GEOMETRY, value * np.eye(26)[k])
         values.append(residuals(BlockModel(tree, joints, samples, case.suite, None, STEP), state))
     assert_column(exact[:, columns.start + k], *values, 0.1, 2e-4, f"{k}")
-
-
-def test_derivatives_of_the_attitude_at_the_end(model, state):
-    """A rotation in W, by every unknown that moves the state."""
-    _, exact = model.jacobian(model.motion.trajectory(state))
-    N = len(model.motion.nodes)
-    for name in ("start", "momentum", "psi"):
-        for k in range(model.columns[name].start, model.columns[name].stop):
-            change = 1e-4 * np.eye(model.size)[k]
-            R = [model.motion.trajectory(model.moved(state, s * change)).R[N - 1] for s in (1, -1)]
-            turn = Rotation.from_matrix(R[0] @ R[1].T).as_rotvec() / 2e-4
-            np.testing.assert_allclose(exact[:, k], turn, rtol=1e-4, atol=1e-6)
 
 
 def test_only_its_own_gyro_reads_a_bias(model, state):

@@ -82,13 +82,6 @@ def test_the_guessed_map_gives_back_every_sample(craft, log, tmp_path, seed):
     assert again == path.read_text()
 
 
-def test_a_name_that_states_a_unit_is_believed(craft, log):
-    columns = in_other_conventions(log, 0)
-    for axis in "xyz":
-        columns[f"pos_{axis} [cm]"] = columns.pop(f"pos.{axis}")
-    assert guess_map(RawLog(columns, {}), craft, "base").column_map.position.unit == "cm"
-
-
 def test_joints_are_found_by_number_and_by_names_in_cells(craft, log):
     columns = in_other_conventions(log, 0)
     joints = log.joint_names

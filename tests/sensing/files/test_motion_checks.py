@@ -150,20 +150,6 @@ def test_the_sign_of_a_joint_that_hardly_matters_is_named_in_an_exact_log(paper,
     assert text.startswith(f"q:{craft.joint_names[k]} seems to have the opposite sign")
 
 
-def test_only_noise_hides_a_wrong_model(craft):
-    log = measured(craft, Sines.drawn(4, 3, 10.0), TARGET, SUITE)
-    travel, tree = base_travel(log), heavier("boom", 3.0)(craft.tree)
-    assert TravelModel(craft.tree, travel.q).fit(travel).is_complete
-    model = TravelModel(tree, travel.q)
-    wrong = model.fit(travel)
-    assert not wrong.is_complete
-    noise = np.random.default_rng(1).normal(size=travel.position.shape)
-    for size, is_hidden in ((0.1, False), (3.0, True)):
-        sigma = size * np.sqrt(np.mean(wrong.residuals**2))
-        noisy = replace(travel, position=travel.position + sigma * noise)
-        assert model.fit(noisy).is_complete == is_hidden
-
-
 def test_the_fit_finds_the_mass_and_the_point(craft):
     log = measured(craft, Sines.drawn(4, 3, 10.0), TARGET, SUITE)
     travel = base_travel(changed(log, position=moved_point(log) * 1000))
