@@ -1,7 +1,10 @@
 """Eqs. 6-18: the rows hold at the truth, the errata matter, and the ranks are what theory says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from sensing_cases import true_telemetry
 
 from cpid_drake import HalfCosine, InertialParameters, InputError, identify
 from cpid_drake.dynamics.momentum import momentum_samples

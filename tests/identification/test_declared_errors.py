@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 import pytest
-from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured
 
 from cpid_drake import identify
-from cpid_drake.identification import fit_results
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
 
@@ -40,35 +38,6 @@ def log(craft, skewed_target):
     return samples
 
 
-@pytest.fixture
-def tests_of(monkeypatch):
-    """The tests that the estimators make."""
-    made = []
-
-    def watched(*inputs, test=fit_results.agreement_with_declared):
-        made.append(test(*inputs))
-        return made[-1]
-
-    monkeypatch.setattr(fit_results, "agreement_with_declared", watched)
-    return made
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_chi_squared_of_errors_as_declared_has_its_distribution(craft, log, tests_of, estimator):
-    last = []
-    for seed in range(1, 13):
-        found = identify(
-            craft, log(1.0, seed), sensors=suite_of(), estimator=estimator, is_final=False
-        )
-        assert not any(DOUBT in doubt for doubt in found.doubts)
-        last.append(tests_of[-1])
-    freedom = sum(test.freedom for test in last)
-    low, high = chi2.ppf([1e-3, 1 - 1e-3], freedom)
-    assert freedom >= 4 * 12, freedom
-    assert low < sum(test.chi_squared for test in last) < high
-
-
 @pytest.mark.parametrize(
     "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
 )
@@ -80,3 +49,13 @@ def test_errors_much_larger_than_declared_are_a_doubt(craft, log, estimator):
     assert "declare what the hardware can have" in text
     told = identify(craft, log(6.0, 2), sensors=suite_of(6.0), estimator=estimator, is_final=False)
     assert not any(DOUBT in doubt for doubt in told.doubts)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_errors_as_declared_are_no_doubt(craft, log, estimator):
+    """A false alarm in a thousand, of which twelve logs show none."""
+    options = {"sensors": suite_of(), "estimator": estimator, "is_final": False}
+    for seed in range(1, 13):
+        found = identify(craft, log(1.0, seed), **options)
+        assert not any(DOUBT in doubt for doubt in found.doubts)

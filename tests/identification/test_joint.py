@@ -13,11 +13,10 @@ from sensing_cases import (
     true_telemetry,
 )
 
-from cpid_drake import InertialParameters, InputError, TotalMomentum, identify
-from cpid_drake.dynamics.parameterizations import STANDARD
+from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.identify import identify_together
-from cpid_drake.identification.target_prior import Combinations, TargetPrior
+from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, VectorSensor
 
@@ -214,10 +213,6 @@ class TestExactLogs:
         assert found.rows == "relative"
         assert found.solution.rank == 10
 
-    def test_no_log_is_refused(self, craft):
-        with pytest.raises(InputError, match="there is no log"):
-            identify_together(craft, {})
-
 
 class TestPrior:
     SIGMA = np.array([6.0, *3 * [0.05], *6 * [1.5]])
@@ -276,9 +271,3 @@ class TestPrior:
         assert found.joint.dominated[0] == "m"
         assert sigmas(found)[0] == pytest.approx(1e-4, rel=0.01)
         assert np.all(sigmas(found) <= 1.001 * sigmas(alone))
-
-    def test_combinations_of_other_unknowns_are_refused(self, craft, suite, logs):
-        known = Combinations(STANDARD.name, np.ones(10), np.eye(10))
-        nothing = np.full(10, np.nan), np.full((10, 10), np.nan)
-        with pytest.raises(InputError, match="combinations of standard unknowns"):
-            identify(craft, logs["log 0"], sensors=suite, prior=TargetPrior("p", *nothing, known))

@@ -163,22 +163,6 @@ def test_smoothing_in_windows_gives_the_answer_of_the_whole_log(
 
 
 @pytest.mark.slow
-def test_windows_have_the_same_times_once_and_no_edges(noisy, monkeypatch):
-    logs, suite = noisy
-    whole = smoothing.smooth(logs["zero"], suite)
-    monkeypatch.setattr(smoothing, "LONGEST_WHOLE", 30.0)
-    windows = list(smoothing.smooth_windows(stream_of(logs["zero"]), suite))
-    assert len(windows) == 2
-    time = np.concatenate([each.telemetry.time for each in windows])
-    assert (np.diff(time) > 0.05).all()
-    assert (np.diff(time) < 0.15).all()
-    sigma = np.sqrt(np.concatenate([each.covariance()[:, 6, 6] for each in windows]))
-    inside = slice(20, -20)
-    usual = np.sqrt(np.median(whole.covariance()[inside, 6, 6]))
-    assert sigma[inside].max() < 3 * usual  # at an edge it would be far larger
-
-
-@pytest.mark.slow
 def test_a_window_without_attitude_is_left_out(craft, noisy, monkeypatch):
     logs, suite = noisy
     monkeypatch.setattr(smoothing, "LONGEST_WHOLE", 30.0)

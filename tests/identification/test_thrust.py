@@ -79,13 +79,8 @@ def test_the_target_and_the_scale_are_found(flight, found):
     assert "the true thrust differs" in scale.describe()
 
 
-@pytest.mark.parametrize(
-    ("burns", "size"),
-    [
-        (BURNS, 0.05),
-        pytest.param([replace(BURNS[0], time=0.1)], 0.005, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("burns", "size"), [(BURNS, 0.05), ([replace(BURNS[0], time=0.1)], 0.005)])
 def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust(burns, size):
     """Thrusters change the momentum: its estimate at the end does not show that of the start."""
     momentum = size * np.array([0.6, -0.8, 0.5, 0.0, 0.0, 0.0])
@@ -98,6 +93,7 @@ def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust(burns, size):
     assert np.abs(case.errors(found)).max() < 3.5
 
 
+@pytest.mark.slow
 def test_a_value_in_every_row_is_the_same_log(flight):
     times = np.unique(np.concatenate([flight.log.encoders.time, flight.log.thrust.time]))
     dense = Samples(times, flight.log.thrust.held_at(times))
@@ -187,6 +183,7 @@ def test_many_pulses_are_no_noise():
     assert np.abs(flight.errors(found)).max() < 3.5
 
 
+@pytest.mark.slow
 def test_a_log_in_chunks_is_the_same_log(flight):
     """Also where the burns begin in another chunk than they end."""
     options = {"is_final": False, "estimator": "recursive_fit"}

@@ -11,9 +11,7 @@ from cpid_drake import TotalMomentum
 from cpid_drake.identification.description import result_of
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result_files import SpacecraftReference
-from cpid_drake.identification.undeclared import with_plausible
 from cpid_drake.sensing.noise import SensorNoise, add_noise
-from cpid_drake.sensing.suite import check_sensors
 
 HIDDEN = {
     "attitude.delay": ("attitude", "delay_ms", 30.0),
@@ -129,17 +127,6 @@ def test_a_declared_error_is_estimated(craft, log, skewed_target, name):
     assert (np.abs(effect.value - true) < 4 * effect.sigma).all()
     assert effect.is_learned
     assert (effect.sigma <= effect.prior_sigma).all()
-
-
-def test_plausible_errors_do_not_replace_declared_ones():
-    suite = deepcopy(coarse_suite())
-    suite.attitude.delay_ms = 1.5
-    full = with_plausible(suite)
-    assert full.attitude.delay_ms == 1.5
-    assert min(full.gyro.delay_ms, full.position.lever_arm_mm, full.encoders.zero_mrad) > 0
-    assert full.disturbances.acceleration > 0
-    assert suite.gyro.delay_ms == 0
-    check_sensors(full, "sensors")
 
 
 @pytest.mark.slow
