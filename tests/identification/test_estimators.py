@@ -30,6 +30,15 @@ from cpid_drake.sensing.smoothing import smooth
 DURATION = 8.0
 ESTIMATORS = methods()
 UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")
+SECOND = ("recursive_fit", "relative")
+
+
+def each(names):
+    """Return the parameters of a test of these estimators, of which the second ones are slow."""
+    slow = pytest.mark.slow
+    return [pytest.param(name, marks=slow) if name in SECOND else name for name in names]
+
+
 FAST = {"gyro": Gyro(50.0, 0.005, 1.0, 0.1), "encoders": JointSensor(50.0, 1e-5)}
 
 
@@ -71,7 +80,7 @@ def runs(craft, suite, samples, estimator, true, **options):
     return np.array(errors), np.array(values)
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", each(ESTIMATORS))
 def test_every_estimator_is_near_and_gives_a_rigid_body(
     craft, at_rest, skewed_target, scale, estimator
 ):
@@ -149,7 +158,7 @@ def test_eq18_is_biased_and_the_others_are_not(craft, at_rest, skewed_target):
         assert bias[estimator] < 0.5, estimator
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", each(ESTIMATORS))
 def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
     samples = [add_noise(suite, tumbling, 0)]
@@ -162,7 +171,7 @@ def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, es
 
 
 @pytest.mark.parametrize("size", [0.2, pytest.param(3.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("estimator", each(ESTIMATORS))
 def test_a_momentum_that_is_not_zero_is_seen(craft, motion, skewed_target, estimator, size):
     """A fit may take the momentum for that after a change at the start, and be right."""
     suite = coarse_suite(**FAST)
@@ -172,7 +181,7 @@ def test_a_momentum_that_is_not_zero_is_seen(craft, motion, skewed_target, estim
     assert found.doubts[0].startswith("the samples contradict a total momentum of zero")
 
 
-@pytest.mark.parametrize("estimator", UNBIASED)
+@pytest.mark.parametrize("estimator", each(UNBIASED))
 def test_an_unknown_momentum_costs_no_consistency(craft, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
     samples = [add_noise(suite, tumbling, 1)]

@@ -95,7 +95,9 @@ class TestSeveralLogs:
         np.testing.assert_allclose(again.covariance, joint.covariance, rtol=1e-4, atol=1e-14)
 
 
-@pytest.mark.parametrize("estimator", ["trajectory_fit", "least_squares"])
+@pytest.mark.parametrize(
+    "estimator", ["least_squares", pytest.param("trajectory_fit", marks=pytest.mark.slow)]
+)
 def test_one_log_twice_has_twice_the_information(craft, suite, logs, estimator):
     log = logs["log 0"]
     alone = identify(craft, log, sensors=suite, estimator=estimator)
@@ -164,6 +166,7 @@ def test_a_log_without_motion_is_not_used(craft, suite, logs, skewed_target):
     assert found.parameters == pytest.approx(alone.parameters, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_fits_that_leave_combinations_open_determine_all_together(craft, skewed_target):
     """Each log turns one joint, and so the target about one axis only."""
     suite, logs = coarse_suite(**POOR), {}
@@ -235,7 +238,9 @@ class TestPrior:
         assert np.all(sigmas(found) < 1.01 * self.SIGMA)
         assert any("more than the samples do" in text for text in found.warnings)
 
-    @pytest.mark.parametrize("estimator", ["trajectory_fit", "least_squares"])
+    @pytest.mark.parametrize(
+        "estimator", ["least_squares", pytest.param("trajectory_fit", marks=pytest.mark.slow)]
+    )
     def test_a_vague_prior_changes_nothing(self, craft, suite, logs, skewed_target, estimator):
         log = logs["log 0"]
         options = {"sensors": suite, "estimator": estimator, "is_final": False}

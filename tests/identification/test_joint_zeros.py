@@ -13,7 +13,11 @@ ZEROS = np.array([0.012, -0.008, 0.01, 0.0])  # the last one is a turn of the ca
 SUITE = coarse_suite(encoders=JointSensor(20.0, 1e-5, zero_mrad=10.0))
 
 
-@pytest.fixture(scope="module", params=[None, MOMENTUM], ids=["at rest", "tumbling"])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(None, marks=pytest.mark.slow), MOMENTUM],
+    ids=["at rest", "tumbling"],
+)
 def log(craft, skewed_target, request):
     """Samples without noise."""
     motion = Sines.drawn(4, seed=101, duration=8.0, size=0.6)

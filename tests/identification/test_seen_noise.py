@@ -77,9 +77,8 @@ def test_intervals_hold(craft, ideal, skewed_target, kind):
     assert np.sum(distances) > chi2.ppf(1e-6, 10 * n)
 
 
-@pytest.mark.parametrize(
-    "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
 def test_what_is_left_out_does_not_widen_intervals(tmp_path, skewed_target, estimator):
     """A firing, whose samples are left out, and spikes."""
     suite = coarse_suite(gyro=Gyro(100.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))

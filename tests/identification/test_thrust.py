@@ -122,6 +122,7 @@ def test_thrust_without_a_log_is_noticed(flight):
     assert found.doubts or not np.isfinite(found.parameters).any()
 
 
+@pytest.mark.slow
 def test_a_log_of_the_wrong_sign_is_noticed(flight):
     """Axes or signs of thrusters that are not those of the base contradict the motion."""
     log = flight.log.thrust
@@ -150,6 +151,7 @@ def test_wheels_are_unloaded_by_a_logged_torque():
     assert np.abs(flight.errors(found)).max() < 3.5
 
 
+@pytest.mark.slow
 def test_an_exact_log_is_fitted_exactly(flight):
     """The thrust switches between samples, which are exact to 1e-8; so it is without thrust."""
     case = replace(flight.case, suite=load_sensors("ideal"))

@@ -21,8 +21,7 @@ HIDDEN = {
 }
 ALL = [
     "attitude.delay",
-    "gyro.scale",
-    *(pytest.param(name, marks=pytest.mark.slow) for name in ("gyro.delay", "encoders.zero")),
+    *(pytest.param(name, marks=pytest.mark.slow) for name in HIDDEN if name != "attitude.delay"),
 ]
 
 
@@ -84,6 +83,7 @@ def test_a_hidden_error_is_named_with_its_value(craft, log, name):
         assert f"{effect.value[0]:.3g} ± " in found.doubts[0]
 
 
+@pytest.mark.slow
 def test_an_error_that_does_not_predict_the_end_is_not_proposed(craft, log):
     """A position that drifts like one under an acceleration, and is then calibrated again."""
     measurements, _ = log()

@@ -74,6 +74,7 @@ def test_a_force_is_named_with_its_log(craft, logs, skewed_target, times):
     assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
 
 
+@pytest.mark.slow
 def test_a_force_is_named_although_the_momentum_is_said_to_be_zero(craft, logs):
     """Samples of a steady force contradict a momentum of zero, too."""
     options = {"sensors": coarse_suite(), "momentum": TotalMomentum.zero()}

@@ -24,11 +24,12 @@ def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_t
         gyro=replace(suite.gyro, angle_random_walk=0.015),
         position=replace(suite.position, sigma=3e-3),
     )
+    options = {"estimator": estimator, "is_final": False}
     quiet, noisy = (
-        identify(craft, add_noise(each, perfect, 2), sensors=suite, estimator=estimator)
+        identify(craft, add_noise(each, perfect, 2), sensors=suite, **options)
         for each in (suite, loud)
     )
-    told = identify(craft, add_noise(loud, perfect, 2), sensors=loud, estimator=estimator)
+    told = identify(craft, add_noise(loud, perfect, 2), sensors=loud, **options)
     ratio = np.sqrt(np.diag(noisy.covariance) / np.diag(told.covariance))
     assert np.median(ratio) == pytest.approx(1.0, rel=0.35)
     assert (np.diag(noisy.covariance) > np.diag(quiet.covariance)).all()
