@@ -56,19 +56,6 @@ def test_they_are_linear_in_their_parameters():
         np.testing.assert_allclose(both, parts, atol=1e-12)
 
 
-def test_extremes_are_at_the_instants(maker):
-    motion = maker(4)
-    dense = np.abs(motion.evaluate(np.linspace(0, 8, 20_001)))
-    found = np.abs(motion.evaluate(motion.instants()))
-    np.testing.assert_allclose(found.max(axis=0), dense.max(axis=0), rtol=3e-3)
-
-
-def test_two_waypoints_are_a_half_cosine():
-    ends, t = table(2), np.linspace(-1, 9, 41)
-    expected = HalfCosine(ends[0], ends[1], 8.0).evaluate(t)
-    np.testing.assert_allclose(Waypoints(ends, 8.0).evaluate(t), expected, atol=1e-15)
-
-
 def test_each_piece_between_waypoints_is_a_half_cosine():
     motion, t = Waypoints(table(5), 8.0), np.linspace(0.0, 1.99, 20)
     for k in range(4):

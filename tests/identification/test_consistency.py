@@ -14,8 +14,6 @@ from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import (
     Source,
     SpacecraftReference,
-    read_result,
-    write_result,
 )
 from cpid_drake.identification.trust import gated
 from cpid_drake.sensing.suite import SensorSuite
@@ -102,13 +100,3 @@ def test_random_estimates_of_a_real_body_keep_it_inside(tree):
         assert ((low <= truth[others]) & (truth[others] <= high)).all()
         kept += bool(found.consistency.narrowed.any())
     assert kept > 10  # the trial is about narrowed intervals
-
-
-def test_the_result_file_keeps_the_free_estimate_and_what_bodies_can_have(tree, tmp_path):
-    found = in_plane(2.0, 0.0, 0.0, -0.02, [0.01, 0.001, 0.001, 0.01], tree)
-    write_result(tmp_path / "result.json", result_of(found, REFERENCE, [SOURCE]))
-    read = read_result(tmp_path / "result.json")
-    assert read.parameters[6] == pytest.approx(-0.02, abs=1e-3)
-    assert read.interval_95[6, 0] < 0
-    assert read.bodies.interval_low[6] == 0
-    assert read.bodies.possible

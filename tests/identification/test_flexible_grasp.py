@@ -4,16 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import cumulative_simpson
-from scipy.spatial.transform import Rotation
 
 from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
-from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.dynamics.rotations import cross, rotate
-from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
-from cpid_drake.estimation.likelihood.effects import MotionChange
-from cpid_drake.estimation.likelihood.motion import Instants
 from cpid_drake.scenario.schema import WristConfig
 from cpid_drake.sensing.disturbances import Disturbances
 
@@ -66,43 +58,6 @@ def simulated(kind="", *, duration=10.0, sensors=""):
         scenario.simulation.wrist = wrist
     simulation = make_simulation(scenario)
     return simulation, simulation.run(), compliances
-
-
-class AtSamples:
-    """The parts of a `BaseMotion` and of its trajectory that the change by compliance reads."""
-
-    def __init__(self, tree, telemetry, psi):
-        dynamics = relative_dynamics(tree, telemetry.q, telemetry.qdot)
-        self.nodes = telemetry.time
-        self.instants = self.grid = Instants(telemetry.time, dynamics)
-        self.state, self.R = self, telemetry.R_WB
-        self.psi, self.inverse = psi, dynamics.mobility(psi)
-        self.w = rotate(np.swapaxes(self.R, -1, -2), telemetry.w_WB)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_drake_moves_the_base_as_the_first_order_predicts(kind):
-    rigid, context, _ = simulated(duration=4.0)
-    expected = rigid.telemetry(context)
-    flexible, context, compliances = simulated(kind, duration=4.0)
-    found = flexible.telemetry(context)
-    craft, truth = rigid.spacecraft, rigid.truth
-    psi = relative_parameterization(craft.mass).from_parameters(truth.to_vector())
-    motion = AtSamples(craft.tree, expected, psi)
-    change, other = MotionChange.zeros(len(expected), 3), MotionChange.zeros(len(expected), 3)
-    write_turns(motion, motion, compliances["compliance"], change)
-    write_shifts(motion, motion, compliances["translational_compliance"], other)
-    w, com = ((getattr(change, n) + getattr(other, n)).sum(axis=-1) for n in ("w", "com"))
-    turn = cumulative_simpson(rotate(motion.R, w), x=expected.time, axis=0, initial=0)
-    true = Rotation.from_matrix(found.R_WB) * Rotation.from_matrix(expected.R_WB).inv()
-    np.testing.assert_allclose(turn, true.as_rotvec(), atol=0.05 * np.abs(turn).max())
-    rho = rotate(motion.R, motion.instants.dynamics.com(psi))
-    moved = -rotate(motion.R, com) - cross(turn, rho)
-    p_change = found.p_WB - expected.p_WB
-    np.testing.assert_allclose(moved, p_change, atol=0.05 * np.abs(moved).max())
-    rate = np.gradient(com, expected.time, axis=0)
-    by_rate = (change.com_rate + other.com_rate).sum(axis=-1)
-    np.testing.assert_allclose(rate[2:-2], by_rate[2:-2], atol=0.02 * np.abs(by_rate).max())
 
 
 @pytest.fixture(scope="module", params=KINDS)

@@ -97,14 +97,6 @@ class TestMomentum:
         assert found.is_trustworthy
         assert np.abs(errors_in_sigma(found, skewed_target)).max() < 5
 
-    def test_eq18_says_that_it_cannot_estimate_a_momentum(self, craft, motion, skewed_target):
-        times = np.arange(0.0, DURATION, 0.02)
-        log = log_of(
-            true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times, MOMENTUM)
-        )
-        found = identify(craft, log, rows="eq18")
-        assert "eq18 cannot estimate it" in found.doubts[0]
-
     @pytest.mark.parametrize("momentum_W", [None, MOMENTUM])
     def test_standard_rows_test_the_momentum_for_eq18(
         self, craft, motion, suite, skewed_target, momentum_W

@@ -119,7 +119,9 @@ def later(samples):
 
 def of_other_sign(samples):
     """A quaternion and its negative are one attitude."""
-    return {"attitude": Samples(samples.attitude.time, -samples.attitude.value)}
+    attitude = samples.attitude
+    signs = np.random.default_rng(92).choice([-1.0, 1.0], (len(attitude), 1))
+    return {"attitude": Samples(attitude.time, signs * attitude.value)}
 
 
 @FITS

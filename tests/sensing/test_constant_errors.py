@@ -100,16 +100,6 @@ def test_all_values_are_independent():
     assert np.abs(off_diagonal).max() < 4.5 / np.sqrt(len(rows))
 
 
-def test_one_error_does_not_change_the_others():
-    everything, only = SensorNoise(suite(), 5), SensorNoise(suite(attitude=None, gyro=None), 5)
-    for name in ("position", "encoders"):
-        first, second = (vars(each.constants(name, 2)) for each in (everything, only))
-        for key, value in first.items():
-            np.testing.assert_array_equal(value, second[key])
-    more = everything.constants("encoders", 7).zero
-    np.testing.assert_array_equal(more[:2], everything.constants("encoders", 2).zero)
-
-
 def test_runs_of_the_same_hardware_differ_in_their_noise_only():
     sensors = suite(gyro=replace(suite().gyro, angle_random_walk=0.1))
     ideal = ideal_measurements(sensors, JOINTS, motion, 1.0)

@@ -260,17 +260,6 @@ def test_a_lasting_step_is_no_spike():
         assert screen(stepped, suite).rejected == NONE_REJECTED
 
 
-def test_flips_of_a_quaternion_are_no_spikes_and_hide_none():
-    suite = load_sensors("flight")
-    measurements = recorded(suite, tumble)
-    sign = np.random.default_rng(1).choice([-1.0, 1.0], (len(measurements.attitude), 1))
-    flipped = Samples(measurements.attitude.time, sign * measurements.attitude.value)
-    flipped = measurements.updated({"attitude": flipped})
-    kept = screen(flipped, suite).measurements.attitude
-    np.testing.assert_allclose(kept.value, flipped.attitude.value, rtol=0, atol=1e-15)
-    rejects_exactly(with_spikes(flipped, suite, "attitude", 1e4, [17]), suite, "attitude", [17])
-
-
 # -- repeats -------------------------------------------------------------------------------------
 
 
@@ -413,14 +402,6 @@ def test_random_chunks_keep_what_the_whole_keeps(seed):
 @pytest.fixture(scope="module")
 def perfect() -> Measurements:
     return ideal_measurements(every_sensor(), JOINTS, slow, 10.0)
-
-
-def test_without_sensors_values_are_not_judged():
-    """σ is not known: neither spikes nor repeats can be told from good samples."""
-    suite = load_sensors("flight")
-    measurements = with_spikes(recorded(suite, slow), suite, "gyro", 1e4, [500])
-    measurements = stuck(measurements, "position", slice(40, 60))
-    assert screen(measurements).rejected == NONE_REJECTED
 
 
 def screened(name, time, value=None, **others):

@@ -189,12 +189,6 @@ def test_samples_come_at_the_rate_from_zero_to_the_end(rate, duration):
     np.testing.assert_array_equal(times, np.arange(times.size) / rate)
 
 
-def test_perfect_samples_are_the_motion_at_their_own_times(perfect):
-    for name, field in [("position", "p_WB"), ("encoders", "q"), ("attitude", "quaternion_WB")]:
-        samples = getattr(perfect, name)
-        np.testing.assert_allclose(samples.value, getattr(motion(samples.time), field), atol=1e-15)
-
-
 @pytest.mark.parametrize("name", SENSORS)
 def test_absent_sensors_have_no_samples(name):
     suite = every_sensor(**{name: None})
@@ -222,14 +216,6 @@ def test_a_seed_reproduces_and_another_differs(perfect):
         stop = start + getattr(perfect, name).value.size
         assert not (one[start:stop] == other[start:stop]).any()
         start = stop
-
-
-def test_every_sensor_keeps_its_stream_when_others_go(perfect):
-    full = add_noise(every_sensor(), perfect, seed=9)
-    suite = every_sensor(gyro=None, position=None, attitude=None)
-    part = add_noise(suite, ideal_measurements(suite, JOINTS, motion, 10.0), seed=9)
-    for name in suite.present():
-        np.testing.assert_array_equal(getattr(full, name).value, getattr(part, name).value)
 
 
 @pytest.mark.parametrize("block", [7, 65])

@@ -162,51 +162,6 @@ def test_an_arm_that_is_welded_to_the_world_is_refused_with_what_to_do(on_carrie
 
 # -- geometry is not needed ----------------------------------------------------------------------
 
-MESHES = ["package://nobody_knows/hull.dae", "package://mine/missing.obj", "missing.stl"]
-LINKS = {"hull": 80.0, "link": 6.0}
-
-
-def as_urdf(mesh: str) -> str:
-    shape = f'<geometry><mesh filename="{mesh}" scale="0.001 0.001 0.001"/></geometry>'
-    links = [
-        f'<link name="{name}"><inertial><mass value="{mass}"/>'
-        '<inertia ixx="2" iyy="3" izz="4" ixy="0" ixz="0" iyz="0"/></inertial>'
-        f"<visual>{shape}</visual><collision>{shape}</collision></link>"
-        for name, mass in LINKS.items()
-    ]
-    return (
-        f'<robot name="r">{"".join(links)}<joint name="j" type="revolute"><parent link="hull"/>'
-        '<child link="link"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" '
-        'velocity="1"/></joint></robot>'
-    )
-
-
-def as_sdf(mesh: str) -> str:
-    shape = f"<geometry><mesh><uri>{mesh}</uri></mesh></geometry>"
-    links = [
-        f'<link name="{name}"><inertial><mass>{mass}</mass><inertia><ixx>2</ixx><iyy>3</iyy>'
-        "<izz>4</izz></inertia></inertial>"
-        f'<visual name="v">{shape}</visual><collision name="c">{shape}</collision></link>'
-        for name, mass in LINKS.items()
-    ]
-    return (
-        f'<sdf version="1.9"><model name="r">{"".join(links)}<joint name="j" type="revolute">'
-        "<parent>hull</parent><child>link</child><axis><xyz>0 1 0</xyz></axis></joint>"
-        "</model></sdf>"
-    )
-
-
-@pytest.mark.parametrize("mesh", MESHES)
-@pytest.mark.parametrize("write", [as_urdf, as_sdf])
-def test_meshes_that_cannot_be_had_are_no_obstacle(tmp_path, write, mesh):
-    file = tmp_path / f"model.{write.__name__.removeprefix('as_')}"
-    file.write_text(write(mesh))
-    spacecraft = Spacecraft(
-        file, base="hull", capture_frame="link", packages={"mine": str(tmp_path)}
-    )
-    assert spacecraft.mass == sum(LINKS.values())
-    assert spacecraft.joint_names == ("j",)
-
 
 @pytest.mark.parametrize("mesh", ["missing.obj", "there.stl"])
 def test_a_mesh_of_mjcf_that_cannot_be_read_is_named(tmp_path, mesh):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.framework import DiagramBuilder
 
 from cpid_drake import (
     InputError,
@@ -26,14 +25,12 @@ from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.sensors import (
     SENSORS,
-    STANDARD_SENSORS,
     AttitudeSensor,
     Gyro,
     JointSensor,
     VectorSensor,
 )
 from cpid_drake.systems.sensor_identifier import FILTER_DIAGNOSTICS, LONGEST_DELAY
-from cpid_drake.systems.spacecraft_sensors import log_samples, measurements_from_logs
 
 DURATION = 3.5
 
@@ -187,90 +184,6 @@ def test_a_bad_sample_is_counted_once_and_does_no_harm(flight, bad):
     assert counts["attitude_rejected"] == 1
     assert sum(value for name, value in counts.items() if name.endswith("rejected")) == 1
     assert [t for name, t in waiting(flight, context) if name == "attitude"] == [0.0, 0.2]
-
-
-@pytest.fixture
-def uneven() -> SensorSuite:
-    """Return sensors whose instants fall together now and then, but for rounding."""
-    return SensorSuite(
-        attitude=AttitudeSensor(rate=3.0),
-        gyro=Gyro(rate=30.0),
-        position=VectorSensor(rate=7.0),
-        velocity=VectorSensor(rate=29.97),
-        encoders=JointSensor(rate=10.0),
-        joint_rates=JointSensor(rate=60.0),
-    )
-
-
-@pytest.fixture
-def recorded(servicer, uneven, monkeypatch):
-    """Return a function (period) -> samples given to the estimator of still sensors, and all.
-
-    The former are (time of the Context [s], time until which all were given [s], samples).
-    """
-
-    def run(period=None, stop=2.0):
-        builder = DiagramBuilder()
-        state = np.zeros(servicer.plant.num_multibody_states())
-        state[servicer.quaternion_columns[0]] = 1.0
-        source = builder.AddSystem(ConstantVectorSource(state))
-        sensors = SpacecraftSensors.AddToBuilder(
-            builder, servicer, spacecraft_state=source.get_output_port(), suite=uneven
-        )
-        identifier = SensorIdentifier.AddToBuilder(
-            builder, servicer, samples=sensors.sample_ports(), suite=uneven, period=period
-        )
-        logs = log_samples(builder, sensors)
-        simulator, given = Simulator(builder.Build()), []
-        root_context = simulator.get_mutable_context()
-        process = identifier._estimator.process
-
-        def recording(state, measurements, until):
-            given.append((root_context.get_time(), until, measurements))
-            return process(state, measurements, until)
-
-        monkeypatch.setattr(identifier._estimator, "process", recording)
-        simulator.AdvanceTo(stop)
-        simulator.AdvancePendingEvents()
-        identifier.ExecuteForcedEvents(identifier.GetMyMutableContextFromRoot(root_context))
-        return given, measurements_from_logs(sensors, logs, root_context)
-
-    return run
-
-
-@pytest.mark.parametrize("period", [None, 0.0037])
-def test_no_sample_is_lost_and_all_come_in_order(recorded, period):
-    """Whatever rounding does to the instants."""
-    given, measurements = recorded(period)
-    for name, samples in measurements.items():
-        times = np.concatenate([part[name].time for _, _, part in given])
-        np.testing.assert_array_equal(times, samples.time)
-    assert [len(measurements[name]) for name in STANDARD_SENSORS] == [7, 61, 15, 60, 21, 121]
-
-
-def test_sensors_that_stamp_the_very_instant_are_not_lost(servicer):
-    """A source whose stamp is always now, read at that instant: its samples wait one period."""
-
-    class Clock(LeafSystem):
-        def __init__(self):
-            super().__init__()
-            self.set_name("clock")
-            self.DeclareVectorOutputPort(
-                "encoders",
-                13,
-                lambda context, output: output.SetFromVector([context.get_time(), *np.zeros(12)]),
-            )
-
-    builder, suite = DiagramBuilder(), SensorSuite(encoders=JointSensor(rate=10.0))
-    clock = builder.AddSystem(Clock())
-    identifier = SensorIdentifier.AddToBuilder(
-        builder, servicer, samples={"encoders": clock.get_output_port()}, suite=suite
-    )
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(0.95)
-    context = identifier.GetMyContextFromRoot(simulator.get_context())
-    stamps = [time for _, time in waiting(identifier, context)]
-    np.testing.assert_allclose(stamps, np.arange(10) / 10, atol=1e-12)
 
 
 # -- late samples ---------------------------------------------------------------------------------
