@@ -59,7 +59,8 @@ def test_a_clean_log_shows_no_errors(craft, log, skewed_target):
     assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HIDDEN)
 def test_a_hidden_error_is_named_with_its_value(craft, log, name):
     measurements, truth = log(name)
     found = identify(craft, measurements, sensors=coarse_suite())
