@@ -91,6 +91,7 @@ def test_the_four_of_mujocos_planar_joint_are_identified(log, tmp_path, monkeypa
     assert (TARGET.to_vector() <= high + 1e-6).all()
 
 
+@pytest.mark.slow
 def test_a_free_base_does_not_explain_the_log(log, monkeypatch, capsys):
     path, model = log
     craft = ["--spacecraft", model, "--base", "base", "--capture-frame", "grip"]

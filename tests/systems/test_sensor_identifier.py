@@ -270,7 +270,9 @@ def test_it_identifies_the_target_in_the_plant(simulation, finished, skewed_targ
 # -- the state -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("time", "initializing"), [(0.8, True), (3.2, False)])
+@pytest.mark.parametrize(
+    ("time", "initializing"), [pytest.param(0.8, True, marks=pytest.mark.slow), (3.2, False)]
+)
 def test_clones_run_on_by_themselves(simulation, time, initializing):
     """Cloned in the middle of a block: the copies run alike and touch no other."""
     identifier = simulation.identifier
@@ -339,6 +341,7 @@ def test_the_estimator_continues_after_its_incomplete_block(flight, samples, ske
     assert (np.abs(result.parameters - skewed_target.to_vector()) < 5 * sigma).all()
 
 
+@pytest.mark.slow
 def test_an_unknown_momentum_is_estimated_along(skewed_target):
     """Within 5 σ of the target, with a momentum that nobody tells it."""
     scenario = scenario_with("flight", duration=5.0)
