@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import every_sensor
 
 from cpid_drake import Telemetry
+from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import (
     Measurements,
     Samples,
