@@ -76,15 +76,25 @@ class BlockState:
         c = len(self.bodies)
         if not c:
             return self
+        best, root = self.estimated_errors(misfit, curvature)
+        gain, rest = self.by_bodies @ root, self.rest - self.by_bodies @ best
+        return replace(self, by_bodies=gain, rest=rest, bodies=np.eye(c, c + 1), errors=None)
+
+    def estimated_errors(
+        self, misfit: float = 1.0, curvature: float = 0.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the best p (c,), and the root S (c, c) of its covariance S Sᵀ.
+
+        The error of the best p is S e with the e and the arguments of `with_estimated_bodies`.
+        """
+        c = len(self.bodies)
         root: NDArray[np.float64] = self.bodies[:, :c]
         prior = np.zeros(c) if self.errors is None else -self.errors
         size, axes = np.linalg.eigh(root.T @ root - np.eye(c))  # of the samples, without the prior
         share = 1 / (misfit + np.maximum(size, 0) * curvature**2)
         target = share * (axes.T @ (root.T @ self.bodies[:, c] - prior)) + axes.T @ prior
         sigma = 1 / np.sqrt(1 + share * np.maximum(size, 0))
-        gain = self.by_bodies @ axes * sigma
-        rest = self.rest - gain @ (sigma * target)
-        return replace(self, by_bodies=gain, rest=rest, bodies=np.eye(c, c + 1), errors=None)
+        return axes @ (sigma**2 * target), axes * sigma
 
     def with_exact_bodies(self) -> "BlockState":
         """Return the state if the known bodies had no errors but those that the tree contains."""

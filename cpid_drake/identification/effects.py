@@ -286,16 +286,25 @@ def larger_than_declared(tested: Agreement, effects: tuple[EffectEstimate, ...])
     )
 
 
-def shared_errors(solver: BlockSolver, known: BlockState) -> NDArray[np.float64] | None:
-    """Return the error (10, c) of ψ for errors of one σ that all logs of a spacecraft share.
+def shared_errors(
+    solver: BlockSolver, known: BlockState, bodies: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Return the error (10, k) of ψ for errors of one σ that all logs of a spacecraft share.
 
-    These are the constant errors of the sensors and the errors of the known bodies; None without.
+    These are the constant errors of the sensors and the errors p of the known bodies; None without.
+    The error of a Bayesian estimate of ψ, given such an error, is minus their covariance.
+
+    Args:
+        solver: the solver of the blocks.
+        known: what is known at the end of the last block, about the best p.
+        bodies: (c, c) the root of the covariance of p; see `BlockState.estimated_errors`.
+
     """
     names = [name for name, error in solver.constants.errors.items() if error.sensor]
     if not (names or solver.consider_count):
         return None
     inverse = np.linalg.inv(known.root)
+    gain = inverse @ known.by_bodies
     columns = np.concatenate([np.empty(0, int), *(np.r_[solver.places[name]] for name in names)])
-    # The error of a Bayesian estimate, given a constant, is minus their posterior covariance.
-    by_constants = -inverse[-10:] @ inverse[columns].T
-    return np.hstack([by_constants, inverse[-10:] @ known.by_bodies])
+    by_constants = -inverse[-10:] @ inverse[columns].T - gain[-10:] @ gain[columns].T
+    return np.hstack([by_constants, gain[-10:] @ bodies.T])

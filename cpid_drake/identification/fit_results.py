@@ -52,13 +52,14 @@ def identification_at(
     """
     prior, solver = estimator.prior.as_wide_as(state.prior), estimator.nominal
     about = with_bodies(solver, known.errors)
-    if solver.known_bodies is not None:
-        known = known.with_estimated_bodies(state.misfit, solver.known_bodies.curvature)
+    curvature = 0.0 if solver.known_bodies is None else solver.known_bodies.curvature
+    _, bodies = known.estimated_errors(state.misfit, curvature)
+    known = known.with_estimated_bodies(state.misfit, curvature)
     information = known.psi_information()
     if not prior.is_guess:
         information = information - np.diag(prior.psi_sigma**-2.0)
     consider = known.psi_consider() if solver.consider_count else None
-    psi, shared = best_psi(known, prior), shared_errors(solver, known)
+    psi, shared = best_psi(known, prior), shared_errors(solver, known, bodies)
     if about is not solver:  # refer ψ to the mass of the nominal spacecraft
         by_nominal, psi = _by_referred(psi, about, solver)
         information = by_nominal.T @ information @ by_nominal
