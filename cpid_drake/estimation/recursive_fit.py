@@ -31,7 +31,7 @@ from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.recursive_state import NEXT_FIT, RecursiveState, counted
 from cpid_drake.estimation.window_fit import WELL_KNOWN, fit_window, inertia_uncertainty
 from cpid_drake.estimation.window_minimum import WindowFit
-from cpid_drake.estimation.window_sweep import explained_sweep
+from cpid_drake.estimation.window_sweep import Work, WorkLimitError, explained_sweep
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -74,6 +74,9 @@ class RecursiveFit:
         suite: its sensors.
         prior: what is known before the first sample.
         known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
+        most_work: largest number of block solutions in one call of `process` or `finish` by which
+            the stored blocks are fitted together; None for no limit. A fit that would need more is
+            given up, and counted; the estimate remains that of the fit before.
 
     """
 
@@ -83,7 +86,9 @@ class RecursiveFit:
         suite: SensorSuite,
         prior: Prior,
         known_bodies: BodyUncertainty | None = None,
+        most_work: int | None = None,
     ) -> None:
+        self.work = Work(most_work)
         self.nominal = self.solver = BlockSolver(tree, suite, known_bodies)
         self.prior = prior
 
@@ -131,12 +136,22 @@ class RecursiveFit:
         """
         queue, blocks = state.queue.added(measurements, until)
         state = replace(state, queue=queue)
+        update = self._update()
         for block in blocks:
-            state = self._take(state, block)
+            state = update._take(state, block)
         return state
+
+    def _update(self) -> "RecursiveFit":
+        """Return the estimator for one update, whose work is counted from zero."""
+        result = copy(self)
+        result.work = Work(self.work.most)
+        return result
 
     def finish(self, state: RecursiveState) -> RecursiveState:
         """Return the state after the incomplete block; samples that follow begin another one."""
+        return self._update()._finish(state)
+
+    def _finish(self, state: RecursiveState) -> RecursiveState:
         for block in state.queue.finished():
             queue = replace(state.queue, edge=block.end, waiting=None)
             state = self._take(replace(state, queue=queue), block)
@@ -148,10 +163,17 @@ class RecursiveFit:
         if state.known is None and state.window and moved:
             try:
                 fit = fit_window(
-                    self.solver_of(state), state.prior, state.window, state.prior.psi, plain=True
+                    self.solver_of(state),
+                    state.prior,
+                    state.window,
+                    state.prior.psi,
+                    plain=True,
+                    work=self.work,
                 )
             except (InputError, np.linalg.LinAlgError):
                 return state
+            except WorkLimitError:
+                return replace(state, unfinished=state.unfinished + 1)
             state = replace(state, sweep=fit.sweep, is_explained=False)
         return state
 
@@ -193,6 +215,12 @@ class RecursiveFit:
             fit, state = self._suited(state, psi, suspects, is_last)
         except (InputError, np.linalg.LinAlgError):
             return self._without_first(state)
+        except WorkLimitError:
+            state = replace(state, unfinished=state.unfinished + 1)
+            if len(window) <= LONGEST_WINDOW:
+                return state
+            half = window[len(window) // 2 :]
+            return replace(state, window=half, next_fit=0.0, explained=0, changed=-1)
         sweep = fit.sweep
         if not fit.converged:
             is_hopeless = len(window) >= _FEWEST_HOPELESS and sweep.misfit > _HOPELESS
@@ -279,6 +307,7 @@ class RecursiveFit:
                 suspects=suspects,
                 constants=about,
                 again=again,
+                work=self.work,
             )
             psi, found = fit.psi, fit.sweep.state.best_constants(fit.psi)
             about, again = found, not state.prior.excludes(psi)

@@ -48,6 +48,8 @@ class RecursiveState:
         lags: sums over the residuals of each sensor, which tell whether these are white.
         first_edge: start of the first counted block [s]; NaN before it.
         has_thrust: whether thrusters have changed the momentum.
+        unfinished: number of fits that were given up because they needed too much work; see
+            `RecursiveFit`.
 
     """
 
@@ -76,6 +78,7 @@ class RecursiveState:
     lags: dict[str, LagSums] = field(default_factory=dict)
     first_edge: float = np.nan
     has_thrust: bool = False
+    unfinished: int = 0
 
     @property
     def start(self) -> float:

@@ -19,7 +19,7 @@ from cpid_drake.estimation.faults import FEW, SPIKE, Block
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.estimation.window_minimum import NEAR, WindowFit, minimized
-from cpid_drake.estimation.window_sweep import Sweep, WindowModels
+from cpid_drake.estimation.window_sweep import Sweep, WindowModels, Work
 from cpid_drake.sensing.measurements import Measurements
 
 WELL_KNOWN = 0.001
@@ -41,6 +41,7 @@ def fit_window(
     plain: bool = False,
     constants: NDArray[np.float64] | None = None,
     again: bool = False,
+    work: Work | None = None,
 ) -> WindowFit:
     """Fit the target to successive blocks.
 
@@ -54,14 +55,16 @@ def fit_window(
         plain: whether to use all samples, even if noise does not explain them.
         constants: see `initial_state`.
         again: whether ψ is the solution about other values of the constant errors.
+        work: to which the block solutions are added; default: there is no limit.
 
     Raises:
         InputError: the readings cannot be predicted even at the starting point.
+        WorkLimitError: see `work`.
 
     """
     left_out: Counter[str] = Counter()
     for _ in range(_MOST_ROUNDS):
-        models = WindowModels(solver, prior, blocks, constants)
+        models = WindowModels(solver, prior, blocks, constants, work)
         found = minimized(models, prior, psi, changed, again)
         found = replace(found, sweep=replace(found.sweep, left_out=tuple(left_out.items())))
         if plain or found.sweep.is_likely:

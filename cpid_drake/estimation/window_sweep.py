@@ -50,6 +50,35 @@ class Sweep:
         return self.cost / max(sum(fit.freedom for fit in self.fits), 1)
 
 
+class WorkLimitError(Exception):
+    """The fits of an update would take more than the allowed work."""
+
+
+@dataclass(eq=False)
+class Work:
+    """The work of the fits of one update.
+
+    Attributes:
+        most: largest number of block solutions; None for no limit.
+        done: block solutions so far.
+
+    """
+
+    most: int | None = None
+    done: int = 0
+
+    def add(self) -> None:
+        """Count one more block solution.
+
+        Raises:
+            WorkLimitError: there would be more than allowed.
+
+        """
+        if self.most is not None and self.done >= self.most:
+            raise WorkLimitError
+        self.done += 1
+
+
 class WindowModels:
     """The likelihoods of successive blocks, prepared once for many sweeps.
 
@@ -63,9 +92,10 @@ class WindowModels:
         prior: Prior,
         blocks: Sequence[Block],
         constants: NDArray[np.float64] | None = None,
+        work: Work | None = None,
     ) -> None:
         self.solver = solver = replace(solver, is_about_constants=True)
-        self.prior, self.blocks = prior, blocks
+        self.prior, self.blocks, self.work = prior, blocks, work or Work()
         self.constants = np.zeros(solver.constants.size) if constants is None else constants
         self._models: list[BlockModel] = []
         state = initial_state(solver, prior, prior.psi, blocks[0], self.constants)
@@ -86,6 +116,10 @@ class WindowModels:
         """Return the sweep at ψ after the sweep `near`; the block number `changed` is bridged.
 
         For `tolerance` see `BlockSolver.solve`.
+
+        Raises:
+            WorkLimitError: see `Work`.
+
         """
         constants = self.constants
         if near is not None:
@@ -95,6 +129,7 @@ class WindowModels:
         fits: list[BlockFit] = []
         pieces: tuple[tuple[float, float], ...] = ()
         for k, model in enumerate(self._models):
+            self.work.add()
             if k == changed:
                 state = bridged(self.solver, self.prior, state, model, None)
                 pieces = ((self.blocks[k].start, self.blocks[k].end),)

@@ -35,6 +35,7 @@ def nothing_known(estimator: RecursiveFit, state: RecursiveState, name: str) -> 
         name,
         sensors=estimator.solver.suite,
         momentum_changes=MomentumChanges(*state.all_changes),
+        warnings=tuple(_warnings(state)),
     )
 
 
@@ -142,6 +143,15 @@ def _momentum_of(
 
 
 def _warnings(state: RecursiveState) -> Iterator[str]:
+    if state.unfinished:
+        until = "nothing is known yet"
+        if state.known is not None:
+            until = f"the estimate is that of the samples up to {state.known.time:.4g} s"
+        times = "once" if state.unfinished == 1 else f"{state.unfinished} times"
+        yield (
+            f"{times}, the fit of all samples so far needed more work than one update may do, and "
+            f"was given up: {until}"
+        )
     if state.misfit > 1:
         yield (
             f"the fit misses the samples by {np.sqrt(state.misfit):.2g} times the sensors' noise: "

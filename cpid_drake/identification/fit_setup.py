@@ -34,6 +34,7 @@ def recursive_fit(
     known_bodies: BodyUncertainty | None = None,
     guess: InertialParameters | None = None,
     guess_sigma: float = 0.5,
+    most_work: int | None = None,
 ) -> RecursiveFit:
     """Return the recursive fit for a spacecraft's sensors.
 
@@ -45,6 +46,7 @@ def recursive_fit(
         guess: prior estimate of the target; default: none, for a vague prior.
         guess_sigma: relative standard deviation of the guess; see
             `cpid_drake.estimation.likelihood.priors.guessed_prior`.
+        most_work: see `RecursiveFit`.
 
     Raises:
         InputError: the guess is not a rigid body, or is a point mass at C's origin; the standard
@@ -56,7 +58,7 @@ def recursive_fit(
         check_guess(guess, guess_sigma)
         psi = relative_parameterization(spacecraft.mass).from_parameters(guess.to_vector())
         prior = guessed_prior(prior, psi, guess_sigma)
-    return RecursiveFit(spacecraft.tree, sensors, prior, known_bodies)
+    return RecursiveFit(spacecraft.tree, sensors, prior, known_bodies, most_work)
 
 
 def check_guess(guess: InertialParameters, sigma: float) -> None:

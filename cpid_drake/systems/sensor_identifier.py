@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.faults import after
 from cpid_drake.estimation.recursive_state import RecursiveState
@@ -41,6 +42,13 @@ Delays of star trackers and of relative navigation are shorter. The estimate is 
 while a sensor is silent.
 """
 
+MOST_WORK = 1000
+"""Default of `most_work`.
+
+Fits of a log that noise explains need 10 to 100 block solutions in an update, those of a log that
+nothing explains up to hundreds of thousands.
+"""
+
 _SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further sample can come
 
 _ORDER = ("gyro", "attitude", "encoders", "position", "velocity", "joint_rates")
@@ -50,6 +58,7 @@ FILTER_DIAGNOSTICS = (
     *(f"{name}_rejected" for name in _ORDER),
     "momentum_changes",
     "momentum_change_time",
+    "unfinished_fits",
 )
 """Entries of the `filter_diagnostics` output."""
 
@@ -84,9 +93,9 @@ class SensorIdentifier(Identifier):
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.
-    - `filter_diagnostics` (14): samples used and rejected of every sensor, number of detected
-      changes of momentum, and time of the latest [s] (NaN for none); see `FILTER_DIAGNOSTICS`.
-      Zero for absent sensors.
+    - `filter_diagnostics` (15): samples used and rejected of every sensor (zero for absent
+      sensors), number of detected changes of momentum, time of the latest [s] (NaN for none), and
+      number of fits that were given up (see `most_work`); see `FILTER_DIAGNOSTICS`.
 
     In every period it collects the new samples. When a block is complete, it screens the samples
     and solves the block. Drake systems that update at the same instant read each other's state
@@ -110,10 +119,16 @@ class SensorIdentifier(Identifier):
         guess: prior estimate of the target; default: none, for a vague prior.
         guess_sigma: relative σ of the guess; see `priors.guessed_prior`.
         reads_thrust: whether there is a log of thrust.
+        known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
+            grasp, whose errors are estimated too; default: none.
+        most_work: work that one update may do to fit all samples so far: number of blocks that it
+            solves, each some 10 ms of processor time for a second of samples of 12 joints. A fit
+            that needs more is given up until there are more samples, and the estimate remains; the
+            identification has a warning then, and `unfinished_fits` counts it.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), a period that is not positive or is
-            longer than the fastest sensor's, or an invalid guess (see
+            longer than the fastest sensor's, no positive amount of work, or an invalid guess (see
             `cpid_drake.identification.fit_setup.recursive_fit`).
 
     """
@@ -128,6 +143,8 @@ class SensorIdentifier(Identifier):
         guess: InertialParameters | None = None,
         guess_sigma: float = 0.5,
         reads_thrust: bool = False,
+        known_bodies: BodyUncertainty | None = None,
+        most_work: int = MOST_WORK,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
@@ -142,8 +159,16 @@ class SensorIdentifier(Identifier):
                 f"identification period must be > 0 s and at most {shortest:g} s, the period of "
                 f"the fastest sensor, not {period}"
             )
+        if not (is_number(most_work) and most_work >= 1):
+            raise InputError(f"most_work must be a number of blocks >= 1, not {most_work}")
         self._estimator = recursive_fit(
-            spacecraft, suite, momentum=momentum, guess=guess, guess_sigma=guess_sigma
+            spacecraft,
+            suite,
+            momentum=momentum,
+            known_bodies=known_bodies,
+            guess=guess,
+            guess_sigma=guess_sigma,
+            most_work=int(most_work),
         )
         self._joint_names, self._suite, self._period = spacecraft.joint_names, suite, period
         joints = len(spacecraft.joint_names)
@@ -281,7 +306,7 @@ class SensorIdentifier(Identifier):
         used.subtract(left_out)
         rejected = left_out + Counter(memory.rejected)
         counts = [each[name] for each in (used, rejected) for name in _ORDER]
-        output.SetFromVector([*counts, *online.all_changes])
+        output.SetFromVector([*counts, *online.all_changes, online.unfinished])
 
 
 @dataclass(frozen=True, eq=False)

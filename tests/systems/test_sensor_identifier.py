@@ -19,6 +19,7 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fit_estimator import identification_of_state
 from cpid_drake.identification.fit_setup import recursive_fit
 from cpid_drake.sensing.measurements import Measurements
@@ -153,10 +154,10 @@ def test_ports_are_as_documented(servicer):
     assert identifier.num_input_ports() == len(inputs)
     for name, size in inputs.items():
         assert identifier.GetInputPort(name).size() == size
-    outputs = {"parameters": 10, "covariance": 100, "diagnostics": 4, "filter_diagnostics": 14}
+    outputs = {"parameters": 10, "covariance": 100, "diagnostics": 4, "filter_diagnostics": 15}
     for name, size in outputs.items():
         assert identifier.GetOutputPort(name).size() == size
-    assert len(FILTER_DIAGNOSTICS) == 14
+    assert len(FILTER_DIAGNOSTICS) == 15
     inertia = identifier.GetOutputPort("spatial_inertia").Allocate().get_value()
     assert isinstance(inertia, SpatialInertia)
 
@@ -227,6 +228,39 @@ def test_the_zero_of_the_stamps_has_no_effect(flight, samples):
     assert one.sample_count == other.sample_count
     sigma = np.sqrt(np.diag(one.covariance))
     assert (np.abs(one.parameters - other.parameters) < 0.01 * sigma).all()
+
+
+def test_an_uncertain_spacecraft_limits_the_estimate(servicer, simulation, finished, samples):
+    """The grasp is known to 5 mm, and the centre of mass in C not better."""
+    grasp = BodyUncertainty(grasp_mm=5.0)
+    uncertain = SensorIdentifier(servicer, load_sensors("flight"), known_bodies=grasp)
+    context = uncertain.CreateDefaultContext()
+    play(uncertain, context, samples)
+    uncertain.ExecuteForcedEvents(context)
+    exact = simulation.identifier.GetMyContextFromRoot(finished)
+    found, noise = (
+        np.sqrt(np.diag(identification.covariance))[1:4]
+        for identification in (
+            uncertain.identification(context),
+            simulation.identifier.identification(exact),
+        )
+    )
+    np.testing.assert_allclose(found, np.hypot(noise, 5e-3), rtol=0.05)
+
+
+def test_the_work_of_an_update_is_bounded(servicer, samples):
+    """The fits that are given up are counted, and the estimate says so."""
+    bounded = SensorIdentifier(servicer, load_sensors("flight"), most_work=1)
+    context = bounded.CreateDefaultContext()
+    play(bounded, context, samples)
+    bounded.ExecuteForcedEvents(context)
+    count = int(diagnostics(bounded, context)["unfinished_fits"])
+    assert count > 0
+    found = bounded.identification(context)
+    assert np.isnan(found.parameters).all()
+    assert any(f"{count} times, the fit of all samples so far needed" in w for w in found.warnings)
+    with pytest.raises(InputError, match="most_work must be a number of blocks >= 1, not 0"):
+        SensorIdentifier(servicer, load_sensors("flight"), most_work=0)
 
 
 # -- in a full simulation ------------------------------------------------------------------------
