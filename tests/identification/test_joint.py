@@ -129,6 +129,23 @@ def test_errors_of_the_spacecraft_limit_logs_together(craft, skewed_target):
     assert np.median(found / dense) < 1.3
 
 
+@pytest.mark.xfail(
+    strict=True, reason="G: logs that share errors are tested as if independent; issue 11"
+)
+def test_a_target_that_slipped_by_less_than_the_grasp_is_known_is_noticed(
+    craft, suite, skewed_target
+):
+    """The grasp is known to 5 mm, but its error is the same in both logs: 2 mm are 25 σ."""
+    motion, logs = Sines.drawn(4, 101, 3.0, 0.6), {}
+    for k, slip in enumerate((0.0, 2e-3)):
+        com = skewed_target.p_CTcm_C + np.array([slip, 0.0, 0.0])
+        target = InertialParameters(skewed_target.mass, com, skewed_target.I_TTcm_C)
+        logs[f"log {k}"] = add_noise(suite, measured(craft, motion, target, suite), seed=k)
+    options = {"momentum": TotalMomentum.unknown(), "known_bodies": BodyUncertainty(grasp_mm=5.0)}
+    found = identify_together(craft, logs, sensors=suite, **options)
+    assert not found.is_trustworthy
+
+
 @pytest.mark.slow
 def test_errors_of_a_sensor_that_no_log_determines_do_not_average(craft, logs):
     """Zeros of the joints are errors of cz, and not of the mass."""
