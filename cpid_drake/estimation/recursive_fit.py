@@ -66,6 +66,13 @@ def referred(
     return relative_parameterization(other.tree.mass).from_parameters(target)
 
 
+def _new_update(estimator: "RecursiveFit") -> "RecursiveFit":
+    """Return the estimator for one update, whose work is counted from zero."""
+    result = copy(estimator)
+    result.work = Work(estimator.work.most)
+    return result
+
+
 class RecursiveFit:
     """The recursive estimator for one spacecraft and its sensors; it contains no state.
 
@@ -136,39 +143,31 @@ class RecursiveFit:
         """
         queue, blocks = state.queue.added(measurements, until)
         state = replace(state, queue=queue)
-        update = self._update()
+        update = _new_update(self)
         for block in blocks:
             state = update._take(state, block)
         return state
 
-    def _update(self) -> "RecursiveFit":
-        """Return the estimator for one update, whose work is counted from zero."""
-        result = copy(self)
-        result.work = Work(self.work.most)
-        return result
-
     def finish(self, state: RecursiveState) -> RecursiveState:
         """Return the state after the incomplete block; samples that follow begin another one."""
-        return self._update()._finish(state)
-
-    def _finish(self, state: RecursiveState) -> RecursiveState:
+        update = _new_update(self)
         for block in state.queue.finished():
             queue = replace(state.queue, edge=block.end, waiting=None)
-            state = self._take(replace(state, queue=queue), block)
-        moved = bool(state.window) and has_moved(state.window, self.solver.suite)
+            state = update._take(replace(state, queue=queue), block)
+        moved = bool(state.window) and has_moved(state.window, update.solver.suite)
         if state.initializing and moved and state.hopeless < _TRIES and state.has_grown:
-            state = self._fit(state, is_last=True)
+            state = update._fit(state, is_last=True)
         if state.known is None and state.rough is not None:
             return replace(state, sweep=state.rough, is_explained=False)
         if state.known is None and state.window and moved:
             try:
                 fit = fit_window(
-                    self.solver_of(state),
+                    update.solver_of(state),
                     state.prior,
                     state.window,
                     state.prior.psi,
                     plain=True,
-                    work=self.work,
+                    work=update.work,
                 )
             except (InputError, np.linalg.LinAlgError):
                 return state
