@@ -118,37 +118,7 @@ def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case
     return Case(craft, motion, target, suite, momentum_W, samples)
 
 
-STEPS = {"start": 1e-5, "momentum": 1e-3, "psi": 1e-3}
 """Steps of differences by what every block has, in units of the columns."""
-
-
-def check_derivatives(model, state, steps: dict[str, float], drift: float = 1e-3) -> None:
-    """Compare the derivatives of readings and of the end with differences.
-
-    The changes by momentum and by torques are integrated by the trapezoidal rule. The relative
-    error of position and velocity of the centre of mass at the end must be below `drift`.
-    """
-    trajectory = model.motion.trajectory(state)
-    exact, end = model.jacobian(trajectory)
-    total = np.eye(exact.shape[1])
-    total[model.turned] = end
-    for column, by, factor in model.transitions(trajectory):
-        total[by] += factor @ total[column]
-    start, momentum = model.columns["start"].start, model.columns["momentum"].start
-    places = {"p_Wcm": start + 3, "L": momentum, "v_Wcm": momentum + 3}
-    for name, step in steps.items():
-        for k in range(model.columns[name].start, model.columns[name].stop):
-            change = step * np.eye(model.size)[k]
-            moved = [model.motion.trajectory(model.moved(state, s * change)) for s in (1, -1)]
-            ahead, behind = (model.residuals(each) for each in moved)
-            column = -(ahead - behind) / (2 * step)
-            assert np.abs(exact[:, k] - column).max() < 2e-3 * np.abs(column).max()
-            ahead, behind = (model.motion.end(each) for each in moved)
-            for part, place in places.items():
-                by = (getattr(ahead, part) - getattr(behind, part)) / (2 * step)
-                found = total[place : place + 3, k]
-                atol = (1e-3 if part == "L" else drift) * np.abs(by).max() + 1e-8
-                np.testing.assert_allclose(found, by, rtol=0, atol=atol, err_msg=(name, part))
 
 
 def fired(case: Case, *firings: trials.Firing) -> Measurements:

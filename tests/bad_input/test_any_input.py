@@ -1,12 +1,11 @@
 """Any bytes, and any small damage to a good file: an error with one line, or what the file says."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from corpus import TARGET, link, npz, parquet, result, scenario, urdf, write_good
+from corpus import TARGET, link, npz, parquet, scenario, urdf, write_good
 from corpus import csv as good_csv
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -14,18 +13,15 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InputError, Measurements, Spacecraft, Telemetry, load_scenario
+from cpid_drake import InputError, Measurements, Spacecraft, load_scenario
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.result_files import read_result
 from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.files.telemetry_files import (
     inspect_telemetry,
     read_telemetry,
-    write_telemetry,
 )
 from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.sensors import SENSORS
 
 
@@ -189,27 +185,6 @@ def test_a_damaged_scenario(folder, content):
     refused_or(load_scenario, path)
 
 
-JSON = st.recursive(
-    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner),
-    max_leaves=6,
-)
-
-
-@few(8)
-@given(key=st.sampled_from(sorted(json.loads(result()))), value=JSON)
-def test_any_yaml_in_a_result_a_scenario_or_sensors(folder, key, value):
-    path = folder / "any.json"
-    path.write_text(result(**{key: value}))
-    refused_or(read_result, path)
-    names = {"mass": "target", "com": "joint_motion", "rank": "simulation", "rows": "spacecraft"}
-    path.write_text(json.dumps({names.get(key, key): value}))
-    refused_or(load_scenario, path)
-    names = {"mass": "encoders", "com": "attitude", "rank": "digits", "rows": "gyro"}
-    path.write_text(json.dumps({names.get(key, key): value}))
-    refused_or(load_sensors, path)
-
-
 @few(50)
 @given(content=damaged(urdf().encode()))
 def test_a_damaged_model(folder, content):
@@ -238,68 +213,6 @@ def test_what_no_estimator_can_calculate_with_is_refused(craft, log, monkeypatch
 
 
 # -- what must not matter -------------------------------------------------------------------------
-
-
-@st.composite
-def telemetries(draw) -> Telemetry:
-    """Any motion of one to four joints, of numbers that can be meant."""
-    count, joints = draw(st.integers(1, 5)), draw(st.integers(1, 4))
-    name = st.text("abcXYZ_-. :/é", min_size=1, max_size=6).filter(
-        lambda text: text == text.strip()
-    )
-    names = draw(st.lists(name, min_size=joints, max_size=joints, unique=True))
-    number = st.floats(-1e9, 1e9, allow_subnormal=True)
-
-    def array(columns: int) -> np.ndarray:
-        size = count * columns
-        return np.reshape(draw(st.lists(number, min_size=size, max_size=size)), (count, columns))
-
-    seed = draw(st.integers(0, 10**6))
-    return Telemetry(
-        tuple(names),
-        np.cumsum(draw(st.lists(st.floats(1e-3, 1e6), min_size=count, max_size=count))),
-        quaternion_WB=Rotation.random(count, rng=seed).as_quat(scalar_first=True),
-        p_WB=array(3),
-        w_WB=array(3) * 1e-9,
-        v_WB=array(3),
-        q=array(joints),
-        qdot=array(joints),
-    )
-
-
-def assert_same(one: Measurements, other: Measurements, tolerance: float = 0.0) -> None:
-    assert set(one.joint_names) == set(other.joint_names)
-    order = [other.joint_names.index(name) for name in one.joint_names]
-    for name in SENSORS:
-        a, b = getattr(one, name), getattr(other, name)
-        columns = order if name in ("encoders", "joint_rates") else slice(None)
-        np.testing.assert_array_equal(a.time, b.time)
-        np.testing.assert_allclose(a.value, b.value[:, columns], rtol=0, atol=tolerance)
-
-
-@few(6)
-@given(telemetry=telemetries())
-@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
-def test_what_is_written_is_read_again(folder, ending, telemetry):
-    path = folder / f"written.{ending}"
-    write_telemetry(path, telemetry)
-    once = read_telemetry(path)
-    np.testing.assert_array_equal(once.encoders.value, telemetry.q)
-    np.testing.assert_array_equal(once.velocity.value, telemetry.v_WB)
-    np.testing.assert_array_equal(once.attitude.value, telemetry.quaternion_WB)
-    assert once.joint_names == telemetry.joint_names
-    write_telemetry(path, once)
-    assert_same(read_telemetry(path), once)
-
-
-@few(15)
-@given(order=st.permutations(range(20)), end=st.sampled_from(["\n", "\r\n"]), mark=st.booleans())
-def test_the_order_of_columns_and_the_ends_of_lines_do_not_matter(folder, order, end, mark):
-    rows = [line.split(",") for line in SHORT_CSV.splitlines()]
-    text = end.join(",".join(row[k] for k in order) for row in rows)
-    (folder / "plain.csv").write_text(SHORT_CSV)
-    (folder / "other.csv").write_bytes(("\ufeff" * mark + text).encode())
-    assert_same(read_telemetry(folder / "plain.csv"), read_telemetry(folder / "other.csv"))
 
 
 @few(2)

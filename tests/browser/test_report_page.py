@@ -20,11 +20,6 @@ pytestmark = pytest.mark.slow
 FREE_FLYER = SpacecraftReference(
     str(models_directory() / "free_flyer/free_flyer.urdf"), "body", "capture_point"
 )
-NUMBERS = """() => [...document.querySelectorAll("[data-key]")].map(element => {
-    let value = JSON.parse(document.getElementById("data-" + element.dataset.in).textContent);
-    for (const part of element.dataset.key.split(".")) value = value[part];
-    return [element.dataset.key, element.dataset.value, JSON.stringify(value), element.innerText];
-})"""
 
 
 @pytest.fixture(scope="module")
@@ -67,19 +62,6 @@ def opened(new_page, report):
         assert away == [report[0].as_uri()]
 
     return open_
-
-
-def test_its_numbers_are_those_of_the_result(opened, report):
-    with opened() as page:
-        numbers = page.evaluate(NUMBERS)
-        assert json.loads(page.locator("#data-result").inner_text()) == report[1]
-    assert len(numbers) > 40
-    assert {"mass", "com.1", "inertia.5", "interval_95.0"} <= {key for key, *_ in numbers}
-    for key, exact, in_json, shown in numbers:
-        assert json.loads(exact) == json.loads(in_json), key
-        if not key.startswith("interval_95"):
-            decimals = len(shown.partition(".")[2])
-            assert float(shown) == pytest.approx(json.loads(exact), abs=0.51 * 10.0**-decimals), key
 
 
 @pytest.mark.parametrize("width", [400, 1400])

@@ -75,15 +75,6 @@ def test_the_report_holds_figures_tables_and_summary(paper_run, summary):
     assert len(page) < 5_000_000
 
 
-def test_tables_go_to_stdout_and_progress_to_stderr(paper_run):
-    for title in ("Table 1.", "Table 2.", "Rank and error by number of samples", "Checks"):
-        assert title in paper_run.stdout
-        assert title not in paper_run.stderr
-    assert "8 files in new/paper" in paper_run.stderr
-    assert "8 files" not in paper_run.stdout
-    assert "\x1b" not in paper_run.stdout  # no colours where it is not a terminal
-
-
 # -- usage ---------------------------------------------------------------------------------------
 
 
@@ -99,26 +90,6 @@ def test_tables_go_to_stdout_and_progress_to_stderr(paper_run):
 def test_wrong_usage_is_one_line_and_exit_code_2(cpid, tmp_path, arguments, cause):
     assert cause in assert_refused(cpid(*arguments))
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("text", "cause"),
-    [
-        (None, "no such file"),
-        ("spacecraft: {model: 'a\n\n  b', base: b, capture_frame: c}", "target is missing"),
-    ],
-)
-def test_a_bad_scenario_is_one_line_and_exit_code_2(cpid, tmp_path, text, cause):
-    if text is not None:
-        (tmp_path / "bad.yaml").write_text(text)
-    message = assert_refused(cpid("paper", "--out", "x", "--scenario", "bad.yaml"))
-    assert cause in message
-
-
-def test_an_output_that_is_a_file_is_refused(cpid, tmp_path):
-    (tmp_path / "taken").write_text("")
-    assert "--out taken" in assert_refused(cpid("paper", "--out", "taken"))
-    assert "--out taken/x" in assert_refused(cpid("paper", "--out", "taken/x"))
 
 
 @pytest.mark.skipif(

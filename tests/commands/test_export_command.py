@@ -112,15 +112,6 @@ def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
         np.testing.assert_allclose(target_in("two.urdf", name), ESTIMATE, rtol=1e-12)
 
 
-def test_directives_with_the_spacecraft(cpid, result, tmp_path, skewed_target):
-    folder = tmp_path / "größer, with: spaces"
-    folder.mkdir()
-    path = folder / "whole.dmd.yaml"
-    code, _, stderr = cpid("r.json", "--format", "drake-yaml", "--with-spacecraft", "--out", path)
-    assert (code, stderr.count("from it\n")) == (0, 2)
-    np.testing.assert_allclose(target_in(path), skewed_target.to_vector(), rtol=1e-12)
-
-
 def test_packages_of_the_model_are_known_again(cpid, result, tmp_path, skewed_target):
     source = {"model": "package://mine/dual_arm_servicer.urdf", "packages": {"mine": "models"}}
     result(spacecraft=source | {"base": "bus", "capture_frame": "capture_point"})
@@ -169,18 +160,3 @@ def test_what_cannot_be_is_one_line(refusal, result, arguments, words, tmp_path)
     (tmp_path / "old.urdf").write_text("mine")
     assert words in refusal(*arguments)
     assert (tmp_path / "old.urdf").read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("spacecraft", "words"),
-    [
-        (("none.urdf", "bus", "capture_point"), "none.urdf: no such file"),
-        (("http://a/b.urdf", "bus", "capture_point"), "a path or a package:// URI"),
-        ((str(MODEL), "truck", "capture_point"), "no body 'truck'"),
-        ((str(MODEL), "bus", "\0"), "no frame"),
-    ],
-)
-def test_the_spacecraft_of_the_result_must_be_there(refusal, result, spacecraft, words):
-    result(spacecraft=dict(zip(("model", "base", "capture_frame"), spacecraft)))
-    options = ("--format", "urdf", "--out", "t.urdf", "--with-spacecraft")
-    assert words in refusal("r.json", *options)

@@ -109,19 +109,6 @@ class TestUncertainSpacecraft:
         assert found["source"]["known_bodies"] == self.OPTION
         assert "--known-bodies" in found["source"]["command"]
 
-    @pytest.mark.slow
-    def test_a_file_says_the_same_as_the_option(self, cpid):
-        pairs = self.OPTION.split(",")
-        Path("bodies.yaml").write_text("".join(p.replace("=", ": ") + "\n" for p in pairs))
-        found = []
-        for option in (self.OPTION, "bodies.yaml"):
-            options = ("--sensors", "testbed", "--known-bodies", option, "--json", "r.json")
-            cpid("identify", SAMPLE, *FREE_FLYER, *options)
-            found.append(read_result("r.json"))
-            Path("r.json").unlink()
-        assert [one.estimator for one in found] == 2 * ["trajectory_fit"]
-        np.testing.assert_array_equal(found[0].covariance, found[1].covariance)
-
     def test_rows_do_not_include_it(self, cpid):
         options = ("--known-bodies", "com=0.01", "--estimator", "least_squares")
         _, _, stderr = cpid("identify", SAMPLE, *FREE_FLYER, *options)

@@ -22,7 +22,7 @@ def bench(tmp_path_factory):
 @pytest.mark.parametrize("at_draft", [False, True])
 @pytest.mark.parametrize("name", NAMES)
 def test_a_killed_command_leaves_the_old_output_or_the_new_one(bench, name, at_draft):
-    """A few instants here; `tests/benchmarks/kill_writers.py` tries all commands more often."""
+    """A few instants here."""
     numbers = random.Random(f"{name} {at_draft}")
     for _ in range(2 if at_draft else 1):
         assert set(bench.kill(name, numbers, at_draft)) <= {"old", "new", "unfinished"}

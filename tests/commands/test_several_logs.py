@@ -124,21 +124,6 @@ class TestPrior:
         assert cpid("identify", second, *SERVICER, *options)[0] == 0
         assert read_result("2.json").mass == pytest.approx(60.0, rel=1e-5)
 
-    @pytest.mark.slow
-    def test_a_design_is_a_prior(self, cpid, halves):
-        Path("cad.yaml").write_text(CAD + "sigma: 0.1\n")
-        code, stdout, stderr = cpid("identify", halves[0], *FREE_FLYER, "--prior", "cad.yaml")
-        assert code == 0
-        assert "the samples determine every parameter more than it does" in stderr
-        assert "the prior cad.yaml  rank 10" in stdout
-
-    @pytest.mark.slow
-    def test_a_design_of_another_target_is_doubted(self, cpid, halves):
-        Path("cad.yaml").write_text("mass: 7.0\nsigma_mass: 0.1\n")
-        code, stdout, _ = cpid("identify", halves[0], *FREE_FLYER, "--prior", "cad.yaml")
-        assert code == 4
-        assert "the prior cad.yaml and the log contradict each other" in stdout.splitlines()[0]
-
     @pytest.mark.parametrize(
         ("text", "words"),
         [

@@ -158,42 +158,11 @@ def test_without_sensors_the_telemetry_is_the_exact_motion(folder, short, capsys
     assert abs(about["online_identification"]["estimate"]["m"] - 60) < 1e-3
 
 
-@pytest.mark.slow
-def test_an_impossible_motion_is_simulated_with_a_warning(folder, short, capsys):
-    """The warning is in the output, in run.json and in the report's section."""
-    heavy = short(
-        "heavy.yaml",
-        ("mass: 60.0", "mass: 6000.0"),
-        ("  suite: flight #", '  suite: "" #'),
-        ("estimator: recursive_fit #", "estimator: least_squares #"),
-    )
-    assert run(heavy, "--out", folder / "heavy", "--quiet") == 0
-    stdout, stderr = capsys.readouterr()
-    assert stdout == ""
-    assert stderr.startswith("warning: capture_arm_joint1 needs ")
-    exceeded = read_json(folder / "heavy" / "run.json")["limits"]["exceeded"]
-    assert stderr == "".join(f"warning: {text}\n" for text in exceeded)
-    section = simulated_section(read_run(folder / "heavy"))
-    for text, warning in zip(exceeded, section.warnings, strict=True):
-        assert text in warning
-
-
 def test_a_possible_motion_has_no_warning(sensed):
     limits = read_json(sensed / "run.json")["limits"]
     assert limits["exceeded"] == []
     assert " m between " in limits["closest"]
     assert simulated_section(read_run(sensed)).warnings == []
-
-
-def test_what_is_not_known_is_null(folder, short):
-    early = short(
-        "early.yaml",
-        ("duration: 3.0", "duration: 0.3"),
-        ("estimator: recursive_fit #", "estimator: least_squares #"),
-    )
-    assert run(early, "--out", folder / "early", "--quiet") == 0
-    found = read_json(folder / "early" / "run.json")["online_identification"]
-    assert set(found["estimate"].values()) == set(found["sigma"].values()) == {None}
 
 
 def test_files_that_are_no_runs_are_not_overwritten(folder, short, capsys):

@@ -251,34 +251,6 @@ def test_what_is_missing_is_named(tmp_path, run_cpid, drop, phrase):
     assert phrase in stderr
 
 
-def test_frames_of_an_unknown_rate_are_refused(tmp_path, run_cpid):
-    code, _, stderr = run_cpid("telemetry", "map", flat_vicon_csv(tmp_path, truth()), *CRAFT)
-    assert code == 2
-    assert "give --frame-rate" in stderr
-
-
-def test_no_input_is_overwritten(tmp_path, run_cpid):
-    log = flat_vicon_csv(tmp_path, truth())
-    before = log.read_bytes()
-    for command in (("map", log, *CRAFT, "--out", log), ("convert", log, log)):
-        code, _, stderr = run_cpid("telemetry", *command)
-        assert code == 2
-        assert "is the input" in stderr
-    assert log.read_bytes() == before
-
-
-def test_a_model_named_by_its_package_is_not_overwritten(tmp_path, run_cpid):
-    (tmp_path / "arms").mkdir()
-    model = tmp_path / "arms/craft.urdf"
-    model.write_bytes(MODEL.read_bytes())
-    craft = ("--spacecraft", "package://arms/craft.urdf", *CRAFT[2:])
-    options = ("--package", f"arms={model.parent}", "--out", model, "--force")
-    log = flat_vicon_csv(tmp_path, truth())
-    code, _, stderr = run_cpid("telemetry", "map", log, *craft, *options)
-    assert (code, "is the input" in stderr) == (2, True)
-    assert model.read_bytes() == MODEL.read_bytes()
-
-
 def test_a_check_says_what_was_not_checked(tmp_path, run_cpid):
     write_telemetry(tmp_path / "log.csv", truth())
     stdout = run_cpid("telemetry", "check", tmp_path / "log.csv")[1]

@@ -118,20 +118,6 @@ def test_sines_stay_within_their_bounds_and_reach_them_at_the_instants(multi_sin
     assert largest_rates(multi_sine)[1] == 0.0
 
 
-def test_a_short_ramp_at_either_end_is_resolved():
-    """The joint is at 1 rad or at 0 when the ramp begins: the ramp's rate is the peak."""
-    for phase in (0.0, np.pi / 2):
-        motion = MultiSine([0.0], [[1.0]], [0.025], [[phase]], ramp=0.01, duration=10.0)
-        assert largest_rates(motion)[0] == pytest.approx(630 / 4**4 / 0.01, rel=1e-3)
-
-
-def test_one_instant_and_many_give_the_same(multi_sine):
-    t = np.linspace(0, 10, 12).reshape(3, 4)
-    many = multi_sine.evaluate(t)
-    assert many.shape == (3, 4, 3, 3)
-    np.testing.assert_array_equal(multi_sine.evaluate(t[1, 2]), many[1, 2])
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -1,7 +1,5 @@
 """Motion about the centre of mass, against the 6x6 formulation, Drake, and propagated motion."""
 
-import threading
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,7 +8,6 @@ from sensing_cases import RPY, small_craft, true_psi
 from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
 
 
 @pytest.fixture(scope="module")
@@ -87,52 +84,6 @@ def test_everything_is_linear_in_psi(dynamics):
         np.testing.assert_allclose(regressor @ a[:4], by_hand, rtol=0, atol=1e-14)
 
 
-def test_the_identity_of_two_targets_is_exact(dynamics):
-    """J(ψ')(ω − ω') = Rᵀ(L − L') − Y(ω)(ψ − ψ') however far apart the two are."""
-    rng = np.random.default_rng(75)
-    psi = np.array([[40.0, 5, -3, 2, 20, 1, -2, 25, 3, 22], [5.0, -1, 2, 0, 9, 0, 1, 6, -1, 8]])
-    L_B = 10 * rng.normal(size=(2, 12, 3))
-    w, other = (
-        np.linalg.solve(dynamics.inertia(p), (L - dynamics.momentum_at_rest(p))[..., None])[..., 0]
-        for p, L in zip(psi, L_B, strict=True)
-    )
-    left = rotate(dynamics.inertia(psi[1]), w - other)
-    right = L_B[0] - L_B[1] - dynamics.regressor(w) @ (psi[0] - psi[1])
-    np.testing.assert_allclose(left, right, rtol=0, atol=1e-12 * np.abs(left).max())
-
-
-class Interrupted:
-    """A spacecraft that runs a function in another thread whenever its capture frame is read."""
-
-    def __init__(self, craft):
-        self.craft, self.interrupt = craft, None
-
-    def __getattr__(self, name):
-        return getattr(self.craft, name)
-
-    @property
-    def capture_frame(self):
-        if self.interrupt and threading.current_thread() is threading.main_thread():
-            thread = threading.Thread(target=self.interrupt)
-            thread.start()
-            thread.join()
-        return self.craft.capture_frame
-
-
-def test_another_thread_in_the_middle_of_an_evaluation_changes_nothing(craft):
-    rng, interrupted = np.random.default_rng(78), Interrupted(craft)
-    evaluate = PlantRelativeDynamics(interrupted)
-    q, q_other = rng.normal(size=(2, len(craft.joint_names)))
-    qdot = rng.normal(size=(1, len(q)))
-    undisturbed, others = evaluate(q, qdot), []
-    interrupted.interrupt = lambda: others.append(evaluate(q_other, qdot))
-    interrupted_result = evaluate(q, qdot)
-    assert others
-    assert np.abs(others[0].s - undisturbed.s).max() > 0.01
-    for name, value in vars(undisturbed).items():
-        np.testing.assert_array_equal(getattr(interrupted_result, name), value, err_msg=name)
-
-
 def test_reaction_wheels_are_known_bodies(craft, tmp_path):
     """At rest they add mass and inertia; spinning, just their own spin, whatever their angle."""
     assert craft.joint_names[-2:] == ("spin_x", "spin_y")
@@ -152,10 +103,3 @@ def test_reaction_wheels_are_known_bodies(craft, tmp_path):
     for name in ("I_K", "p_BK", "v_BK", "s", "sdot", "w_BC"):
         before, after = getattr(still, name), getattr(spinning, name)
         np.testing.assert_allclose(after, before, rtol=0, atol=1e-13, err_msg=name)
-
-
-def test_no_target_is_the_spacecraft_alone(dynamics):
-    none = np.zeros(10)
-    np.testing.assert_array_equal(dynamics.inertia(none), dynamics.I_K)
-    np.testing.assert_array_equal(dynamics.momentum_at_rest(none), dynamics.h_K)
-    np.testing.assert_array_equal(dynamics.com(none), dynamics.p_BK)

@@ -19,7 +19,6 @@ from cpid_drake.dynamics.sensitivity import (
     geometry_sensitivity,
     joint_sensitivity,
     perturbed,
-    uncertain_sensitivity,
 )
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -181,38 +180,6 @@ def test_a_displaced_tree_is_that_of_a_changed_model(tmp_path):
     for name in ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot"):
         value, expected = getattr(one, name), getattr(other, name)
         np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9, err_msg=name)
-
-
-def test_units_of_the_uncertain_quantities(case):
-    """Only those that are uncertain, each in units of its σ: millimetres, milliradians, shares."""
-    by_bodies = body_sensitivity(
-        case.full, case.telemetry, case.psi, case.dynamics, len(case.craft.tree.bodies)
-    )
-    by_geometry = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
-    J = len(case.craft.joint_names)
-
-    def scaled(**sigmas):
-        uncertainty = BodyUncertainty(**sigmas)
-        args = case.telemetry, case.psi, case.dynamics, uncertainty
-        value = uncertain_sensitivity(case.full, *args).w
-        assert value.shape[-1] == uncertainty.count(case.craft.tree.wheels, J)
-        return value
-
-    places = np.arange(5 * J).reshape(J, 5)
-    for key, sigma, whole, columns in (
-        ("mass", 1.0, by_bodies, slice(0, None, 10)),
-        ("joint_position_mm", 1e-3, by_geometry, places[:, :3].ravel()),
-        ("joint_axis_mrad", 1e-3, by_geometry, places[:, 3:].ravel()),
-        ("grasp_mm", 1e-3, by_geometry, slice(5 * J, 5 * J + 3)),
-        ("grasp_mrad", 1e-3, by_geometry, slice(5 * J + 3, None)),
-    ):
-        np.testing.assert_allclose(
-            scaled(**{key: 3.0}), 3 * sigma * whole.w[..., columns], rtol=1e-12, err_msg=key
-        )
-    both = scaled(mass=0.1, grasp_mm=2.0)
-    np.testing.assert_allclose(both[..., -3:], scaled(grasp_mm=2.0), rtol=1e-12)
-    np.testing.assert_allclose(both[..., :-3], scaled(mass=0.1), rtol=1e-12)
-    assert scaled().shape == (N, 3, 0)
 
 
 def test_a_tree_with_the_target_has_its_momentum(craft, skewed_target):

@@ -94,24 +94,6 @@ def test_euler_angles_are_continuous_through_a_full_turn():
     np.testing.assert_allclose(turning.euler_321[:, 0], yaw, atol=1e-12)
 
 
-def test_select_takes_indices_slices_and_masks(telemetry):
-    mask = np.array([False, True, False, True, False])
-    for samples in ([1, 3], slice(1, 4, 2), mask):
-        chosen = telemetry.select(samples)
-        assert len(chosen) == 2
-        assert chosen.joint_names == telemetry.joint_names
-        np.testing.assert_array_equal(chosen.time, [0.5, 1.5])
-        for name in ARRAYS:
-            np.testing.assert_array_equal(
-                getattr(chosen, name), getattr(telemetry, name)[[1, 3]], err_msg=name
-            )
-
-
-def test_at_finds_samples_within_a_microsecond(telemetry):
-    np.testing.assert_array_equal(telemetry.at([0.5, 1.5 + 9e-7]).time, [0.5, 1.5])
-    assert len(telemetry.at(2.0)) == 1
-
-
 @pytest.mark.parametrize("time", [-1.0, 0.25, 0.5 + 2e-6, 9.0, np.nan])
 def test_at_refuses_a_time_without_sample(telemetry, time):
     with pytest.raises(InputError, match="no sample at t ="):

@@ -20,7 +20,6 @@ from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.noise_estimation import noise_level
 from cpid_drake.sensing.sensors import JointSensor
 
 DURATION = 8.0
@@ -173,18 +172,6 @@ class TestNoisyLogs:
             low, high = found.intervals.T
             inside += int(np.sum((low < truth) & (truth < high)))
         assert 0.85 < inside / (10 * trials) <= 1.0
-
-    @pytest.mark.parametrize("sigma", [1e-6, 1e-2])
-    def test_noise_is_told_from_motion(self, true_motion, sigma):
-        rng = np.random.default_rng(6)
-        noise = sigma * rng.normal(size=(len(true_motion), 3))
-        level = noise_level(Samples(true_motion.time, true_motion.p_WB + noise))
-        assert level == pytest.approx(sigma, rel=0.1)
-        R_WB = Rotation.from_quat(true_motion.quaternion_WB, scalar_first=True)
-        turned = (R_WB * Rotation.from_rotvec(noise)).as_quat(scalar_first=True)
-        turned *= rng.choice([-1, 1], size=(len(turned), 1))  # the sign means nothing
-        level = noise_level(Samples(true_motion.time, turned), quaternions=True)
-        assert level == pytest.approx(sigma, rel=0.1)
 
 
 ROLL = np.array([0.0, 0.0, 0.0, 1.0])

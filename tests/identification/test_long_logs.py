@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_telemetry
+from sensing_cases import MOMENTUM, Sines, small_craft, true_telemetry
 
 from cpid_drake import InertialParameters, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -12,11 +12,8 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification import checked_log
 from cpid_drake.identification.checked_log import check_log, log_of_states
 from cpid_drake.identification.requirements import in_joint_order
-from cpid_drake.sensing import smoothing
 from cpid_drake.sensing.measurement_stream import Stream, joined, stream_of
 from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import JointSensor
 
 TARGET = InertialParameters.from_vector([80.0, 0.3, 0.1, -0.2, 15.0, 18.0, 12.0, 0.5, -1.0, 0.8])
 
@@ -130,51 +127,6 @@ def test_the_angle_of_a_rotor_without_encoder_continues_from_chunk_to_chunk(whee
 
 
 # -- smoothed rows --------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def noisy(craft):
-    """Return noisy samples of a minute, with a momentum, and the suite."""
-    suite = coarse_suite(encoders=JointSensor(20.0, 1e-5))
-    motion = Sines.drawn(len(craft.joint_names), 5, 58.0)
-    logs = {
-        "zero": measured(craft, motion, TARGET, suite),
-        "unknown": measured(craft, motion, TARGET, suite, MOMENTUM),
-    }
-    return {name: add_noise(suite, log, 7) for name, log in logs.items()}, suite
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("momentum", ["zero", "unknown"])
-@pytest.mark.parametrize("rows", ["standard", "relative"])
-def test_smoothing_in_windows_gives_the_answer_of_the_whole_log(
-    craft, noisy, monkeypatch, rows, momentum
-):
-    logs, suite = noisy
-    options = {"rows": rows, "sensors": suite, "momentum": TotalMomentum.named(momentum)}
-    whole = identify(craft, logs[momentum], **options)
-    monkeypatch.setattr(smoothing, "LONGEST_WHOLE", 30.0)
-    windows = identify(craft, logs[momentum], **options)
-    sigma = np.sqrt(np.diag(whole.covariance))
-    change = (windows.parameters - whole.parameters) / sigma
-    # The number of intervals between knots is chosen in each window.
-    assert 0 < np.sqrt(np.mean(change**2)) < 0.4
-    np.testing.assert_allclose(np.sqrt(np.diag(windows.covariance)) / sigma, 1, atol=0.2)
-
-
-@pytest.mark.slow
-def test_a_window_without_attitude_is_left_out(craft, noisy, monkeypatch):
-    logs, suite = noisy
-    monkeypatch.setattr(smoothing, "LONGEST_WHOLE", 30.0)
-    attitude = logs["zero"].attitude
-    outage = attitude.where((attitude.time < 15) | (attitude.time > 45))
-    found = identify(
-        craft, logs["zero"].updated({"attitude": outage}), rows="relative", sensors=suite
-    )
-    assert found.is_observable
-    nothing = logs["zero"].updated({"attitude": attitude.where(attitude.time < 0.5)})
-    with pytest.raises(InputError, match="at least 4 samples of attitude"):
-        identify(craft, nothing, rows="relative", sensors=suite)
 
 
 # -- memory ---------------------------------------------------------------------------------------

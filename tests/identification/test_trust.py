@@ -1,7 +1,6 @@
 """No path to an answer leads around the gate: what is wrong is estimated, or the answer doubted."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,10 +17,8 @@ from sensing_cases import (
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.least_squares import solution_of_information
-from cpid_drake.identification import checked_log
 from cpid_drake.identification.result import Identification, MomentumEstimate
 from cpid_drake.identification.trust import gated
-from cpid_drake.sensing.measurement_stream import Stream
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 
@@ -80,22 +77,6 @@ class TestMomentum:
         found = identify(craft, samples, sensors=suite, estimator=estimator, momentum=zero)
         assert found.momentum == "zero"
         assert found.is_trustworthy
-
-    @pytest.mark.slow
-    @pytest.mark.parametrize("momentum_W", [None, MOMENTUM])
-    def test_the_beginning_of_a_long_log_is_tested(
-        self, craft, motion, suite, skewed_target, monkeypatch, momentum_W
-    ):
-        monkeypatch.setattr(checked_log, "LONGEST_HEAD", 100)
-        samples = measured(craft, motion, skewed_target, suite, momentum_W=momentum_W)
-        samples = add_noise(suite, samples, seed=3)
-        edges = [-1.0, 2.0, 4.0, DURATION + 1]
-        chunks = [samples.between(a + 1e-6, b) for a, b in pairwise(edges)]
-        stream = Stream(samples.joint_names, lambda: iter(chunks))
-        found = identify(craft, stream, sensors=suite)
-        assert found.momentum == ("zero" if momentum_W is None else "unknown")
-        assert found.is_trustworthy
-        assert np.abs(errors_in_sigma(found, skewed_target)).max() < 5
 
     @pytest.mark.parametrize("momentum_W", [None, MOMENTUM])
     def test_standard_rows_test_the_momentum_for_eq18(

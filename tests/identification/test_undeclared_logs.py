@@ -138,16 +138,3 @@ def test_a_clean_log_on_a_table_shows_no_errors(table):
     found = identify(table, log, sensors=SUITE, planar=True)
     assert found.is_trustworthy
     assert found.undeclared.effects == ()
-
-
-@pytest.mark.slow
-def test_the_diagnosis_does_not_depend_on_the_orientation_of_c(table, tmp_path):
-    level = planar_craft(tmp_path, grip_rpy="0 0 0")
-    log = add_noise(SUITE, measured(level.on_table(), planar_motion(), TARGET, SUITE), 4)
-    options = {"sensors": SUITE, "planar": True, "momentum": TotalMomentum.unknown()}
-    one, other = (identify(craft, pushed(log), **options).undeclared for craft in (level, table))
-    assert [effect.name for effect in one.effects] == ["acceleration"]
-    np.testing.assert_allclose(other.effects[0].value, one.effects[0].value, rtol=1e-3, atol=1e-8)
-    assert other.gain == pytest.approx(one.gain, rel=1e-3)
-    # The fit without the force finds two or three changes of momentum, depending on rounding.
-    assert min(one.shift, other.shift) > 5

@@ -38,21 +38,6 @@ def test_efforts_are_those_of_drakes_inverse_dynamics(exciting, parameters):
     np.testing.assert_allclose(np.abs(found).max(axis=0), expected, rtol=0.02, atol=0.02)
 
 
-def test_efforts_with_many_targets_are_those_with_each(exciting, parameters):
-    setting = MotionSetting(exciting.spacecraft, exciting.case.suite, np.zeros(6), False, None)
-    motion = small_objective(exciting).family.make(parameters)
-    targets = np.array([exciting.parameters, 2 * exciting.parameters])
-    targets[1, 1:4] /= 2
-    together = setting.largest_efforts(motion, targets)
-    times = np.linspace(0.0, motion.duration, 5)
-    for k, telemetry in enumerate(setting.telemetries(motion, targets, times)):
-        alone = setting.telemetry(motion, targets[k], times)
-        np.testing.assert_allclose(telemetry.p_WB, alone.p_WB, rtol=1e-12, atol=1e-15)
-        efforts = setting.largest_efforts(motion, targets[k : k + 1])
-        np.testing.assert_allclose(together[k], efforts[0], rtol=1e-9, atol=1e-12)
-    assert (together[1] > 1.05 * together[0]).any()
-
-
 def test_the_gradient_of_efforts(objective, parameters, exciting):
     limits = exciting.spacecraft.limits.efforts
     check_gradient(JointEfforts(objective, np.array([0, 2]), limits), parameters)

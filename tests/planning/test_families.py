@@ -42,18 +42,6 @@ def test_ends_without_acceleration_are_a_choice():
         assert np.allclose(ends, 0.0, atol=1e-12) == smooth_ends
 
 
-def test_a_motion_is_its_known_part_and_its_functions(family):
-    x, t = random_parameters(family), np.linspace(0, 8, 33)
-    expected = family.known(t)
-    expected[..., family.moving] += family.functions(t) @ x
-    np.testing.assert_allclose(family.make(x).evaluate(t), expected, atol=1e-10)
-
-
-def test_joints_that_do_not_move_keep_to_the_known_part(family):
-    moved = family.make(random_parameters(family)).evaluate(np.linspace(0, 8, 33))
-    np.testing.assert_allclose(moved[:, 0, 1], START[1], atol=1e-12)
-
-
 @pytest.mark.parametrize("frequency", [0.0, 1e-3, 1e3])
 def test_a_frequency_that_gives_no_functions_or_too_many_is_refused(frequency):
     with pytest.raises(InputError, match="give a highest frequency"):
@@ -75,14 +63,6 @@ def test_a_motion_that_uses_all_its_room_touches_a_limit(limited):
         assert (motion <= upper).all()
         assert (A @ each.ravel() - b).max() == pytest.approx(0.0, abs=1e-12)
         np.testing.assert_allclose(limited.usage(each).max(axis=0), 1.0)
-
-
-def test_a_parameter_alone_can_be_so_large(limited):
-    largest = limited.largest_alone
-    assert largest.shape == (limited.family.count, len(limited.family.moving))
-    x = np.zeros_like(largest)
-    x[1, 0] = largest[1, 0]
-    np.testing.assert_allclose(limited.usage(x).max(axis=0), [1.0, 0.0])
 
 
 def test_a_known_part_beyond_a_limit_is_refused(family):

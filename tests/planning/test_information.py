@@ -115,16 +115,6 @@ def test_with_momentum_a_change_of_the_attitude_grows():
         np.testing.assert_allclose(found, expected, atol=3e-3 * np.abs(expected).max())
 
 
-@pytest.mark.slow
-def test_motions_in_a_batch_do_not_affect_each_other(uncertain):
-    model, samples = uncertain.model, uncertain.samples()
-    others = np.random.default_rng(1).normal(size=(len(samples), 3, *samples.shape[2:]))
-    both = np.concatenate([others[:, :1], samples, others[:, 1:]], axis=1)
-    alone = model.jacobian(model.motions(samples), uncertain.psi)[0]
-    together = model.jacobian(model.motions(both), uncertain.psi)[1]
-    np.testing.assert_allclose(together, alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
-
-
 def test_a_constant_error_that_is_declared_costs_information(exciting):
     suite = replace(exciting.case.suite)
     suite.gyro = replace(suite.gyro, scale_ppm=300.0)

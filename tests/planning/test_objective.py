@@ -65,31 +65,6 @@ def test_gradients_with_an_uncertain_spacecraft_and_two_targets(uncertain):
     check_gradient(goal, parameters(goal), 4e-2, 1e-3)
 
 
-def test_scores_are_the_largest_components(exciting):
-    targets = PlausibleTarget(exciting.parameters), other_target(exciting)
-    for criterion in CRITERIA:
-        goal = objective(exciting, criterion, targets)
-        x = parameters(goal, 2)
-        expected = [np.exp(goal.evaluate(each)[0].max()) for each in x]
-        np.testing.assert_allclose(goal.scores(x), expected, rtol=1e-9)
-
-
-def test_weights_make_targets_count_alike(exciting):
-    """The best motion of each target has the same score: the mean of what they reach alone."""
-    targets = PlausibleTarget(exciting.parameters, weight=7.0), other_target(exciting)
-    x = parameters(objective(exciting), 6)
-    alone = [
-        objective(exciting, targets=(PlausibleTarget(each.parameters),)).scores(x).min()
-        for each in targets
-    ]
-    goal = objective(exciting, targets=targets).weighted([x[:2], x[2:]])
-    least = goal.target_scores(x).min(axis=1)
-    np.testing.assert_allclose(least, np.sqrt(np.prod(alone)), rtol=1e-9)
-    assert all(each.parameters is one.parameters for each, one in zip(goal.targets, targets))
-    components = goal.evaluate(x[0])[0].reshape(2, -1).max(axis=1)
-    np.testing.assert_allclose(np.exp(components), goal.target_scores(x[:1])[:, 0], rtol=1e-9)
-
-
 def test_criteria_of_a_covariance(exciting):
     goal = objective(exciting)
     x = parameters(goal, 1)

@@ -91,19 +91,6 @@ def test_active_limits_are_named(planner):
 
 
 @pytest.mark.slow
-def test_an_interrupt_leaves_the_best_so_far(scenario):
-    planner = Planner(PlanProblem(scenario, load_sensors("flight"), SMALL))
-
-    def interrupt(what: str, best: float) -> None:
-        if what.startswith("gradient"):
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        planner.run(interrupt)
-    assert planner.problem.limited.usage(planner.best.parameters).max() < 1 + 1e-5
-
-
-@pytest.mark.slow
 def test_little_motion_of_the_base_can_be_required(scenario):
     options = replace(
         SMALL,
@@ -150,9 +137,3 @@ def test_a_table_for_a_controller_has_the_whole_motion(planner):
     assert values[-1, 0] == 10.0
     expected = motion.evaluate(values[:, 0]).reshape(len(values), -1)
     np.testing.assert_allclose(values[:, 1:], expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("rate", [0.0, np.nan, 1e7])
-def test_a_rate_that_is_not_possible_is_refused(planner, rate):
-    with pytest.raises(InputError, match="give a rate > 0"):
-        motion_table(planner.problem.own_motion, planner.problem.spacecraft.joint_names, rate)

@@ -66,22 +66,6 @@ def test_the_gradient_of_positions_at_rest(family, limits):
     check_gradient(Stops(family, limits, 0.2, None), drawn(family, 1, 0.3)[0])
 
 
-@pytest.mark.slow
-def test_the_gradient_of_distances_at_rest(family, limits, distances):
-    stops = Stops(family, limits, 1.0, replace(distances, least=0.3))
-    rows = len(stops.evaluate(drawn(family, 1, 0.0)[0])[0]) - 66
-
-    class OnlyDistances:
-        def values(self, x):
-            return stops.values(x)[rows:]
-
-        def evaluate(self, x):
-            return tuple(each[rows:] for each in stops.evaluate(x))
-
-    x = next(x for x in drawn(family, 20, 0.6) if OnlyDistances().evaluate(x)[0].min() < 0)
-    check_gradient(OnlyDistances(), x, 1e-6, 1e-3)
-
-
 def test_the_function_is_negative_where_a_joint_stops_beyond_a_limit(family, limits):
     seen = set()
     for parameters in drawn(family, 10, 0.6):

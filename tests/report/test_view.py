@@ -3,14 +3,12 @@
 import json
 import re
 from base64 import b64decode
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cpid_drake import InputError, Spacecraft, Telemetry, identify
-from cpid_drake.report.replay import estimate_text, newest_estimates, replay_html
-from cpid_drake.systems.scene_layers import scale_length
+from cpid_drake.report.replay import newest_estimates, replay_html
 
 INERTIAL = (
     '<inertial><mass value="5"/>'
@@ -106,13 +104,6 @@ def test_bodies_whose_shape_cannot_be_drawn_are_boxes(two_links, geometry):
     assert b"cpid/bodies/2_a/box" in drawn
 
 
-def test_bodies_with_a_shape_are_not_boxes(two_links):
-    spacecraft = two_links('<visual><geometry><box size="1 1 1"/></geometry></visual>')
-    drawn = commands(replay_html(spacecraft, at_rest(spacecraft, np.arange(3.0)), []))
-    assert b"cpid/bodies/1_b/box" not in drawn
-    assert b"cpid/bodies/2_a/box" in drawn
-
-
 def test_a_replay_of_nothing_is_refused(servicer, two_links):
     spacecraft = two_links("")
     with pytest.raises(InputError, match="samples"):
@@ -121,43 +112,7 @@ def test_a_replay_of_nothing_is_refused(servicer, two_links):
         replay_html(servicer, at_rest(spacecraft, np.arange(2.0)), [])
 
 
-def test_an_estimate_in_words(servicer, zero_momentum_motion, skewed_target):
-    telemetry = zero_momentum_motion(skewed_target, 8, 1)
-    text = estimate_text(identify(servicer, telemetry, rows="standard"), skewed_target)
-    lines = text.splitlines()
-    assert lines[0] == "from 8 samples"
-    assert lines[1].split()[:3] == ["m", "60.00", "kg"]
-    assert lines[4].split() == ["true", "0.5000", "-0.1200", "0.0800"]
-    assert lines[5].split()[:5] == ["I", "8.00", "11.00", "6.00", "kg·m²"]
-    assert "no body" not in text
-
-
-def test_an_estimate_that_no_body_has_is_called_so(servicer, zero_momentum_motion, skewed_target):
-    """What is drawn of it is not what the numbers say."""
-    telemetry = zero_momentum_motion(skewed_target, 4, 1)
-    wrong = replace(telemetry, v_WB=telemetry.v_WB[::-1])
-    found = identify(servicer, wrong, rows="standard")
-    assert found.raw().infeasibilities()
-    assert "physically inconsistent" in estimate_text(found)
-
-
 def test_an_estimate_is_shown_from_its_time_on():
     estimates = [(1.0, None), (2.0, None), (2.0, None), (5.0, None)]
     shown = newest_estimates(estimates, np.array([0.5, 1.0, 1.9, 2.0, 4.0, 5.0, 9.0]))
     np.testing.assert_array_equal(shown, [-1, 0, 0, 2, 2, 3, 3])
-
-
-def test_the_legend_of_a_replay_names_only_what_is_drawn(two_links):
-    """At rest and without an estimate: neither momenta nor a target."""
-    spacecraft = two_links("")
-    page = replay_html(spacecraft, at_rest(spacecraft, np.arange(3.0)), [])
-    layers = re.findall(r'<input type="checkbox" value="([^"]+)">', page)
-    assert layers == ["drake", "cpid/bodies", "cpid/trail", "cpid/scale", "cpid/frames"]
-    assert "momentum" not in re.search(r"<details.*?</details>", page, re.DOTALL)[0]
-
-
-@pytest.mark.parametrize(
-    ("size", "length"), [(0.09, 0.05), (0.1, 0.1), (0.9, 0.5), (1.99, 1.0), (4.2, 2.0), (7.0, 5.0)]
-)
-def test_the_scale_has_a_round_length_that_fits(size, length):
-    assert scale_length(size) == pytest.approx(length)

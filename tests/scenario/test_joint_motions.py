@@ -78,22 +78,6 @@ def test_a_scenario_can_name_a_file_of_its_folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("joint_motion: !SplineMotion {knots: 3}", "unknown key 'joint_motion.knots'"),
-        ("joint_motion: !MotionFile {file: x.yaml}", "joint_motion cannot be tagged"),
-        ("duration: 3.0", "unknown key 'duration'"),
-        ("{}", "joint_motion is missing"),
-    ],
-)
-def test_bad_files_are_refused(text, message, tmp_path):
-    path = tmp_path / "motion.yaml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message):
-        load_motion(path)
-
-
-@pytest.mark.parametrize(
     ("motion", "message"),
     [
         (SplineMotion(5.0, {"elbow": np.zeros(6)}), "no joint 'elbow'"),

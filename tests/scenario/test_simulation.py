@@ -10,8 +10,6 @@ from cpid_drake import (
     InertialParameters,
     InputError,
     JointController,
-    MomentumIdentifier,
-    SensorIdentifier,
     identify,
     initial_state,
     load_scenario,
@@ -21,7 +19,6 @@ from cpid_drake import (
 from cpid_drake.dynamics.forced_motion import propagate_forced
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.identification.former_names import FormerNameWarning
 from cpid_drake.scenario.schema import ControllerConfig, DisturbanceConfig, SprungMassConfig
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import JointSensor
@@ -103,20 +100,6 @@ def test_drawing_changes_nothing(paper_scenario):
     np.testing.assert_allclose(ours.p_WB, theirs.p_WB, rtol=0, atol=1e-7)
 
 
-def test_momentum_of_the_paper_case_is_conserved(paper_scenario):
-    """At most 1e-8 N·s and N·m·s; three samples, from 1 s on, determine the target."""
-    paper_scenario.simulation.duration = 3.0
-    simulation = make_simulation(paper_scenario)
-    telemetry = simulation.telemetry(simulation.run())
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
-    assert np.linalg.norm(P, axis=1).max() < 1e-8
-    assert np.linalg.norm(L, axis=1).max() < 1e-8
-    assert telemetry.time[-1] == 3.0
-    samples = telemetry.select(np.searchsorted(telemetry.time, [1.0, 2.0, 3.0]))
-    result = identify(simulation.spacecraft, samples, rows="eq18")
-    np.testing.assert_allclose(result.parameters, simulation.truth.to_vector(), atol=1e-5)
-
-
 @pytest.mark.slow
 def test_a_tumbling_capture_is_identified_with_its_momentum():
     """Online, in the full simulation; the momentum stays what the scenario says."""
@@ -140,39 +123,6 @@ def test_a_tumbling_capture_is_identified_with_its_momentum():
 # -- sensors -------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_least_squares_goes_on_from_the_exact_state(paper_scenario):
-    """Sensors are there and logged, and change nothing but the integrator's steps."""
-    paper_scenario.simulation.duration = 3.0
-    paper_scenario.simulation.simulator.accuracy = 3e-11
-    paper_scenario.sensors.suite = "coarse"
-    simulation = make_simulation(paper_scenario)
-    assert isinstance(simulation.identifier, MomentumIdentifier)
-    root_context = simulation.run()
-    context = simulation.identifier.GetMyContextFromRoot(root_context)
-    estimate = simulation.identifier.GetOutputPort("parameters").Eval(context)
-    np.testing.assert_allclose(estimate, simulation.truth.to_vector(), rtol=0, atol=1e-5)
-    encoders = simulation.measurements(root_context).encoders
-    assert encoders.time[-1] == 3.0
-    assert len(encoders) == 3 * simulation.sensors.suite.encoders.rate + 1
-    truth = simulation.joint_motion.evaluate(encoders.time)[:, 0]
-    error = np.abs(encoders.value - truth).max()
-    assert 0 < error < 8 * simulation.sensors.suite.sigmas("encoders")[0]
-
-
-def test_the_seed_is_that_of_the_sensors(paper_scenario):
-    paper_scenario.simulation.duration = 0.2
-    paper_scenario.simulation.simulator.accuracy = 1e-4
-    paper_scenario.sensors.suite = "flight"
-    gyros = []
-    for seed in (1, 1, 2):
-        paper_scenario.sensors.seed = seed
-        simulation = make_simulation(paper_scenario)
-        gyros.append(simulation.measurements(simulation.run()).gyro.value)
-    np.testing.assert_array_equal(gyros[0], gyros[1])
-    assert (gyros[0] != gyros[2]).all()
-
-
 def test_without_sensors_there_are_no_measurements(paper_scenario):
     simulation = make_simulation(paper_scenario)
     assert simulation.sensors is None
@@ -189,39 +139,6 @@ def test_a_recursive_fit_without_sensors_is_refused(paper_scenario):
     paper_scenario.identification.estimator = "guess"
     with pytest.raises(InputError, match="no online estimator 'guess'"):
         make_simulation(paper_scenario)
-
-
-def test_the_former_name_of_an_estimator_makes_the_same_diagram_with_one_warning(paper_scenario):
-    paper_scenario.identification.estimator = "momentum_filter"
-    paper_scenario.sensors.suite = "flight"
-    with pytest.warns(FormerNameWarning, match="'recursive_fit'") as warnings:
-        simulation = make_simulation(paper_scenario)
-    assert len(warnings) == 1
-    assert isinstance(simulation.identifier, SensorIdentifier)
-
-
-@pytest.mark.slow
-def test_what_the_recursive_fit_identifies_is_drawn():
-    """A recording of a run that is long enough for an estimate scales its ellipsoid."""
-    from base64 import b64decode
-    from re import findall
-
-    from pydrake.geometry import Meshcat
-
-    scenario = load_scenario(shipped_scenario("exciting_motion"))
-    scenario.sensors.suite = "flight"
-    scenario.identification.estimator = "recursive_fit"
-    scenario.simulation.duration = 1.5
-    scenario.simulation.simulator.accuracy = 1e-5
-    meshcat = Meshcat()
-    simulation = make_simulation(scenario, meshcat=meshcat)
-    assert isinstance(simulation.identifier, SensorIdentifier)
-    meshcat.StartRecording()
-    simulation.run()
-    meshcat.PublishRecording()
-    commands = map(b64decode, findall(r"base64,([A-Za-z0-9+/=]{100,})", meshcat.StaticHtml()))
-    [animation] = [command for command in commands if b"set_animation" in command]
-    assert b"cpid/estimated_inertia/ellipsoid/shape" in animation
 
 
 def test_a_controller_has_the_gains_and_the_sphere_of_its_scenario(servicer):

@@ -364,39 +364,6 @@ def test_the_motion_in_a_gap_does_not_make_spikes_of_the_samples_behind(motion, 
 # -- chunks --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_random_chunks_keep_what_the_whole_keeps(seed):
-    """Random faults and cuts; only spikes among the last samples of a chunk are kept in doubt."""
-    rng = np.random.default_rng(seed)
-    preset = ("flight", "servicer", "testbed", "ideal", "coarse", "flight")[seed]
-    suite = load_sensors(preset)
-    measurements = recorded(suite, MOTIONS[seed], 20.0, seed)
-    for name in suite.present():
-        count = len(measurements[name])
-        rows = 5 + rng.choice(count - 10, max(count // 100, 1), replace=False)
-        measurements = with_spikes(measurements, suite, name, 1e4, rows)
-        samples = measurements[name]
-        time, value = samples.time.copy(), samples.value.copy()
-        wild = rng.integers(5, count - 5, 2)
-        time[wild] += rng.uniform(-100.0, 100.0, 2)
-        value[rng.integers(5, count - 5), 0] = np.nan
-        first = int(rng.integers(5, count - 5))
-        value[first : first + count // 20] = value[first - 1]
-        measurements = measurements.updated({name: Samples(time, value)})
-    whole = screen(measurements, suite)
-    cuts = np.sort(rng.uniform(0.0, 20.0, 12))
-    kept, rejected = in_chunks(measurements, suite, cuts)
-    for name in suite.present():
-        samples = measurements[name]
-        assert rejected[name] + len(kept[name]) == len(samples)
-        of_whole = whole.measurements[name].time
-        assert np.isin(of_whole, kept[name]).all()
-        row = np.flatnonzero(np.isin(samples.time, np.setdiff1d(kept[name], of_whole)))
-        to_cut = (cuts - row[:, None] / suite[name].rate) * suite[name].rate
-        # Other faults may remove up to two samples between the spike and the end of the chunk.
-        assert ((to_cut > 0) & (to_cut <= 4)).any(axis=1).all()
-
-
 # -- what needs no sensors -----------------------------------------------------------------------
 
 

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_telemetry
 
-from cpid_drake import InputError
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
@@ -170,34 +169,6 @@ def test_attitude_knows_no_preferred_direction(scene, turn):
 # -- rates and times ------------------------------------------------------------------------------
 
 
-def test_instants_are_ten_a_second_where_all_sensors_have_samples(scene):
-    suite = coarse_suite()
-    perfect, truth = scene(suite)
-    late = replace(perfect, position=perfect.position.where(perfect.position.time >= 1.0))
-    times = smooth(late, suite).telemetry.time
-    assert (times[0], times[-1]) == (1.0, DURATION)
-    assert np.diff(times).max() < 0.1 + 1e-12
-    asked = np.array([1.5, 2.25, 7.0])
-    smoothed = smooth(late, suite, asked)
-    np.testing.assert_array_equal(smoothed.telemetry.time, asked)
-    assert smoothed.covariance().shape == (3, 12 + 2 * JOINTS, 12 + 2 * JOINTS)
-    assert np.abs(errors(smoothed, truth)[:, GROUPS["position"]]).max() < 1e-3
-    with pytest.raises(InputError, match="all sensors have samples from 1 to 8 s only"):
-        smooth(late, suite, [0.5, 2.0])
-
-
-def test_derivatives_belong_together(scene):
-    """q̇ is the rate of q, and ω that of the attitude, by differences over a millisecond."""
-    suite = coarse_suite()
-    noisy = add_noise(suite, scene(suite, TUMBLE)[0], 4)
-    t = smooth(noisy, suite, [3.999, 4.0, 4.001]).telemetry
-    np.testing.assert_allclose((t.q[2] - t.q[0]) / 2e-3, t.qdot[1], rtol=0, atol=1e-6)
-    np.testing.assert_allclose((t.p_WB[2] - t.p_WB[0]) / 2e-3, t.v_WB[1], rtol=0, atol=1e-6)
-    before, after = Rotation.from_quat(t.quaternion_WB[[0, 2]], scalar_first=True)
-    rate = (after * before.inv()).as_rotvec() / 2e-3
-    np.testing.assert_allclose(rate, t.w_WB[1], rtol=0, atol=1e-6)
-
-
 # -- gaps and what is missing ---------------------------------------------------------------------
 
 
@@ -227,23 +198,6 @@ def test_a_gap_of_a_second_is_bridged_and_its_uncertainty_known(scene, name, qua
     for quantity in quantities:
         for part in (z, z[:, inside]):
             assert np.sqrt(np.mean(part[..., GROUPS[quantity]] ** 2)) < 1.5, quantity
-
-
-@pytest.mark.parametrize(
-    ("name", "count", "message"),
-    [
-        ("encoders", 7, "at least 8 encoder samples, not 7"),
-        ("encoders", 0, "at least 8 encoder samples, not 0"),
-        ("attitude", 3, "at least 4 samples of attitude, not 3"),
-        ("position", 0, "at least 4 samples of position, not 0"),
-    ],
-)
-def test_too_few_samples_are_refused(scene, name, count, message):
-    suite = coarse_suite()
-    perfect, _ = scene(suite)
-    few = replace(perfect, **{name: getattr(perfect, name).where(np.arange(count))})
-    with pytest.raises(InputError, match=message):
-        smooth(few, suite)
 
 
 def test_angular_velocity_is_given_in_the_world(scene):

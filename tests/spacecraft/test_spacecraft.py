@@ -333,86 +333,6 @@ def test_a_configuration_is_in_radians_and_finite(load):
 # -- what is refused -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("ending", [".urdf", ".sdf", ".xml", ".dmd.yaml"])
-@pytest.mark.parametrize("text", ["", TWO_LINKS[:200]])
-def test_a_broken_file_is_refused(refusal, ending, text):
-    assert f"model{ending}" in refusal(text, ending)
-
-
-@pytest.mark.parametrize("ending", [".txt", "", ".yaml"])
-def test_another_kind_of_file_is_refused_with_the_kinds_there_are(refusal, ending):
-    assert "must end in .urdf, .sdf, .xml, .dmd.yaml" in refusal(TWO_LINKS, ending)
-
-
-@pytest.mark.parametrize(
-    ("model", "cause"),
-    [
-        ("nowhere.urdf", "no such file"),
-        ("package://nobody/a.urdf", "unknown package 'nobody'"),
-        ("https://example.org/a.urdf", "not https://"),
-        ("package://cpid_drake_models/dual_arm_servicer", "a folder"),
-    ],
-)
-def test_a_file_that_cannot_be_found_is_refused(model, cause):
-    with pytest.raises(InputError, match=cause):
-        Spacecraft(model, base="bus", capture_frame="capture_point")
-
-
-@pytest.mark.parametrize("name", ["hull", "", "two::", "world"])
-def test_an_unknown_base_is_refused_with_the_choices(refusal, name):
-    assert "choose from: arm, base" in refusal(TWO_LINKS, base=name)
-
-
-@pytest.mark.parametrize("name", ["grip", "", "world", "no::arm"])
-def test_an_unknown_capture_frame_is_refused_with_the_choices(refusal, name):
-    assert "choose from: arm, base" in refusal(TWO_LINKS, capture_frame=name)
-
-
-FLOATING_BALL = (
-    '<drake:joint name="b" type="{}"><parent link="arm"/><child link="x"/></drake:joint>'
-)
-DRAKE = 'xmlns:drake="http://drake.mit.edu"'
-
-
-@pytest.mark.parametrize(
-    ("text", "ending"),
-    [
-        (
-            urdf(
-                '<link name="world"/>',
-                u_link("base"),
-                u_link("arm"),
-                u_joint("w", "world", "base", "fixed"),
-                u_joint("j", "base", "arm"),
-            ),
-            ".urdf",
-        ),
-        (
-            sdf(
-                s_link("base"),
-                s_link("arm", pose=ARM_POSE),
-                s_joint("w", "world", "base", "fixed"),
-                s_joint("j", "base", "arm"),
-            ),
-            ".sdf",
-        ),
-        (mjcf(free=""), ".xml"),
-    ],
-    ids=["urdf", "sdf", "mjcf"],
-)
-def test_a_base_welded_to_the_world_is_refused(refusal, text, ending):
-    assert "'base' is welded to the world" in refusal(text, ending)
-
-
-def test_bodies_that_are_not_connected_are_refused(refusal):
-    parts = [u_link("base"), u_link("arm"), u_link("debris"), u_joint("j", "base", "arm")]
-    assert "not connected to the base 'base': debris" in refusal(urdf(*parts))
-
-
-def test_a_capture_frame_on_the_base_is_refused(refusal):
-    assert "'base' is on the base" in refusal(TWO_LINKS, capture_frame="base")
-
-
 @pytest.mark.parametrize(
     ("attribute", "problem"),
     [
@@ -457,13 +377,6 @@ def test_a_closed_loop_is_refused(refusal, parent, child, kind):
     assert "closed loop" in refusal(sdf(*parts), ".sdf")
 
 
-def test_a_mimic_joint_is_refused(refusal):
-    mimic = '<mimic joint="j" multiplier="2" offset="0"/>'
-    parts = [u_link("base"), u_link("arm"), u_link("hand"), u_joint("j", "base", "arm")]
-    text = urdf(*parts, u_joint("k", "arm", "hand", inner=mimic))
-    assert "mimic" in refusal(text)
-
-
 @pytest.mark.parametrize(
     "equality",
     [
@@ -476,15 +389,6 @@ def test_a_mimic_joint_is_refused(refusal):
 def test_an_equality_constraint_is_refused(refusal, equality):
     """Those that Drake does not read too: it only warns that it leaves them out."""
     assert "equality" in refusal(mjcf(rest=f"<equality>{equality}</equality>"), ".xml")
-
-
-@pytest.mark.parametrize("kind", ["ball", "universal"])
-def test_a_joint_of_two_or_three_freedoms_is_refused(refusal, kind):
-    parts = [u_link("base"), u_link("arm"), u_link("x"), u_joint("j", "base", "arm")]
-    text = urdf(*parts, FLOATING_BALL.format(kind)).replace("<robot ", f"<robot {DRAKE} ")
-    message = refusal(text)
-    assert "joint 'b' is of type" in message
-    assert "only revolute, prismatic and fixed" in message
 
 
 IMPOSSIBLE = {

@@ -78,48 +78,6 @@ def with_values(solver_or_model, **values):
     return vector
 
 
-def test_derivatives_by_the_constants(case, model, state):
-    """Of all readings by all entries, and by other unknowns, at constants that are not zero."""
-    exact, _ = model.jacobian(model.motion.trajectory(state))
-    for name in (*model.motion.constants.errors, "momentum", "start", "psi"):
-        if name == "encoders.zero":
-            continue
-        columns = model.columns[name]
-        for k in range(columns.start, columns.stop):
-            step = 1e-3 if name in ("momentum", "psi") else 1e-5 if name == "start" else 0.02
-            change = step * np.eye(model.size)[k]
-            ahead, behind = (
-                model.residuals(model.motion.trajectory(model.moved(state, s * change)))
-                for s in (1, -1)
-            )
-            column = -(ahead - behind) / (2 * step)
-            # The derivatives neglect products of two small errors, as of a mounting and a turn.
-            error = np.abs(exact[:, k] - column).max()
-            assert error < 5e-3 * np.abs(column).max() + 1e-7, f"{name} {k}: {error}"
-
-
-def test_derivatives_by_the_zeros_of_the_joints(case, model):
-    """The joints are behind the positions that their sensors show."""
-    state = replace(case.state(START), bias=np.zeros((3, 3)))
-    state = replace(state, constants=np.zeros(model.motion.constants.size))
-    exact, _ = model.jacobian(model.motion.trajectory(state))
-    sigma = model.motion.constants.errors["encoders.zero"].sigma
-    samples, joints = case.block(START, END).samples, model.motion.joints
-    times = np.linspace(START, END, 200)
-    one = np.linalg.lstsq(joints.basis(times), np.ones(200), rcond=None)[0]
-    for j in range(4):
-        values = []
-        for sign in (1, -1):
-            coefficients = joints.coefficients.copy()
-            coefficients[:, j] -= sign * sigma * 0.1 * one
-            moved = replace(joints, coefficients=coefficients)
-            other = BlockModel(case.craft.tree, moved, samples, case.suite, None, STEP)
-            values.append(other.residuals(other.motion.trajectory(state)))
-        column = -(values[0] - values[1]) / 0.2
-        found = exact[:, model.columns["encoders.zero"].start + j]
-        assert np.abs(found - column).max() < 2e-3 * np.abs(column).max()
-
-
 def exact_block(case, telemetry_at, suite):
     """Return the samples of a block from a function of time, and its exact joint motion."""
     samples, parts = case.block(START, END).samples, {}

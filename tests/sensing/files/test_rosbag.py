@@ -209,16 +209,6 @@ def test_joints_may_change_their_order_and_messages_may_be_late(write, telemetry
     assert_equal(read_rosbag(write(topics, received=received.tolist())), telemetry)
 
 
-def test_a_stamp_of_a_clock_not_yet_set_does_not_spoil_the_others(write, telemetry):
-    topics = odometry_and_joints(telemetry)
-    topics["/odom"][0] = odometry(telemetry, 0, 0)
-    screened = screen(read_rosbag(write(topics)))
-    measurements, rejected = screened.measurements, screened.rejected
-    assert rejected["attitude"] == 1
-    expected = np.arange(1, COUNT) * STEP / 1e9
-    np.testing.assert_allclose(measurements.attitude.time, expected, rtol=0, atol=1e-15)
-
-
 def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/odom"][7].pose.pose.orientation = TYPES["Quaternion"](0.0, 0.0, 0.0, 0.0)
@@ -263,21 +253,6 @@ def test_messages_that_contradict_each_other_are_refused(write, telemetry):
     ]:
         with pytest.raises(InputError, match=words):
             read_rosbag(bag)
-
-
-def test_what_is_not_a_bag_is_refused(tmp_path):
-    for name in ("x.db3", "x.mcap", "x.bag"):
-        (tmp_path / name).write_text("time,qw\n0,1\n")
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=r"empty: a folder without metadata\.yaml"):
-        read_rosbag(tmp_path / "empty")
-    for name in ("x.db3", "x.mcap", "x.bag"):
-        with pytest.raises(InputError, match=f"{name}: not a ROS 2 bag, or a damaged one"):
-            read_rosbag(tmp_path / name)
-    with pytest.raises(InputError, match="no such file"):
-        read_rosbag(tmp_path / "nowhere.mcap")
-    with pytest.raises(InputError):
-        read_rosbag("x" * 5000 + ".db3")
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
