@@ -407,13 +407,6 @@ MODELS = {
         directives("add_directives: {file: FOLDER/m.dmd.yaml}"),
         "m.dmd.yaml: the file includes itself",
     ),
-    "directives_of_each_other": (
-        together(
-            directives("add_directives: {file: FOLDER/o.dmd.yaml}"),
-            directives("add_directives: {file: FOLDER/m.dmd.yaml}", name="o.dmd.yaml"),
-        ),
-        "m.dmd.yaml: the file includes itself",
-    ),
     "directives_that_double": (
         together(
             *(
@@ -440,13 +433,6 @@ MODELS = {
         "m.dmd.yaml: ",
         "o.urdf: line 5 of link 'hand'",
     ),
-    "directives_of_a_missing_frame": (
-        directives(
-            "add_model: {name: a, file: FOLDER/arm.urdf}",
-            "add_weld: {parent: a::nothing, child: a::bus}",
-        ),
-        "'nothing'",
-    ),
     "sdf_of_itself": (
         including("m.sdf", sdf(inner="<include><uri>FOLDER/m.sdf</uri></include>")),
         "m.sdf: the file includes itself",
@@ -466,11 +452,8 @@ MODELS = {
         '<mass value="-1">',
     ),
     "mass_infinite": (file("m.urdf", urdf(link("hand", "inf"))), "line 5 " + HAND, "inf is not a"),
-    "mass_1e300": (file("m.urdf", urdf(link("hand", "1e300"))), HAND, "out of range"),
-    "mass_text": (file("m.urdf", urdf(link("hand", "ten"))), "line 5 " + HAND, "ten is not a"),
     "mass_comma": (file("m.urdf", urdf(link("hand", "1,5"))), "line 5 " + HAND, "1,5 is not a"),
     "mass_zero": (file("m.urdf", urdf(link("hand", 0))), "m.urdf: ", "line 5"),
-    "mass_misspelt": (file("m.urdf", rebuilt("<mass", "<mas")), "m.urdf: ", "line 2"),
     "inertia_negative": (file("m.urdf", urdf(link("hand", 10, -1))), "line 5 " + HAND, "negative"),
     "inertia_misspelt": (file("m.urdf", rebuilt("ixx", "Ixx")), "line 2 of link 'bus'", "'ixx'?"),
     # Structure.
@@ -481,11 +464,6 @@ MODELS = {
         "upper",
     ),
     "ball_joint": (file("m.xml", mjcf(kind="ball")), "joint 'wrist' is of type"),
-    "joint_without_parent": (
-        file("m.urdf", rebuilt('<parent link="bus"/>', "")),
-        "line 6",
-        "parent",
-    ),
     "loop": (file("m.urdf", urdf(rest=joint("j", "hand", "bus"))), "m.urdf: ", "loop"),
     "mimic": (
         file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist"/>')),
@@ -546,10 +524,8 @@ def paper_line(text: str) -> str:
 MASS, MODEL = "mass: 100.0", "model: package://cpid_drake_models/dual_arm_servicer/"
 SCENARIOS = {
     "mass_negative": (scenario(MASS, "mass: -100.0"), "target: not a rigid body: the mass -100 kg"),
-    "mass_nan": (scenario(MASS, "mass: .nan"), "target.mass"),
     "mass_1e400": (scenario(MASS, "mass: 1.0e+400"), "target.mass"),
     "mass_unit": (scenario(MASS, "mass: 100 kg"), "target.mass must be a number, not '100 kg'"),
-    "mass_list": (scenario(MASS, "mass: [100]"), "target.mass must be a number"),
     "mass_twice": (
         scenario(MASS, f"{MASS}\n  {MASS}"),
         f"'mass' is given twice ({paper_line('  p_CTcm_C')})",
@@ -575,8 +551,6 @@ SCENARIOS = {
         scenario(MODEL + "dual_arm_servicer.urdf", "model: ../../../../../../../etc/passwd"),
         "not a model file",
     ),
-    "model_is_a_number": (scenario(MODEL + "dual_arm_servicer.urdf", "model: 7"), "must be text"),
-    "base_misspelt": (scenario("base: bus", "base: bsu"), "no body 'bsu'"),
     "tab": (scenario("  base", "\tbase"), f"{paper_line('  base')}, column 1"),
     "unknown_tag": (
         scenario("joint_motion:", "joint_motion: !Spline"),
@@ -584,19 +558,15 @@ SCENARIOS = {
         paper_line("joint_m"),
     ),
     "unknown_rows": (scenario("rows: eq18", "rows: eq81"), "'eq81'", "eq18"),
-    "period_of_zero": (scenario("period: 1.0", "period: 0.0"), "period"),
     "duration_1e300": (scenario("duration: 10.0\n  log", "duration: 1e300\n  log"), "duration"),
     "million_samples": (scenario("period: 1.0", "period: 1.0e-9"), "period"),
 }
 
 SENSORS = {
     "rate_of_zero": ("encoders: {rate: 0}", "encoders.rate"),
-    "rate_1e300": ("encoders: {rate: 1.0e+300}", "encoders.rate"),
-    "sigma_negative": ("encoders: {sigma: -1}", "encoders.sigma"),
     "sigma_nan": ("encoders: {sigma: .nan}", "encoders.sigma"),
     "sigma_unit": ("encoders: {sigma: 1 mm}", "encoders.sigma must be a number, not '1 mm'"),
     "bits_too_many": ("encoders: {bits: 1000}", "encoders.bits"),
-    "bits_of_half": ("encoders: {bits: 1.5}", "encoders.bits must be a whole number"),
     "misspelt": ("encoder: {bits: 20}", "unknown key 'encoder'; did you mean 'encoders'?"),
     "boresight_of_zero": (
         "encoders: {}\nattitude: {boresight_B: [0, 0, 0]}",

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import (
@@ -124,55 +123,12 @@ def flat_vicon_csv(folder, motion):
     return folder / "log.csv"
 
 
-def matlab(folder, motion):
-    """Variables of MATLAB: matrices, a struct, degrees, a quaternion with its scalar last, R_BW."""
-    inverse = motion.quaternion_WB[:, [1, 2, 3, 0]] * [-1, -1, -1, 1]
-    variables = {
-        "t": motion.time * 1000,
-        "base": {
-            "quat": inverse,
-            "pos": motion.p_WB.T,
-            "omega": np.degrees(motion.w_WB),
-            "vel": in_body(motion, motion.v_WB) * 1000,
-        },
-        "q": np.degrees(motion.q),
-        "qd": np.degrees(motion.qdot),
-        "tau": np.zeros_like(motion.q),
-        "description": "run 7",
-    }
-    savemat(folder / "log.mat", variables)
-    return folder / "log.mat"
-
-
-def json_lines(folder, motion):
-    """A log of nested messages with stamps of two keys, and Euler angles."""
-    euler = Rotation.from_quat(motion.quaternion_WB, scalar_first=True).as_euler("ZYX")
-    path = folder / "log.jsonl"
-    with path.open("w") as file:
-        for k, t in enumerate(motion.time):
-            sec, fraction = divmod(float(t), 1.0)
-            message = {
-                "header": {
-                    "stamp": {"sec": 1_700_000_000 + int(sec), "nanosec": round(fraction * 1e9)}
-                },
-                "attitude": dict(zip(("yaw", "pitch", "roll"), euler[k].tolist())),
-                "position": dict(zip("xyz", (motion.p_WB[k] * 100).tolist())),
-                "gyro": dict(zip("xyz", in_body(motion, motion.w_WB)[k].tolist())),
-                "joints": {j: {"pos": float(q)} for j, q in zip(motion.joint_names, motion.q[k])},
-                "mode": "slew",
-            }
-            file.write(json.dumps(message) + "\n")
-    return path
-
-
 POSE = ("attitude", "position", "encoders")
 ALL = (*POSE, "gyro", "velocity", "joint_rates")
 LOGS = {
     "ros": (ros_csv, (), ALL),
     "vicon": (vicon_csv, (), POSE),
     "flat_vicon": (flat_vicon_csv, ("--frame-rate", 16), POSE),
-    "matlab": (matlab, (), ALL),
-    "json_lines": (json_lines, (), (*POSE, "gyro")),
 }
 """By name, what writes the log, options of `cpid telemetry map`, and the sensors in the log."""
 

@@ -8,20 +8,6 @@ from cpid_drake.dynamics.momentum import (
 )
 
 
-def test_online_and_batched_samples_are_the_same(servicer, random_motion):
-    telemetry = random_motion(8, seed=24)
-    batch = momentum_samples(servicer.tree, telemetry)
-    context = servicer.plant.CreateDefaultContext()
-    for k, state in enumerate(servicer.to_states(telemetry)):
-        servicer.plant.SetPositionsAndVelocities(context, state)
-        one = servicer.momentum_sample(context)
-        np.testing.assert_allclose(one.P[0], batch.P[k], rtol=0, atol=1e-10)
-        np.testing.assert_allclose(one.L[0], batch.L[k], rtol=0, atol=1e-10)
-        for name in ("R_WC", "p_WC", "w_WC", "v_WC"):
-            ours, theirs = getattr(one.motion, name)[0], getattr(batch.motion, name)[k]
-            np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
-
-
 def test_target_momentum_is_linear_in_the_standard_vector(servicer, random_motion):
     """The same motion, two targets: momenta add as the standard vectors do."""
     from cpid_drake import InertialParameters

@@ -6,7 +6,7 @@ with the true joint motion, and differentiated by differences. Encoders are as g
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from dense_problem import Dense
 from scipy.stats import chi2
 from sensing_cases import (
     MOMENTUM,
@@ -19,9 +19,7 @@ from sensing_cases import (
 )
 
 from cpid_drake import identify
-from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.dynamics.parameterizations import parameters_to_standard
-from cpid_drake.dynamics.sensitivity import perturbed, with_errors
+from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fit_setup import cramer_rao_bound
@@ -30,77 +28,6 @@ from cpid_drake.sensing.sensors import Gyro, JointSensor
 
 SUITE = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0), encoders=JointSensor(50.0, 0.0))
 BODIES = BodyUncertainty(mass=0.02)
-STEPS = np.array([1e-2, *3 * [1e-4], *6 * [1e-2], *3 * [1e-5], *3 * [1e-3], *3 * [1e-5]])
-
-
-class Dense:
-    """All unknowns of a log: π, attitude and position at the start, gyro bias, [L; P], bodies."""
-
-    def __init__(self, craft, motion, samples, momentum_W, bodies=None):
-        self.craft, self.motion, self.samples, self.bodies = craft, motion, samples, bodies
-        self.momentum_W = momentum_W
-        count = 0 if bodies is None else len(craft.tree.bodies)
-        momentum = [] if momentum_W is None else 6 * [1e-2]
-        self.steps = np.concatenate([STEPS, momentum, count * [0.1]])
-        self.of_bodies = slice(len(self.steps) - count, None)
-        times = [samples[n].time for n in ("attitude", "gyro", "position")]
-        self.times = np.unique(np.round(np.concatenate([[0.0], *times]), 9))
-        self.index = [np.searchsorted(self.times, np.round(t, 9)) for t in times]
-
-    def residuals(self, x):
-        """Return measured minus predicted (N, M) in σ for unknowns (N, K), then the prior's."""
-        errors, group = np.unique(x[:, self.of_bodies], axis=0, return_inverse=True)
-        readings = [self.of_tree(x[group == k]) for k in range(len(errors))]
-        order = np.argsort(np.argsort(group, kind="stable"))
-        prior = [x[:, 16:19] / SUITE.gyro.bias_sigma, x[:, self.of_bodies]]
-        return np.hstack([np.concatenate(readings)[order], *(-part for part in prior)])
-
-    def of_tree(self, x):
-        tree, momentum_W = self.craft.tree, self.momentum_W
-        if self.bodies is not None:
-            tree = with_errors(tree, self.bodies, x[0, self.of_bodies])
-        if momentum_W is not None:
-            momentum_W = momentum_W + x[:, 19:25]
-        base = propagate_base(
-            tree,
-            self.motion,
-            np.stack([parameters_to_standard(pi) for pi in x[:, :10]]),
-            self.times,
-            quaternion_WB=Rotation.from_rotvec(x[:, 10:13]).as_quat(scalar_first=True),
-            p_WB=x[:, 13:16],
-            momentum_W=momentum_W,
-            max_step=0.1,
-        )
-        rows = []
-        for k in range(len(x)):
-            R, log = Rotation.from_quat(base.quaternion_WB[k], scalar_first=True), self.samples
-            measured_R = Rotation.from_quat(log.attitude.value, scalar_first=True)
-            turn = (R[self.index[0]].inv() * measured_R).as_rotvec() @ SUITE.attitude.R_BS
-            w = R[self.index[1]].inv().apply(base.w_WB[k, self.index[1]]) + x[k, 16:19]
-            p = base.p_WB[k, self.index[2]]
-            parts = [
-                turn / SUITE.sigmas("attitude"),
-                (log.gyro.value - w) / SUITE.sigmas("gyro"),
-                (log.position.value - p) / SUITE.sigmas("position"),
-            ]
-            rows.append(np.concatenate([part.ravel() for part in parts]))
-        return np.array(rows)
-
-    def jacobian(self, x):
-        moves = np.diag(self.steps)
-        values = self.residuals(np.concatenate([x + moves, x - moves]))
-        ahead, behind = np.split(values, 2)
-        return ((behind - ahead) / (2 * self.steps[:, None])).T
-
-    def solved(self, x, steps=2):
-        """Return the minimum, the covariance there and χ², by Gauss-Newton steps."""
-        for _ in range(steps):
-            J, r = self.jacobian(x), self.residuals(x[None])[0]
-            scale = np.linalg.norm(J, axis=0)
-            x = x + np.linalg.lstsq(J / scale, r, rcond=None)[0] / scale
-        J = J / scale
-        chi_squared = np.sum(self.residuals(x[None]) ** 2)
-        return x, np.linalg.inv(J.T @ J) / scale / scale[:, None], chi_squared
 
 
 def close(covariance, expected, rtol):
@@ -129,7 +56,7 @@ def case(request, craft, skewed_target):
 
 def test_the_bound_is_that_of_the_dense_problem(craft, case, skewed_target):
     motion, samples, momentum_W, told = case
-    dense = Dense(craft, motion, samples, momentum_W)
+    dense = Dense(craft, motion, SUITE, samples, momentum_W)
     x = np.zeros(len(dense.steps))
     x[:10] = skewed_target.to_vector()
     J = dense.jacobian(x)
@@ -144,7 +71,7 @@ def test_the_fit_is_the_minimum_of_the_dense_problem(craft, case, skewed_target)
     """Estimate, covariance and χ², from another start."""
     motion, samples, momentum_W, told = case
     noisy = add_noise(SUITE, samples, 1)
-    dense = Dense(craft, motion, noisy, momentum_W)
+    dense = Dense(craft, motion, SUITE, noisy, momentum_W)
     x = np.zeros(len(dense.steps))
     x[:10] = skewed_target.to_vector() * 1.01
     x, covariance, chi_squared = dense.solved(x)
@@ -165,7 +92,7 @@ def test_errors_of_the_known_bodies_are_unknowns_with_a_prior(craft, case, skewe
     tree = perturbed(craft.tree, BODIES, np.random.default_rng(3))
     exact = measured(craft, motion, skewed_target, SUITE, momentum_W, tree=tree)
     noisy = add_noise(SUITE, exact, 1)
-    dense = Dense(craft, motion, noisy, momentum_W, BODIES)
+    dense = Dense(craft, motion, SUITE, noisy, momentum_W, BODIES)
     x = np.zeros(len(dense.steps))
     x[:10] = skewed_target.to_vector()
     x, covariance, _ = dense.solved(x)

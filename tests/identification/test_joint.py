@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numerical_information import numerical_information
+from dense_problem import Dense
 from sensing_cases import (
     MOMENTUM,
     Sines,
@@ -119,9 +119,8 @@ def test_errors_of_the_spacecraft_limit_logs_together(craft, skewed_target):
     for seed in (101, 102):
         motion = Sines.drawn(4, seed, 3.0, 0.6)
         logs[str(seed)] = samples = measured(craft, motion, skewed_target, suite)
-        information += numerical_information(
-            craft, motion, skewed_target, suite, samples, known_bodies=uncertainty
-        )
+        problem = Dense(craft, motion, suite, samples, bodies=uncertainty)
+        information += problem.information(np.append(skewed_target.to_vector(), np.zeros(24)))
     dense = np.sqrt(np.diag(np.linalg.inv(information))[:10])
     options = {"momentum": TotalMomentum.zero(), "known_bodies": uncertainty}
     found = sigmas(identify_together(craft, logs, sensors=suite, **options))

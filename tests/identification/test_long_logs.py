@@ -126,9 +126,6 @@ def test_the_angle_of_a_rotor_without_encoder_continues_from_chunk_to_chunk(whee
     np.testing.assert_allclose(streamed, whole, atol=1e-9)
 
 
-# -- smoothed rows --------------------------------------------------------------------------------
-
-
 # -- memory ---------------------------------------------------------------------------------------
 
 

@@ -18,7 +18,6 @@ from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.pictures import Picture
 from cpid_drake.report.sections import replay
 from cpid_drake.report.sections.observability import weakest_combination
-from cpid_drake.report.sections.result import result_section
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"
@@ -163,19 +162,6 @@ class TestWhatIsSaid:
         write_result(tmp_path / "r.json", other)
         page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
         assert "the values differ from those of the result file" in page.text
-
-    def test_an_estimate_that_no_rigid_body_has_is_not_called_consistent(
-        self, tmp_path, zero_momentum_motion, skewed_target
-    ):
-        rounded = zero_momentum_motion(skewed_target, 60, 4).rounded(2)
-        write_telemetry(tmp_path / "rounded.csv", rounded.select(slice(0, 4)))
-        found = identify_file(Request(str(tmp_path / "rounded.csv"), SERVICER))
-        assert not found.found.raw().is_feasible()
-        (text,) = result_section(found.result, None).texts
-        assert "The estimate is physically inconsistent (" in text
-        write_result(tmp_path / "r.json", found.result)
-        again = findings_of_file(tmp_path / "r.json")
-        assert result_section(again.result, None).texts == [text]
 
 
 class TestFigures:

@@ -7,7 +7,7 @@ from base64 import b64decode
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, Spacecraft, Telemetry, identify
+from cpid_drake import Spacecraft, Telemetry, identify
 from cpid_drake.report.replay import newest_estimates, replay_html
 
 INERTIAL = (
@@ -102,14 +102,6 @@ def test_bodies_whose_shape_cannot_be_drawn_are_boxes(two_links, geometry):
     drawn = commands(replay_html(spacecraft, at_rest(spacecraft, np.arange(3.0)), []))
     assert b"cpid/bodies/1_b/box" in drawn
     assert b"cpid/bodies/2_a/box" in drawn
-
-
-def test_a_replay_of_nothing_is_refused(servicer, two_links):
-    spacecraft = two_links("")
-    with pytest.raises(InputError, match="samples"):
-        replay_html(spacecraft, at_rest(spacecraft, np.arange(0.0)), [])
-    with pytest.raises(InputError, match="but the spacecraft has joints"):
-        replay_html(servicer, at_rest(spacecraft, np.arange(2.0)), [])
 
 
 def test_an_estimate_is_shown_from_its_time_on():

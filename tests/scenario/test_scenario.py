@@ -1,7 +1,6 @@
 """Scenarios: YAML in, one line of complaint out where it cannot be built."""
 
 import copy
-import re
 
 import numpy as np
 import pytest
@@ -104,10 +103,6 @@ def test_keys_left_out_keep_their_defaults(paper_yaml, write):
 # -- what is no scenario -------------------------------------------------------------------------
 
 
-def test_an_unknown_shipped_scenario_is_answered_with_the_names():
-    assert re.search("choose from .*paper", refusal(shipped_scenario, "nothing"))
-
-
 def test_degrees_are_called_so_where_radians_are_possible(write, edited):
     key = "joint_motion.initial"
     message = refusal(build, write(edited(key, {"capture_arm_joint1": -30.0})))
@@ -122,20 +117,13 @@ def test_degrees_are_called_so_where_radians_are_possible(write, edited):
     ("key", "value"),
     [
         ("target.mass", None),
-        ("target.mass", True),
         ("target.p_CTcm_C", ["a", "b", "c"]),
         ("target.I_TTcm_C", [[1, 2, 3], [1, 2], [1]]),
-        ("spacecraft.model", 3),
-        ("joint_motion.initial", None),
         ("controller.knows_target", "maybe"),
         ("identification.rows", 18),
-        ("simulation.simulator.start_time", 1.0),
-        ("simulation.simulator.target_realtime_rate", np.inf),
         ("simulation.log_period", 1e-7),
-        ("simulation.simulator.accuracy", 1e-14),
         ("controller.natural_frequency", 1e9),
         ("target.mass", 1e300),
-        ("simulation.simulator.max_step_size", 1e-9),
         ("identification.period", 1e-9),
     ],
 )
@@ -144,28 +132,6 @@ def test_a_value_of_the_wrong_type_is_refused(write, edited, key, value):
 
 
 # -- what cannot be built ------------------------------------------------------------------------
-
-
-POSITIVE = (
-    "simulation.duration",
-    "simulation.log_period",
-    "simulation.simulator.max_step_size",
-    "simulation.simulator.accuracy",
-    "joint_motion.duration",
-    "identification.period",
-    "controller.natural_frequency",
-    "controller.damping_ratio",
-    "controller.nominal_radius",
-    "target.mass",
-)
-
-
-@pytest.mark.parametrize("key", POSITIVE)
-@pytest.mark.parametrize("value", [0.0, np.nan])
-def test_what_must_be_positive_is_refused_otherwise(write, edited, key, value):
-    message = refusal(build, write(edited(key, value)))
-    words = key.rpartition(".")[2].split("_")
-    assert any(word in message for word in words)
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, 10.5])
@@ -265,39 +231,6 @@ def test_joints_that_a_motion_does_not_name_stand_as_the_spacecraft_is_configure
 
 
 @pytest.mark.parametrize(
-    ("standing", "cause"),
-    [
-        ({"elbow": 0.1}, "spacecraft.configuration: no joint 'elbow'; choose from capture_arm"),
-        ({"operating_arm_joint4": 9.0}, "spacecraft.configuration: operating_arm_joint4 = 9 is"),
-        ({"operating_arm_joint4": "in"}, "spacecraft.configuration.operating_arm_joint4 must be"),
-        ([0.1], "spacecraft.configuration must be a mapping"),
-    ],
-)
-def test_a_configuration_that_cannot_be_is_refused(write, edited, standing, cause):
-    assert cause in refusal(build, write(edited("spacecraft.configuration", standing)))
-
-
-@pytest.mark.parametrize("tag", ["!HalfCosineMotion", "!multisinemotion"])
-def test_an_unknown_tag_is_answered_with_the_choices(tagged, tag):
-    message = refusal(load_scenario, tagged({}, tag))
-    assert "unknown tag" in message
-    assert "choose from !MultiSineMotion" in message
-    assert "scenario.yaml" in message
-
-
-@pytest.mark.parametrize(
-    ("text", "place"),
-    [
-        ("!MultiSineMotion {spacecraft: {}}", "a scenario"),
-        ("target: {mass: !MultiSineMotion {}}", "target.mass"),
-        ("joint_motion: {final: {elbow: !MultiSineMotion {}}}", "joint_motion.final.elbow"),
-    ],
-)
-def test_a_tag_in_another_place_is_refused(write, text, place):
-    assert f"{place} cannot be tagged !MultiSineMotion" in refusal(load_scenario, write(text))
-
-
-@pytest.mark.parametrize(
     ("key", "value", "cause"),
     [
         ("duration", 0.0, "joint_motion.duration must be a number > 0"),
@@ -305,17 +238,8 @@ def test_a_tag_in_another_place_is_refused(write, text, place):
         ("ramp", 4.1, "ramp must be > 0 and at most half the duration"),
         ("frequencies", 0.1, "joint_motion.frequencies must be a list of numbers, not 0.1"),
         ("frequencies", [0.1, -0.3], "frequencies must be > 0"),
-        ("frequencies", [0.1, None], "joint_motion.frequencies must be a list of numbers"),
-        ("frequencies", [0.1], "amplitudes: capture_arm_joint1 needs finite numbers, one for each"),
         ("frequencies", [0.1, 1e6], "more than 1000 cycles"),
-        (
-            "centre",
-            {"elbow": 0.1},
-            "joint_motion.centre: no joint 'elbow'; choose from capture_arm",
-        ),
-        ("amplitudes", {"capture_arm_joint1": 0.1}, "capture_arm_joint1 must be a list of numbers"),
         ("amplitudes", {"capture_arm_joint1": [0.1]}, "one for each of the 2 frequencies"),
-        ("amplitudes", {"capture_arm_joint1": [0.1, np.nan]}, "joint1 must be finite numbers"),
         ("phases", {"capture_arm_joint1": [0.1, 0.2, 0.3]}, "joint_motion.phases: capture_arm_j"),
     ],
 )
@@ -426,7 +350,6 @@ def test_a_prior_is_what_the_recursive_fit_starts_from(write, paper_yaml):
     [
         ({"prior": guess(), "rows": "eq18"}, "identification.prior: least_squares uses no prior"),
         (RECURSIVE | {"prior": guess(sigma=0.0)}, "sigma must be a number from 1e-6 to 100, not 0"),
-        (RECURSIVE | {"prior": {"mass": 3.0}}, "identification.prior.p_CTcm_C is missing"),
         (
             RECURSIVE | {"prior": guess(p_CTcm_C=[0, 0, 0], I_TTcm_C=np.zeros((3, 3)).tolist())},
             "a point at C's origin",
@@ -461,25 +384,17 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
 @pytest.mark.parametrize(
     ("section", "values", "cause"),
     [
-        ("sensors", {"kind": "x"}, "unknown key 'sensors.kind'; choose from suite, explicit, seed"),
         ("sensors", {"suite": "nothing"}, "sensors.suite: no sensors: "),
         (
             "sensors",
             {"suite": "flight", "explicit": {"encoders": {}}},
             "sensors.suite and sensors.explicit: give one of the two",
         ),
-        ("sensors", {"explicit": {}}, "sensors.explicit: encoders are missing"),
-        (
-            "sensors",
-            {"explicit": {"encoders": {"rates": 1}}},
-            "unknown key 'sensors.explicit.encoders.rates'; did you mean 'rate'?",
-        ),
         (
             "sensors",
             {"explicit": {"encoders": {"rate": -1.0}}},
             "scenario.yaml: sensors.explicit.encoders.rate must be a number >= 0.001, not -1.0",
         ),
-        ("sensors", {"seed": -1}, "sensors.seed must be a whole number >= 0, not -1"),
         (
             "identification",
             {"estimator": "guess"},
@@ -487,12 +402,9 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
         ),
         ("identification", {"estimator": "recursive_fit"}, "needs sensors; give sensors.suite"),
         ("known_bodies", {"mass": -0.1}, "known_bodies.mass must be a number >= 0"),
-        ("known_bodies", {"masses": 0.1}, "unknown key 'known_bodies.masses'"),
         ("accuracy", {"presets": []}, "accuracy.presets needs at least 1 entry"),
         ("accuracy", {"presets": ["flight", "nothing"]}, "accuracy.presets[1]: no sensors: "),
-        ("accuracy", {"trials": 0}, "accuracy.trials must be a whole number >= 1, not 0"),
         ("accuracy", {"firing": FIRING | {"time": 10.5}}, "duration, 10 s, not 10.5"),
-        ("accuracy", {"firing": {"time": 5.0}}, "accuracy.firing.momentum_W is missing"),
     ],
 )
 def test_sensing_that_cannot_be_is_refused_with_the_key(write, paper_yaml, section, values, cause):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cpid_drake.resources import models_directory
-from cpid_drake.sensing.files import columnar, csv_format
 from cpid_drake.sensing.files.telemetry_files import (
     open_telemetry,
     read_telemetry,
@@ -96,12 +95,10 @@ def test_the_head_is_the_beginning_and_knows_whether_it_is_everything():
 
 
 @pytest.fixture(params=[".csv", ".npz", ".parquet"])
-def file(request, tmp_path, monkeypatch):
-    """Return a file of a sample with sensors at different rates, read in small pieces."""
+def file(request, tmp_path):
+    """Return a file of a sample with sensors at different rates."""
     if request.param == ".parquet":
         pytest.importorskip("pyarrow")
-    monkeypatch.setattr(columnar, "_BLOCK", 37)
-    monkeypatch.setattr(csv_format, "_BLOCK", 4000)
     whole = read_telemetry(SAMPLE)
     slow = whole.updated({"attitude": whole.attitude.where(slice(None, None, 3))})
     path = tmp_path / f"log{request.param}"

@@ -361,9 +361,6 @@ def test_the_motion_in_a_gap_does_not_make_spikes_of_the_samples_behind(motion, 
     assert screen(measurements.updated(gap), suite).rejected == NONE_REJECTED
 
 
-# -- chunks --------------------------------------------------------------------------------------
-
-
 # -- what needs no sensors -----------------------------------------------------------------------
 
 

@@ -215,6 +215,3 @@ def test_samples_do_not_depend_on_how_many_are_drawn_at_a_time(perfect, block):
         true = getattr(perfect, name).value
         blocks = [noise.apply(name, true[k : k + block], k) for k in range(0, len(true), block)]
         np.testing.assert_array_equal(np.concatenate(blocks), getattr(at_once, name).value)
-
-
-# -- checks --------------------------------------------------------------------------------------

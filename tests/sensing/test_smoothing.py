@@ -166,9 +166,6 @@ def test_attitude_knows_no_preferred_direction(scene, turn):
     np.testing.assert_allclose(other.w_WB, R.apply(plain.w_WB), rtol=0, atol=1e-9)
 
 
-# -- rates and times ------------------------------------------------------------------------------
-
-
 # -- gaps and what is missing ---------------------------------------------------------------------
 
 

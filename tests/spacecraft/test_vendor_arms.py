@@ -150,16 +150,6 @@ def test_a_hand_whose_fingers_mimic_each_other_is_refused_with_what_to_do(on_car
         Spacecraft(**on_carrier("panda"))
 
 
-def test_an_arm_that_is_welded_to_the_world_is_refused_with_what_to_do(on_carrier):
-    with pytest.raises(InputError) as error:
-        Spacecraft(**on_carrier("ur10"))
-    message = str(error.value)
-    assert "'carrier' is welded to the world by world_joint (on base_link)" in message
-    assert "Take that weld out" in message
-    assert "add_weld" in message
-    assert "\n" not in message
-
-
 # -- geometry is not needed ----------------------------------------------------------------------
 
 
