@@ -1,9 +1,7 @@
 """The scripts in diagrams/ run from anywhere, and fail in one line."""
 
 import re
-import runpy
 import subprocess
-import sys
 from base64 import b64decode
 from functools import cache
 
@@ -25,25 +23,6 @@ ARGUMENTS = {
 }
 QUICK = "online_identification.py"
 """The script that the quick tests run."""
-
-
-@pytest.fixture
-def run_script(monkeypatch, capfd, tmp_path):
-    """Return a function that runs a script in this process, in an empty folder: it is quicker."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-
-    def run(script, *arguments) -> subprocess.CompletedProcess:
-        monkeypatch.setattr(sys, "argv", [script, *map(str, arguments)])
-        code = 0
-        capfd.readouterr()
-        try:
-            runpy.run_path(str(FOLDER / script), run_name="__main__")
-        except SystemExit as ended:
-            code = ended.code
-        return subprocess.CompletedProcess(sys.argv, code, *capfd.readouterr())
-
-    return run
 
 
 @pytest.fixture(scope="module")
@@ -171,23 +150,3 @@ def test_the_recording_is_one_self_contained_file(ran, folder):
     commands = b"".join(recorded)
     assert b"captured_target" in commands
     assert b"set_animation" in commands
-
-
-@pytest.mark.parametrize(
-    ("script", "arguments"),
-    [
-        ("meshcat_view.py", ["--html", "nowhere/view.html"]),
-        ("paper_case.py", ["--graph", "nowhere/diagram.dot"]),
-        ("online_identification.py", ["--period", "0"]),
-        ("sensor_identification.py", ["--sensors", "nothing"]),
-        ("own_spacecraft.py", ["nothing.csv"]),
-        ("plan_identify_replan.py", ["--precision", "0"]),
-        ("adaptive_control.py", ["--figure", "nowhere/errors.png"]),
-    ],
-)
-def test_what_cannot_work_is_one_line_and_exit_code_2(script, arguments, run_script):
-    run = run_script(script, *arguments)
-    assert run.returncode == 2
-    assert run.stdout == ""
-    assert run.stderr.startswith(f"{script}: error: ")
-    assert run.stderr.count("\n") == 1

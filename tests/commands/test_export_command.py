@@ -112,15 +112,6 @@ def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
         np.testing.assert_allclose(target_in("two.urdf", name), ESTIMATE, rtol=1e-12)
 
 
-def test_packages_of_the_model_are_known_again(cpid, result, tmp_path, skewed_target):
-    source = {"model": "package://mine/dual_arm_servicer.urdf", "packages": {"mine": "models"}}
-    result(spacecraft=source | {"base": "bus", "capture_frame": "capture_point"})
-    (tmp_path / "models").symlink_to(MODEL.parent)
-    code, *_ = cpid("r.json", "--format", "urdf", "--with-spacecraft", "--out", "whole.urdf")
-    assert code == 0
-    np.testing.assert_allclose(target_in("whole.urdf"), skewed_target.to_vector(), rtol=1e-12)
-
-
 def test_what_the_data_leave_open_is_said(refusal, result):
     result(feasible=None, inertia=[8, 11, None, 0, 0, None], rank=8)
     for raw in ((), ("--raw",)):

@@ -1,6 +1,4 @@
-"""Streams and windows give the answer of the whole log, in memory that does not grow with it."""
-
-import tracemalloc
+"""Streams give the answer of the whole log, and are checked like it."""
 
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification import checked_log
 from cpid_drake.identification.checked_log import check_log, log_of_states
 from cpid_drake.identification.requirements import in_joint_order
-from cpid_drake.sensing.measurement_stream import Stream, joined, stream_of
+from cpid_drake.sensing.measurement_stream import joined, stream_of
 from cpid_drake.sensing.measurements import Measurements, Samples
 
 TARGET = InertialParameters.from_vector([80.0, 0.3, 0.1, -0.2, 15.0, 18.0, 12.0, 0.5, -1.0, 0.8])
@@ -124,35 +122,3 @@ def test_the_angle_of_a_rotor_without_encoder_continues_from_chunk_to_chunk(whee
     whole = in_joint_order(log, wheeled).encoders.value
     streamed = joined(check_log(wheeled, stream_of(log, 2.0)).stream).encoders.value
     np.testing.assert_allclose(streamed, whole, atol=1e-9)
-
-
-# -- memory ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_the_memory_of_a_stream_does_not_grow_with_its_length(craft):
-    base = samples_of(exact(craft, 10.0))
-
-    def repeated(times: int) -> Stream:
-        def read():
-            for k in range(times):
-                shift = {n: Samples(s.time + 10 * k, s.value) for n, s in base.items()}
-                yield base.updated(shift)
-
-        return Stream(base.joint_names, read)
-
-    peaks, found = [], []
-    for times in (300, 900):
-        tracemalloc.start()
-        found.append(identify(craft, repeated(times), rows="relative"))
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.1 * peaks[0]
-    for result, times in zip(found, (300, 900)):
-        np.testing.assert_allclose(result.parameters, TARGET.to_vector(), atol=1e-5)
-        series = result.residuals["angular"]
-        assert len(series) <= 4000
-        assert series.every * (len(series) - 1) < result.sample_count <= series.every * len(series)
-        assert result.sample_count == times * len(base.gyro)
-        assert len(series.neighbours) == result.whiteness.count == 20_000
-        np.testing.assert_allclose(np.diff(series.time), 0.05 * series.every, atol=1e-6)

@@ -16,8 +16,6 @@ from cpid_drake.output_files.overwriting import (
     check_outputs,
 )
 
-RESULT_TEXT = '{"mass": 1, "covariance": [], "samples_used": 3}'
-
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
@@ -82,21 +80,6 @@ def test_a_file_is_replaced_only_by_its_like(kind, name, text, folder):
     assert "exists already" in refusal(kind, folder / name)
     check_outputs([Output("--out", folder / name, kind)], force=True)
     assert (folder / name).read_text() == text
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "text"),
-    [
-        (PAGE, "r.html", "<!doctype HTML>\n<p>"),
-        (RESULT, "r.json", RESULT_TEXT),
-        (RESULT, "r", RESULT_TEXT),
-        (CSV_LOG, "r.csv", "time,x\n1,2\n"),
-        (PAGE, "r.html", ""),
-    ],
-)
-def test_its_like_is_replaced(kind, name, text, folder):
-    (folder / name).write_text(text)
-    check_outputs([Output("--out", folder / name, kind)])
 
 
 @pytest.mark.parametrize("name", ["r.urdf", "r.csv", "r.json", "r.STL"])
