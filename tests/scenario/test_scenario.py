@@ -411,19 +411,6 @@ def test_sensing_that_cannot_be_is_refused_with_the_key(write, paper_yaml, secti
     assert cause in refusal(load_scenario, write(paper_yaml | {section: values}))
 
 
-def test_the_shipped_variants_differ_from_the_exciting_motion_only_where_they_say():
-    exciting, firing, uncertain = (
-        load_scenario(shipped_scenario(name))
-        for name in ("exciting_motion", "thruster_firing", "uncertain_spacecraft")
-    )
-    np.testing.assert_array_equal(firing.accuracy.firing.momentum_W, [6.0, -4, 5, 3, -2, 2])
-    assert firing.accuracy.firing.time == 5.0
-    assert uncertain.body_uncertainty() == BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
-    uncertain.known_bodies = exciting.known_bodies
-    firing.accuracy = uncertain.accuracy = exciting.accuracy
-    assert repr(firing) == repr(uncertain) == repr(exciting)
-
-
 def test_forces_of_the_simulation_are_written_and_read_without_loss(tmp_path):
     """A table, a disturbance, an orbit, a list of sprung masses and a compliant wrist."""
     text = shipped_scenario("orbit").read_text()

@@ -1,0 +1,75 @@
+"""The likelihood of a block: its predictions and derivatives against independent routes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from block_cases import added_sensors, make_case, rich_suite
+from sensing_cases import MOMENTUM
+
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.joint_motion import joint_block
+from cpid_drake.estimation.likelihood.model import BlockModel
+
+START, END = 1.0, 2.5
+STEP = 0.0125
+UNCERTAINTY = BodyUncertainty(mass=0.01, com=0.002, inertia=0.02)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def sensors():
+    with added_sensors():
+        yield
+
+
+@pytest.fixture(scope="module", params=[None, MOMENTUM], ids=["at rest", "tumbling"])
+def case(request, tmp_path_factory, skewed_target):
+    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, rich_suite(), request.param)
+
+
+@pytest.fixture(scope="module")
+def block(case):
+    """Return the samples of one block, and its joint motion."""
+    samples = case.block(START, END).samples
+    return samples, joint_block(START, END, samples, case.suite, None)
+
+
+@pytest.fixture(scope="module")
+def model(case, block):
+    samples, joints = block
+    return BlockModel(case.craft.tree, joints, samples, case.suite, UNCERTAINTY, STEP)
+
+
+@pytest.fixture(scope="module")
+def state(case):
+    """The true state, with two nodes of the walking bias and one of the constant bias."""
+    bias = 1e-6 * np.array([[1.0, -2.0, 3.0], [2.0, 1.0, -1.0], [-3.0, 1.0, 2.0]])
+    return replace(case.state(START), bias=bias)
+
+
+def residuals(model, state):
+    return model.residuals(model.motion.trajectory(state))
+
+
+def assert_column(exact, ahead, behind, step, tolerance, name):
+    """Assert that a column of the Jacobian of the predictions is that of finite differences."""
+    column = -(ahead - behind) / (2 * step)
+    error = np.abs(exact - column).max()
+    assert error <= tolerance * np.abs(column).max() + 1e-9, f"{name}: {error}"
+
+
+def test_derivatives_by_what_changes_the_state(case, model, state):
+    """Attitude, centre of mass, momentum, biases and target, for all sensors at once."""
+    exact, _ = model.jacobian(model.motion.trajectory(state))
+    assert exact.shape == (residuals(model, state).size, model.columns["bodies"].stop)
+    steps = {"start": 1e-5, "momentum": 1e-3, "psi": 1e-3}
+    for name, columns in model.columns.items():
+        if name in ("joints", "bodies"):
+            continue
+        for k in range(columns.start, columns.stop):
+            step = steps.get(name, 1e-6)
+            change = step * np.eye(model.size)[k]
+            ahead, behind = (residuals(model, model.moved(state, s * change)) for s in (1, -1))
+            # The coupling by momentum is integrated by the trapezoidal rule.
+            tolerance = 3e-5 if case.momentum_W is not None else 1e-6
+            assert_column(exact[:, k], ahead, behind, step, tolerance, f"{name} {k}")
