@@ -80,21 +80,12 @@ def _check_steps(scenario: Scenario) -> None:
 
 
 def _check_sensors_and_estimator(scenario: Scenario) -> None:
-    sensors, estimator = scenario.sensors, scenario.online_estimator
+    sensors = scenario.sensors
     if sensors.explicit is not None:
         if sensors.suite:
             raise InputError("sensors.suite and sensors.explicit: give one of the two")
         check_sensors(sensors.explicit, "sensors.explicit")
-    if estimator not in ONLINE_ESTIMATORS:
-        raise InputError(
-            f"identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}, "
-            f"not '{estimator:.60}'"
-        )
-    if estimator == "recursive_fit" and not sensors.present:
-        raise InputError(
-            "identification.estimator: recursive_fit needs sensors; give sensors.suite or "
-            "sensors.explicit"
-        )
+    estimator = checked_estimator(scenario)
     prior = scenario.identification.prior
     if prior is not None:
         if estimator != "recursive_fit":
@@ -107,6 +98,27 @@ def _check_sensors_and_estimator(scenario: Scenario) -> None:
 
         with prefix_errors("identification.prior"):
             check_guess(prior.guess(), prior.sigma)
+
+
+def checked_estimator(scenario: Scenario) -> str:
+    """Return the name of the online estimator.
+
+    Raises:
+        InputError: there is no such estimator, or it lacks sensors.
+
+    """
+    estimator = scenario.online_estimator
+    if estimator not in ONLINE_ESTIMATORS:
+        raise InputError(
+            f"identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}, "
+            f"not '{estimator:.60}'"
+        )
+    if estimator == "recursive_fit" and not scenario.sensors.present:
+        raise InputError(
+            "identification.estimator: recursive_fit needs sensors; give sensors.suite or "
+            "sensors.explicit"
+        )
+    return estimator
 
 
 def _check_firing(scenario: Scenario) -> None:

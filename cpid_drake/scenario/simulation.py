@@ -22,7 +22,7 @@ from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.trust import gated
 from cpid_drake.resources import package_folders, resolve_model
-from cpid_drake.scenario.checks import ONLINE_ESTIMATORS
+from cpid_drake.scenario.checks import checked_estimator
 from cpid_drake.scenario.external_forces import ExternalForces, add_external_forces
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.measurements import THRUST, Measurements
@@ -363,12 +363,8 @@ def _add_identifier(
 ) -> Identifier:
     config = scenario.identification
     momentum = TotalMomentum(is_unknown=config.unknown_momentum)
-    estimator = scenario.online_estimator
-    if estimator not in ONLINE_ESTIMATORS:
-        raise InputError(
-            f"no online estimator '{estimator}'; choose from {', '.join(ONLINE_ESTIMATORS)}"
-        )
-    if estimator == "least_squares":
+    estimator = checked_estimator(scenario)
+    if sensors is None or estimator == "least_squares":
         return MomentumIdentifier.AddToBuilder(
             builder,
             spacecraft,
@@ -378,8 +374,6 @@ def _add_identifier(
             period=config.period,
             offset=config.offset,
         )
-    if sensors is None:
-        raise InputError("identification.estimator: recursive_fit needs sensors.suite")
     thrust = {} if thrusters is None else {THRUST: thrusters.GetOutputPort("thrust")}
     prior = {}
     if config.prior is not None:
@@ -390,6 +384,7 @@ def _add_identifier(
         samples=sensors.sample_ports() | thrust,
         suite=sensors.suite,
         momentum=momentum,
+        known_bodies=scenario.body_uncertainty(),
         **prior,
     )
 

@@ -19,6 +19,7 @@ from cpid_drake import (
 from cpid_drake.dynamics.forced_motion import propagate_forced
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.scenario.schema import ControllerConfig, DisturbanceConfig, SprungMassConfig
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import JointSensor
@@ -134,11 +135,24 @@ def test_without_sensors_there_are_no_measurements(paper_scenario):
 def test_a_recursive_fit_without_sensors_is_refused(paper_scenario):
     """Also in a scenario that no file has been checked for."""
     paper_scenario.identification.estimator = "recursive_fit"
-    with pytest.raises(InputError, match=r"recursive_fit needs sensors\.suite"):
+    with pytest.raises(InputError, match="recursive_fit needs sensors"):
         make_simulation(paper_scenario)
     paper_scenario.identification.estimator = "guess"
-    with pytest.raises(InputError, match="no online estimator 'guess'"):
+    with pytest.raises(InputError, match=r"estimator must be one of .*, not 'guess'"):
         make_simulation(paper_scenario)
+
+
+def test_the_online_estimate_includes_the_uncertainty_of_the_spacecraft():
+    """The grasp is known to 20 mm, and the centre of mass in C not better."""
+    scenario = load_scenario(shipped_scenario("exciting_motion"))
+    scenario.sensors.suite = "flight"
+    scenario.identification = replace(scenario.identification, estimator="recursive_fit", rows=None)
+    scenario.known_bodies = BodyUncertainty(grasp_mm=20.0)
+    scenario.simulation.duration = 1.5
+    scenario.simulation.simulator.accuracy = 1e-5
+    simulation = make_simulation(scenario)
+    covariance = simulation.identification(simulation.run()).covariance
+    assert (np.sqrt(np.diag(covariance))[1:4] > 0.019).all()
 
 
 def test_a_controller_has_the_gains_and_the_sphere_of_its_scenario(servicer):
