@@ -5,7 +5,6 @@ import os
 import shlex
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -259,7 +258,7 @@ def _plan(
             best = better
             _write(problem, best, scenario, out)
     log.print(f"{out}: {time.perf_counter() - start:.0f} s")
-    exceeded = _exceeded(problem, best)
+    exceeded = planner.exceeded(best)
     options.print_warnings(exceeded)
     if quiet and report is None:
         return
@@ -337,23 +336,6 @@ def _plan_front(
         front_picture(values, problem.options.criterion).save(draft, "png")
     log.print(f"{len(points)} motions in {folder}")
     return min((point.candidate for point in found), key=lambda one: one.score)
-
-
-def _exceeded(problem: "PlanProblem", best: "Candidate") -> list[str]:
-    """Return the limits that a plan exceeds in Drake's plant, for all plausible targets."""
-    from cpid_drake.dynamics.inertia import InertialParameters
-    from cpid_drake.scenario.limits import check_limits
-    from cpid_drake.scenario.simulation import make_simulation
-
-    simulated = replace(problem.scenario.simulation, duration=problem.family.duration)
-    scenario = replace(
-        problem.scenario, joint_motion=problem.family.declare(best.parameters), simulation=simulated
-    )
-    found: dict[str, None] = {}
-    for target in problem.checked_targets:
-        body = InertialParameters.from_vector(target)
-        found |= dict.fromkeys(check_limits(make_simulation(scenario, target=body)).exceeded)
-    return list(found)
 
 
 def _write(

@@ -97,11 +97,6 @@ class BlockSolver:
         return ["joints", *(error.name for error in errors if error.kind in NOT_MOVED)]
 
     @property
-    def sample_period(self) -> float:
-        """Time between two samples of the encoders [s]."""
-        return 1 / self.suite["encoders"].rate
-
-    @property
     def joint_count(self) -> int:
         """Number of joints."""
         return sum(body.joint >= 0 for body in self.tree.bodies)

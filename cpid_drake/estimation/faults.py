@@ -221,7 +221,7 @@ def _gap(block: Block, solver: BlockSolver) -> tuple[float, float] | None:
     k = int(np.argmax(np.diff(edges)))
     start, end = edges[k], edges[k + 1]
     usual = np.median(np.diff(times)) if len(times) > 2 else 0.0  # a log may be slower than said
-    if end - start < LONGEST_GAP * max(solver.sample_period, usual):
+    if end - start < LONGEST_GAP * max(1 / solver.suite["encoders"].rate, usual):
         return None
     return float(start), float(end)
 

@@ -1,7 +1,6 @@
 """An identification as a result file and in words."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,6 @@ from cpid_drake.identification.result_files import (
     CombinationsRecord,
     EffectRecord,
     FeasibleEstimate,
-    HeldOutRecord,
     IdentificationResult,
     JointRecord,
     SeparateRecord,
@@ -99,14 +97,13 @@ def _effect_records(effects: Iterable[EffectEstimate]) -> list[EffectRecord]:
 
 
 def _undeclared_record(undeclared: UndeclaredErrors) -> UndeclaredRecord:
-    held_out = undeclared.held_out
     return UndeclaredRecord(
         _effect_records(undeclared.effects),
         undeclared.gain,
         dict(undeclared.alone),
         undeclared.shift,
         undeclared.is_explained,
-        None if held_out is None else HeldOutRecord(**asdict(held_out)),
+        undeclared.held_out,
         undeclared.is_proposed,
         undeclared.declaration,
     )

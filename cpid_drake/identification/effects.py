@@ -1,8 +1,10 @@
 """The estimates of constant errors of sensors and of external forces, and their words."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.block_state import BlockState, solution
@@ -111,10 +113,10 @@ class HeldOut:
 
     """
 
-    seconds: float
-    samples: int
-    chi_squared: float
-    without: float
+    seconds: Annotated[float, Ge(0)]
+    samples: Annotated[int, Ge(0)]
+    chi_squared: Annotated[float, Ge(0)]
+    without: Annotated[float, Ge(0)]
 
     @property
     def is_better(self) -> bool:

@@ -15,9 +15,10 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.total_momentum import MOMENTUM_NAMES
 from cpid_drake.errors import InputError
+from cpid_drake.identification.effects import HeldOut
 from cpid_drake.input_files.validation import Numbers, from_tree, load_json, nulls
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.resources import NOT_A_FILE, package_folders, resolve_model
+from cpid_drake.resources import package_folders, resolve_model
 
 _LARGEST_FILE = 16 * 2**20  # bytes; a result has a few thousand
 _LARGEST = 1e90  # SI units; products of larger numbers overflow
@@ -174,16 +175,6 @@ class EffectRecord:
     text: str
 
 
-@dataclass(frozen=True)
-class HeldOutRecord:
-    """Prediction of samples that were not used; see `cpid_drake.identification.effects.HeldOut`."""
-
-    seconds: Annotated[float, Ge(0)]
-    samples: Count
-    chi_squared: Annotated[float, Ge(0)]
-    without: Annotated[float, Ge(0)]
-
-
 @dataclass(frozen=True, eq=False)
 class UndeclaredRecord:
     """The errors that the samples show beyond the declared ones; see `effects.UndeclaredErrors`.
@@ -205,7 +196,7 @@ class UndeclaredRecord:
     gains: Mapping[str, float]
     shift: Annotated[float, Ge(0)]
     explained: bool
-    held_out: HeldOutRecord | None
+    held_out: HeldOut | None
     proposed: bool
     declaration: list[str]
 
@@ -355,15 +346,10 @@ def read_result(path: str | Path) -> IdentificationResult:
             consistent.
 
     """
-    path = Path(path)
-    try:
-        if not path.is_file():  # reading a pipe would not end
-            raise InputError(f"{path}: {NOT_A_FILE if path.exists() else 'no such file'}")
-        if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB: not a result file")
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path!s:.200}: {error.strerror}") from error
+    with resolve_model(path).open("rb") as file:
+        data = file.read(_LARGEST_FILE + 1)
+    if len(data) > _LARGEST_FILE:
+        raise InputError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB: not a result file")
     return _parse(data, str(path))
 
 

@@ -7,10 +7,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.planning.plan_problem import PlanProblem
 from cpid_drake.planning.search import Candidate, candidates, ranked, refined
 from cpid_drake.processes import one_thread
+from cpid_drake.scenario.limits import check_limits
+from cpid_drake.scenario.simulation import make_simulation
 
 TIGHTENINGS = 3
 """Largest number of times that limits are lowered, or demanding targets are added."""
@@ -225,3 +228,15 @@ class Planner:
             if each.values(candidate.parameters).min() < 0.03:
                 found.append(each.name)
         return found
+
+    def exceeded(self, candidate: Candidate) -> list[str]:
+        """Return the limits that a motion exceeds in Drake's plant, for all checked targets."""
+        problem = self.problem
+        simulated = replace(problem.scenario.simulation, duration=problem.family.duration)
+        declared = problem.family.declare(candidate.parameters)
+        scenario = replace(problem.scenario, joint_motion=declared, simulation=simulated)
+        found: dict[str, None] = {}
+        for target in problem.checked_targets:
+            body = InertialParameters.from_vector(target)
+            found |= dict.fromkeys(check_limits(make_simulation(scenario, target=body)).exceeded)
+        return list(found)

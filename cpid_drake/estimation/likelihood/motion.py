@@ -183,8 +183,9 @@ class BaseMotion:
         # With momentum the velocity depends on the attitude: iterate until it is constant.
         for _ in range(60):
             before = R
-            if J is not None:
-                added = self._gradient_momentum(np.broadcast_to(R, J.shape), J)
+            if self.orbit is not None and J is not None:
+                inertia_W = R @ J @ np.swapaxes(R, -1, -2)
+                added = self._accumulated(self.orbit.torque(inertia_W, self.nodes))
             total = at_nodes + added
             if self.thrust is not None:
                 everywhere = np.broadcast_to(R, (N, 3, 3))
@@ -213,20 +214,6 @@ class BaseMotion:
         if torque is None:
             return state.L
         return state.L + torque * (self.instants.times - self.joints.start)[:, None]
-
-    def _gradient_momentum(
-        self, R: NDArray[np.float64], J: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the angular momentum (N, 3) from the gravity gradient at the nodes, in W.
-
-        Args:
-            R: (N, 3, 3) attitudes R_WB.
-            J: (N, 3, 3) inertia of the system about its centre of mass, in B.
-
-        """
-        assert self.orbit is not None
-        torque = self.orbit.torque(R @ J @ np.swapaxes(R, -1, -2), self.nodes)
-        return self._accumulated(torque)
 
     def gradient_by_psi(self, trajectory: Trajectory) -> NDArray[np.float64] | None:
         """Return the derivative (U, 3, 10) of L by ψ because of the gravity gradient, in W.

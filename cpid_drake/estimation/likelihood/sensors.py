@@ -181,21 +181,6 @@ class SensorModel(ABC):
         flat = weights @ at_nodes.reshape(len(at_nodes), -1)
         return np.asarray(flat.reshape(-1, *at_nodes.shape[1:]))
 
-    def _slope(self, trajectory: Trajectory, at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rates (M, 3) of values (N, 3) at the nodes, at the times of the samples."""
-        later, earlier = (
-            self._motion.interpolation(self._times(trajectory) + step) for step in (_STEP, -_STEP)
-        )
-        return np.asarray((later - earlier) @ at_nodes / (2 * _STEP))
-
-    def _moved_by_delay(
-        self, trajectory: Trajectory, at_nodes: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the change (M, 3) of values (N, 3) at the nodes because of the delay."""
-        if not self._delay(trajectory):
-            return np.zeros((len(self.samples), 3))
-        return np.asarray(self._at_samples(trajectory, at_nodes) - self._weights @ at_nodes)
-
 
 class AttitudeModel(SensorModel):
     """A star tracker; errors are about the axes of its boresight frame."""
@@ -303,21 +288,43 @@ class GyroModel(SensorModel):
         return np.asarray(np.sum(parts, axis=0))
 
 
-class PositionModel(SensorModel):
-    """A sensor of the position in W of B's origin, or of a point near it."""
+class TranslationModel(SensorModel):
+    """A sensor of the position or velocity in W of B's origin, or of a point near it."""
 
     at_instants = True
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        state, R = trajectory.state, trajectory.R[self._at]
-        p_Wcm = self._motion.com_position(trajectory, self._at)
-        predicted = p_Wcm - rotate(R, self._dynamics.com(state.psi))
+        predicted = self._predicted(trajectory)
         arm = self._constant(trajectory, "lever_arm")
         if arm is not None:
-            predicted = predicted + rotate(R, arm)
+            predicted = predicted + self._kinds(trajectory)["lever_arm"] @ arm
         if self._delay(trajectory):
-            predicted = predicted + self._moved_by_delay(trajectory, self._nodes(trajectory))
-        return self.samples.value - predicted
+            at_nodes = self._nodes(trajectory)
+            moved = self._at_samples(trajectory, at_nodes) - self._weights @ at_nodes
+            predicted = predicted + moved
+        return np.asarray(self.samples.value - predicted)
+
+    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        later, earlier = (
+            self._motion.interpolation(self._times(trajectory) + step) for step in (_STEP, -_STEP)
+        )
+        return np.asarray((later - earlier) @ self._nodes(trajectory) / (2 * _STEP))
+
+    @abstractmethod
+    def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the prediction (M, 3) at the stamps of the samples, for B's origin, in W."""
+
+    @abstractmethod
+    def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the prediction (N, 3) at the nodes, for B's origin, in W."""
+
+
+class PositionModel(TranslationModel):
+    """A sensor of the position in W."""
+
+    def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        rho = rotate(trajectory.R[self._at], self._dynamics.com(trajectory.state.psi))
+        return self._motion.com_position(trajectory, self._at) - rho
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
@@ -331,23 +338,17 @@ class PositionModel(SensorModel):
         turned = skew(arm) @ self._at_samples(trajectory, xi)
         return np.asarray(turned - R @ change.com[self._at] + moved)
 
-    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return self._slope(trajectory, self._nodes(trajectory))
-
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"lever_arm": trajectory.R[self._at]}
 
     def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the position (N, 3) of B's origin in W at the nodes."""
         state, motion = trajectory.state, self._motion
         rho = rotate(trajectory.R[: len(motion.nodes)], motion.grid.dynamics.com(state.psi))
         return motion.com_position(trajectory, slice(0, len(motion.nodes))) - rho
 
 
-class VelocityModel(SensorModel):
-    """A sensor of the velocity in W of B's origin, or of a point near it."""
-
-    at_instants = True
+class VelocityModel(TranslationModel):
+    """A sensor of the velocity in W."""
 
     def _relative(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return ω × ρ + ρ' (M, 3): velocity of the centre of mass relative to B's origin, in W."""
@@ -355,15 +356,8 @@ class VelocityModel(SensorModel):
         velocity = cross(w, self._dynamics.com(psi)) + self._dynamics.com_rate(psi)
         return rotate(trajectory.R[self._at], velocity)
 
-    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        v_Wcm = self._motion.com_velocity(trajectory, self._at)
-        velocity = v_Wcm - self._relative(trajectory)
-        arm = self._constant(trajectory, "lever_arm")
-        if arm is not None:
-            velocity = velocity + rotate(trajectory.R[self._at], cross(trajectory.w[self._at], arm))
-        if self._delay(trajectory):
-            velocity = velocity + self._moved_by_delay(trajectory, self._nodes(trajectory))
-        return np.asarray(self.samples.value - velocity)
+    def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return self._motion.com_velocity(trajectory, self._at) - self._relative(trajectory)
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
@@ -379,14 +373,10 @@ class VelocityModel(SensorModel):
             moved = moved + change.velocity[self._at]
         return np.asarray(moved + relative - R @ (turned + change.com_rate[self._at]))
 
-    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return self._slope(trajectory, self._nodes(trajectory))
-
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"lever_arm": trajectory.R[self._at] @ skew(trajectory.w[self._at])}
 
     def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the velocity (N, 3) of B's origin in W at the nodes."""
         state, motion, N = trajectory.state, self._motion, len(self._motion.nodes)
         dynamics, w = motion.grid.dynamics, trajectory.w[:N]
         relative = cross(w, dynamics.com(state.psi)) + dynamics.com_rate(state.psi)

@@ -1,10 +1,9 @@
 """The sections with errors of the sensors and external forces: declared ones, and others."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 
 from cpid_drake.estimation.intervals import quantile_95
-from cpid_drake.identification.effects import HeldOut, shown
+from cpid_drake.identification.effects import shown
 from cpid_drake.identification.result_files import (
     EffectRecord,
     IdentificationResult,
@@ -34,7 +33,7 @@ def undeclared_section(undeclared: UndeclaredRecord) -> Section:
     if not undeclared.explained:
         texts.append("They do not explain all that the samples show.")
     if undeclared.held_out is not None:
-        words = HeldOut(**asdict(undeclared.held_out)).describe()
+        words = undeclared.held_out.describe()
         texts.append(f"{words[0].upper()}{words[1:]}.")
     if undeclared.proposed:
         texts.append(f"To declare them, add to the file: {'; '.join(undeclared.declaration)}.")
