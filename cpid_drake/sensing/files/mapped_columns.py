@@ -21,7 +21,7 @@ from cpid_drake.sensing.files.column_map import (
 )
 from cpid_drake.sensing.files.planar_columns import YAW, held, is_planar, yaw_quaternion
 from cpid_drake.sensing.files.table import TelemetryTable, check_columns, known_column
-from cpid_drake.sensing.measurements import FORCE_COLUMNS, TORQUE_COLUMNS
+from cpid_drake.sensing.measurements import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS
 from cpid_drake.sensing.sensors import SENSORS
 
 _QUATERNION = SENSORS["attitude"].columns
@@ -178,20 +178,18 @@ class MappedColumns:
             if found.is_planar:
                 position = np.hstack([position, held(position[:, 0], 1)])
             if given.position.point_B.any():
-                moved = position - rotate_by_quaternion(quaternion, given.position.point_B)
-                position = _in_part(moved, position)
+                position = position - rotate_by_quaternion(quaternion, given.position.point_B)
             blocks.append(position)
         if found.velocity:
             velocity = block(found.velocity) * scale_of(given.velocity.unit)
             if found.is_planar:
                 velocity = np.hstack([velocity, held(velocity[:, 0], 1)])
-            raw = velocity
             if given.velocity.frame == "body":
                 velocity = rotate_by_quaternion(quaternion, velocity)
             if given.velocity.point_B.any():
                 about = np.cross(rate_B, given.velocity.point_B)
                 velocity = velocity - rotate_by_quaternion(quaternion, about)
-            blocks.append(_in_part(velocity, raw))
+            blocks.append(velocity)
         for joints, columns in (
             (given.joint_positions, found.joint_positions),
             (given.joint_rates, found.joint_rates),
@@ -202,11 +200,19 @@ class MappedColumns:
             blocks.append(self._thrust(block(found.force), block(found.torque)))
         blocks.append(block(found.others))
         names = self._names(found)
+        mixed = {
+            "attitude": found.attitude,
+            "gyro": found.angular_velocity,
+            "position": found.position,
+            "velocity": found.velocity,
+            THRUST: (*found.force, *found.torque),
+        }
         return replace(
             table,
             columns=tuple(names),
             values=np.hstack(blocks),
             original=dict(zip(names, self._originals(found))),
+            logged={k: np.isfinite(block(v)).any(axis=1) for k, v in mixed.items() if v},
         )
 
     # -- names -------------------------------------------------------------------------------
@@ -356,15 +362,3 @@ def _unit_or_nan(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     with np.errstate(over="ignore"):
         unit = np.abs(np.linalg.norm(quaternion, axis=1, keepdims=True) - 1) < 1e-3
     return np.where(unit, quaternion, np.nan)
-
-
-def _in_part(values: NDArray[np.float64], logged: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values; where they need an absent attitude, the logged first entry and two NaN.
-
-    Such samples then count as incomplete, not as absent.
-    """
-    absent = np.isnan(values).any(axis=1) & np.isfinite(logged).all(axis=1)
-    values = values.copy()
-    values[absent] = np.nan
-    values[absent, 0] = logged[absent, 0]
-    return values

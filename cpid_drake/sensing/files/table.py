@@ -101,6 +101,8 @@ class TelemetryTable:
         row_word: word for a row in messages, "line" or "row".
         ignored: names of further columns in the file, which have no meaning.
         original: by column, its name in the file, where that is another.
+        logged: by sensor, whether the file has any cell of its sample in a row (N,). It is given
+            where a conversion mixes the cells of a sample.
 
     """
 
@@ -110,6 +112,7 @@ class TelemetryTable:
     row_word: str = "row"
     ignored: tuple[str, ...] = ()
     original: Mapping[str, str] = field(default_factory=dict)
+    logged: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
 
     def place(self, row: int | np.intp, column: str = "") -> str:
         """Return the place of a row, or of one of its cells, for messages."""
@@ -272,14 +275,15 @@ def _samples_of(
     time = table.values[:, column["time"]]
     samples = {}
 
-    def take(name: str, columns: Sequence[str]) -> Samples:
-        """Return the complete samples, without a copy if all are complete."""
-        values = table.values[:, _selection([column[c] for c in columns])]
+    def take(name: str, columns: Sequence[str], others: Sequence[str] = ()) -> Samples:
+        """Return the complete samples and others on their row, without a copy if all are there."""
+        values = table.values[:, _selection([column[c] for c in (*columns, *others)])]
         absent = np.isnan(values)
         there = ~absent.any(axis=1) & usable
         if there.all():
             return Samples(time, values)
-        count = int(np.sum(usable & ~there & ~absent.all(axis=1)))
+        logged = table.logged.get(name, ~absent[:, : len(columns)].all(axis=1))
+        count = int(np.sum(usable & ~there & logged))
         if count:
             partial[name] += count
         return Samples(time[there], values[there])
@@ -295,7 +299,7 @@ def _samples_of(
                 samples[name] = Samples(samples[name].time, positions)
         elif sensor.columns_in_W and sensor.columns_in_W[0] in column:
             # Without the attitude on the same row it cannot be rotated into B.
-            both = take(name, (*sensor.columns_in_W, *SENSORS["attitude"].columns))
+            both = take(name, sensor.columns_in_W, SENSORS["attitude"].columns)
             w_WB, quaternion = both.value[:, :3], both.value[:, 3:]
             if len(both):
                 R_WB = scipy.spatial.transform.Rotation.from_quat(quaternion, scalar_first=True)

@@ -177,6 +177,31 @@ def test_a_marker_without_an_attitude_on_its_row_is_counted_not_used(tmp_path, m
     assert len(found.measurements.position) == 39
 
 
+def test_samples_that_are_logged_in_part_are_counted_whatever_their_convention(tmp_path, motion):
+    columns = house(motion)
+    columns["vy"] = np.where(np.arange(40) == 7, np.nan, columns["vy"])
+    columns["qw"] = np.where(np.arange(40) < 3, np.nan, columns["qw"])
+    for name in ("wx", "wy", "wz"):  # not logged at all on most rows: absent, not incomplete
+        columns[name] = np.where(np.arange(40) % 4, np.nan, columns[name])
+    found = inspect_telemetry(
+        written(tmp_path, columns), columns=mapped(tmp_path, "velocity: {frame: body}")
+    )
+    assert found.partial == {"attitude": 3, "gyro": 1, "velocity": 4}
+    assert len(found.measurements.velocity) == 36
+
+
+def test_angles_that_are_logged_in_part_are_counted(tmp_path, motion):
+    columns = house(motion)
+    angles = attitude_of(motion)["euler_xyz"]
+    angles[4:6, 1] = np.nan
+    for name in ("qw", "qx", "qy", "qz", "wx", "wy", "wz"):
+        columns.pop(name)
+    columns.update(zip("abc", angles.T))
+    text = "attitude: {columns: [a, b, c], order: euler_xyz}"
+    found = inspect_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    assert found.partial == {"attitude": 2}
+
+
 def test_joints_that_the_spacecraft_lacks_do_not_make_samples_incomplete(tmp_path, motion):
     columns = house(motion)
     columns["q:finger"] = np.full(40, np.nan)  # without a rate, and at its own times
