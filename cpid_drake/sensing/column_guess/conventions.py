@@ -12,7 +12,7 @@ from cpid_drake.sensing.column_guess.draft import MapDraft, least, stated_unit
 from cpid_drake.sensing.column_guess.names import unit_of
 from cpid_drake.sensing.files.centre_of_mass import BaseTravel, base_travel
 from cpid_drake.sensing.files.consistency import attitude_mismatch, rate_mismatch
-from cpid_drake.sensing.files.motion_checks import compare_variants
+from cpid_drake.sensing.files.motion_checks import UNITS, compare_variants
 from cpid_drake.sensing.measurements import Samples
 
 _DIRECTIONS: tuple[Any, ...] = ("R_WB", "R_BW")
@@ -197,7 +197,7 @@ def choose_position_unit_and_point(draft: MapDraft) -> None:
     if travel is not None:
         tree, names = draft.spacecraft.tree, draft.spacecraft.joint_names
         expected = compare_variants(tree, names, travel, others=False)[0].explanation
-    if expected is None:
+    if expected is None or UNITS[expected.unit] > 1:  # no unit of a map is longer than a metre
         draft.say("position", f"in {given.unit}: {'by name' if stated else 'assumed'}")
         return
     if stated is None:

@@ -25,10 +25,13 @@ from cpid_drake.sensing.files.consistency import Findings
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import noise_level
 
-UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
+UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048, "10 m": 10.0}
 """Units that positions may be in, by their size in metres; the first is the expected one."""
 
-_UNIT_WORDS = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "ft": "feet"}
+_UNIT_WORDS = {
+    **{"mm": "millimetres", "cm": "centimetres", "in": "inches", "ft": "feet"},
+    "10 m": "units of 10 m",
+}
 _SIGNIFICANT = 50.0
 """Smallest increase of the sum of squared residuals, in units of their variance, that counts."""
 
@@ -337,9 +340,10 @@ def _explained(found: Explanation) -> str:
     """Return the message about positions in other conventions."""
     texts = []
     if found.unit != "m":
+        extent = "far" if UNITS[found.unit] < 1 else "little"
         texts.append(
             f"the position seems to be in {_UNIT_WORDS[found.unit]} (it must be in m), or masses "
-            "of the model are wrong: no target could let this base move so far"
+            f"of the model are wrong: no target could let this base move so {extent}"
         )
     if not found.is_origin:
         place = ", ".join(f"{entry:.3g}" for entry in found.fit.point_B)
