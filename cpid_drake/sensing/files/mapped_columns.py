@@ -212,7 +212,7 @@ class MappedColumns:
             columns=tuple(names),
             values=np.hstack(blocks),
             original=dict(zip(names, self._originals(found))),
-            logged={k: np.isfinite(block(v)).any(axis=1) for k, v in mixed.items() if v},
+            logged={k: np.asarray(~np.isnan(block(v)).all(axis=1)) for k, v in mixed.items() if v},
         )
 
     # -- names -------------------------------------------------------------------------------
