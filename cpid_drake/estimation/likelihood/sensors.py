@@ -305,10 +305,9 @@ class TranslationModel(SensorModel):
         return np.asarray(self.samples.value - predicted)
 
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        later, earlier = (
-            self._motion.interpolation(self._times(trajectory) + step) for step in (_STEP, -_STEP)
-        )
-        return np.asarray((later - earlier) @ self._nodes(trajectory) / (2 * _STEP))
+        times, weights = self._times(trajectory), self._motion.interpolation
+        slope = (weights(times + _STEP) - weights(times - _STEP)) / (2 * _STEP)
+        return np.asarray(slope @ self._nodes(trajectory))
 
     @abstractmethod
     def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
