@@ -1,0 +1,230 @@
+"""The fit: maximum likelihood of all unknowns from all samples of one log or of many.
+
+Levenberg-Marquardt on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
+biases and joint motion move together. Samples that are far off weigh less, and the noise factor of
+each sensor, which is at least 1, comes from its residuals, once for every accepted step. A prior, or another result, is
+one more Gaussian in the sum.
+
+Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (weights).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.joints import DECLARED, FAR
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.start import start_of
+from cpid_drake.estimation.sweep import Rolled, Swept, Values, back, roll, sweep
+from cpid_drake.estimation.unknowns import MOMENTUM, Model
+
+CLOSE = 0.01
+"""The fit ends when a step would reduce χ² by less than this."""
+
+MOST_SWEEPS = 30
+"""The fit ends without an answer after so many sweeps."""
+
+_SMALLEST_GAIN = 1e-3  # share of the expected fall of χ² for which a step is accepted
+_REJECTED = 12  # steps in a row
+_FIRST_DAMPING = 1e-3  # share of the columns' squares
+_MEDIAN = {1: 0.674, 2: 0.833, 3: 0.888}  # of the root mean square of so many unit normals
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The values that explain all logs best, and how well they are known.
+
+    Attributes:
+        model: the unknowns.
+        values: of all logs', the hardware's and the target's unknowns.
+        logs: with the values of everything else.
+        rolled: the logs, predicted at these values.
+        gaussian: of x − values.
+        cost: χ² of all rows.
+        sweeps: number of linearizations.
+        converged: whether no step would reduce χ² by more than `CLOSE`.
+
+    """
+
+    model: Model
+    values: Values
+    logs: list[LogState]
+    rolled: list[Rolled]
+    gaussian: Gaussian
+    cost: float
+    sweeps: int
+    converged: bool
+    residuals: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Values, and the sum of squares there."""
+
+    values: Values
+    logs: list[LogState]
+    rolled: list[Rolled]
+    cost: float
+
+
+def fit(
+    model: Model,
+    logs: Sequence[LogState],
+    *,
+    rows: Sequence[Gaussian] = (),
+    values: Values | None = None,
+) -> Fit:
+    """Fit all unknowns to all samples of some logs.
+
+    Args:
+        model: the unknowns and their priors.
+        logs: of the same hardware and target; they get a start if they have none.
+        rows: further information about unknowns, each by its values.
+        values: of all unknowns, at which logs that have a start are continued; default: from
+            linear least squares.
+
+    Raises:
+        InputError: no motion can be predicted for the start.
+
+    """
+    logs = list(logs)
+    if values is None or any(log.start is None for log in logs):
+        values, logs = start_of(model, logs, values)
+    now = _point(model, logs, values, rows)
+    damping, growth, converged, sweeps = _FIRST_DAMPING, 2.0, False, 0
+    total = _prior(model, logs, values, rows)
+    while sweeps < MOST_SWEEPS and not converged:
+        if sweeps:
+            logs = [reweighted(model, log, r) for log, r in zip(now.logs, now.rolled, strict=True)]
+            now = replace(now, logs=logs, cost=_cost(model, logs, now.rolled, now.values, rows))
+        swept = [
+            sweep(model, log, r, now.values) for log, r in zip(now.logs, now.rolled, strict=True)
+        ]
+        sweeps += 1
+        total = _prior(model, now.logs, now.values, rows)
+        for each in swept:
+            total = total.add(each.gaussian)
+        scale = np.linalg.norm(total.R, axis=0)
+        for _ in range(_REJECTED):
+            step = total.solve(np.sqrt(damping) * scale)
+            fall = now.cost - total.cost(step)
+            tried = _stepped(model, now, swept, total, step, rows)
+            gain = -1.0 if tried is None else (now.cost - tried.cost) / max(fall, 1e-300)
+            is_close = tried is not None and fall < CLOSE and tried.cost < now.cost + CLOSE
+            if tried is not None and (gain > _SMALLEST_GAIN or is_close):
+                break
+            damping, growth = max(damping, 1e-6) * growth, 2 * growth
+        else:
+            break
+        damping, growth = damping * max(0.1, 1 - (2 * min(gain, 1.0) - 1) ** 3), 2.0
+        damping = max(damping, 1e-12)
+        now, total = tried, total.moved(step)
+        converged = fall < CLOSE and sweeps > 1  # the first weights are those of the start
+    return Fit(model, now.values, now.logs, now.rolled, total, now.cost, sweeps, converged)
+
+
+def reweighted(model: Model, log: LogState, rolled: Rolled) -> LogState:
+    """Return a log with the weights and noise factors that its residuals show."""
+    weights, noise = [dict(each) for each in log.weights], dict(log.noise)
+    residuals = rolled.all_residuals()
+    count = sum(rest.size for rest in residuals.values())
+    free = 12 + 10 + 3 * len(model.gyros)
+    for name, rest in residuals.items():
+        size = np.sqrt(np.mean(rest**2, axis=1))
+        spread = float(np.median(size)) / _MEDIAN.get(rest.shape[1], 0.888)
+        w = np.minimum(1.0, FAR * max(spread, 1.0) / np.maximum(size, 1e-12)) ** 2
+        near = rest[w == 1.0]  # what is far off says nothing about the noise
+        tau = correlation_time(near)
+        freedom = near.size * max(1 - free / count, 0.1) / tau
+        square = (DECLARED + float(np.sum(near**2)) / tau) / (DECLARED + freedom)
+        noise[name] = max(1.0, float(np.sqrt(square * tau)))
+        ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]
+        parts = iter(np.split(w, ends))
+        for k, block in enumerate(rolled.residuals):
+            if name in block:
+                weights[k][name] = next(parts)
+    return replace(log, weights=tuple(weights), noise=noise)
+
+
+def correlation_time(rest: NDArray[np.float64]) -> float:
+    """Return how many successive residuals (M, d) are worth one: 1 + 2 Σ ρ(lag).
+
+    The sum ends before the first pair of neighbours that is not positive (Geyer 1992).
+    """
+    n = len(rest)
+    total = float(np.sum(rest**2))
+    if n < 8 or total <= 0:
+        return 1.0
+    lags = range(1, min(n // 3, 60))
+    rho = np.array([float(np.sum(rest[k:] * rest[:-k])) / total for k in lags])
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+    return max(1.0, 1 + 2 * float(pairs[:end].sum()))
+
+
+def _prior(
+    model: Model, logs: Sequence[LogState], values: Values, rows: Sequence[Gaussian]
+) -> Gaussian:
+    """Return what is known without samples, about the present values."""
+    sizes, R, z = {}, [], []
+    for unknown in model.table:
+        if unknown.walk:  # its prior is that of its first value: in the sweep
+            continue
+        for name in dict.fromkeys(unknown.key(log.name) for log in logs):
+            sizes[name] = unknown.size
+            R.append(1 / unknown.sigma)
+            z.append((unknown.mean - values[name]) / unknown.sigma)
+    diagonal = np.concatenate([np.empty(0), *R])
+    right = np.concatenate([np.empty(0), *z])
+    prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(diagonal), right]))
+    for row in rows:
+        prior = prior.add(row.moved(_joined(row, values)))
+    return prior
+
+
+def _cost(
+    model: Model,
+    logs: Sequence[LogState],
+    rolled: Sequence[Rolled],
+    values: Values,
+    rows: Sequence[Gaussian],
+) -> float:
+    """Return the sum of squares of all rows at the present values."""
+    prior = _prior(model, logs, values, rows)
+    samples = sum(r.cost(log) for log, r in zip(logs, rolled, strict=True))
+    return samples + prior.cost(np.zeros(prior.size))
+
+
+def _point(model: Model, logs: list[LogState], values: Values, rows: Sequence[Gaussian]) -> _Point:
+    rolled = [roll(model, log, values) for log in logs]
+    return _Point(values, logs, rolled, _cost(model, logs, rolled, values, rows))
+
+
+def _stepped(
+    model: Model,
+    now: _Point,
+    swept: Sequence[Swept],
+    total: Gaussian,
+    step: NDArray[np.float64],
+    rows: Sequence[Gaussian],
+) -> _Point | None:
+    """Return the point after a step; None if no motion can be predicted there."""
+    parts = {name: step[place] for name, place in total.places.items()}
+    values = {name: value + parts[name] for name, value in now.values.items()}
+    try:
+        logs = [back(model, log, s, parts) for log, s in zip(now.logs, swept, strict=True)]
+        for log in logs:
+            assert log.start is not None
+            values[f"{MOMENTUM}|{log.name}"] = np.concatenate([log.start.L, log.start.v_Wcm])
+        point = _point(model, logs, values, rows)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    return point if np.isfinite(point.cost) else None
+
+
+def _joined(row: Gaussian, values: Values) -> NDArray[np.float64]:
+    return np.concatenate([values[name] for name in row.places])

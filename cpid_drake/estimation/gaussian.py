@@ -1,0 +1,151 @@
+"""Gaussian distributions of named unknowns, as a square root of information.
+
+The distribution is that of x in R x = z + e, where e has unit covariance: R is upper triangular,
+and ρ² is the sum of squares that no x explains. Every operation is a QR decomposition of rows, and
+no covariance is propagated. Source: Bierman 1977, Factorization Methods for Discrete Sequential
+Estimation, ch. II and V.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.estimation.square_root import triangle
+
+_NEGLIGIBLE = 1e-13  # share of the largest singular value of scaled columns that is rounding error
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """A distribution of named unknowns.
+
+    Attributes:
+        places: the columns of each unknown.
+        R: (n, n) upper triangle.
+        z: (n,) right-hand side.
+        rho2: sum of squares at the mean.
+
+    """
+
+    places: dict[str, slice]
+    R: NDArray[np.float64]
+    z: NDArray[np.float64]
+    rho2: float = 0.0
+
+    @classmethod
+    def of_rows(
+        cls, sizes: Mapping[str, int], rows: NDArray[np.float64], rho2: float = 0.0
+    ) -> "Gaussian":
+        """Return the distribution that rows [A | b] (m, n + 1) with unit noise determine.
+
+        Args:
+            sizes: number of entries of each unknown, in the order of A's columns.
+            rows: [A | b].
+            rho2: sum of squares from elsewhere.
+
+        """
+        n = rows.shape[1] - 1
+        T = triangle(rows)
+        return cls(_places(sizes), T[:n, :n], T[:n, n], rho2 + float(T[n, n]) ** 2)
+
+    @property
+    def size(self) -> int:
+        """Number n of all entries."""
+        return self.R.shape[1]
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Number of entries of each unknown."""
+        return {name: place.stop - place.start for name, place in self.places.items()}
+
+    def indices(self, names: Iterable[str]) -> NDArray[np.intp]:
+        """Return the columns of some unknowns, in this order."""
+        parts = [np.arange(self.places[n].start, self.places[n].stop) for n in names]
+        return np.concatenate([np.empty(0, np.intp), *parts])
+
+    def add(self, other: "Gaussian") -> "Gaussian":
+        """Return what both say together; unknowns of one name are the same unknown."""
+        sizes = self.sizes | other.sizes
+        places = _places(sizes)
+        n = sum(sizes.values())
+        rows = np.zeros((self.size + other.size, n + 1))
+        first = 0
+        for part in (self, other):
+            columns = np.concatenate([np.r_[places[name]] for name in part.places] or [[]])
+            block = rows[first : first + part.size]
+            block[:, columns.astype(int)], block[:, n] = part.R, part.z
+            first += part.size
+        return Gaussian.of_rows(sizes, rows, self.rho2 + other.rho2)
+
+    def marginal(self, names: Iterable[str]) -> "Gaussian":
+        """Return the distribution of some unknowns, whatever the others are.
+
+        The others must be determined, by a prior if by nothing else.
+        """
+        names = list(names)
+        others = [name for name in self.places if name not in names]
+        order = np.concatenate([self.indices(others), self.indices(names)])
+        gone = self.size - len(self.indices(names))
+        T = triangle(np.column_stack([self.R[:, order], self.z]))[gone:, gone:]
+        sizes = {name: self.sizes[name] for name in names}
+        return Gaussian.of_rows(sizes, T, self.rho2)
+
+    def condition(self, values: Mapping[str, ArrayLike]) -> "Gaussian":
+        """Return the distribution of the others if some unknowns have the given values."""
+        b = self.z.copy()
+        for name, value in values.items():
+            place = self.places[name]
+            b -= self.R[:, place] @ np.broadcast_to(value, place.stop - place.start)
+        sizes = {name: size for name, size in self.sizes.items() if name not in values}
+        rows = np.column_stack([self.R[:, self.indices(sizes)], b])
+        return Gaussian.of_rows(sizes, rows, self.rho2)
+
+    def moved(self, step: NDArray[np.float64]) -> "Gaussian":
+        """Return the distribution of x − step for a step (n,)."""
+        return replace(self, z=self.z - self.R @ step)
+
+    def cost(self, x: NDArray[np.float64]) -> float:
+        """Return the sum of squares at x (n,)."""
+        return self.rho2 + float(np.sum((self.R @ x - self.z) ** 2))
+
+    def solve(self, damping: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Return the mean (n,), with zero along what nothing determines.
+
+        Args:
+            damping: (n,) further weights that hold each entry near zero; default: none.
+
+        """
+        A, b = self.R, self.z
+        if damping is not None:
+            A, b = np.vstack([A, np.diag(damping)]), np.append(b, np.zeros(len(damping)))
+        scale = np.linalg.norm(A, axis=0)
+        scale[scale == 0] = 1.0
+        U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+        known = s > _NEGLIGIBLE * s[0]
+        return np.asarray(Vt[known].T @ ((U.T @ b)[known] / s[known]) / scale)
+
+    def covariance(self) -> NDArray[np.float64]:
+        """Return the covariance (n, n); all directions must be determined.
+
+        Raises:
+            numpy.linalg.LinAlgError: nothing determines some direction.
+
+        """
+        scale = np.linalg.norm(self.R, axis=0)
+        if not scale.all():
+            raise np.linalg.LinAlgError("nothing determines some of the unknowns")
+        inverse = np.linalg.inv(self.R / scale) / scale[:, None]
+        return np.asarray(inverse @ inverse.T)
+
+    @property
+    def log_evidence(self) -> float:
+        """Log of the integral over all unknowns, up to a constant that priors and rows share."""
+        return -0.5 * self.rho2 - float(np.sum(np.log(np.abs(np.diag(self.R)))))
+
+
+def _places(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Return successive places of unknowns."""
+    ends = np.cumsum([0, *sizes.values()]).tolist()
+    return {name: slice(a, b) for name, a, b in zip(sizes, ends[:-1], ends[1:], strict=True)}

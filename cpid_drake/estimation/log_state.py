@@ -1,0 +1,96 @@
+"""A log cut into blocks, and the present values of what belongs to this log alone."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.faults import Block, first_sample
+from cpid_drake.estimation.joints import JointPart, Smoothness, smooth_joints
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.trajectory_fit import blocks_of
+from cpid_drake.estimation.unknowns import Model
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.sensors import ATTITUDE
+
+
+@dataclass(frozen=True, eq=False)
+class LogState:
+    """A log, and the present values of the unknowns of its blocks.
+
+    Attributes:
+        name: of the log.
+        blocks: successive blocks.
+        joints: their joint motion.
+        smoothness: of the joint motion.
+        start: attitude, centre of mass and momentum at the start; None before the first fit.
+        bias: of each block: (nodes, 3) biases of all gyros [rad/s].
+        walks: of each block but the last: (w,) change at its end of the constants that walk.
+        links: σ (12,) of a change of attitude, centre of mass, L and v at the end of some blocks.
+        jumps: (12,) present value of these changes.
+        weights: of each block: (M,) weights of a sensor's samples.
+        noise: factors of the sensors' declared σ.
+
+    """
+
+    name: str
+    blocks: tuple[Block, ...]
+    joints: tuple[JointPart, ...]
+    smoothness: Smoothness
+    bias: tuple[NDArray[np.float64], ...]
+    walks: tuple[NDArray[np.float64], ...]
+    start: TrajectoryState | None = None
+    links: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+    jumps: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+    weights: tuple[dict[str, NDArray[np.float64]], ...] = ()
+    noise: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of_blocks(cls, model: Model, blocks: Iterable[Block], name: str = "log") -> "LogState":
+        """Return a log of successive blocks, with smoothed joints.
+
+        Raises:
+            InputError: no block has attitude samples.
+
+        """
+        blocks = tuple(blocks)
+        first = next((k for k, b in enumerate(blocks) if _has_attitude(b)), None)
+        if first is None:
+            raise InputError("no attitude samples while the joints are known: none to start from")
+        blocks = blocks[first:]
+        smoothness, joints = smooth_joints(blocks, model.suite)
+        nodes = sum(2 if gyro.bias_growth else 1 for gyro in model.gyros)
+        bias = tuple(np.zeros((nodes, 3)) for _ in blocks)
+        walking = sum(unknown.size for unknown in model.walking)
+        walks = tuple(np.zeros(walking) for _ in blocks[1:])
+        weights = tuple({} for _ in blocks)
+        return cls(name, blocks, tuple(joints), smoothness, bias, walks, weights=weights)
+
+    @classmethod
+    def of(
+        cls, model: Model, samples: Measurements | Iterable[Measurements], name: str = "log"
+    ) -> "LogState":
+        """Return a log of screened samples (or of chunks of them), cut into blocks.
+
+        Raises:
+            InputError: no block has attitude samples.
+
+        """
+        stream = [samples] if isinstance(samples, Measurements) else samples
+        return cls.of_blocks(model, blocks_of(BlockQueue.of(model.suite), stream), name)
+
+    def weighted(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return residuals (M, ...) of a sensor in block k, with weights and noise factor."""
+        return np.asarray((rest.T * self.scale(k, sensor, len(rest))).T)
+
+    def scale(self, k: int, sensor: str, count: int) -> NDArray[np.float64]:
+        """Return the factors (M,) of a sensor's residuals in block k."""
+        weights = self.weights[k].get(sensor, np.ones(count))
+        return weights / self.noise.get(sensor, 1.0)
+
+
+def _has_attitude(block: Block) -> bool:
+    return first_sample(block.samples, ATTITUDE) is not None

@@ -1,0 +1,180 @@
+"""Where a fit starts: linear least squares on the conservation of angular momentum.
+
+At about ten instants of every block, R_WB (J ω + h) = L about the system's centre of mass is linear
+in the target's ψ and in the L of each log; ω comes from the gyro or, without one, from the attitude.
+Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.dynamics.plane import NORMAL_W, tilt
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.faults import Block, first_sample
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.sweep import Values
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Quantity, sensors_of
+
+_INSTANTS = 10  # in a block
+_DEGREE = 5  # of the polynomials through the samples of a block
+_FEWEST = 4  # samples of a block for a polynomial
+_REWEIGHTINGS = 4  # the noise of the rows comes from their own residuals
+_CAUTION = 3.0  # the rows' errors are no white noise
+
+
+def start_of(
+    model: Model, logs: Sequence[LogState], values: Values | None = None
+) -> tuple[Values, list[LogState]]:
+    """Return values of all unknowns, and the logs with a start.
+
+    Args:
+        model: the unknowns.
+        logs: the logs.
+        values: given values of unknowns of the hardware and of the target; default: their means.
+
+    """
+    given = values or {}
+    values = model.start([log.name for log in logs]) | given
+    psi, momenta = values[PSI], [np.zeros(3) for _ in logs]
+    if PSI not in given:
+        psi, momenta = _balanced(model, logs)
+    started = []
+    for log, L in zip(logs, momenta, strict=True):
+        block, joints = log.blocks[0], log.joints[0].evaluate(np.array([log.blocks[0].start]))
+        dynamics = relative_dynamics(model.tree, joints[:, 0], joints[:, 1])
+        try:
+            dynamics.mobility(psi)
+        except InputError:
+            psi = model.start([""])[PSI]
+        q_WB = first_sample(block.samples, ATTITUDE)
+        assert q_WB is not None
+        attitude = Rotation.from_quat(q_WB, scalar_first=True)
+        normal_B = model.tree.normal_B
+        if normal_B is not None:
+            attitude = Rotation.from_rotvec(tilt(q_WB[None], normal_B)[0]) * attitude
+            L = L * NORMAL_W
+        p_WB = first_sample(block.samples, POSITION)
+        com = attitude.apply(dynamics.com(psi)[0]) + (0.0 if p_WB is None else p_WB)
+        state = TrajectoryState(psi, attitude, com, np.zeros(3), L, log.bias[0])
+        started.append(replace(log, start=state))
+        values[f"{MOMENTUM}|{log.name}"] = np.concatenate([L, np.zeros(3)])
+    return values | {PSI: psi}, started
+
+
+def _balanced(
+    model: Model, logs: Sequence[LogState]
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Return ψ (10,) and L (3,) of each log, from all rows and the vague prior."""
+    parts = [_rows(model, log) for log in logs]
+    n = 10 + 3 * len(logs)
+    A = np.zeros((sum(map(len, parts)), n + 1))
+    first = 0
+    for k, rows in enumerate(parts):
+        block = A[first : first + len(rows)]
+        block[:, :10], block[:, 10 + 3 * k : 13 + 3 * k] = rows[:, :10], rows[:, 10:13]
+        block[:, -1] = rows[:, 13]
+        first += len(rows)
+    target = next(unknown for unknown in model.table if unknown.name == PSI)
+    mean = np.concatenate([target.mean, np.zeros(3 * len(logs))])
+    scale = np.concatenate([target.sigma / 10, np.full(3 * len(logs), model.L_sigma)])
+    x = mean
+    if len(A):
+        noise = 0.02 * float(np.std(A[:, -1])) + 1e-12
+        for _ in range(_REWEIGHTINGS):
+            rows = np.vstack([A[:, :-1] * scale / noise, np.eye(n)])
+            right = np.append((A[:, -1] - A[:, :-1] @ mean) / noise, np.zeros(n))
+            x = mean + scale * np.linalg.lstsq(rows, right, rcond=None)[0]
+            rms = float(np.sqrt(np.mean((A[:, :-1] @ x - A[:, -1]) ** 2)))
+            noise = _CAUTION * max(rms, 1e-9 * model.L_sigma)
+    return x[:10], np.split(x[10:], len(logs))
+
+
+def _rows(model: Model, log: LogState) -> NDArray[np.float64]:
+    """Return rows [Y | −Rᵀ | right side] (M, 14) about ψ and L of a log."""
+    attitude: tuple[float, NDArray[np.float64]] | None = None
+    times, rates, attitudes, joints = [], [], [], []
+    for block, part in zip(log.blocks, log.joints, strict=True):
+        t = np.linspace(block.start, block.end, _INSTANTS + 2)[1:-1]
+        found = _rates(block, t, attitude)
+        if found is None:
+            continue
+        w, R, t = found
+        attitude = float(t[-1]), R[-1]
+        times.append(t)
+        rates.append(w)
+        attitudes.append(R)
+        joints.append(part.evaluate(t))
+    if not times:
+        return np.empty((0, 14))
+    w, R, q = np.concatenate(rates), np.concatenate(attitudes), np.concatenate(joints)
+    normal_B = model.tree.normal_B
+    if normal_B is not None:
+        w = (w @ normal_B)[:, None] * normal_B
+    dynamics = relative_dynamics(model.tree, q[:, 0], q[:, 1])
+    known = np.einsum("nij,nj->ni", dynamics.I_K, w) + dynamics.h_K
+    A = np.concatenate([dynamics.regressor(w), -np.swapaxes(R, 1, 2), -known[..., None]], axis=2)
+    if normal_B is not None:
+        A = np.einsum("i,nij->nj", normal_B, A)
+    return np.asarray(A.reshape(-1, 14))
+
+
+def _rates(
+    block: Block, t: NDArray[np.float64], before: tuple[float, NDArray[np.float64]] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return ω (M, 3) in B, R_WB (M, 3, 3) and the times (M,) of a block; None without samples.
+
+    Args:
+        block: the samples.
+        t: times inside the block.
+        before: a time and the attitude R_WB then, which serves a block without attitude.
+
+    """
+    gyro, attitude = _longest(block, ANGULAR_VELOCITY), _longest(block, ATTITUDE)
+
+    def share(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return 2 * (times - block.start) / block.length - 1
+
+    cheb = np.polynomial.chebyshev
+    if gyro is not None:
+        if attitude is not None:
+            k = len(attitude) // 2
+            R = Rotation.from_quat(attitude.value[k], scalar_first=True).as_matrix()
+            before = float(attitude.time[k]), R
+        if before is None:
+            return None
+        c = cheb.chebfit(share(gyro.time), gyro.value, min(_DEGREE, len(gyro) - 2))
+        grid = np.linspace(np.full(len(t), before[0]), t, 8, axis=1)
+        w = cheb.chebval(np.clip(share(grid), -1, 1), c)  # (3, M, 8)
+        steps = np.moveaxis((w[..., 1:] + w[..., :-1]) / 2 * np.diff(grid, axis=1), 0, -1)
+        R = np.broadcast_to(before[1], (len(t), 3, 3))
+        for k in range(steps.shape[1]):
+            R = R @ Rotation.from_rotvec(steps[:, k]).as_matrix()
+        return cheb.chebval(share(t), c).T, R, t
+    if attitude is None:
+        return None
+    R = Rotation.from_quat(attitude.value, scalar_first=True)
+    middle = R[len(attitude) // 2]
+    turn = (middle.inv() * R).as_rotvec()
+    c = cheb.chebfit(share(attitude.time), turn, min(_DEGREE, len(attitude) - 2))
+    t = t[(t > attitude.time[0]) & (t < attitude.time[-1])]
+    if not len(t):
+        return None
+    turn = cheb.chebval(share(t), c).T
+    rate = cheb.chebval(share(t), cheb.chebder(c)).T * 2 / block.length
+    w = rate - np.cross(turn, rate) / 2 + np.cross(turn, np.cross(turn, rate)) / 6
+    return w, (middle * Rotation.from_rotvec(turn)).as_matrix(), t
+
+
+def _longest(block: Block, quantity: Quantity) -> Samples | None:
+    """Return the samples of the sensor of a quantity with most of them; None if they are few."""
+    samples = [block.samples[sensor.name] for sensor in sensors_of(quantity)]
+    best = max(samples, key=len, default=None)
+    return best if best is not None and len(best) >= _FEWEST else None

@@ -1,0 +1,423 @@
+"""One sweep through a log: all rows of all blocks, with everything that ends with a block eliminated.
+
+`roll` predicts the samples of a log at given values. `sweep` goes through its blocks: the rows of a
+block are those known at its start, its links and its samples; QR eliminates what ends with it, and
+what remains is known at its end. The result is a Gaussian of the log's, the hardware's and the
+target's unknowns, about the present values. `back` goes the other way: given a step of those, it
+finds the steps of everything else, so that the next roll starts from smoothed values. Together they
+are one Gauss-Newton step of all unknowns at once.
+
+Source: Bierman 1977, ch. V and X (square-root information filter and smoother).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.effects import GyroBias
+from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
+from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.square_root import triangle
+from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, psi_about
+
+EXACT = 1e-9
+"""σ of what is conserved, as a share of the σ of an unknown momentum."""
+
+START = {"attitude": np.pi, "p_Wcm": 1e3}
+"""σ of attitude [rad] and centre of mass [m] before the first sample."""
+
+Values = dict[str, NDArray[np.float64]]
+"""Present values of all unknowns of all logs, by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rolled:
+    """A log, predicted at given values.
+
+    Attributes:
+        models, trajectories: of each block.
+        residuals: of each block: (M, d) in units of the declared σ, by sensor.
+        links: sum of squares of all rows that are no samples of the base.
+        by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
+            coordinates.
+
+    """
+
+    models: list[BlockModel]
+    trajectories: list[Trajectory]
+    residuals: list[dict[str, NDArray[np.float64]]]
+    links: float
+    by_psi: NDArray[np.float64]
+
+    def cost(self, log: LogState) -> float:
+        """Return the sum of squares of all rows of a log."""
+        samples = (
+            np.sum(log.weighted(k, name, rest) ** 2)
+            for k, block in enumerate(self.residuals)
+            for name, rest in block.items()
+        )
+        return self.links + float(sum(samples))
+
+    def all_residuals(self) -> dict[str, NDArray[np.float64]]:
+        """Return the residuals of each sensor, block after block."""
+        names = sorted({name for block in self.residuals for name in block})
+        return {n: np.concatenate([b[n] for b in self.residuals if n in b]) for n in names}
+
+
+def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+    """Return the constants (k,) of a log; of those that walk, the last value."""
+    parts = [values[u.key(log.name)] for u in model.table if u.name in model.constants.errors]
+    return np.concatenate([np.empty(0), *parts])
+
+
+def roll(model: Model, log: LogState, values: Values) -> Rolled:
+    """Predict all samples of a log.
+
+    Raises:
+        InputError: no rigid body has these values.
+
+    """
+    tree = model.tree_with(values.get(BODIES))
+    psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
+    last = constants_of(model, log, values)
+    walking, sigma = _walking(model)
+    state, links = log.start, float(np.sum(_first_values(model, log, values) ** 2))
+    assert state is not None
+    still_to_come = np.sum(log.walks, axis=0) if log.walks else np.zeros(len(walking))
+    models, trajectories, residuals = [], [], []
+    for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
+        constants = last.copy()
+        constants[walking] -= still_to_come
+        part = BlockModel(
+            tree,
+            joints,  # type: ignore[arg-type]
+            block.samples,
+            model.suite,
+            model.known_bodies,
+            constants=model.constants,
+            nominal=constants,
+        )
+        first = replace(state, psi=psi, bias=log.bias[k], constants=constants)
+        trajectory = part.motion.trajectory(first)
+        models.append(part)
+        trajectories.append(trajectory)
+        residuals.append({n: s.residuals(trajectory) for n, s in part.sensors.items()})
+        links += float(np.sum(part.links(first)[1] ** 2))
+        state = part.motion.end(trajectory)
+        if joints.is_kicked and k:
+            links += float(np.sum((_kick(log, k) / KICK) ** 2))
+        if k < len(log.walks):
+            links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
+            still_to_come = still_to_come - log.walks[k]
+        if k in log.links:
+            state = _jumped(state, log.jumps[k])
+            links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))
+    links += float(np.sum((_first_bias(model, log) / _bias_sigma(model)[:, None]) ** 2))
+    return Rolled(models, trajectories, residuals, links, by_psi)
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """A change u of some entries at a boundary, eliminated: rows [u | all entries | right side]."""
+
+    columns: NDArray[np.intp]
+    rows: NDArray[np.float64]
+    kind: str
+    block: int
+
+    def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return u, given all entries x after the change."""
+        m = len(self.columns)
+        rows = self.rows
+        return np.asarray(solve_triangular(rows[:, :m], rows[:, -1] - rows[:, m:-1] @ x))
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """A block, eliminated: rows of what ended with it, and how its end depends on its start."""
+
+    model: BlockModel
+    gone: NDArray[np.intp]
+    keep: NDArray[np.intp]
+    rows: NDArray[np.float64]
+    end: NDArray[np.float64]
+    transitions: list[tuple[slice, slice, NDArray[np.float64]]]
+
+    def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the steps of all columns of the block's model, given those at its end."""
+        g = len(self.gone)
+        y = np.zeros(g + len(self.keep))
+        rest = self.rows[:, -1] - self.rows[:, g:-1] @ x
+        y[self.gone], y[self.keep] = solve_triangular(self.rows[:, :g], rest), x
+        step = y[: self.end.shape[1]]
+        for column, by, factor in reversed(self.transitions):
+            step[by] -= factor @ step[column]
+        turned, others = self.model.turned, step.copy()
+        others[turned] = 0.0
+        step[turned] = np.linalg.solve(self.end[:, turned], step[turned] - self.end @ others)
+        step[self.model.held] = 0.0
+        return step
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """A linearized log.
+
+    Attributes:
+        gaussian: of the log's, the hardware's and the target's unknowns, about the present values.
+        boundary: (n, n + …) rows of what is known at the end of the last block.
+        steps: what `back` needs, in the order of the sweep.
+
+    """
+
+    gaussian: Gaussian
+    boundary: NDArray[np.float64]
+    steps: list[_Change | _Block]
+
+
+def sweep(
+    model: Model,
+    log: LogState,
+    rolled: Rolled,
+    values: Values,
+    *,
+    carry: bool = False,
+    before: NDArray[np.float64] | None = None,
+) -> Swept:
+    """Linearize a log about given values.
+
+    Args:
+        model: the unknowns.
+        log: the log.
+        rolled: its prediction at these values.
+        values: the values.
+        carry: whether the changes at open links remain unknowns of the result, "link k".
+        before: rows of what is known at the start; default: the priors of a log's start.
+
+    """
+    carried = known_at_start(model, log, values) if before is None else before
+    n, g = _boundary_size(model), sum(u.size for u in model.table)
+    walking, walk_sigma = _walking(model)
+    steps: list[_Change | _Block] = []
+    rho2, links = 0.0, list[int]()
+
+    def opened(
+        columns: NDArray[np.intp], sigma: NDArray[np.float64], now: NDArray[np.float64], kind: str
+    ) -> NDArray[np.float64]:
+        T = _with_change(carried, columns, sigma, now)
+        m = len(columns)
+        steps.append(_Change(columns, T[:m], kind, k))
+        return T[m : m + len(carried), m:]
+
+    for k, (part, trajectory) in enumerate(zip(rolled.models, rolled.trajectories, strict=True)):
+        if part.motion.joints.is_kicked and k:
+            columns = np.arange(n - ORDER * model.joint_count, n)[ORDER - 1 :: ORDER]
+            carried = opened(columns, np.full(len(columns), KICK), _kick(log, k), "kick")
+        block, carried, rest = _eliminated(model, log, k, rolled, carried)
+        steps.append(block)
+        rho2 += rest
+        if k < len(log.walks) and len(walking):
+            sigma = walk_sigma * np.sqrt(log.blocks[k].length)
+            carried = opened(n + walking, sigma, log.walks[k], "walk")
+        if k in log.links and carry:
+            carried, rest = _with_link(carried, log.links[k], log.jumps[k])
+            rho2 += rest
+            links.append(k)
+        elif k in log.links:
+            carried = opened(np.arange(12), log.links[k], log.jumps[k], "jump")
+    sizes = {u.key(log.name): u.size for u in model.table}
+    sizes |= {f"link {k}|{log.name}": 12 for k in links}
+    gaussian = Gaussian.of_rows(sizes, carried[n:, n:], rho2)
+    return Swept(gaussian, carried[:n], steps)
+
+
+def known_at_start(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+    """Return the rows of what is known at the start of a log, about its present values.
+
+    L and v are the log's momentum, the biases and what walks have their priors, and joints,
+    attitude and centre of mass are open.
+    """
+    n, places = _boundary_size(model), model.places
+    rows = np.zeros((n, n + sum(u.size for u in model.table) + 1))
+    sigma = np.full(n, 1e6)
+    sigma[:3], sigma[3:6] = START["attitude"], START["p_Wcm"]
+    sigma[6:12] = EXACT * np.repeat([model.L_sigma, FASTEST_DRIFT], 3)
+    bias = slice(12, 12 + 3 * len(model.gyros))
+    sigma[bias] = np.repeat(_bias_sigma(model), 3)
+    rows[:, :n] = np.diag(1 / sigma)
+    rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])
+    rows[bias, -1] = -_first_bias(model, log).ravel() / sigma[bias]
+    walking, _ = _walking(model)
+    first = np.zeros((len(walking), rows.shape[1]))
+    first[np.arange(len(walking)), n + walking] = 1.0
+    first[:, -1] = -_first_values(model, log, values)
+    return np.vstack([rows, first])
+
+
+def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
+    """Return the log after a step of its own, the hardware's and the target's unknowns.
+
+    Args:
+        model: the unknowns.
+        log: before the step.
+        swept: its linearization.
+        step: of all unknowns, by name.
+
+    """
+    g = np.concatenate([step[name] for name in swept.gaussian.places])
+    n, tail = _boundary_size(model), swept.boundary
+    x = solve_triangular(tail[:, :n], tail[:, -1] - tail[:, n:-1] @ g)
+    x = np.concatenate([x, g])
+    bias, joints, walks, jumps = list(log.bias), list(log.joints), list(log.walks), {**log.jumps}
+    k = len(log.blocks)
+    for each in reversed(swept.steps):
+        if isinstance(each, _Change):
+            u = each.solved(x)
+            x[each.columns] -= u
+            if each.kind == "walk":
+                walks[each.block] = walks[each.block] + u
+            elif each.kind == "jump":
+                jumps[each.block] = jumps[each.block] + u
+            continue
+        k -= 1
+        s = each.solved(x)
+        part, bias[k] = each.model, bias[k].copy()
+        for effect in part.effects:
+            if isinstance(effect, GyroBias):
+                bias[k][effect.rows] += s[part.columns[effect.name]].reshape(-1, 3)
+        joints[k] = joints[k].moved(s[part.columns["joints"]])
+        x[:n] = s[part.at_start[:n]]
+    assert log.start is not None
+    return replace(
+        log,
+        start=_jumped(log.start, x[:12]),
+        bias=tuple(bias),
+        joints=tuple(joints),
+        walks=tuple(walks),
+        jumps=jumps,
+    )
+
+
+def _eliminated(
+    model: Model, log: LogState, k: int, rolled: Rolled, carried: NDArray[np.float64]
+) -> tuple[_Block, NDArray[np.float64], float]:
+    """Return block k without what ends with it, the rows known at its end, and what remains."""
+    part, trajectory = rolled.models[k], rolled.trajectories[k]
+    J, end = part.jacobian(trajectory)
+    links, rest = part.links(trajectory.state)
+    psi, by_psi = part.columns[PSI], rolled.by_psi
+    J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
+    transitions = [
+        (column, by, factor @ by_psi if column == psi else factor)
+        for column, by, factor in part.transitions(trajectory)
+    ]
+    residuals = rolled.residuals[k]
+    r = [log.weighted(k, name, each).ravel() for name, each in residuals.items()]
+    w = [np.repeat(log.scale(k, n, len(e)), e.shape[1]) for n, e in residuals.items()]
+    J = np.concatenate([np.empty(0), *w])[:, None] * J
+    n, known, total = _boundary_size(model), J.shape[1], carried.shape[1] - 1
+    first = psi.start - model.constants.size  # of the unknowns that outlive the block
+    outside = n + known - first  # columns of carried that are no columns of the block's model
+    rows = np.zeros((len(carried) + len(rest) + len(J), known + total - outside + 1))
+    a, b = len(carried), len(carried) + len(rest)
+    rows[:a, part.at_start[:n]] = carried[:, :n]
+    rows[:a, first:] = carried[:, n:]
+    rows[a:b, :known], rows[a:b, -1] = links, rest
+    rows[b:, :known], rows[b:, -1] = J, np.concatenate([np.empty(0), *r])
+    # Replace attitude, centre of mass and momentum at the start by those at the end.
+    turned = part.turned
+    by_end = rows[:, turned] @ np.linalg.inv(end[:, turned])
+    rows[:, :known] -= by_end @ end
+    rows[:, turned] = by_end
+    for column, by, factor in transitions:
+        rows[:, column] -= rows[:, by] @ factor
+    ends = part.at_end[:n]
+    keep = np.concatenate([ends, np.arange(first, rows.shape[1] - 1)])
+    gone = np.setdiff1d(np.arange(first), ends)
+    T = triangle(rows[:, np.concatenate([gone, keep, [rows.shape[1] - 1]])])
+    g, kept = len(gone), len(keep)
+    block = _Block(part, gone, keep, T[:g].copy(), end, transitions)
+    return block, T[g : g + kept, g:], float(np.sum(T[g + kept :, -1] ** 2))
+
+
+def _with_change(
+    carried: NDArray[np.float64],
+    columns: NDArray[np.intp],
+    sigma: NDArray[np.float64],
+    now: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the triangle [u | entries | right side] if some entries change by u ~ N(0, σ²)."""
+    m = len(columns)
+    rows = np.zeros((m + len(carried), m + carried.shape[1]))
+    rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
+    rows[m:, :m], rows[m:, m:] = -carried[:, columns], carried
+    return triangle(rows)
+
+
+def _with_link(
+    carried: NDArray[np.float64], sigma: NDArray[np.float64], now: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Return the carried rows with a change at this boundary as twelve more unknowns."""
+    rows = np.zeros((12 + len(carried), carried.shape[1] + 12))
+    rows[:12, -13:-1], rows[:12, -1] = np.diag(1 / sigma), -now / sigma
+    rows[12:, : carried.shape[1] - 1], rows[12:, -1] = carried[:, :-1], carried[:, -1]
+    rows[12:, -13:-1] = -carried[:, :12]
+    T = triangle(rows)
+    return T[:-1], float(T[-1, -1]) ** 2
+
+
+def _boundary_size(model: Model) -> int:
+    """Return the number of entries at a boundary: attitude, p, L, v, biases, joints."""
+    return 12 + 3 * len(model.gyros) + ORDER * model.joint_count
+
+
+def _walking(model: Model) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the columns of the constants that walk, and σ of their change after 1 s."""
+    places = model.places
+    columns = [np.r_[places[u.name]] for u in model.walking]
+    sigma = [np.full(u.size, u.walk) for u in model.walking]
+    return (
+        np.concatenate([np.empty(0, np.intp), *columns]),
+        np.concatenate([np.empty(0), *sigma]),
+    )
+
+
+def _first_values(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+    """Return the values (w,) at the start of the constants that walk."""
+    last = [values[u.key(log.name)] for u in model.walking]
+    return np.asarray(np.concatenate([np.empty(0), *last]) - np.sum(log.walks, axis=0))
+
+
+def _bias_sigma(model: Model) -> NDArray[np.float64]:
+    """Return σ of the first bias of each gyro [rad/s]."""
+    return np.array([max(gyro.bias_sigma, 1e-9) for gyro in model.gyros])
+
+
+def _first_bias(model: Model, log: LogState) -> NDArray[np.float64]:
+    """Return the bias (G, 3) of each gyro at the start."""
+    nodes = np.cumsum([0, *(2 if gyro.bias_growth else 1 for gyro in model.gyros)])
+    return log.bias[0][nodes[:-1]]
+
+
+def _kick(log: LogState, k: int) -> NDArray[np.float64]:
+    """Return the present change (J,) of the joints' scaled accelerations at the start of block k."""
+    after, before = log.joints[k].coefficients, log.joints[k - 1].coefficients
+    return np.asarray(after[ORDER - 1] - before[-1])
+
+
+def _jumped(state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:
+    """Return a state after a change (12,) of attitude, centre of mass, L and v."""
+    return replace(
+        state,
+        attitude=Rotation.from_rotvec(change[:3]) * state.attitude,
+        p_Wcm=state.p_Wcm + change[3:6],
+        L=state.L + change[6:9],
+        v_Wcm=state.v_Wcm + change[9:12],
+    )

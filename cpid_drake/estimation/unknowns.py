@@ -1,0 +1,202 @@
+"""What a fit does not know: one table of unknowns, with their priors, and the target's coordinates.
+
+Every unknown has a scope: a `log` has its own momentum and forces, all logs of one `hardware` share
+the errors of its sensors and bodies, and all logs of one `target` share the target. What belongs to
+a block of time (joint motion, biases) is in the state of its log; see `log_state`.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.parameterizations import tensor_to_vector
+from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.sensitivity import with_errors
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
+from cpid_drake.estimation.likelihood.priors import (
+    FASTEST_DRIFT,
+    FASTEST_TUMBLE,
+    psi_scale,
+    vague_prior,
+)
+from cpid_drake.sensing.sensors import Gyro
+from cpid_drake.sensing.suite import SensorSuite
+
+WIDE = 10.0
+"""σ of a target of which nothing is known, in sizes of a target like the spacecraft."""
+
+PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"
+"""Names of the target's unknowns, of the known bodies' errors, and of a log's momentum."""
+
+Scope = Literal["log", "hardware", "target"]
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """One unknown.
+
+    Attributes:
+        name: of the unknown.
+        size: number of entries.
+        mean: (size,) before the first sample.
+        sigma: (size,) σ before the first sample.
+        scope: what has it.
+        walk: σ of its change after 1 s, as a share of `sigma`; the prior is that of its first value.
+
+    """
+
+    name: str
+    size: int
+    mean: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    scope: Scope
+    walk: float = 0.0
+
+    def key(self, log: str) -> str:
+        """Return the name of this unknown of a log, among those of all logs."""
+        return f"{self.name}|{log}" if self.scope == "log" else self.name
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The known spacecraft with its sensors, and all that a fit does not know about them.
+
+    Attributes:
+        tree: the known spacecraft.
+        suite: its sensors, with their errors.
+        known_bodies: uncertainty of its bodies; None if they are exact.
+        constants: the constant errors of the suite.
+        table: the unknowns in the order of their columns: constant errors, target, bodies, momentum.
+        mass: nominal mass of the known bodies [kg].
+        L_sigma: σ of an unknown angular momentum [N·m·s].
+
+    """
+
+    tree: KinematicTree
+    suite: SensorSuite
+    known_bodies: BodyUncertainty | None = None
+    constants: Constants = field(init=False)
+    table: tuple[Unknown, ...] = field(init=False)
+    mass: float = field(init=False)
+    L_sigma: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        if self.known_bodies is None:
+            put("tree", self.tree.lumped)
+        put("constants", Constants.of(self.suite, self.joint_count))
+        still = np.zeros((1, self.joint_count))
+        known = relative_dynamics(self.tree, still, still)
+        put("mass", known.mass)
+        put("L_sigma", FASTEST_TUMBLE * float(np.trace(known.I_K[0])) / 3)
+        put("table", tuple(self._unknowns(known.mass, known.I_K[0])))
+
+    def _unknowns(self, mass: float, inertia: NDArray[np.float64]) -> list[Unknown]:
+        table = []
+        for error in self.constants.errors.values():
+            has = error.sensor or error.kind in OF_GRASP
+            zero, one = np.zeros(error.size), np.ones(error.size)
+            walk = error.walk / error.sigma
+            scope: Scope = "hardware" if has else "log"
+            table.append(Unknown(error.name, error.size, zero, one, scope, walk))
+        mean = vague_prior(mass, inertia).psi
+        table.append(Unknown(PSI, 10, mean, WIDE * psi_scale(mass, inertia), "target"))
+        if self.known_bodies is not None:
+            c = self.known_bodies.count(self.tree.wheels, self.joint_count)
+            table.append(Unknown(BODIES, c, np.zeros(c), np.ones(c), "hardware"))
+        sigma = np.repeat([self.L_sigma, FASTEST_DRIFT], 3)
+        return [*table, Unknown(MOMENTUM, 6, np.zeros(6), sigma, "log")]
+
+    def with_prior(
+        self, name: str, mean: NDArray[np.float64], sigma: NDArray[np.float64]
+    ) -> "Model":
+        """Return the model with another prior of one unknown."""
+        model = replace(self)
+        table = [replace(u, mean=mean, sigma=sigma) if u.name == name else u for u in self.table]
+        object.__setattr__(model, "table", tuple(table))
+        return model
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints."""
+        return sum(body.joint >= 0 for body in self.tree.bodies)
+
+    @property
+    def gyros(self) -> list[Gyro]:
+        """Errors of the gyros."""
+        return [errors for errors in self.suite.present().values() if isinstance(errors, Gyro)]
+
+    @property
+    def places(self) -> dict[str, slice]:
+        """Columns of the unknowns of one log."""
+        ends = np.cumsum([0, *(u.size for u in self.table)]).tolist()
+        return {
+            u.name: slice(a, b) for u, a, b in zip(self.table, ends[:-1], ends[1:], strict=True)
+        }
+
+    @property
+    def walking(self) -> list[Unknown]:
+        """The unknowns that walk."""
+        return [u for u in self.table if u.walk]
+
+    def tree_with(self, errors: NDArray[np.float64] | None) -> KinematicTree:
+        """Return the known spacecraft with errors (c,) of its bodies, in units of σ."""
+        if self.known_bodies is None or errors is None or not np.any(errors):
+            return self.tree
+        return with_errors(self.tree, self.known_bodies, errors)
+
+    def start(self, logs: list[str]) -> dict[str, NDArray[np.float64]]:
+        """Return the mean of all unknowns of some logs before the first sample."""
+        return {u.key(log): u.mean.copy() for u in self.table for log in logs}
+
+
+def psi_about(
+    x: NDArray[np.float64], nominal_mass: float, mass: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return ψ (10,) about known bodies of another mass, and its derivative (10, 10) by x.
+
+    The coordinates x of a target are ψ about the *nominal* mass of the known bodies, a fixed
+    function of the target's (m, m c, J). With f = m_k/(m_k + m) and P(h) = |h|²1 − hhᵀ,
+
+        ψ = (m f, f h, J − P(h)/(m_k + m)),
+
+    and the same with the nominal mass for x. Nothing is singular at m = 0. Source: design, 3.2.
+
+    Args:
+        x: (10,) the target's coordinates.
+        nominal_mass, mass: of the known bodies, nominal and with their present errors [kg].
+
+    """
+    if mass == nominal_mass:
+        return x, np.eye(10)
+    up = nominal_mass / (nominal_mass - x[0])  # 1 + m / nominal_mass
+    m, h = up * x[0], up * x[1:4]
+    phi_x = np.eye(10)
+    phi_x[0, 0] = up**2
+    phi_x[1:4, 0], phi_x[1:4, 1:4] = up**2 / nominal_mass * x[1:4], up * np.eye(3)
+    J = x[4:] + _shift(h, h) / (nominal_mass + m)
+    phi_x[4:, :4] = 2 / (nominal_mass + m) * _shifts(h) @ phi_x[1:4, :4]
+    phi_x[4:, 0] -= _shift(h, h) / (nominal_mass + m) ** 2 * phi_x[0, 0]
+    f, total = mass / (mass + m), mass + m
+    psi = np.concatenate([[f * m], f * h, J - _shift(h, h) / total])
+    psi_phi = np.eye(10)
+    psi_phi[0, 0] = f**2
+    psi_phi[1:4, 0], psi_phi[1:4, 1:4] = -(f**2) / mass * h, f * np.eye(3)
+    psi_phi[4:, 1:4], psi_phi[4:, 0] = -2 / total * _shifts(h), _shift(h, h) / total**2
+    return psi, psi_phi @ phi_x
+
+
+def _shift(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the symmetric bilinear form of P(h) = |h|²1 − hhᵀ, as a vector (6,)."""
+    return np.asarray(tensor_to_vector((a @ b) * np.eye(3) - (np.outer(a, b) + np.outer(b, a)) / 2))
+
+
+def _shifts(h: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrix (6, 3) of a -> P(h, a)."""
+    return np.column_stack([_shift(h, e) for e in np.eye(3)])
