@@ -1,0 +1,233 @@
+"""A sweep with its eliminations is one dense least-squares problem of all unknowns at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from block_cases import make_case
+from scipy.spatial.transform import Rotation
+from sensing_cases import MOMENTUM, coarse_suite
+
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.start import start_of
+from cpid_drake.estimation.sweep import back, known_at_start, roll, sweep
+from cpid_drake.estimation.unknowns import MOMENTUM as MOMENTUM_OF_LOG
+from cpid_drake.estimation.unknowns import PSI, Model, psi_about
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
+from cpid_drake.sensing.suite import Disturbances
+
+JUMP = np.repeat([1e-3, 1e-3, 1.0, 1e-3], 3)
+
+
+class Vector:
+    """All unknowns of a log as one vector, and the log and values for any such vector."""
+
+    def __init__(self, model, log, values):
+        self.model, self.log, self.values = model, log, values
+        self.sizes = {u.key(log.name): u.size for u in model.table if u.name != MOMENTUM_OF_LOG}
+        self.first = sum(self.sizes.values()) + 12
+        pieces = [part.size - ORDER for part in log.joints]
+        self.J = model.joint_count
+        self.joints = self.J * (sum(pieces) + ORDER)
+        nodes = [len(b) - 1 for b in log.bias]  # one gyro with a walking bias
+        self.bias = 3 * (sum(nodes) + 1)
+        self.walks = sum(w.size for w in log.walks)
+        self.jumps = 12 * len(log.links)
+        self.size = self.first + self.joints + self.bias + self.walks + self.jumps
+
+    def at(self, x):
+        """Return the log and the values after a change x of all unknowns."""
+        log, values, at = self.log, dict(self.values), 0
+        for name, size in self.sizes.items():
+            values[name] = values[name] + x[at : at + size]
+            at += size
+        pose, at = x[at : at + 12], at + 12
+        state = log.start
+        start = replace(
+            state,
+            attitude=Rotation.from_rotvec(pose[:3]) * state.attitude,
+            p_Wcm=state.p_Wcm + pose[3:6],
+            L=state.L + pose[6:9],
+            v_Wcm=state.v_Wcm + pose[9:12],
+        )
+        values[f"{MOMENTUM_OF_LOG}|{log.name}"] = np.concatenate([start.L, start.v_Wcm])
+        c = x[at : at + self.joints].reshape(-1, self.J)
+        at, row, joints = at + self.joints, 0, []
+        for part in log.joints:
+            joints.append(replace(part, coefficients=part.coefficients + c[row : row + part.size]))
+            row += part.size - ORDER
+        b = x[at : at + self.bias].reshape(-1, 3)
+        bias = [now + b[k : k + 2] for k, now in enumerate(log.bias)]
+        at += self.bias
+        walks = [
+            w + u for w, u in zip(log.walks, x[at : at + self.walks].reshape(len(log.walks), -1))
+        ]
+        at += self.walks
+        jumps = {
+            k: u + x[at + 12 * i : at + 12 * i + 12] for i, (k, u) in enumerate(log.jumps.items())
+        }
+        return replace(
+            log,
+            start=start,
+            joints=tuple(joints),
+            bias=tuple(bias),
+            walks=tuple(walks),
+            jumps=jumps,
+        ), values
+
+
+def residuals(model, log, values):
+    """Return all rows at given values: readings, joints, random walks, changes, and priors."""
+    rolled = roll(model, log, values)
+    parts = [
+        log.weighted(k, name, rest).ravel()
+        for k, block in enumerate(rolled.residuals)
+        for name, rest in block.items()
+    ]
+    growth = [g.bias_growth for g in model.gyros][0]
+    for k, (block, part) in enumerate(zip(log.blocks, log.joints)):
+        parts += [
+            part.rest.ravel(),
+            np.diff(log.bias[k], axis=0).ravel() / growth / np.sqrt(block.length),
+        ]
+    walking = [u for u in model.table if u.walk]
+    sigma = np.concatenate([np.empty(0), *(np.full(u.size, u.walk) for u in walking)])
+    parts += [w / sigma / np.sqrt(b.length) for w, b in zip(log.walks, log.blocks)]
+    parts += [log.jumps[k] / s for k, s in log.links.items()]
+    parts.append(log.bias[0][0] / model.gyros[0].bias_sigma)
+    for u in model.table:
+        value = values[u.key(log.name)]
+        if u.walk:  # the prior is that of the first value
+            places = np.cumsum([0, *(w.size for w in walking)])
+            k = walking.index(u)
+            value = value - sum(w[places[k] : places[k + 1]] for w in log.walks)
+        parts.append((value - u.mean) / u.sigma)
+    return np.concatenate(parts)
+
+
+def dense(model, log, values):
+    """Return the Gauss-Newton step and the covariance of all unknowns, by central differences."""
+    vector = Vector(model, log, values)
+    sigma = np.abs(
+        np.concatenate(
+            [np.ones(n) if name != PSI else model_scale(model) for name, n in vector.sizes.items()]
+        )
+    )
+    step = 1e-4 * np.concatenate(
+        [sigma, np.full(12, 0.1), np.full(vector.size - vector.first, 1e-2)]
+    )
+    columns = []
+    for k, h in enumerate(step):
+        x = h * np.eye(vector.size)[k]
+        ahead, behind = (residuals(model, *vector.at(s * x)) for s in (1, -1))
+        columns.append((behind - ahead) / (2 * h))
+    A, b = np.column_stack(columns), residuals(model, log, values)
+    scale = np.linalg.norm(A, axis=0)
+    inverse = np.linalg.pinv(A / scale, rcond=1e-14) / scale[:, None]
+    return inverse @ b, inverse @ inverse.T, b @ b
+
+
+def model_scale(model):
+    return next(u.sigma for u in model.table if u.name == PSI) / 100
+
+
+def swept_with_priors(model, log, values):
+    rolled = roll(model, log, values)
+    swept = sweep(model, log, rolled, values)
+    rows = [(u.key(log.name), u) for u in model.table if not u.walk]
+    sizes = {name: u.size for name, u in rows}
+    R = np.diag(np.concatenate([1 / u.sigma for _, u in rows]))
+    z = np.concatenate([(u.mean - values[name]) / u.sigma for name, u in rows])
+    return swept, swept.gaussian.add(Gaussian.of_rows(sizes, np.column_stack([R, z])))
+
+
+SUITES = {
+    "plain": coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 5.0)),
+    "errors": coarse_suite(
+        gyro=Gyro(20.0, 0.005, 1.0, 5.0, scale_ppm=300.0, delay_ms=2.0),
+        attitude=AttitudeSensor(5.0, 5.0, 40.0, np.array([0.0, 0.6, 0.8]), mounting_arcsec=60.0),
+        encoders=JointSensor(20.0, 1e-5, zero_mrad=1.0),
+        disturbances=Disturbances(acceleration=1e-4, torque=0.02, torque_walk=0.01),
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=["plain", "errors", "bodies", "link"])
+def problem(request, tmp_path_factory, skewed_target):
+    """A log of two blocks, at values that are not the best ones."""
+    suite = SUITES.get(request.param, SUITES["plain"])
+    case = make_case(tmp_path_factory.mktemp("craft"), skewed_target, suite, MOMENTUM, 2.0)
+    bodies = BodyUncertainty(mass=0.01, com=0.002) if request.param == "bodies" else None
+    model = Model(case.craft.tree, suite, bodies)
+    log = LogState.of(model, add_noise(suite, case.samples, 1))
+    if request.param == "link":
+        log = replace(log, links={0: JUMP}, jumps={0: 0.3 * JUMP})
+    values, (log,) = start_of(model, [log])
+    rng = np.random.default_rng(2)
+    for u in model.table:
+        if u.name not in (PSI, MOMENTUM_OF_LOG):
+            values[u.key(log.name)] = values[u.key(log.name)] + 0.3 * rng.normal(size=u.size)
+    walks = tuple(0.01 * rng.normal(size=w.shape) for w in log.walks)
+    return model, replace(log, walks=walks), values
+
+
+def test_a_sweep_is_one_dense_problem(problem):
+    """Mean and covariance of the target, the hardware and the log; and the predicted χ²."""
+    model, log, values = problem
+    step, covariance, cost = dense(model, log, values)
+    swept, total = swept_with_priors(model, log, values)
+    n = sum(u.size for u in model.table if u.name != MOMENTUM_OF_LOG)
+    names = [u.key(log.name) for u in model.table]
+    found, P = total.solve()[total.indices(names)], total.covariance()
+    P = P[np.ix_(total.indices(names), total.indices(names))]
+    dense_places = np.r_[np.arange(n), n + 6 : n + 12]  # L and v at the start are the momentum
+    sigma = np.sqrt(np.diag(covariance)[dense_places])
+    np.testing.assert_allclose(np.sqrt(np.diag(P)), sigma, rtol=2e-3)
+    assert np.abs((found - step[dense_places]) / sigma).max() < 2e-2 * max(
+        1.0, np.abs(step[dense_places] / sigma).max()
+    )
+    assert roll(model, log, values).cost(log) <= cost * (1 + 1e-9)
+
+
+def test_the_way_back_finds_all_other_unknowns(problem):
+    """After a step, the χ² of the full problem falls to what the linear problem predicts."""
+    model, log, values = problem
+    swept, total = swept_with_priors(model, log, values)
+    before = np.sum(residuals(model, log, values) ** 2)
+    step = total.solve()
+    parts = {name: step[place] for name, place in total.places.items()}
+    moved = back(model, log, swept, parts)
+    after = {name: value + parts[name] for name, value in values.items()}
+    found = np.sum(residuals(model, moved, after) ** 2)
+    predicted = total.cost(step)
+    assert predicted < found + 1 and found - predicted < 0.02 * (before - predicted)
+
+
+def test_what_is_known_at_the_start_is_its_prior(problem):
+    """Nothing is known about the target before the first sample but its prior."""
+    model, log, values = problem
+    rows = known_at_start(model, log, values)
+    n = rows.shape[1] - 1 - sum(u.size for u in model.table)
+    psi = model.places[PSI]
+    assert not rows[:, n + psi.start : n + psi.stop].any()
+    assert not np.abs(rows[:, n:-1]).sum(axis=0)[psi].any()
+
+
+@pytest.mark.parametrize("mass", [0.9, 1.0, 1.3])
+def test_the_targets_coordinates_do_not_depend_on_the_known_mass(mass, skewed_target):
+    """ψ about another mass is that of the same target; its derivative is that of differences."""
+    from cpid_drake.dynamics.parameterizations import relative_parameterization
+
+    nominal = 430.0
+    x = relative_parameterization(nominal).from_parameters(skewed_target.to_vector())
+    psi, by_x = psi_about(x, nominal, mass * nominal)
+    expected = relative_parameterization(mass * nominal).from_parameters(skewed_target.to_vector())
+    np.testing.assert_allclose(psi, expected, rtol=1e-12)
+    for k in range(10):
+        h = 1e-6 * np.eye(10)[k]
+        change = [psi_about(x + s * h, nominal, mass * nominal)[0] for s in (1, -1)]
+        np.testing.assert_allclose(by_x[:, k], (change[0] - change[1]) / 2e-6, atol=1e-7)
