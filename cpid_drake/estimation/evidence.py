@@ -1,0 +1,173 @@
+"""Which errors act? One criterion: the evidence of a fit with and without each candidate.
+
+A fit with all candidates free is a Gaussian. Without a candidate, it is that Gaussian conditioned
+on zero: no second fit. The evidence ∫ L(x) p(x) dx of a set F of free candidates, with
+x ~ N(0, (a σ)²) for each, is in information form
+
+    ½ bᵀA⁻¹b − ½ log det A − Σ log a,     A = H_FF + a⁻²,
+
+H and b the information of the samples about the candidates in units of σ. Each candidate has the
+size a among `SIZES` that its own evidence prefers, at the price of log(len(SIZES)): a vague prior
+would hide what is small. Before the samples, one of n candidates is expected to act: the odds of
+each are 1/n. Every set has its probability, and the target is the average over all sets: what the
+samples cannot tell apart widens its interval.
+
+Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
+1999, Bayesian Model Averaging.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from cpid_drake.estimation.gaussian import Gaussian
+
+SIZES = 10.0 ** -np.arange(7)
+"""Sizes of an error that are compared, as shares of its σ."""
+
+NAMED = 0.9
+"""Probability from which a candidate is said to act."""
+
+MOST = 12
+"""Number of candidates of which all sets are compared: those whose own evidence is largest."""
+
+_NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Which candidates act.
+
+    Attributes:
+        alone: log of the Bayes factor of each candidate, alone against none.
+        probability: of each candidate to act.
+        best: the most probable set.
+        mean: (n,) average of the kept unknowns over all sets.
+        covariance: (n, n) their covariance, that between the sets included.
+        values: (k,) of each candidate in the best set, in its own units.
+
+    """
+
+    alone: dict[str, float]
+    probability: dict[str, float]
+    best: tuple[str, ...]
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    values: dict[str, NDArray[np.float64]]
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The candidates that act with a probability of `NAMED` or more."""
+        return tuple(name for name, p in self.probability.items() if p >= NAMED)
+
+
+def compare(
+    gaussian: Gaussian,
+    candidates: Mapping[str, NDArray[np.float64]],
+    kept: Sequence[str],
+    held: Mapping[str, Sequence[int]] | None = None,
+) -> Comparison:
+    """Compare all sets of candidates.
+
+    Args:
+        gaussian: of all unknowns themselves (not of deviations), the candidates' priors
+            N(0, σ²) included.
+        candidates: σ of each candidate's entries.
+        kept: the unknowns that are averaged; all others are marginalized.
+        held: entries of candidates that nothing can change.
+
+    """
+    return _Sets(gaussian, candidates, kept, held or {}).comparison()
+
+
+class _Sets:
+    """The information about the kept unknowns k and the candidates c, in units of σ.
+
+    The candidates' own priors are taken out. What remains is H_cc and b_c with k eliminated, and
+    the k for given c.
+    """
+
+    def __init__(
+        self,
+        gaussian: Gaussian,
+        candidates: Mapping[str, NDArray[np.float64]],
+        kept: Sequence[str],
+        held: Mapping[str, Sequence[int]],
+    ) -> None:
+        self.names = [name for name in gaussian.places if name in candidates]
+        both = gaussian.marginal([*kept, *self.names])
+        n = len(both.indices(kept))
+        sigma = np.concatenate([np.empty(0), *(candidates[name] for name in self.names)])
+        scale = np.concatenate([1 / np.linalg.norm(both.R[:, :n], axis=0), sigma])
+        R = both.R * scale
+        self.sigma, self.kept_scale = sigma, scale[:n]
+        T, z = R[:n, :n], both.z[:n]  # k given c: T k = z − G c
+        self.by_c = solve_triangular(T, R[:n, n:])
+        self.at_zero = solve_triangular(T, z)
+        inverse = solve_triangular(T, np.eye(n))
+        self.covariance_k = inverse @ inverse.T
+        C = R[n:, n:]
+        self.H, self.b = C.T @ C - np.eye(len(sigma)), C.T @ both.z[n:]
+        places = gaussian.sizes
+        ends = np.cumsum([0, *(places[name] for name in self.names)])
+        self.places = {}
+        for name, start, end in zip(self.names, ends[:-1], ends[1:], strict=True):
+            fixed = start + np.array(held.get(name, ()), dtype=int)
+            self.places[name] = np.setdiff1d(np.arange(start, end), fixed)
+        self.size: dict[str, float] = {}
+
+    def evidence(
+        self, free: Sequence[str], size: Mapping[str, float]
+    ) -> tuple[float, NDArray[np.intp], NDArray[np.float64]]:
+        """Return the log evidence of a set against none, its entries, and A's Cholesky factor."""
+        index = np.concatenate([np.empty(0, np.intp), *(self.places[name] for name in free)])
+        a = np.concatenate([np.empty(0), *(np.full(len(self.places[n]), size[n]) for n in free)])
+        A = self.H[np.ix_(index, index)] + np.diag(a**-2)
+        d = 1 / np.sqrt(np.diag(A))
+        L = cholesky(A * d * d[:, None], lower=True)
+        y = solve_triangular(L, d * self.b[index], lower=True)
+        log_det = 2 * float(np.sum(np.log(np.diag(L)) - np.log(d)))
+        price = float(np.sum(np.log(a))) + len(free) * np.log(len(SIZES))
+        return 0.5 * float(y @ y) - 0.5 * log_det - price, index, L / d[:, None]
+
+    def comparison(self) -> Comparison:
+        alone = {}
+        for name in self.names:
+            tried = [self.evidence([name], {name: a})[0] for a in SIZES]
+            self.size[name], alone[name] = float(SIZES[np.argmax(tried)]), max(tried)
+        odds = np.log(1 / max(len(self.names), 1))
+        some = sorted(self.names, key=lambda name: -alone[name])[:MOST]
+        sets = []
+        for bits in range(1 << len(some)):
+            free = [name for k, name in enumerate(some) if bits >> k & 1]
+            value, index, L = self.evidence(free, self.size)
+            sets.append((value + len(free) * odds, free, index, L))
+        best = max(sets, key=lambda each: each[0])
+        weights = np.exp([each[0] - best[0] for each in sets])
+        weights /= weights.sum()
+        n = len(self.at_zero)
+        mean, square, probability = np.zeros(n), np.zeros((n, n)), dict.fromkeys(self.names, 0.0)
+        for weight, (_, free, index, L) in zip(weights, sets, strict=True):
+            for name in free:
+                probability[name] += float(weight)
+            if weight > _NEGLIGIBLE:
+                k, P = self.kept(index, L)
+                mean, square = mean + weight * k, square + weight * (P + np.outer(k, k))
+        scale, (_, free, index, L) = self.kept_scale, best
+        x = self.sigma[index] * cho_solve((L, True), self.b[index])
+        ends = np.cumsum([len(self.places[name]) for name in free])[:-1]
+        values = dict(zip(free, np.split(x, ends), strict=True)) if free else {}
+        covariance = (square - np.outer(mean, mean)) * scale * scale[:, None]
+        return Comparison(alone, probability, tuple(free), mean * scale, covariance, values)
+
+    def kept(
+        self, index: NDArray[np.intp], L: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return mean and covariance of the kept unknowns for one set."""
+        G = self.by_c[:, index]
+        mean = self.at_zero - G @ cho_solve((L, True), self.b[index])
+        half = solve_triangular(L, G.T, lower=True)
+        return mean, self.covariance_k + half.T @ half
