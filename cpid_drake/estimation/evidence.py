@@ -32,7 +32,11 @@ NAMED = 0.9
 """Probability from which a candidate is said to act."""
 
 MOST = 12
-"""Number of candidates of which all sets are compared: those whose own evidence is largest."""
+"""Number of candidates of which all sets are compared; each has the largest evidence beside those
+before it."""
+
+UNLIKELY = 1e-3
+"""Odds of a candidate beside those before it, below which no more are compared."""
 
 _NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average
 
@@ -134,12 +138,16 @@ class _Sets:
         return 0.5 * float(y @ y) - 0.5 * log_det - price, index, L / d[:, None]
 
     def comparison(self) -> Comparison:
-        alone = {}
-        for name in self.names:
-            tried = [self.evidence([name], {name: a})[0] for a in SIZES]
-            self.size[name], alone[name] = float(SIZES[np.argmax(tried)]), max(tried)
         odds = np.log(1 / max(len(self.names), 1))
-        some = sorted(self.names, key=lambda name: -alone[name])[:MOST]
+        alone, some = dict[str, float](), list[str]()
+        while len(some) < MOST and (others := [n for n in self.names if n not in some]):
+            gains = {name: self._gain(name, some) for name in others}
+            alone = alone or {name: gain for name, (gain, _) in gains.items()}
+            name = max(gains, key=lambda each: gains[each][0])
+            if gains[name][0] + odds < np.log(UNLIKELY):
+                break
+            self.size[name] = gains[name][1]
+            some.append(name)
         sets = []
         for bits in range(1 << len(some)):
             free = [name for k, name in enumerate(some) if bits >> k & 1]
@@ -162,6 +170,13 @@ class _Sets:
         values = dict(zip(free, np.split(x, ends), strict=True)) if free else {}
         covariance = (square - np.outer(mean, mean)) * scale * scale[:, None]
         return Comparison(alone, probability, tuple(free), mean * scale, covariance, values)
+
+    def _gain(self, name: str, free: Sequence[str]) -> tuple[float, float]:
+        """Return the evidence for a candidate beside others, and the size that it prefers."""
+        without = self.evidence(free, self.size)[0]
+        tried = [self.evidence([*free, name], {**self.size, name: a})[0] for a in SIZES]
+        best = int(np.argmax(tried))
+        return tried[best] - without, float(SIZES[best])
 
     def kept(
         self, index: NDArray[np.intp], L: NDArray[np.float64]

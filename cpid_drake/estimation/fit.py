@@ -1,9 +1,9 @@
 """The fit: maximum likelihood of all unknowns from all samples of one log or of many.
 
 Levenberg-Marquardt on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
-biases and joint motion move together. Samples that are far off weigh less, and the noise factor of
-each sensor, which is at least 1, comes from its residuals, once for every accepted step. A prior, or another result, is
-one more Gaussian in the sum.
+biases and joint motion move together. Samples that are far off weigh less, and each sensor has a
+noise factor of 1 or more; both come from the residuals, once for every accepted step. A prior, or
+another result, is one more Gaussian in the sum.
 
 Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (weights).
 """
@@ -96,7 +96,7 @@ def fit(
         values, logs = start_of(model, logs, values)
     now = _point(model, logs, values, rows)
     damping, growth, converged, sweeps = _FIRST_DAMPING, 2.0, False, 0
-    total = _prior(model, logs, values, rows)
+    total = prior_of(model, logs, values, rows)
     while sweeps < MOST_SWEEPS and not converged:
         if sweeps:
             logs = [reweighted(model, log, r) for log, r in zip(now.logs, now.rolled, strict=True)]
@@ -105,7 +105,7 @@ def fit(
             sweep(model, log, r, now.values) for log, r in zip(now.logs, now.rolled, strict=True)
         ]
         sweeps += 1
-        total = _prior(model, now.logs, now.values, rows)
+        total = prior_of(model, now.logs, now.values, rows)
         for each in swept:
             total = total.add(each.gaussian)
         scale = np.linalg.norm(total.R, axis=0)
@@ -166,7 +166,7 @@ def correlation_time(rest: NDArray[np.float64]) -> float:
     return max(1.0, 1 + 2 * float(pairs[:end].sum()))
 
 
-def _prior(
+def prior_of(
     model: Model, logs: Sequence[LogState], values: Values, rows: Sequence[Gaussian]
 ) -> Gaussian:
     """Return what is known without samples, about the present values."""
@@ -194,7 +194,7 @@ def _cost(
     rows: Sequence[Gaussian],
 ) -> float:
     """Return the sum of squares of all rows at the present values."""
-    prior = _prior(model, logs, values, rows)
+    prior = prior_of(model, logs, values, rows)
     samples = sum(r.cost(log) for log, r in zip(logs, rolled, strict=True))
     return samples + prior.cost(np.zeros(prior.size))
 

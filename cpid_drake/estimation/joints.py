@@ -25,7 +25,6 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 from cpid_drake.estimation.faults import Block
 from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, _basis
 from cpid_drake.estimation.likelihood.rounding import RoundedSamples, whitening
-from cpid_drake.estimation.square_root import triangle
 from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
 from cpid_drake.sensing.splines import DerivativeSamples
 from cpid_drake.sensing.suite import SensorSuite
@@ -119,7 +118,7 @@ class JointPart:
 def smooth_joints(
     blocks: Sequence[Block], suite: SensorSuite
 ) -> tuple[Smoothness, list[JointPart]]:
-    """Return the smoothness with the largest evidence, and the smoothed motion of successive blocks.
+    """Return the smoothness with the largest evidence, and the smoothed motion of all blocks.
 
     Args:
         blocks: successive blocks of one log.

@@ -1,8 +1,8 @@
 """Where a fit starts: linear least squares on the conservation of angular momentum.
 
 At about ten instants of every block, R_WB (J ω + h) = L about the system's centre of mass is linear
-in the target's ψ and in the L of each log; ω comes from the gyro or, without one, from the attitude.
-Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
+in the target's ψ and in the L of each log; ω comes from the gyro or, without one, from the
+attitude. Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
 """
 
 from collections.abc import Sequence
@@ -43,9 +43,8 @@ def start_of(
     """
     given = values or {}
     values = model.start([log.name for log in logs]) | given
-    psi, momenta = values[PSI], [np.zeros(3) for _ in logs]
-    if PSI not in given:
-        psi, momenta = _balanced(model, logs)
+    psi, momenta = _balanced(model, logs)
+    psi = given.get(PSI, psi)
     started = []
     for log, L in zip(logs, momenta, strict=True):
         block, joints = log.blocks[0], log.joints[0].evaluate(np.array([log.blocks[0].start]))

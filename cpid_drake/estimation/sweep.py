@@ -1,4 +1,4 @@
-"""One sweep through a log: all rows of all blocks, with everything that ends with a block eliminated.
+"""One sweep through a log: the rows of all blocks, without what ends with each block.
 
 `roll` predicts the samples of a log at given values. `sweep` goes through its blocks: the rows of a
 block are those known at its start, its links and its samples; QR eliminates what ends with it, and
@@ -10,6 +10,7 @@ are one Gauss-Newton step of all unknowns at once.
 Source: Bierman 1977, ch. V and X (square-root information filter and smoother).
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -188,7 +189,7 @@ def sweep(
     rolled: Rolled,
     values: Values,
     *,
-    carry: bool = False,
+    carry: Collection[int] = (),
     before: NDArray[np.float64] | None = None,
 ) -> Swept:
     """Linearize a log about given values.
@@ -198,12 +199,12 @@ def sweep(
         log: the log.
         rolled: its prediction at these values.
         values: the values.
-        carry: whether the changes at open links remain unknowns of the result, "link k".
+        carry: the open links whose changes remain unknowns of the result, "link k".
         before: rows of what is known at the start; default: the priors of a log's start.
 
     """
     carried = known_at_start(model, log, values) if before is None else before
-    n, g = _boundary_size(model), sum(u.size for u in model.table)
+    n = _boundary_size(model)
     walking, walk_sigma = _walking(model)
     steps: list[_Change | _Block] = []
     rho2, links = 0.0, list[int]()
@@ -216,7 +217,7 @@ def sweep(
         steps.append(_Change(columns, T[:m], kind, k))
         return T[m : m + len(carried), m:]
 
-    for k, (part, trajectory) in enumerate(zip(rolled.models, rolled.trajectories, strict=True)):
+    for k, part in enumerate(rolled.models):
         if part.motion.joints.is_kicked and k:
             columns = np.arange(n - ORDER * model.joint_count, n)[ORDER - 1 :: ORDER]
             carried = opened(columns, np.full(len(columns), KICK), _kick(log, k), "kick")
@@ -226,7 +227,7 @@ def sweep(
         if k < len(log.walks) and len(walking):
             sigma = walk_sigma * np.sqrt(log.blocks[k].length)
             carried = opened(n + walking, sigma, log.walks[k], "walk")
-        if k in log.links and carry:
+        if k in log.links and k in carry:
             carried, rest = _with_link(carried, log.links[k], log.jumps[k])
             rho2 += rest
             links.append(k)
@@ -407,7 +408,7 @@ def _first_bias(model: Model, log: LogState) -> NDArray[np.float64]:
 
 
 def _kick(log: LogState, k: int) -> NDArray[np.float64]:
-    """Return the present change (J,) of the joints' scaled accelerations at the start of block k."""
+    """Return the change (J,) of the joints' scaled accelerations at the start of block k."""
     after, before = log.joints[k].coefficients, log.joints[k - 1].coefficients
     return np.asarray(after[ORDER - 1] - before[-1])
 

@@ -45,7 +45,7 @@ class Unknown:
         mean: (size,) before the first sample.
         sigma: (size,) σ before the first sample.
         scope: what has it.
-        walk: σ of its change after 1 s, as a share of `sigma`; the prior is that of its first value.
+        walk: σ of its change after 1 s, as a share of `sigma`; the prior is that of the first value.
 
     """
 
@@ -70,7 +70,7 @@ class Model:
         suite: its sensors, with their errors.
         known_bodies: uncertainty of its bodies; None if they are exact.
         constants: the constant errors of the suite.
-        table: the unknowns in the order of their columns: constant errors, target, bodies, momentum.
+        table: the unknowns in the order of columns: constant errors, target, bodies, momentum.
         mass: nominal mass of the known bodies [kg].
         L_sigma: σ of an unknown angular momentum [N·m·s].
 

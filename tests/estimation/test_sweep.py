@@ -88,7 +88,7 @@ def residuals(model, log, values):
         for k, block in enumerate(rolled.residuals)
         for name, rest in block.items()
     ]
-    growth = [g.bias_growth for g in model.gyros][0]
+    growth = model.gyros[0].bias_growth
     for k, (block, part) in enumerate(zip(log.blocks, log.joints)):
         parts += [
             part.rest.ravel(),
@@ -179,7 +179,7 @@ def test_a_sweep_is_one_dense_problem(problem):
     """Mean and covariance of the target, the hardware and the log; and the predicted χ²."""
     model, log, values = problem
     step, covariance, cost = dense(model, log, values)
-    swept, total = swept_with_priors(model, log, values)
+    _, total = swept_with_priors(model, log, values)
     n = sum(u.size for u in model.table if u.name != MOMENTUM_OF_LOG)
     names = [u.key(log.name) for u in model.table]
     found, P = total.solve()[total.indices(names)], total.covariance()
@@ -204,7 +204,8 @@ def test_the_way_back_finds_all_other_unknowns(problem):
     after = {name: value + parts[name] for name, value in values.items()}
     found = np.sum(residuals(model, moved, after) ** 2)
     predicted = total.cost(step)
-    assert predicted < found + 1 and found - predicted < 0.02 * (before - predicted)
+    assert predicted < found + 1
+    assert found - predicted < 0.02 * (before - predicted)
 
 
 def test_what_is_known_at_the_start_is_its_prior(problem):

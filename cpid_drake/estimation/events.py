@@ -1,0 +1,149 @@
+"""Changes of momentum that nothing models, each at the end of a block.
+
+A firing, a contact or a push changes attitude, centre of mass, L and v between two blocks by any
+amount (12 entries). With the ends of all blocks open, every change is an unknown of one fit, and
+`evidence.compare` decides which of them are not zero: by the same criterion as for errors of the
+sensors. The blocks beside a change are cut into parts, so that a change inside a block has an end
+near it, and all ends are judged once more.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from cpid_drake.estimation.evidence import Comparison, compare
+from cpid_drake.estimation.fit import Fit, fit, prior_of
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.sweep import roll, sweep
+from cpid_drake.estimation.unknowns import PSI, Model
+
+PARTS = 4
+"""A block beside a change is cut into so many parts."""
+
+ROUNDS = 2
+"""All ends are judged so many times: of whole blocks, then with parts beside the changes."""
+
+TOGETHER = 40
+"""Number of ends that are judged at once."""
+
+FARTHEST = (0.5, 1.0, 1.0)
+"""σ of a change of attitude [rad], of the centre of mass [m] and of its velocity [m/s]."""
+
+_HELD = (0, 1, 5, 6, 7, 11)  # entries that a table holds: tilt, height, and their momenta
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """A change of momentum.
+
+    Attributes:
+        log: name of the log.
+        time: the end of the block at which it was found [s].
+        resolution: length of the blocks beside it [s].
+
+    """
+
+    log: str
+    time: float
+    resolution: float
+
+
+def fit_with_events(
+    model: Model, found: Fit, rows: Sequence[Gaussian] = ()
+) -> tuple[Fit, list[Event]]:
+    """Return a fit with the changes of momentum that its samples show, and these.
+
+    Args:
+        model: the unknowns.
+        found: a fit without changes, which is returned if the samples show none.
+        rows: further information about unknowns; see `fit`.
+
+    Raises:
+        InputError: no motion can be predicted.
+
+    """
+    quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
+    if not any(_changes(model, replace(found, logs=quiet), rows)):
+        return found, []
+    now, wide = found, found
+    for last in [False] * (ROUNDS - 1) + [True]:
+        logs = [_opened(model, log, range(len(log.blocks) - 1)) for log in now.logs]
+        wide = fit(model, logs, rows=rows, values=now.values)
+        changes = _changes(model, wide, rows)
+        if last or not any(changes):
+            break
+        cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
+        now = replace(wide, logs=cut)
+    logs = [_opened(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
+    events = [
+        Event(log.name, float(log.blocks[k].end), max(b.length for b in log.blocks[k : k + 2]))
+        for log, each in zip(logs, changes, strict=True)
+        for k in each
+    ]
+    return fit(model, logs, rows=rows, values=wide.values), events
+
+
+def _changes(model: Model, found: Fit, rows: Sequence[Gaussian]) -> list[list[int]]:
+    """Return of each log the blocks at whose ends something changed."""
+    result = []
+    for log in found.logs:
+        ends, best = list(range(len(log.blocks) - 1)), list[int]()
+        rolled = roll(model, log, found.values)
+        for first in range(0, len(ends), TOGETHER):
+            judged = ends[first : first + TOGETHER]
+            opened = _opened(model, log, {*log.links, *judged})
+            carried = sweep(model, opened, rolled, found.values, carry=judged)
+            compared = _compared(model, opened, found, carried.gaussian, judged, rows)
+            best += [k for k in judged if _name(k, log) in compared.best]
+        result.append(best)
+    return result
+
+
+def _compared(
+    model: Model,
+    log: LogState,
+    found: Fit,
+    gaussian: Gaussian,
+    ends: Sequence[int],
+    rows: Sequence[Gaussian],
+) -> Comparison:
+    """Return the comparison of changes at some ends of a log."""
+    total = prior_of(model, [log], found.values, rows).add(gaussian)
+    names = {_name(k, log): k for k in ends}
+    about = [
+        log.jumps[names[name]] if name in names else np.zeros(size)
+        for name, size in total.sizes.items()
+    ]
+    candidates = {name: log.links[k] for name, k in names.items()}
+    held = {} if model.tree.normal_B is None else dict.fromkeys(names, _HELD)
+    return compare(total.moved(-np.concatenate(about)), candidates, [PSI], held)
+
+
+def _opened(model: Model, log: LogState, ends: Sequence[int] | set[int] | range) -> LogState:
+    """Return a log that is open at the ends of some blocks, and closed at all others."""
+    turn, place, speed = FARTHEST
+    sigma = np.repeat([turn, place, model.L_sigma, speed], 3)
+    jumps = {k: log.jumps.get(k, np.zeros(12)) for k in sorted(ends)}
+    return replace(log, links=dict.fromkeys(jumps, sigma), jumps=jumps)
+
+
+def _cut(model: Model, log: LogState, changes: Sequence[int]) -> LogState:
+    """Return a log whose blocks beside the changes are cut into parts, to be fitted anew."""
+    if not changes:
+        return log
+    blocks = []
+    for k, block in enumerate(log.blocks):
+        if k in changes or k - 1 in changes:
+            edges = np.linspace(block.start, block.end, PARTS + 1)
+            edges[-1] = block.end
+            blocks += [block.part(a, b) for a, b in pairwise(edges.tolist())]
+        else:
+            blocks.append(block)
+    return LogState.of_blocks(model, blocks, log.name)
+
+
+def _name(k: int, log: LogState) -> str:
+    return f"link {k}|{log.name}"
