@@ -45,7 +45,7 @@ class Unknown:
         mean: (size,) before the first sample.
         sigma: (size,) σ before the first sample.
         scope: what has it.
-        walk: σ of its change after 1 s, as a share of `sigma`; the prior is that of the first value.
+        walk: σ of its change after 1 s, as a share of `sigma`; the prior is of the first value.
 
     """
 

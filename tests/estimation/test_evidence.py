@@ -43,23 +43,28 @@ def test_probabilities_and_average_are_those_of_the_data():
         P = np.linalg.inv(A[:, index].T @ A[:, index] + np.diag(sigma**-2))
         return value, P @ A[:, index].T @ d, P
 
+    nothing = log_density([], {})[0]
     best = {}
-    for name in places:
-        tried = [log_density([name], {name: a})[0] for a in SIZES]
+    for name in ["zero", "scale", "delay"]:  # the one that acts first, the others beside it
+        others = ["zero"] if best else []
+        tried = [log_density([*others, name], best | {name: a})[0] for a in SIZES]
         best[name] = SIZES[np.argmax(tried)]
-        expected = max(tried) - log_density([], {})[0] - np.log(1 / 3)
-        assert found.alone[name] == pytest.approx(expected)
+        alone = max(log_density([name], {name: a})[0] for a in SIZES)
+        assert found.alone[name] == pytest.approx(alone - nothing - np.log(1 / 3))
     sets = [list(s) for n in range(4) for s in itertools.combinations(places, n)]
     every = [log_density(free, best) for free in sets]
     weight = np.exp([value - max(v for v, _, _ in every) for value, _, _ in every])
     weight /= weight.sum()
     mean = sum(w * x[:2] for w, (_, x, _) in zip(weight, every))
     square = sum(w * (P[:2, :2] + np.outer(x[:2], x[:2])) for w, (_, x, P) in zip(weight, every))
-    np.testing.assert_allclose(found.mean, mean, rtol=1e-6)
-    np.testing.assert_allclose(found.covariance, square - np.outer(mean, mean), rtol=1e-4)
+    covariance = square - np.outer(mean, mean)
+    np.testing.assert_allclose(found.mean, mean, rtol=0, atol=1e-3 * np.sqrt(covariance[0, 0]))
+    np.testing.assert_allclose(
+        found.covariance, covariance, rtol=1e-2, atol=1e-2 * covariance.max()
+    )
     for name in places:
         expected = sum(w for w, free in zip(weight, sets) if name in free)
-        assert found.probability[name] == pytest.approx(expected, abs=1e-9)
+        assert found.probability[name] == pytest.approx(expected, abs=2e-3)
     assert list(found.best) == sets[int(np.argmax(weight))] == ["zero"]
 
 
