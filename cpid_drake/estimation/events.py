@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpid_drake.estimation.evidence import Comparison, compare
 from cpid_drake.estimation.fit import Fit, fit, prior_of
@@ -124,10 +125,14 @@ def _compared(
 
 def _opened(model: Model, log: LogState, ends: Sequence[int] | set[int] | range) -> LogState:
     """Return a log that is open at the ends of some blocks, and closed at all others."""
-    turn, place, speed = FARTHEST
-    sigma = np.repeat([turn, place, model.L_sigma, speed], 3)
     jumps = {k: log.jumps.get(k, np.zeros(12)) for k in sorted(ends)}
-    return replace(log, links=dict.fromkeys(jumps, sigma), jumps=jumps)
+    return replace(log, links=dict.fromkeys(jumps, farthest(model)), jumps=jumps)
+
+
+def farthest(model: Model) -> NDArray[np.float64]:
+    """Return σ (12,) of a change of attitude, centre of mass, L and v."""
+    turn, place, speed = FARTHEST
+    return np.repeat([turn, place, model.L_sigma, speed], 3)
 
 
 def _cut(model: Model, log: LogState, changes: Sequence[int]) -> LogState:

@@ -168,7 +168,7 @@ def joint_part(
     data = np.dstack([w.T[..., None] * A, (w * y).T])
 
     def rows_of(data: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        T = _triangles(np.concatenate([jerk, data / smoothness.noise[:, None, None]], axis=1))
+        T = triangles(np.concatenate([jerk, data / smoothness.noise[:, None, None]], axis=1))
         return T[:, :K, :K], T[:, :K, K]
 
     rows, target = rows_of(data)
@@ -190,7 +190,7 @@ def smoothed(parts: Sequence[JointPart]) -> list[JointPart]:
     for part in parts:
         if part.is_kicked:
             carried = opened(carried)
-        factors.append(_triangles(joined(carried, part)))
+        factors.append(triangles(joined(carried, part)))
         carried = factors[-1][:, part.size - ORDER : part.size, part.size - ORDER :]
     end = np.stack([np.linalg.lstsq(T[:, :-1], T[:, -1], rcond=1e-12)[0] for T in carried])
     result = []
@@ -222,7 +222,7 @@ def opened(carried: NDArray[np.float64]) -> NDArray[np.float64]:
     rows = np.zeros((J, ORDER + 1, ORDER + 2))
     rows[:, 0, 0] = 1 / KICK
     rows[:, 1:, 0], rows[:, 1:, 1:] = -carried[:, :, ORDER - 1], carried
-    return _triangles(rows)[:, 1 : ORDER + 1, 1:]
+    return triangles(rows)[:, 1 : ORDER + 1, 1:]
 
 
 def _before_change(
@@ -238,7 +238,7 @@ def _before_change(
     return result
 
 
-def _triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the upper triangles (J, n, n) of rows (J, M, n)."""
     J, M, n = rows.shape
     if n > M:

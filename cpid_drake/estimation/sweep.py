@@ -88,7 +88,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
     tree = model.tree_with(values.get(BODIES))
     psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
     last = constants_of(model, log, values)
-    walking, sigma = _walking(model)
+    walking, sigma = walking_columns(model)
     state, links = log.start, float(np.sum(_first_values(model, log, values) ** 2))
     assert state is not None
     still_to_come = np.sum(log.walks, axis=0) if log.walks else np.zeros(len(walking))
@@ -204,15 +204,15 @@ def sweep(
 
     """
     carried = known_at_start(model, log, values) if before is None else before
-    n = _boundary_size(model)
-    walking, walk_sigma = _walking(model)
+    n = boundary_size(model)
+    walking, walk_sigma = walking_columns(model)
     steps: list[_Change | _Block] = []
     rho2, links = 0.0, list[int]()
 
     def opened(
         columns: NDArray[np.intp], sigma: NDArray[np.float64], now: NDArray[np.float64], kind: str
     ) -> NDArray[np.float64]:
-        T = _with_change(carried, columns, sigma, now)
+        T = with_change(carried, columns, sigma, now)
         m = len(columns)
         steps.append(_Change(columns, T[:m], kind, k))
         return T[m : m + len(carried), m:]
@@ -245,7 +245,7 @@ def known_at_start(model: Model, log: LogState, values: Values) -> NDArray[np.fl
     L and v are the log's momentum, the biases and what walks have their priors, and joints,
     attitude and centre of mass are open.
     """
-    n, places = _boundary_size(model), model.places
+    n, places = boundary_size(model), model.places
     rows = np.zeros((n, n + sum(u.size for u in model.table) + 1))
     sigma = np.full(n, 1e6)
     sigma[:3], sigma[3:6] = START["attitude"], START["p_Wcm"]
@@ -255,7 +255,7 @@ def known_at_start(model: Model, log: LogState, values: Values) -> NDArray[np.fl
     rows[:, :n] = np.diag(1 / sigma)
     rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])
     rows[bias, -1] = -_first_bias(model, log).ravel() / sigma[bias]
-    walking, _ = _walking(model)
+    walking, _ = walking_columns(model)
     first = np.zeros((len(walking), rows.shape[1]))
     first[np.arange(len(walking)), n + walking] = 1.0
     first[:, -1] = -_first_values(model, log, values)
@@ -273,7 +273,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
 
     """
     g = np.concatenate([step[name] for name in swept.gaussian.places])
-    n, tail = _boundary_size(model), swept.boundary
+    n, tail = boundary_size(model), swept.boundary
     x = solve_triangular(tail[:, :n], tail[:, -1] - tail[:, n:-1] @ g)
     x = np.concatenate([x, g])
     bias, joints, walks, jumps = list(log.bias), list(log.joints), list(log.walks), {**log.jumps}
@@ -323,7 +323,7 @@ def _eliminated(
     r = [log.weighted(k, name, each).ravel() for name, each in residuals.items()]
     w = [np.repeat(log.scale(k, n, len(e)), e.shape[1]) for n, e in residuals.items()]
     J = np.concatenate([np.empty(0), *w])[:, None] * J
-    n, known, total = _boundary_size(model), J.shape[1], carried.shape[1] - 1
+    n, known, total = boundary_size(model), J.shape[1], carried.shape[1] - 1
     first = psi.start - model.constants.size  # of the unknowns that outlive the block
     outside = n + known - first  # columns of carried that are no columns of the block's model
     rows = np.zeros((len(carried) + len(rest) + len(J), known + total - outside + 1))
@@ -348,7 +348,7 @@ def _eliminated(
     return block, T[g : g + kept, g:], float(np.sum(T[g + kept :, -1] ** 2))
 
 
-def _with_change(
+def with_change(
     carried: NDArray[np.float64],
     columns: NDArray[np.intp],
     sigma: NDArray[np.float64],
@@ -374,12 +374,12 @@ def _with_link(
     return T[:-1], float(T[-1, -1]) ** 2
 
 
-def _boundary_size(model: Model) -> int:
+def boundary_size(model: Model) -> int:
     """Return the number of entries at a boundary: attitude, p, L, v, biases, joints."""
     return 12 + 3 * len(model.gyros) + ORDER * model.joint_count
 
 
-def _walking(model: Model) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def walking_columns(model: Model) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return the columns of the constants that walk, and σ of their change after 1 s."""
     places = model.places
     columns = [np.r_[places[u.name]] for u in model.walking]
