@@ -50,6 +50,12 @@ WELL_KNOWN = 1e-3
 UNLIKELY = 6.0
 """A block whose χ² is above its expectation by so many σ is not explained by its noise."""
 
+CURVED = 0.1
+"""χ² above its linear prediction by less than this: the block is linear about its solution."""
+
+MOST_SWEEPS = 6
+"""A block is linearized so many times before it is, at its solution, once more."""
+
 HALVINGS = 3
 """A block that nothing explains is halved so many times."""
 
@@ -110,7 +116,7 @@ class OnlineState:
 def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     """Return the state after one more block.
 
-    The work is bounded: one fit of the window, or at most 2^`HALVINGS` + 1 sweeps of parts.
+    The work is bounded: one fit of the window, or that of at most 2^(`HALVINGS` + 1) parts.
 
     Args:
         model: the unknowns.
@@ -203,7 +209,7 @@ class _Solved:
 
 
 def _solved(model: Model, known: Known, block: Block, *, is_open: bool) -> _Solved:
-    """Return a block's solution: linearized at the filtered start, then at the solution."""
+    """Return a block's solution, linearized there."""
     n = boundary_size(model)
     track, rows = known.track, known.rows
     joints = slice(n - ORDER * model.joint_count, n)
@@ -227,18 +233,21 @@ def _solved(model: Model, known: Known, block: Block, *, is_open: bool) -> _Solv
         known.values,
     )
     names = [unknown.key(NAME) for unknown in model.table]
-    for is_last in (False, True):
-        rolled = roll(model, log, values)
+    rolled = roll(model, log, values)
+    for _ in range(MOST_SWEEPS):
         swept = sweep(model, log, rolled, values, before=rows)
-        if is_last:
-            break
-        g = swept.gaussian.solve()
+        predicted, g = swept.gaussian.rho2, swept.gaussian.solve()
         change = {name: g[swept.gaussian.places[name]] for name in names}
         better = back(model, log, swept, change)
         shift = np.concatenate([_boundary_step(model, log, better), g])
         rows = rows.copy()
         rows[:, -1] -= rows[:, :-1] @ shift
         log, values = better, {name: values[name] + change[name] for name in names}
+        rolled = roll(model, log, values)
+        found = rolled.cost_inside(log) + float(np.sum(rows[:, -1] ** 2))
+        if found - predicted < CURVED:
+            break
+    swept = sweep(model, log, rolled, values, before=rows)
     return _Solved(values, log, rolled, swept, track)
 
 

@@ -45,7 +45,8 @@ class Rolled:
     Attributes:
         models, trajectories: of each block.
         residuals: of each block: (M, d) in units of the declared σ, by sensor.
-        links: sum of squares of all rows that are no samples of the base.
+        links: sum of squares of all rows inside of the log that are no samples of the base.
+        start: sum of squares of what is known at its start.
         by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
             coordinates.
 
@@ -55,10 +56,15 @@ class Rolled:
     trajectories: list[Trajectory]
     residuals: list[dict[str, NDArray[np.float64]]]
     links: float
+    start: float
     by_psi: NDArray[np.float64]
 
     def cost(self, log: LogState) -> float:
         """Return the sum of squares of all rows of a log."""
+        return self.start + self.cost_inside(log)
+
+    def cost_inside(self, log: LogState) -> float:
+        """Return the sum of squares of all rows of a log but those at its start."""
         samples = (
             np.sum(log.weighted(k, name, rest) ** 2)
             for k, block in enumerate(self.residuals)
@@ -89,7 +95,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
     psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
     last = constants_of(model, log, values)
     walking, sigma = walking_columns(model)
-    state, links = log.start, float(np.sum(_first_values(model, log, values) ** 2))
+    state, links = log.start, 0.0
     assert state is not None
     still_to_come = np.sum(log.walks, axis=0) if log.walks else np.zeros(len(walking))
     models, trajectories, residuals = [], [], []
@@ -120,8 +126,9 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         if k in log.links:
             state = _jumped(state, log.jumps[k])
             links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))
-    links += float(np.sum((_first_bias(model, log) / _bias_sigma(model)[:, None]) ** 2))
-    return Rolled(models, trajectories, residuals, links, by_psi)
+    start = float(np.sum(_first_values(model, log, values) ** 2))
+    start += float(np.sum((_first_bias(model, log) / _bias_sigma(model)[:, None]) ** 2))
+    return Rolled(models, trajectories, residuals, links, start, by_psi)
 
 
 @dataclass(frozen=True, eq=False)

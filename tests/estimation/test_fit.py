@@ -1,0 +1,210 @@
+"""The fit of all unknowns: its minimum, noise that is larger than declared, changes, and online."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from block_cases import fired, make_case
+from sensing_cases import MOMENTUM, coarse_suite, true_psi
+
+from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.events import fit_with_events
+from cpid_drake.estimation.evidence import compare
+from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.online import OnlineState, step
+from cpid_drake.estimation.trajectory_fit import blocks_of
+from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
+from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.studies.trials import Firing
+
+SUITE = coarse_suite()
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory, skewed_target):
+    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, None, 6.0)
+
+
+@pytest.fixture(scope="module")
+def tumbling(tmp_path_factory, skewed_target):
+    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, MOMENTUM, 6.0)
+
+
+def fitted(case, seed=0, samples=None, suite=None, **options):
+    suite = suite or case.suite
+    model = Model(case.craft.tree, suite)
+    samples = add_noise(case.suite, case.samples if samples is None else samples, seed)
+    return fit(model, [LogState.of(model, samples)], **options)
+
+
+def target(gaussian, values, at_rest=False):
+    """Return ψ and its covariance; with a momentum of zero, or whatever it is."""
+    if at_rest:
+        name = next(n for n in values if n.startswith(OF_LOG))
+        gaussian = gaussian.condition({name: -values[name]})
+    found = gaussian.marginal([PSI])
+    return values[PSI] + found.solve(), found.covariance()
+
+
+def nees(case, psi, covariance):
+    error = psi - true_psi(case.craft, case.target)
+    return error @ np.linalg.solve(covariance, error)
+
+
+def test_errors_are_as_large_as_they_say(case, tumbling):
+    """NEES of ten unknowns over eight logs, at rest and tumbling: 10 ± 3.2 at 99 %."""
+    found = [fitted(each, seed) for each in (case, tumbling) for seed in range(4)]
+    assert all(each.converged and each.sweeps <= 6 for each in found)
+    cases = 4 * [case] + 4 * [tumbling]
+    values = [nees(c, *target(f.gaussian, f.values)) for c, f in zip(cases, found)]
+    assert 6.5 < np.mean(values) < 14.5
+
+
+@pytest.mark.parametrize("factor", [0.01, 0.2, 8.0])
+def test_the_minimum_does_not_depend_on_the_start(case, factor):
+    """A target from a hundredth to eight times the true one."""
+    found = fitted(case)
+    model = found.model
+    log = LogState.of(model, add_noise(case.suite, case.samples, 0))
+    other = fit(model, [log], values={PSI: factor * true_psi(case.craft, case.target)})
+    psi, covariance = target(found.gaussian, found.values)
+    again, _ = target(other.gaussian, other.values)
+    assert other.converged
+    assert np.abs((again - psi) / np.sqrt(np.diag(covariance))).max() < 0.05
+
+
+def test_two_logs_share_the_target_and_keep_their_momenta(case, tumbling):
+    """Together they know what the sum of their information is."""
+    model = Model(case.craft.tree, SUITE)
+    logs = [
+        LogState.of(model, add_noise(SUITE, each.samples, k), f"log {k}")
+        for k, each in enumerate((case, tumbling))
+    ]
+    both = fit(model, logs)
+    assert both.converged
+    assert nees(case, *target(both.gaussian, both.values)) < 30
+    alone = [fit(model, [log]) for log in logs]
+    prior = np.diag(next(u.sigma for u in model.table if u.name == PSI) ** -2.0)
+    information = [np.linalg.inv(target(each.gaussian, each.values)[1]) for each in alone]
+    expected = np.linalg.inv(sum(information) - prior)
+    found = target(both.gaussian, both.values)[1]
+    np.testing.assert_allclose(np.diag(found), np.diag(expected), rtol=0.05)
+    names = {name for name in both.values if name.startswith(OF_LOG)}
+    assert names == {"momentum|log 0", "momentum|log 1"}
+    assert np.linalg.norm(both.values["momentum|log 1"][:3]) > 10
+
+
+def test_noise_that_is_larger_than_declared_widens_the_intervals(case):
+    """Three times in every sensor of the base: found, and errors are as large as they say."""
+    louder = replace(
+        SUITE,
+        attitude=AttitudeSensor(5.0, 15.0, 120.0, np.array([0.0, 0.6, 0.8])),
+        gyro=replace(SUITE.gyro, angle_random_walk=3 * SUITE.gyro.angle_random_walk),
+        position=VectorSensor(5.0, 3e-3),
+    )
+    squares = []
+    for seed in range(4):
+        samples = add_noise(louder, case.samples, seed)
+        model = Model(case.craft.tree, SUITE)
+        found = fit(model, [LogState.of(model, samples)])
+        noise = found.logs[0].noise
+        assert 2.0 < min(noise.values()) <= max(noise.values()) < 4.0
+        squares.append(nees(case, *target(found.gaussian, found.values)))
+    assert np.mean(squares) < 18
+
+
+def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target):
+    """5 Hz, gaps of 1 to 2 s in the joints, noise three times the declared one, no gyro."""
+    declared = coarse_suite(
+        gyro=None, encoders=JointSensor(5.0, 1e-3), attitude=AttitudeSensor(5.0, 60.0, 60.0)
+    )
+    real = replace(
+        declared, encoders=JointSensor(5.0, 3e-3), attitude=AttitudeSensor(5.0, 180.0, 180.0)
+    )
+    case = make_case(tmp_path, skewed_target, real, None, 30.0)
+    samples = add_noise(real, case.samples, 1)
+    e = samples.encoders
+    kept = ~(((e.time > 6.1) & (e.time < 7.2)) | ((e.time > 15.1) & (e.time < 17.0)))
+    thinned = {**samples.samples, "encoders": Samples(e.time[kept], e.value[kept])}
+    model = Model(case.craft.tree, declared)
+    found = fit(model, [LogState.of(model, Measurements(samples.joint_names, thinned))])
+    assert found.converged
+    assert found.sweeps <= 25
+    np.testing.assert_allclose(found.logs[0].smoothness.noise, 3.0, rtol=0.3)
+    assert nees(case, *target(found.gaussian, found.values)) < 30
+
+
+def test_a_small_momentum_is_in_the_interval(tmp_path, skewed_target):
+    """Free or zero, each by its evidence: no momentum makes the target wrong by many σ."""
+    for size in (1e-3, 1e-2, 0.3):
+        momentum_W = size * np.array([-0.35, -0.64, -1.08, 0.0, 0.0, 0.0])
+        case = make_case(tmp_path, skewed_target, SUITE, momentum_W, 5.0)
+        found = fitted(case, 1)
+        values = np.concatenate([found.values[name] for name in found.gaussian.places])
+        sigma = {f"{OF_LOG}|log": found.model.table[-1].sigma}
+        average = compare(found.gaussian.moved(-values), sigma, [PSI])
+        assert nees(case, average.mean, average.covariance) < 30
+        at_zero = target(found.gaussian, found.values, at_rest=True)
+        assert size < 0.1 or nees(case, *at_zero) > 1000
+
+
+def test_a_firing_inside_of_a_block_is_found(case):
+    firing = Firing(3.37, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
+    closed = fitted(case, samples=fired(case, firing))
+    found, events = fit_with_events(closed.model, closed)
+    assert found.converged
+    assert 1 <= len(events) <= 2
+    assert min(abs(event.time - 3.37) for event in events) < 0.3
+    assert nees(case, *target(found.gaussian, found.values)) < 30
+    assert nees(case, *target(closed.gaussian, closed.values)) > 2 * 30 or not closed.converged
+
+
+def test_nothing_happened_in_a_clean_log(case):
+    for seed in range(2):
+        closed = fitted(case, seed)
+        found, events = fit_with_events(closed.model, closed)
+        assert found is closed
+        assert events == []
+
+
+def online(case, samples):
+    model = Model(case.craft.tree, SUITE)
+    state = OnlineState()
+    for block in blocks_of(BlockQueue.of(SUITE), [samples]):
+        state = step(model, state, block)
+    return model, state
+
+
+def test_online_is_the_fit_of_all_samples(case):
+    samples = add_noise(SUITE, case.samples, 2)
+    model, state = online(case, samples)
+    found = fit(model, [LogState.of(model, samples)])
+    psi, covariance = target(found.gaussian, found.values, at_rest=True)
+    again, same = target(state.gaussian(model), state.values, at_rest=True)
+    sigma = np.sqrt(np.diag(covariance))
+    assert np.abs((again - psi) / sigma).max() < 0.3
+    np.testing.assert_allclose(np.sqrt(np.diag(same)), sigma, rtol=0.05)
+    assert state.events == ()
+
+
+def test_online_a_firing_is_found_and_the_target_remains_right(case):
+    firing = Firing(4.37, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
+    model, state = online(case, add_noise(SUITE, fired(case, firing), 3))
+    assert state.known is not None
+    assert len(state.events) == 1
+    assert abs(state.events[0] - 4.37) < 0.5
+    assert nees(case, *target(state.gaussian(model), state.values)) < 30
+
+
+def test_a_gyro_with_a_walking_bias_in_other_units_of_time(tmp_path, skewed_target):
+    """A bias that walks fast has nodes at both ends of every block."""
+    suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 50.0))
+    case = make_case(tmp_path, skewed_target, suite, None, 5.0)
+    found = fitted(case, 1)
+    assert found.converged
+    assert all(len(bias) == 2 for bias in found.logs[0].bias)
+    assert nees(case, *target(found.gaussian, found.values)) < 30

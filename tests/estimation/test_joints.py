@@ -1,0 +1,152 @@
+"""The joints as smoothing splines: one dense problem, noise and jerk of the log, gaps, outliers."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cpid_drake.estimation.faults import Block, after
+from cpid_drake.estimation.joints import Smoothness, joint_part, smooth_joints, smoothed
+from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.sensors import JointSensor
+from cpid_drake.sensing.suite import SensorSuite
+
+SIGMA, RATE_SIGMA = 1e-4, 1e-3
+SUITE = SensorSuite(encoders=JointSensor(50.0, SIGMA), joint_rates=JointSensor(20.0, RATE_SIGMA))
+FREQUENCY = 2 * np.pi * np.array([0.15, 0.3, 0.5])
+
+
+def motion(times, derivative=0):
+    """Three joints, each a sine of its own frequency."""
+    phase = FREQUENCY * np.asarray(times)[:, None] + derivative * np.pi / 2
+    return 0.4 * FREQUENCY**derivative * np.sin(phase)
+
+
+def log(seed=0, duration=6.0, rate=50.0, noise=1.0, gaps=(), rates=True):
+    """Return samples of the motion; `gaps` are times without samples."""
+    rng = np.random.default_rng(seed)
+    samples = {}
+    for name, step, sigma, derivative in (
+        ("encoders", 1 / rate, SIGMA, 0),
+        ("joint_rates", 0.05, RATE_SIGMA, 1),
+    ):
+        t = np.arange(0, duration + 1e-9, step)
+        for start, end in gaps:
+            t = t[(t < start) | (t > end)]
+        value = motion(t, derivative) + noise * sigma * rng.normal(size=(len(t), 3))
+        samples[name] = Samples(t, value)
+    if not rates:
+        del samples["joint_rates"]
+    return Measurements(("a", "b", "c"), samples)
+
+
+def blocks_of(samples, length=1.0, kicked=()):
+    end = float(samples.encoders.time[-1])
+    edges = np.append(np.arange(-1e-7, end - 0.5 * length, length), end + 1e-7)
+    return [
+        Block(a, b, after(samples, a, b), is_kicked=k in kicked)
+        for k, (a, b) in enumerate(pairwise(edges.tolist()))
+    ]
+
+
+def evaluated(parts, times, derivative=0):
+    values = [
+        part.basis(times[(times > part.start) & (times <= part.end)], derivative)
+        @ part.coefficients
+        for part in parts
+    ]
+    return np.concatenate(values)
+
+
+@pytest.mark.parametrize("kicked", [(), (2,)])
+def test_blocks_that_follow_each_other_are_one_least_squares_problem(kicked):
+    """With positions, rates and accelerations in common; a kick changes the accelerations."""
+    samples = log(duration=4.0)
+    blocks = blocks_of(samples, kicked=kicked)
+    smoothness = Smoothness(3.0, np.full(3, 2.0), np.ones(3))
+    parts = [joint_part(block, SUITE, smoothness) for block in blocks]
+    sizes = [part.size for part in parts]
+    first = np.cumsum([0, *(size - ORDER for size in sizes)])
+    n = first[-1] + ORDER
+    for j in range(3):
+        A, b = [], []
+        for part, start in zip(parts, first):
+            rows = np.zeros((part.size, n + len(kicked)))
+            rows[:, start : start + part.size] = part.rows[j]
+            if part.is_kicked:  # the acceleration at the start is another one, by up to 1
+                rows[:, n] = part.rows[j][:, ORDER - 1]
+            A.append(rows)
+            b.append(part.target[j])
+        A += [np.eye(n + len(kicked))[n:]]
+        b += [np.zeros(len(kicked))]
+        c = np.linalg.lstsq(np.vstack(A), np.concatenate(b), rcond=None)[0]
+        for part, found, start in zip(parts, smoothed(parts), first):
+            expected = c[start : start + part.size].copy()
+            if part.is_kicked:
+                expected[ORDER - 1] += c[n]
+            np.testing.assert_allclose(found.coefficients[:, j], expected, atol=1e-3 * SIGMA)
+
+
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+def test_noise_and_errors_are_those_of_the_log(noise):
+    """The noise factor is found, and positions are much better than single samples."""
+    samples = log(noise=noise)
+    smoothness, parts = smooth_joints(blocks_of(samples), SUITE)
+    np.testing.assert_allclose(smoothness.noise, noise, rtol=0.12)
+    t = np.linspace(0.1, 5.9, 200)
+    errors = evaluated(parts, t) - motion(t)
+    assert np.sqrt(np.mean(errors**2)) < 0.5 * noise * SIGMA
+
+
+def test_a_faster_joint_has_a_larger_jerk():
+    smoothness, _ = smooth_joints(blocks_of(log()), SUITE)
+    size = np.sqrt(np.mean(motion(np.arange(0, 6, 0.01), 3) ** 2, axis=0))
+    assert (np.diff(smoothness.jerk) > 0).all()
+    assert ((smoothness.jerk > 0.2 * size) & (smoothness.jerk < 5 * size)).all()
+
+
+def test_gaps_are_bridged_without_ringing():
+    """Few samples, larger noise, gaps: errors as large as their σ, accelerations as true ones."""
+    suite = SensorSuite(encoders=JointSensor(5.0, SIGMA))
+    squares = []
+    for seed in range(4):
+        gaps = [(3.1, 4.3), (11.1, 12.9), (20.3, 21.5)]
+        samples = log(seed, duration=30.0, rate=5.0, noise=3.0, gaps=gaps, rates=False)
+        _, parts = smooth_joints(blocks_of(samples, 4.0), suite)
+        t = np.linspace(0.5, 29.5, 400)
+        acceleration = evaluated(parts, t, 2)
+        assert np.abs(acceleration).max() < 2 * np.abs(motion(t, 2)).max()
+        for part in parts:
+            at = np.linspace(part.start + 0.2, part.end - 0.2, 5)
+            error = part.evaluate(at)[:, 0] - motion(at)
+            for j in range(3):
+                basis = part.basis(at)
+                spread = np.linalg.norm(np.linalg.solve(part.rows[j].T, basis.T), axis=0)
+                squares.append(np.mean((error[:, j] / spread) ** 2))
+    assert np.mean(squares) < 2.0
+
+
+def test_outliers_do_not_pull_the_motion():
+    clean = log(rates=False)
+    value = clean.encoders.value.copy()
+    rng = np.random.default_rng(1)
+    for j in range(3):
+        value[rng.choice(len(value), 6, replace=False), j] += 40 * SIGMA
+    spoiled = Measurements(clean.joint_names, encoders=Samples(clean.encoders.time, value))
+    suite = SensorSuite(encoders=JointSensor(50.0, SIGMA))
+    t = np.linspace(0.1, 5.9, 200)
+    motions = [evaluated(smooth_joints(blocks_of(each), suite)[1], t) for each in (clean, spoiled)]
+    assert np.abs(motions[1] - motions[0]).max() < 3 * SIGMA
+    smoothness, _ = smooth_joints(blocks_of(spoiled), suite)
+    assert (smoothness.noise < 2).all()
+
+
+def test_a_block_without_samples_is_part_of_the_motion():
+    samples = log(gaps=[(2.01, 2.99)])
+    blocks = blocks_of(samples)
+    assert any(not len(block.samples.encoders) for block in blocks_of(samples, 0.5))
+    for cut in (blocks, blocks_of(samples, 0.5)):
+        _, parts = smooth_joints(cut, SUITE)
+        t = np.linspace(2.1, 2.9, 9)
+        assert np.abs(evaluated(parts, t) - motion(t)).max() < 0.02
