@@ -18,7 +18,8 @@ from cpid_drake.estimation.evidence import Comparison, compare
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.sweep import roll, sweep
+from cpid_drake.estimation.roll import roll
+from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 
 PARTS = 4

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.joints import DECLARED, FAR
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import Rolled, Values, roll
+from cpid_drake.estimation.smoothness import DECLARED, FAR
 from cpid_drake.estimation.start import start_of
-from cpid_drake.estimation.sweep import Rolled, Swept, Values, back, roll, sweep
+from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, Model
 
 CLOSE = 0.01

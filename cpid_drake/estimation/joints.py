@@ -1,72 +1,20 @@
-"""The joints' motion by their own sensors: smoothing splines with a white-noise prior on jerk.
+"""The joints' motion by their own sensors: smoothing splines that continue from block to block.
 
-The spline of a joint is quintic and continues from block to block with position, rate and
-acceleration. With encoder samples q at times t, the rows of its coefficients c are
-
-    B(t) c = q / (σ f)    samples, with a noise factor f of the declared σ
-    P c = 0 / s           |P c|² = ∫ jerk² dt: the jerk is white noise of size s
-
-so the jerk's prior bridges missing samples with the uncertainty that they leave. For each number of
-pieces, s and f have the largest marginal likelihood (evidence) of all blocks together; each block
-counts with a start of its own, which makes the evidence a sum. With λ = s²/f² and
-M = BᵀB + PᵀP/λ, one eigenvalue problem of a block's design serves every λ and every joint.
-
-Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4; Demmler and Reinsch 1975.
+Position, rate and acceleration continue; the jerk is white noise. See `smoothness` for the rows of
+one block; those of all blocks are one banded least-squares problem, solved by a sweep forward and
+back.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cholesky, eigh, solve_triangular
 
 from cpid_drake.estimation.faults import Block
 from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, _basis
-from cpid_drake.estimation.likelihood.rounding import RoundedSamples, whitening
-from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
-from cpid_drake.sensing.splines import DerivativeSamples
+from cpid_drake.estimation.smoothness import JointSamples, Smoothness, smoothness_of
 from cpid_drake.sensing.suite import SensorSuite
-
-PIECES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-"""Numbers of pieces that a block of the usual length may need."""
-
-FINER = 2
-"""The gyro feels errors of the splines that encoders do not: so many times as many pieces."""
-
-FAR = 4.0
-"""A sample that is off by r > `FAR` σ has the weight FAR/r (Huber 1964)."""
-
-DECLARED = 30.0
-"""The declared σ of a sensor counts as much as so many samples."""
-
-_LEGENDRE = np.polynomial.legendre.leggauss(3)  # exact for the square of a quadratic
-_GRID = np.arange(-14.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-3 to 1e3 rad/s³·√s
-_RIDGE = 1e-2  # of the penalty, for the factorization: any λ has the same evidence with another one
-_WORTH = 2.0  # change of −2 log(evidence) for which more pieces are used
-_PATIENCE = 2  # numbers of pieces without gain after which no more are tried
-_REWEIGHTINGS = 6
-
-
-@dataclass(frozen=True, eq=False)
-class Smoothness:
-    """How smooth the joints of a log are, and how noisy their sensors.
-
-    Attributes:
-        rate: pieces of the splines in a second.
-        jerk: (J,) size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
-        noise: (J,) factor f of the sensors' declared σ.
-
-    """
-
-    rate: float
-    jerk: NDArray[np.float64]
-    noise: NDArray[np.float64]
-
-    def pieces(self, length: float) -> int:
-        """Return the number of pieces in a block of this length [s]."""
-        return max(1, round(self.rate * length))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,28 +66,18 @@ class JointPart:
 def smooth_joints(
     blocks: Sequence[Block], suite: SensorSuite
 ) -> tuple[Smoothness, list[JointPart]]:
-    """Return the smoothness with the largest evidence, and the smoothed motion of all blocks.
+    """Return the smoothness of a log's joints, and their smoothed motion in successive blocks.
 
     Args:
         blocks: successive blocks of one log.
         suite: the sensors' errors.
 
     """
-    samples = [_Samples.of(block, suite) for block in blocks]
-    usual = float(np.median([block.length for block in blocks]))
-    best, least, tried_in_vain = PIECES[0], np.inf, 0
-    for pieces in PIECES:
-        evidence = _Evidence(samples, pieces / usual)
-        value = float(evidence.values(evidence.best()[:, None]).sum())
-        if value < least - _WORTH:
-            best, least, tried_in_vain = pieces, value, 0
-        else:
-            tried_in_vain += 1
-        if tried_in_vain == _PATIENCE:
-            break
-    found = _Evidence(samples, FINER * best / usual)
-    smoothness, weights = found.robust()
-    parts = [joint_part(block, suite, smoothness, each) for block, each in zip(blocks, weights)]
+    smoothness, weights = smoothness_of(blocks, suite)
+    parts = [
+        joint_part(block, suite, smoothness, each)
+        for block, each in zip(blocks, weights, strict=True)
+    ]
     return smoothness, smoothed(parts)
 
 
@@ -160,7 +98,7 @@ def joint_part(
         weights: (N, J) weights of the samples; default: 1.
 
     """
-    samples, pieces = _Samples.of(block, suite), smoothness.pieces(block.length)
+    samples, pieces = JointSamples.of(block, suite), smoothness.pieces(block.length)
     P, A, y = samples.penalty(pieces), samples.design(pieces), samples.values
     (N, J), K = y.shape, A.shape[1]
     w = np.ones((N, J)) if weights is None else weights
@@ -244,216 +182,3 @@ def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     if n > M:
         rows = np.concatenate([rows, np.zeros((J, n - M, n))], axis=1)
     return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    """The samples of the joints' sensors in one block: samples, derivative, σ and resolution."""
-
-    start: float
-    end: float
-    parts: list[tuple[DerivativeSamples, float]]
-    count: int
-
-    @classmethod
-    def of(cls, block: Block, suite: SensorSuite) -> "_Samples":
-        parts = []
-        for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES)):
-            for name in [sensor.name for sensor in sensors_of(quantity)]:
-                if name in suite.present() and len(block.samples[name]):
-                    one = (block.samples[name], derivative, float(suite.sigmas(name)[0]))
-                    parts.append((one, suite.step(name)))
-        return cls(block.start, block.end, parts, len(block.samples.joint_names))
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """(N, J) in units of σ."""
-        values = [samples.value / sigma for (samples, _, sigma), _ in self.parts]
-        return np.concatenate([np.empty((0, self.count)), *values])
-
-    @property
-    def is_rounded(self) -> bool:
-        return any(step for _, step in self.parts)
-
-    def key(self) -> tuple[object, ...]:
-        """Return what the design depends on."""
-        times = [
-            (np.round(s.time - self.start, 9).tobytes(), d, sigma)
-            for (s, d, sigma), _ in self.parts
-        ]
-        return round(self.end - self.start, 9), *times
-
-    def design(self, pieces: int) -> NDArray[np.float64]:
-        """Return A (N, K) of the samples in units of σ."""
-        parts = [
-            _basis(self.start, self.end, pieces, s.time, d) / sigma
-            for (s, d, sigma), _ in self.parts
-        ]
-        K = _basis(self.start, self.end, pieces, np.empty(0), 0).shape[1]
-        return np.concatenate([np.empty((0, K)), *parts])
-
-    def penalty(self, pieces: int) -> NDArray[np.float64]:
-        """Return P (3 pieces, K): |P c|² is the integral of the squared jerk."""
-        edges = np.linspace(self.start, self.end, pieces + 1)
-        x, weights = _LEGENDRE
-        half = (self.end - self.start) / pieces / 2
-        at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
-        root = np.sqrt(np.tile(weights * half, pieces))
-        return np.asarray(root[:, None] * _basis(self.start, self.end, pieces, at, 3))
-
-    def whitening(self, Q: NDArray[np.float64], smooth: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return W (J, K, K) that whitens Qᵀ e of rounded samples; `smooth` (N, J) without e."""
-        ends = np.cumsum([len(s) for (s, _, _), _ in self.parts])[:-1]
-        rounded = [
-            RoundedSamples(q, s.value, sigma * value, sigma, step)
-            for ((s, _, sigma), step), q, value in zip(
-                self.parts, np.split(Q, ends), np.split(smooth, ends), strict=True
-            )
-        ]
-        return whitening(rounded)
-
-
-class _Design:
-    """Splines of one design, for all λ: in the basis in which samples and jerk are diagonal.
-
-    With t > 0, BᵀB + t PᵀP = L Lᵀ and L⁻¹PᵀP L⁻ᵀ = V diag(s) Vᵀ:
-    BᵀB + PᵀP/λ = L V (1 + (1/λ − t) s) Vᵀ Lᵀ. Everything is about a first fit, so that no digits of
-    the sum of squares are lost.
-
-    Args:
-        A, P: rows of the samples and of the jerk.
-        y: (N, C) samples of C splines in units of σ.
-
-    Raises:
-        numpy.linalg.LinAlgError: the samples do not determine the splines.
-
-    """
-
-    def __init__(
-        self, A: NDArray[np.float64], P: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> None:
-        self.size = A.shape[1]
-        AA, PP = A.T @ A, P.T @ P
-        self.t = _RIDGE * float(np.trace(AA) / np.trace(PP))
-        L = cholesky(AA + self.t * PP, lower=True)
-        X = solve_triangular(L, P.T, lower=True)
-        s, V = eigh(X @ X.T)
-        self.s = np.clip(s, 0.0, 1 / self.t)
-        self.W = solve_triangular(L, V, lower=True, trans=1)  # c = c0 + W d
-        self.log_det = 2 * float(np.sum(np.log(np.diag(L))))
-        self.c0 = self.W @ (self.W.T @ (A.T @ y))
-        left, jerk = y - A @ self.c0, P @ self.c0
-        self.left2, self.jerk2 = np.sum(left**2, axis=0), np.sum(jerk**2, axis=0)
-        self.by_left, self.by_jerk = self.W.T @ (A.T @ left), self.W.T @ (P.T @ jerk)
-
-    def squares(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the penalized sums of squares, and log det M + (K − 3) u, at u = log λ (C, G)."""
-        q = np.exp(-u)[..., None]
-        size = 1 + (q - self.t) * self.s
-        d = self.by_left.T[:, None] - q * self.by_jerk.T[:, None]
-        S = self.left2[:, None] + q[..., 0] * self.jerk2[:, None] - np.sum(d * d / size, axis=2)
-        volume = self.log_det + np.sum(np.log(size), axis=2) + (self.size - ORDER) * u
-        return np.maximum(S, 0.0), volume
-
-    def coefficients(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return c (K, C) at u = log λ (C,)."""
-        q = np.exp(-u)
-        size = 1 + (q - self.t) * self.s[:, None]
-        return np.asarray(self.c0 + self.W @ ((self.by_left - q * self.by_jerk) / size))
-
-
-class _Evidence:
-    """The evidence of all blocks of a log, by joint; blocks of one design share their algebra."""
-
-    def __init__(self, samples: Sequence[_Samples], rate: float) -> None:
-        self.samples, self.J = samples, samples[0].count
-        self.pieces = [max(1, round(rate * (each.end - each.start))) for each in samples]
-        self.weights = [np.ones(each.values.shape) for each in samples]
-        groups = defaultdict(list)
-        for k, each in enumerate(samples):
-            groups[each.key()].append(k)
-        self.designs: list[tuple[_Design, NDArray[np.intp], NDArray[np.intp]]] = []
-        self.rate = rate
-        for group in groups.values():
-            self._add(group, np.arange(self.J))
-
-    def _add(self, group: list[int], joints: NDArray[np.intp]) -> None:
-        """Add the evidence of some joints in blocks of one design, with their present weights."""
-        first = group[0]
-        w = self.weights[first][:, joints[0]]
-        A, P = self._design(first), self.samples[first].penalty(self.pieces[first])
-        y = np.hstack([self.samples[k].values[:, joints] for k in group])
-        try:
-            design = _Design(w[:, None] * A, P, w[:, None] * y)
-        except np.linalg.LinAlgError:  # too few samples say nothing about smoothness
-            return
-        blocks = np.repeat(group, len(joints))
-        self.designs.append((design, blocks, np.tile(joints, len(group))))
-
-    def _design(self, k: int) -> NDArray[np.float64]:
-        """Return the rows of the samples of a block."""
-        return self.samples[k].design(self.pieces[k])
-
-    def _sums(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return sums of squares (J, G), their freedom (J, 1) and volume (J, G) at u (J, G)."""
-        S, volume, count = np.zeros(u.shape), np.zeros(u.shape), np.zeros((len(u), 1))
-        for design, blocks, joints in self.designs:
-            each, log_det = design.squares(u[joints])
-            np.add.at(S, joints, each)
-            np.add.at(volume, joints, log_det)
-            samples = [[len(self.weights[k]) - ORDER] for k in blocks]
-            np.add.at(count, joints, np.array(samples, float))
-        return S, count, volume
-
-    def values(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return −2 log(evidence) (J, G) at u = log λ (J, G), up to a constant."""
-        S, count, volume = self._sums(u)
-        freedom = DECLARED + count
-        return np.asarray(freedom * np.log((DECLARED + S) / freedom) + volume)
-
-    def best(self) -> NDArray[np.float64]:
-        """Return u = log λ (J,) of the largest evidence: a grid, then twice a parabola."""
-        values = self.values(np.broadcast_to(_GRID, (self.J, len(_GRID))))
-        u = _GRID[np.argmin(values, axis=1)]
-        for step in (0.75, 0.1):
-            at = u[:, None] + step * np.arange(-4, 5)
-            values = self.values(at)
-            k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
-            a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
-            shift = np.clip(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12), -1, 1)
-            u = np.take_along_axis(at, k, 1)[:, 0] + step * shift
-        return np.asarray(u)
-
-    def robust(self) -> tuple[Smoothness, list[NDArray[np.float64]]]:
-        """Return the best smoothness, with samples that are far off weighted less, and weights."""
-        for _ in range(_REWEIGHTINGS):
-            u = self.best()
-            S, count, _ = self._sums(u[:, None])
-            noise = np.sqrt((DECLARED + S) / (DECLARED + count))[:, 0]
-            if not self._reweight(u, noise):
-                break
-        return Smoothness(self.rate, np.exp(u / 2) * noise, noise), self.weights
-
-    def _reweight(self, u: NDArray[np.float64], noise: NDArray[np.float64]) -> bool:
-        """Weight the samples by their residuals; return whether a weight changed."""
-        changed: list[tuple[int, int]] = []
-        kept = []
-        for design, blocks, joints in self.designs:
-            c, same = design.coefficients(u[joints]), np.ones(len(blocks), bool)
-            for k in np.unique(blocks):
-                own = np.flatnonzero(blocks == k)
-                j = joints[own]
-                left = self.samples[k].values[:, j] - self._design(k) @ c[:, own]
-                new = np.minimum(1.0, FAR / np.maximum(np.abs(left) / noise[j], 1e-9))
-                same[own] = np.abs(new - self.weights[k][:, j]).max(axis=0) < 0.05
-                self.weights[k][:, j] = np.where(same[own], self.weights[k][:, j], new)
-                changed += [(int(k), int(each)) for each in j[~same[own]]]
-            if same.all():
-                kept.append((design, blocks, joints))
-            else:
-                for k in np.unique(blocks[same]):
-                    changed += [(int(k), int(j)) for j in joints[same & (blocks == k)]]
-        self.designs = kept
-        for k, j in changed:
-            self._add([k], np.array([j]))
-        return bool(changed)

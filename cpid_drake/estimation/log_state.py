@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.faults import Block, first_sample
-from cpid_drake.estimation.joints import JointPart, Smoothness, smooth_joints
+from cpid_drake.estimation.joints import JointPart, smooth_joints
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.smoothness import Smoothness
 from cpid_drake.estimation.trajectory_fit import blocks_of
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensing.measurements import Measurements
@@ -66,8 +67,8 @@ class LogState:
         bias = tuple(np.zeros((nodes, 3)) for _ in blocks)
         walking = sum(unknown.size for unknown in model.walking)
         walks = tuple(np.zeros(walking) for _ in blocks[1:])
-        weights = tuple({} for _ in blocks)
-        return cls(name, blocks, tuple(joints), smoothness, bias, walks, weights=weights)
+        weights: list[dict[str, NDArray[np.float64]]] = [{} for _ in blocks]
+        return cls(name, blocks, tuple(joints), smoothness, bias, walks, weights=tuple(weights))
 
     @classmethod
     def of(

@@ -28,15 +28,12 @@ from cpid_drake.estimation.joints import (
 )
 from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import Rolled, Values, roll, walking_columns
 from cpid_drake.estimation.sweep import (
-    Rolled,
     Swept,
-    Values,
     back,
     boundary_size,
-    roll,
     sweep,
-    walking_columns,
     with_change,
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model

@@ -18,7 +18,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.faults import Block, first_sample
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.sweep import Values
+from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Quantity, sensors_of
@@ -156,7 +156,7 @@ def _rates(
         R = np.broadcast_to(before[1], (len(t), 3, 3))
         for k in range(steps.shape[1]):
             R = R @ Rotation.from_rotvec(steps[:, k]).as_matrix()
-        return cheb.chebval(share(t), c).T, R, t
+        return np.asarray(cheb.chebval(share(t), c).T), np.asarray(R), t
     if attitude is None:
         return None
     R = Rotation.from_quat(attitude.value, scalar_first=True)

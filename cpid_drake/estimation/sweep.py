@@ -16,119 +16,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.effects import GyroBias
 from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import (
+    Rolled,
+    Values,
+    bias_sigma,
+    first_bias,
+    first_values,
+    jumped,
+    kick_of,
+    walking_columns,
+)
 from cpid_drake.estimation.square_root import triangle
-from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, psi_about
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 
 EXACT = 1e-9
 """σ of what is conserved, as a share of the σ of an unknown momentum."""
 
 START = {"attitude": np.pi, "p_Wcm": 1e3}
 """σ of attitude [rad] and centre of mass [m] before the first sample."""
-
-Values = dict[str, NDArray[np.float64]]
-"""Present values of all unknowns of all logs, by name."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rolled:
-    """A log, predicted at given values.
-
-    Attributes:
-        models, trajectories: of each block.
-        residuals: of each block: (M, d) in units of the declared σ, by sensor.
-        links: sum of squares of all rows inside of the log that are no samples of the base.
-        start: sum of squares of what is known at its start.
-        by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
-            coordinates.
-
-    """
-
-    models: list[BlockModel]
-    trajectories: list[Trajectory]
-    residuals: list[dict[str, NDArray[np.float64]]]
-    links: float
-    start: float
-    by_psi: NDArray[np.float64]
-
-    def cost(self, log: LogState) -> float:
-        """Return the sum of squares of all rows of a log."""
-        return self.start + self.cost_inside(log)
-
-    def cost_inside(self, log: LogState) -> float:
-        """Return the sum of squares of all rows of a log but those at its start."""
-        samples = (
-            np.sum(log.weighted(k, name, rest) ** 2)
-            for k, block in enumerate(self.residuals)
-            for name, rest in block.items()
-        )
-        return self.links + float(sum(samples))
-
-    def all_residuals(self) -> dict[str, NDArray[np.float64]]:
-        """Return the residuals of each sensor, block after block."""
-        names = sorted({name for block in self.residuals for name in block})
-        return {n: np.concatenate([b[n] for b in self.residuals if n in b]) for n in names}
-
-
-def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
-    """Return the constants (k,) of a log; of those that walk, the last value."""
-    parts = [values[u.key(log.name)] for u in model.table if u.name in model.constants.errors]
-    return np.concatenate([np.empty(0), *parts])
-
-
-def roll(model: Model, log: LogState, values: Values) -> Rolled:
-    """Predict all samples of a log.
-
-    Raises:
-        InputError: no rigid body has these values.
-
-    """
-    tree = model.tree_with(values.get(BODIES))
-    psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
-    last = constants_of(model, log, values)
-    walking, sigma = walking_columns(model)
-    state, links = log.start, 0.0
-    assert state is not None
-    still_to_come = np.sum(log.walks, axis=0) if log.walks else np.zeros(len(walking))
-    models, trajectories, residuals = [], [], []
-    for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
-        constants = last.copy()
-        constants[walking] -= still_to_come
-        part = BlockModel(
-            tree,
-            joints,  # type: ignore[arg-type]
-            block.samples,
-            model.suite,
-            model.known_bodies,
-            constants=model.constants,
-            nominal=constants,
-        )
-        first = replace(state, psi=psi, bias=log.bias[k], constants=constants)
-        trajectory = part.motion.trajectory(first)
-        models.append(part)
-        trajectories.append(trajectory)
-        residuals.append({n: s.residuals(trajectory) for n, s in part.sensors.items()})
-        links += float(np.sum(part.links(first)[1] ** 2))
-        state = part.motion.end(trajectory)
-        if joints.is_kicked and k:
-            links += float(np.sum((_kick(log, k) / KICK) ** 2))
-        if k < len(log.walks):
-            links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
-            still_to_come = still_to_come - log.walks[k]
-        if k in log.links:
-            state = _jumped(state, log.jumps[k])
-            links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))
-    start = float(np.sum(_first_values(model, log, values) ** 2))
-    start += float(np.sum((_first_bias(model, log) / _bias_sigma(model)[:, None]) ** 2))
-    return Rolled(models, trajectories, residuals, links, start, by_psi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +139,7 @@ def sweep(
     for k, part in enumerate(rolled.models):
         if part.motion.joints.is_kicked and k:
             columns = np.arange(n - ORDER * model.joint_count, n)[ORDER - 1 :: ORDER]
-            carried = opened(columns, np.full(len(columns), KICK), _kick(log, k), "kick")
+            carried = opened(columns, np.full(len(columns), KICK), kick_of(log, k), "kick")
         block, carried, rest = _eliminated(model, log, k, rolled, carried)
         steps.append(block)
         rho2 += rest
@@ -258,14 +170,14 @@ def known_at_start(model: Model, log: LogState, values: Values) -> NDArray[np.fl
     sigma[:3], sigma[3:6] = START["attitude"], START["p_Wcm"]
     sigma[6:12] = EXACT * np.repeat([model.L_sigma, FASTEST_DRIFT], 3)
     bias = slice(12, 12 + 3 * len(model.gyros))
-    sigma[bias] = np.repeat(_bias_sigma(model), 3)
+    sigma[bias] = np.repeat(bias_sigma(model), 3)
     rows[:, :n] = np.diag(1 / sigma)
     rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])
-    rows[bias, -1] = -_first_bias(model, log).ravel() / sigma[bias]
+    rows[bias, -1] = -first_bias(model, log).ravel() / sigma[bias]
     walking, _ = walking_columns(model)
     first = np.zeros((len(walking), rows.shape[1]))
     first[np.arange(len(walking)), n + walking] = 1.0
-    first[:, -1] = -_first_values(model, log, values)
+    first[:, -1] = -first_values(model, log, values)
     return np.vstack([rows, first])
 
 
@@ -305,7 +217,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
     assert log.start is not None
     return replace(
         log,
-        start=_jumped(log.start, x[:12]),
+        start=jumped(log.start, x[:12]),
         bias=tuple(bias),
         joints=tuple(joints),
         walks=tuple(walks),
@@ -384,48 +296,3 @@ def _with_link(
 def boundary_size(model: Model) -> int:
     """Return the number of entries at a boundary: attitude, p, L, v, biases, joints."""
     return 12 + 3 * len(model.gyros) + ORDER * model.joint_count
-
-
-def walking_columns(model: Model) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the columns of the constants that walk, and σ of their change after 1 s."""
-    places = model.places
-    columns = [np.r_[places[u.name]] for u in model.walking]
-    sigma = [np.full(u.size, u.walk) for u in model.walking]
-    return (
-        np.concatenate([np.empty(0, np.intp), *columns]),
-        np.concatenate([np.empty(0), *sigma]),
-    )
-
-
-def _first_values(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
-    """Return the values (w,) at the start of the constants that walk."""
-    last = [values[u.key(log.name)] for u in model.walking]
-    return np.asarray(np.concatenate([np.empty(0), *last]) - np.sum(log.walks, axis=0))
-
-
-def _bias_sigma(model: Model) -> NDArray[np.float64]:
-    """Return σ of the first bias of each gyro [rad/s]."""
-    return np.array([max(gyro.bias_sigma, 1e-9) for gyro in model.gyros])
-
-
-def _first_bias(model: Model, log: LogState) -> NDArray[np.float64]:
-    """Return the bias (G, 3) of each gyro at the start."""
-    nodes = np.cumsum([0, *(2 if gyro.bias_growth else 1 for gyro in model.gyros)])
-    return log.bias[0][nodes[:-1]]
-
-
-def _kick(log: LogState, k: int) -> NDArray[np.float64]:
-    """Return the change (J,) of the joints' scaled accelerations at the start of block k."""
-    after, before = log.joints[k].coefficients, log.joints[k - 1].coefficients
-    return np.asarray(after[ORDER - 1] - before[-1])
-
-
-def _jumped(state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:
-    """Return a state after a change (12,) of attitude, centre of mass, L and v."""
-    return replace(
-        state,
-        attitude=Rotation.from_rotvec(change[:3]) * state.attitude,
-        p_Wcm=state.p_Wcm + change[3:6],
-        L=state.L + change[6:9],
-        v_Wcm=state.v_Wcm + change[9:12],
-    )

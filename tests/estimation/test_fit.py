@@ -55,6 +55,7 @@ def nees(case, psi, covariance):
     return error @ np.linalg.solve(covariance, error)
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_they_say(case, tumbling):
     """NEES of ten unknowns over eight logs, at rest and tumbling: 10 ± 3.2 at 99 %."""
     found = [fitted(each, seed) for each in (case, tumbling) for seed in range(4)]
@@ -64,7 +65,7 @@ def test_errors_are_as_large_as_they_say(case, tumbling):
     assert 6.5 < np.mean(values) < 14.5
 
 
-@pytest.mark.parametrize("factor", [0.01, 0.2, 8.0])
+@pytest.mark.parametrize("factor", [0.01, 8.0])
 def test_the_minimum_does_not_depend_on_the_start(case, factor):
     """A target from a hundredth to eight times the true one."""
     found = fitted(case)
@@ -77,6 +78,7 @@ def test_the_minimum_does_not_depend_on_the_start(case, factor):
     assert np.abs((again - psi) / np.sqrt(np.diag(covariance))).max() < 0.05
 
 
+@pytest.mark.slow
 def test_two_logs_share_the_target_and_keep_their_momenta(case, tumbling):
     """Together they know what the sum of their information is."""
     model = Model(case.craft.tree, SUITE)
@@ -98,6 +100,7 @@ def test_two_logs_share_the_target_and_keep_their_momenta(case, tumbling):
     assert np.linalg.norm(both.values["momentum|log 1"][:3]) > 10
 
 
+@pytest.mark.slow
 def test_noise_that_is_larger_than_declared_widens_the_intervals(case):
     """Three times in every sensor of the base: found, and errors are as large as they say."""
     louder = replace(
@@ -138,6 +141,7 @@ def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target
     assert nees(case, *target(found.gaussian, found.values)) < 30
 
 
+@pytest.mark.slow
 def test_a_small_momentum_is_in_the_interval(tmp_path, skewed_target):
     """Free or zero, each by its evidence: no momentum makes the target wrong by many σ."""
     for size in (1e-3, 1e-2, 0.3):
@@ -152,6 +156,7 @@ def test_a_small_momentum_is_in_the_interval(tmp_path, skewed_target):
         assert size < 0.1 or nees(case, *at_zero) > 1000
 
 
+@pytest.mark.slow
 def test_a_firing_inside_of_a_block_is_found(case):
     firing = Firing(3.37, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
     closed = fitted(case, samples=fired(case, firing))
@@ -163,6 +168,7 @@ def test_a_firing_inside_of_a_block_is_found(case):
     assert nees(case, *target(closed.gaussian, closed.values)) > 2 * 30 or not closed.converged
 
 
+@pytest.mark.slow
 def test_nothing_happened_in_a_clean_log(case):
     for seed in range(2):
         closed = fitted(case, seed)
@@ -200,8 +206,9 @@ def test_online_a_firing_is_found_and_the_target_remains_right(case):
     assert nees(case, *target(state.gaussian(model), state.values)) < 30
 
 
-def test_a_gyro_with_a_walking_bias_in_other_units_of_time(tmp_path, skewed_target):
-    """A bias that walks fast has nodes at both ends of every block."""
+@pytest.mark.slow
+def test_a_bias_that_walks_has_values_at_both_ends_of_every_block(tmp_path, skewed_target):
+    """50 times as fast as that of the other logs."""
     suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 50.0))
     case = make_case(tmp_path, skewed_target, suite, None, 5.0)
     found = fitted(case, 1)

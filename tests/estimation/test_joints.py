@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from cpid_drake.estimation.faults import Block, after
-from cpid_drake.estimation.joints import Smoothness, joint_part, smooth_joints, smoothed
+from cpid_drake.estimation.joints import joint_part, smooth_joints, smoothed
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.smoothness import Smoothness
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import JointSensor
 from cpid_drake.sensing.suite import SensorSuite

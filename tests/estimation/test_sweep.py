@@ -12,8 +12,9 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.start import start_of
-from cpid_drake.estimation.sweep import back, known_at_start, roll, sweep
+from cpid_drake.estimation.sweep import back, known_at_start, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM as MOMENTUM_OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model, psi_about
 from cpid_drake.sensing.noise import add_noise
@@ -156,7 +157,10 @@ SUITES = {
 }
 
 
-@pytest.fixture(scope="module", params=["plain", "errors", "bodies", "link"])
+@pytest.fixture(
+    scope="module",
+    params=["errors", *(pytest.param(each, marks=pytest.mark.slow) for each in ("bodies", "link"))],
+)
 def problem(request, tmp_path_factory, skewed_target):
     """A log of two blocks, at values that are not the best ones."""
     suite = SUITES.get(request.param, SUITES["plain"])

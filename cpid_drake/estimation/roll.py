@@ -1,0 +1,154 @@
+"""Prediction of a log: the samples of all blocks at given values of all unknowns."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
+from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.unknowns import BODIES, PSI, Model, psi_about
+
+Values = dict[str, NDArray[np.float64]]
+"""Present values of all unknowns of all logs, by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rolled:
+    """A log, predicted at given values.
+
+    Attributes:
+        models, trajectories: of each block.
+        residuals: of each block: (M, d) in units of the declared σ, by sensor.
+        links: sum of squares of all rows inside of the log that are no samples of the base.
+        start: sum of squares of what is known at its start.
+        by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
+            coordinates.
+
+    """
+
+    models: list[BlockModel]
+    trajectories: list[Trajectory]
+    residuals: list[dict[str, NDArray[np.float64]]]
+    links: float
+    start: float
+    by_psi: NDArray[np.float64]
+
+    def cost(self, log: LogState) -> float:
+        """Return the sum of squares of all rows of a log."""
+        return self.start + self.cost_inside(log)
+
+    def cost_inside(self, log: LogState) -> float:
+        """Return the sum of squares of all rows of a log but those at its start."""
+        samples = (
+            np.sum(log.weighted(k, name, rest) ** 2)
+            for k, block in enumerate(self.residuals)
+            for name, rest in block.items()
+        )
+        return self.links + float(sum(samples))
+
+    def all_residuals(self) -> dict[str, NDArray[np.float64]]:
+        """Return the residuals of each sensor, block after block."""
+        names = sorted({name for block in self.residuals for name in block})
+        return {n: np.concatenate([b[n] for b in self.residuals if n in b]) for n in names}
+
+
+def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+    """Return the constants (k,) of a log; of those that walk, the last value."""
+    parts = [values[u.key(log.name)] for u in model.table if u.name in model.constants.errors]
+    return np.concatenate([np.empty(0), *parts])
+
+
+def roll(model: Model, log: LogState, values: Values) -> Rolled:
+    """Predict all samples of a log.
+
+    Raises:
+        InputError: no rigid body has these values.
+
+    """
+    tree = model.tree_with(values.get(BODIES))
+    psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
+    last = constants_of(model, log, values)
+    walking, sigma = walking_columns(model)
+    state, links = log.start, 0.0
+    assert state is not None
+    still_to_come = np.sum(log.walks, axis=0) if log.walks else np.zeros(len(walking))
+    models, trajectories, residuals = [], [], []
+    for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
+        constants = last.copy()
+        constants[walking] -= still_to_come
+        part = BlockModel(
+            tree,
+            joints,  # type: ignore[arg-type]
+            block.samples,
+            model.suite,
+            model.known_bodies,
+            constants=model.constants,
+            nominal=constants,
+        )
+        first = replace(state, psi=psi, bias=log.bias[k], constants=constants)
+        trajectory = part.motion.trajectory(first)
+        models.append(part)
+        trajectories.append(trajectory)
+        residuals.append({n: s.residuals(trajectory) for n, s in part.sensors.items()})
+        links += float(np.sum(part.links(first)[1] ** 2))
+        state = part.motion.end(trajectory)
+        if joints.is_kicked and k:
+            links += float(np.sum((kick_of(log, k) / KICK) ** 2))
+        if k < len(log.walks):
+            links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
+            still_to_come = still_to_come - log.walks[k]
+        if k in log.links:
+            state = jumped(state, log.jumps[k])
+            links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))
+    start = float(np.sum(first_values(model, log, values) ** 2))
+    start += float(np.sum((first_bias(model, log) / bias_sigma(model)[:, None]) ** 2))
+    return Rolled(models, trajectories, residuals, links, start, by_psi)
+
+
+def walking_columns(model: Model) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the columns of the constants that walk, and σ of their change after 1 s."""
+    places = model.places
+    columns = [np.r_[places[u.name]] for u in model.walking]
+    sigma = [np.full(u.size, u.walk) for u in model.walking]
+    return (
+        np.concatenate([np.empty(0, np.intp), *columns]),
+        np.concatenate([np.empty(0), *sigma]),
+    )
+
+
+def first_values(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+    """Return the values (w,) at the start of the constants that walk."""
+    last = [values[u.key(log.name)] for u in model.walking]
+    return np.asarray(np.concatenate([np.empty(0), *last]) - np.sum(log.walks, axis=0))
+
+
+def bias_sigma(model: Model) -> NDArray[np.float64]:
+    """Return σ of the first bias of each gyro [rad/s]."""
+    return np.array([max(gyro.bias_sigma, 1e-9) for gyro in model.gyros])
+
+
+def first_bias(model: Model, log: LogState) -> NDArray[np.float64]:
+    """Return the bias (G, 3) of each gyro at the start."""
+    nodes = np.cumsum([0, *(2 if gyro.bias_growth else 1 for gyro in model.gyros)])
+    return log.bias[0][nodes[:-1]]
+
+
+def kick_of(log: LogState, k: int) -> NDArray[np.float64]:
+    """Return the change (J,) of the joints' scaled accelerations at the start of block k."""
+    after, before = log.joints[k].coefficients, log.joints[k - 1].coefficients
+    return np.asarray(after[ORDER - 1] - before[-1])
+
+
+def jumped(state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:
+    """Return a state after a change (12,) of attitude, centre of mass, L and v."""
+    return replace(
+        state,
+        attitude=Rotation.from_rotvec(change[:3]) * state.attitude,
+        p_Wcm=state.p_Wcm + change[3:6],
+        L=state.L + change[6:9],
+        v_Wcm=state.v_Wcm + change[9:12],
+    )
