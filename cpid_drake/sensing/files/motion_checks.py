@@ -173,7 +173,9 @@ def check_motion(
             is_clear = is_clear and house.fit.is_complete
         (found.errors if is_clear else found.warnings).append(_explained(house))
     if house is not None and house.unit == "m" and _EXPLAINS < expected.error < np.inf:
-        found.unchecked.append("point of the position, signs of joints (noise hides the motion)")
+        found.unchecked.append(
+            "point of the position, signs of joints (no motion explains the positions closely)"
+        )
     return found
 
 
