@@ -10,7 +10,7 @@ demo: $(VENV)/installed
 	$(VENV)/bin/cpid paper --out $(OUT)
 
 # One thread each: the tests' matrices are small, and threads would only wait for each other.
-PYTEST = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist loadgroup
+PYTEST = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist loadfile
 
 test: $(VENV)/installed-dev
 	$(PYTEST) -m "not slow"

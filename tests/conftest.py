@@ -23,15 +23,11 @@ from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.studies import paper
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """The tests of a file share a process; all that use `paper_run` do so too, and are slow."""
+    """All that use the run of the paper's study are slow."""
     for item in items:
         if "paper_run" in item.fixturenames:
-            item.add_marker(pytest.mark.xdist_group("paper_run"))
             item.add_marker(pytest.mark.slow)
-        elif item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 
 @dataclass(frozen=True, eq=False)

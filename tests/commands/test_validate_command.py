@@ -42,6 +42,7 @@ def refusal(outcome) -> str:
     return stderr
 
 
+@pytest.mark.slow
 def test_the_right_target_predicts_another_log(cpid):
     code, stdout, stderr = cpid("validate", "result.json", "second.csv", "--json", "v.json")
     assert (code, stderr) == (0, "")

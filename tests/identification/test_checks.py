@@ -91,6 +91,7 @@ def test_a_check_that_does_not_run_says_so(craft, log):
     )
 
 
+@pytest.mark.slow
 def test_an_error_that_may_act_is_said_also_where_the_noise_is_larger_than_given(craft, log):
     suite = coarse_suite(gyro=FAST_GYRO)
     samples, _ = log(replace(suite, position=VectorSensor(5.0, 2.5e-3)), 6.0)

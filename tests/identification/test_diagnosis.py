@@ -92,12 +92,14 @@ def stuck(log):
         (stuck, ("position is stuck", "z does not change after 5 s")),
     ],
 )
+@pytest.mark.slow
 def test_the_cause_is_named_with_its_size(spoil, words, spacecraft, case, log):
     checked = replace(check_log(spacecraft, log), head=spoil(log))
     cause = likely_cause(spacecraft, checked, case.suite)
     assert all(word in cause for word in words), cause
 
 
+@pytest.mark.slow
 def test_a_forgotten_payload_of_the_base_is_named(spacecraft, case):
     """The base's payload has about a tenth of its mass, and is 15 cm from its centre of mass."""
     tree = spacecraft.tree
@@ -116,6 +118,7 @@ def test_a_forgotten_payload_of_the_base_is_named(spacecraft, case):
     assert f"body '{body.name}' differ" in cause, cause
 
 
+@pytest.mark.slow
 def test_a_log_of_two_motions_is_not_explained_by_an_impossible_body(spacecraft, case, log):
     half = {n: s.where(s.time < 5.0) for n, s in log.items()}
     jumped = {}
@@ -128,6 +131,7 @@ def test_a_log_of_two_motions_is_not_explained_by_an_impossible_body(spacecraft,
     assert "mass, centre of mass" not in likely_cause(spacecraft, checked, case.suite)
 
 
+@pytest.mark.slow
 def test_a_constant_force_is_named_with_its_size(spacecraft, case):
     push = Firing(0.0, np.array([0.0, 0.0, 0.0, 2.0, 0.0, 0.0]), case.duration)
     pushed = replace(case, firings=(push,))

@@ -231,6 +231,7 @@ def planar(tmp_path_factory):
 
 
 @pytest.mark.parametrize("seed", [2])
+@pytest.mark.slow
 def test_planar_motion_leaves_the_in_plane_inertia_open(planar, seed):
     """Ixx, Iyy and Ixy never matter; that the base does not tilt tells cz, Ixz and Iyz.
 
@@ -273,6 +274,7 @@ def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
 
 
 @pytest.mark.parametrize("estimator", ["least_squares", "trajectory_fit"])
+@pytest.mark.slow
 def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
     """Of a flat target estimates lie beyond what can be; what leaves never does."""
     flat = InertialParameters(60.0, [0.4, 0.1, 0.0], np.diag([10.0, 20.0, 30.0]))

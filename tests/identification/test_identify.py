@@ -155,6 +155,7 @@ class TestNoisyLogs:
         assert warned == [True, False]
 
     @pytest.mark.parametrize("memory", [0.0, 0.9])
+    @pytest.mark.slow
     def test_intervals_of_rows_hold_whether_noise_is_white_or_not(
         self, craft, true_motion, skewed_target, memory
     ):
@@ -196,6 +197,7 @@ WRONG = {
 }
 
 
+@pytest.mark.slow
 def test_an_exact_gyro_is_not_the_cause_of_a_wrong_position(craft, exact):
     bad = changed(exact, position=lambda p: 1.3 * p, velocity=lambda v: 1.3 * v)
     found = identify(craft, bad)

@@ -157,6 +157,7 @@ def test_errors_of_a_sensor_that_no_log_determines_do_not_average(craft, logs):
     assert twice[0] == pytest.approx(alone[0] / np.sqrt(2), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_log_of_another_target_is_named(craft, suite, logs, skewed_target):
     heavier = InertialParameters(
         1.02 * skewed_target.mass, skewed_target.p_CTcm_C, skewed_target.I_TTcm_C
@@ -250,6 +251,7 @@ class TestPrior:
             "the prior", target.to_vector() + shift * self.SIGMA, np.diag(self.SIGMA**2)
         )
 
+    @pytest.mark.slow
     def test_it_determines_what_the_log_does_not(self, craft, skewed_target):
         suite = coarse_suite(**POOR)
         samples = measured(craft, turned(craft, [3], 103), skewed_target, suite)
@@ -276,6 +278,7 @@ class TestPrior:
         np.testing.assert_allclose(sigmas(found), sigmas(alone), rtol=0.02)
         assert found.joint.prior.probability > 0.01
 
+    @pytest.mark.slow
     def test_a_prior_of_another_target_is_doubted(self, craft, suite, logs, skewed_target):
         prior = self.prior(skewed_target, 8.0)
         found = identify(craft, logs["log 0"], sensors=suite, prior=prior)

@@ -44,6 +44,7 @@ def short_head(monkeypatch):
 
 @pytest.mark.parametrize("momentum", ["zero", "unknown"])
 @pytest.mark.parametrize("rows", ["standard", "relative"])
+@pytest.mark.slow
 def test_exact_samples_as_a_stream_give_the_answer_in_memory(craft, short_head, rows, momentum):
     log = samples_of(exact(craft, momentum_W=MOMENTUM * (momentum == "unknown")))
     options = {"rows": rows, "momentum": TotalMomentum.named(momentum)}
@@ -104,6 +105,7 @@ def test_the_part_in_which_the_arm_moves_is_checked(craft, in_memory):
     assert any("is it in degrees/s" in doubt for doubt in found.doubts)
 
 
+@pytest.mark.slow
 def test_the_noise_is_that_of_the_part_in_which_the_arm_moves(craft, short_head):
     """A log that rests first without noise has an interval as large as its error."""
     log = rest_first(samples_of(exact(craft, 8.0)), 8.0, 6)

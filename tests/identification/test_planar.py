@@ -59,6 +59,7 @@ def test_a_momentum_in_the_plane_is_estimated(table, rows):
 
 
 @pytest.mark.parametrize("estimator", ["trajectory_fit", "standard"])
+@pytest.mark.slow
 def test_the_errors_are_those_that_the_covariance_says(craft, table, estimator):
     squares, count = [], 3
     for seed in range(count):
@@ -75,6 +76,7 @@ def test_the_errors_are_those_that_the_covariance_says(craft, table, estimator):
         assert sum(squares) > low
 
 
+@pytest.mark.slow
 def test_the_fit_reaches_the_bound(craft, table):
     ideal = measured(table, motion(), TARGET, SUITE)
     bound = cramer_rao_bound(table.tree, true_psi(table, TARGET), ideal, SUITE)
@@ -84,6 +86,7 @@ def test_the_fit_reaches_the_bound(craft, table):
     )
 
 
+@pytest.mark.slow
 def test_what_the_table_holds_tells_nothing(craft, table):
     """Tilt and height may read anything that is constant: the answer is the same."""
     log = samples(craft, 2)

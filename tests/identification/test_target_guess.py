@@ -1,6 +1,7 @@
 """A guess of the target beforehand: what it is worth to a filter, and that it is not overrated."""
 
 import numpy as np
+import pytest
 from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
@@ -33,6 +34,7 @@ def drawn_guess(craft, psi, rng) -> InertialParameters:
             return body
 
 
+@pytest.mark.slow
 def test_poor_sensors_and_a_guess_know_more_than_poor_sensors(tmp_path, skewed_target):
     """After 1.5 s errors are smaller with guesses that err as they say, and σ tells how large."""
     craft, suite = small_craft(tmp_path), coarse_suite(**POOR)

@@ -131,6 +131,7 @@ def test_a_log_of_the_wrong_sign_is_noticed(flight):
     assert found.momentum_changes.count or found.doubts
 
 
+@pytest.mark.slow
 def test_a_gap_of_the_encoders_in_a_burn_leaves_the_momentum_open(flight):
     kept = np.abs(flight.log.encoders.time - 3.6) > 0.35
     gap = flight.log.updated({"encoders": flight.log.encoders.where(kept)})
@@ -195,6 +196,7 @@ def test_a_log_in_chunks_is_the_same_log(flight):
     np.testing.assert_allclose(chunked.parameters, whole.parameters, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_log_with_thrust_is_predicted(flight):
     """The rest of a log follows from its beginning, the target and the thrust."""
     target = TargetPrior("the target", flight.target, np.diag((1e-3 * np.ones(10)) ** 2))

@@ -51,6 +51,7 @@ def errors_in_sigma(found, target):
 
 class TestMomentum:
     @pytest.mark.parametrize("estimator", METHODS)
+    @pytest.mark.slow
     def test_a_forgotten_tumble_is_estimated(self, craft, motion, suite, skewed_target, estimator):
         samples = measured(craft, motion, skewed_target, suite, momentum_W=MOMENTUM)
         samples = add_noise(suite, samples, seed=3)
@@ -174,6 +175,7 @@ class TestNoiseInRegressors:
         assert found.is_trustworthy
         assert np.abs(errors_in_sigma(found, skewed_target)).max() < 4
 
+    @pytest.mark.slow
     def test_a_joint_whose_zero_is_off_is_not_noise(self, craft, motion, skewed_target):
         """The residuals are small, but larger than the noise in an exact log."""
         times = np.arange(0.0, DURATION, 0.02)

@@ -141,6 +141,7 @@ def test_an_error_that_does_not_matter_is_a_warning(craft, log, motion, skewed_t
     assert found.is_trustworthy
 
 
+@pytest.mark.slow
 def test_intervals_include_an_error_that_is_too_small_to_be_proposed(craft, motion, skewed_target):
     """Between what is not seen and what is named, an answer must not be confidently wrong."""
     suite = deepcopy(coarse_suite())

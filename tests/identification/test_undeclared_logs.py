@@ -125,6 +125,7 @@ def test_a_table_out_of_level_is_named_with_its_log(table):
     assert found.undeclared.is_proposed
 
 
+@pytest.mark.slow
 def test_a_table_out_of_level_is_named_although_the_momentum_is_said_to_be_zero(table):
     log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
     options = {"sensors": SUITE, "planar": True, "momentum": TotalMomentum.zero()}
@@ -133,6 +134,7 @@ def test_a_table_out_of_level_is_named_although_the_momentum_is_said_to_be_zero(
     assert "do not declare: an external acceleration" in found.doubts[0]
 
 
+@pytest.mark.slow
 def test_a_clean_log_on_a_table_shows_no_errors(table):
     log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
     found = identify(table, log, sensors=SUITE, planar=True)

@@ -38,6 +38,7 @@ def target_of(parameters, sigma=SIGMA) -> TargetPrior:
     return TargetPrior("the result", parameters, np.diag(sigma**2))
 
 
+@pytest.mark.slow
 def test_errors_of_the_right_target_are_chi_squared(craft, suite, log, skewed_target):
     """Targets that err as their covariance says predict with errors as their covariance says."""
     form, psi = relative_parameterization(craft.mass), true_psi(craft, skewed_target)

@@ -60,6 +60,7 @@ def test_it_keeps_the_ends_and_all_limits_of_drakes_plant(planner, scenario):
         assert found.closest
 
 
+@pytest.mark.slow
 def test_it_suits_all_targets_better_than_any_random_motion(planner):
     """More targets than the gradient method begins with; none is given up for another."""
     problem = planner.problem

@@ -313,6 +313,7 @@ def test_a_sprung_mass_that_its_body_cannot_contain_is_refused(change, message):
         make_simulation(scenario)
 
 
+@pytest.mark.slow
 def test_a_table_holds_height_and_tilt_and_nothing_in_the_plane():
     """A target above the plane would tilt a free base; on a table it moves as the planar model."""
     scenario = load_scenario(shipped_scenario("air_bearing"))

@@ -97,6 +97,7 @@ def assert_consistent(z, **highest) -> None:
 
 
 @pytest.mark.parametrize("momentum", [None, TUMBLE], ids=["at rest", "tumbling"])
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says(scene, momentum):
     """Each by itself, and with its correlations: attitude with its rate, a joint with its rate."""
     suite = coarse_suite()
@@ -115,6 +116,7 @@ def test_errors_are_as_large_as_the_covariance_says(scene, momentum):
         assert 0.75 < mean < 1.25
 
 
+@pytest.mark.slow
 def test_a_gyro_less_craft_has_the_splines_rates(scene):
     """Angular velocity from attitude alone, and joint rates from encoders alone."""
     suite = coarse_suite(gyro=None, attitude=AttitudeSensor(20.0, 5.0, 40.0))

@@ -34,6 +34,7 @@ def relative_error(parameters, truth: InertialParameters) -> float:
 
 
 @pytest.mark.parametrize("rows", ["standard", "eq18", "relative"])
+@pytest.mark.slow
 def test_the_target_is_identified_from_exact_samples(run, rows):
     simulation, telemetry, _ = run
     result = identify(simulation.spacecraft, telemetry, rows=rows)

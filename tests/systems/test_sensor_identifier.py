@@ -202,6 +202,7 @@ def test_samples_that_come_too_late_are_rejected_and_counted(flight, samples):
     assert flight.identification(context).is_observable
 
 
+@pytest.mark.slow
 def test_the_zero_of_the_stamps_has_no_effect(flight, samples):
     """Stamps in seconds since the start of another clock, while the simulation starts at zero."""
     offset = 1e6
