@@ -55,7 +55,7 @@ def paper_scenario():
 
 @pytest.fixture(scope="session")
 def paper_run(tmp_path_factory) -> PaperRun:
-    """`cpid paper`, once for all tests that ask for it: they run in one process."""
+    """`cpid paper`, once for all tests of a process that ask for it."""
     studies, stdout, stderr = [], StringIO(), StringIO()
     run_paper_study = paper.run_paper_study
 
