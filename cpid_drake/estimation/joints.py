@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.estimation.faults import Block
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, _basis
+from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, spline_basis
 from cpid_drake.estimation.smoothness import JointSamples, Smoothness, smoothness_of
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -51,7 +51,7 @@ class JointPart:
 
     def basis(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
         """Return the derivatives (M, K) of a joint's position (or rate, …) w.r.t. coefficients."""
-        return _basis(self.start, self.end, self.pieces, np.asarray(times), derivative)
+        return spline_basis(self.start, self.end, self.pieces, np.asarray(times), derivative)
 
     def evaluate(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions and rates (M, 2, J) at times (M,)."""

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, eigh, solve_triangular
 
 from cpid_drake.estimation.faults import Block
-from cpid_drake.estimation.likelihood.joint_motion import ORDER, _basis
+from cpid_drake.estimation.likelihood.joint_motion import ORDER, spline_basis
 from cpid_drake.estimation.likelihood.rounding import RoundedSamples, whitening
 from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
 from cpid_drake.sensing.splines import DerivativeSamples
@@ -143,10 +143,10 @@ class JointSamples:
     def design(self, pieces: int) -> NDArray[np.float64]:
         """Return A (N, K) of the samples in units of σ."""
         parts = [
-            _basis(self.start, self.end, pieces, s.time, d) / sigma
+            spline_basis(self.start, self.end, pieces, s.time, d) / sigma
             for (s, d, sigma), _ in self.parts
         ]
-        K = _basis(self.start, self.end, pieces, np.empty(0), 0).shape[1]
+        K = spline_basis(self.start, self.end, pieces, np.empty(0), 0).shape[1]
         return np.concatenate([np.empty((0, K)), *parts])
 
     def penalty(self, pieces: int) -> NDArray[np.float64]:
@@ -156,7 +156,7 @@ class JointSamples:
         half = (self.end - self.start) / pieces / 2
         at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
         root = np.sqrt(np.tile(weights * half, pieces))
-        return np.asarray(root[:, None] * _basis(self.start, self.end, pieces, at, 3))
+        return np.asarray(root[:, None] * spline_basis(self.start, self.end, pieces, at, 3))
 
     def whitening(self, Q: NDArray[np.float64], smooth: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return W (J, K, K) that whitens Qᵀ e of rounded samples; `smooth` (N, J) without e."""

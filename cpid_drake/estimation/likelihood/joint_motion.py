@@ -112,7 +112,7 @@ class JointBlock:
 
     def basis(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
         """Return the derivatives (M, K) of a joint's position (or rate, …) w.r.t. coefficients."""
-        return _basis(self.start, self.end, self.pieces, np.asarray(times), derivative)
+        return spline_basis(self.start, self.end, self.pieces, np.asarray(times), derivative)
 
     def evaluate(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions and rates (M, 2, J) at times (M,)."""
@@ -170,7 +170,9 @@ def joint_block(
     times = np.concatenate([each.time for each, _, _ in samples])
 
     def design(pieces: int) -> NDArray[np.float64]:
-        return np.vstack([_basis(start, end, pieces, s.time, d) / sigma for s, d, sigma in samples])
+        return np.vstack(
+            [spline_basis(start, end, pieces, s.time, d) / sigma for s, d, sigma in samples]
+        )
 
     def solved(target: NDArray[np.float64], pieces: int) -> _Solution:
         A = design(pieces)
@@ -195,7 +197,7 @@ def joint_block(
                 break
     K, R, c, pieces = len(found.c), found.R, found.c, found.pieces
     misfit = 1.0 if found.is_likely else found.chi_squared / found.freedom
-    jerk = float(np.sqrt(np.mean((_basis(start, end, pieces, times, 3) @ c) ** 2)))
+    jerk = float(np.sqrt(np.mean((spline_basis(start, end, pieces, times, 3) @ c) ** 2)))
     track = JointTrack(
         c[-ORDER:],
         R[K - ORDER : K, K - ORDER : K] / np.sqrt(misfit),
@@ -331,14 +333,23 @@ def _known(
     if open_pieces.any():
         at = (breaks[:-1, None] + np.diff(breaks)[:, None] * [0.1, 0.5, 0.9])[open_pieces].ravel()
         jerk = 1.0 if before is None else max(before.jerk, 1e-6)
-        calm = np.hstack([_basis(start, end, pieces, at, 3) / jerk, np.zeros((len(at), J))])
+        calm = np.hstack([spline_basis(start, end, pieces, at, 3) / jerk, np.zeros((len(at), J))])
         rows = np.vstack([rows, calm])
     return rows
 
 
-def _basis(
+def spline_basis(
     start: float, end: float, pieces: int, times: NDArray[np.float64], derivative: int
 ) -> NDArray[np.float64]:
+    """Return the derivatives (M, K) of a joint's position (or rate, …) by a block's coefficients.
+
+    Args:
+        start, end: of the block [s].
+        pieces: number of polynomials.
+        times: (M,) [s].
+        derivative: 0 for positions, 1 for rates, …
+
+    """
     return _functions(round(end - start, 9), pieces)(times - start, nu=derivative)
 
 
