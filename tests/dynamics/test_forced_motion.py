@@ -92,11 +92,12 @@ def _product(q, w):
 
 
 def test_momentum_changes_by_the_forces_on_all_bodies(craft, motion, skewed_target):
-    """While the joints move: the tide on every body, and a wrench and a disturbance."""
+    """While the joints move: the tide on every body, a wrench, a disturbance, and thrusters."""
     phi, step = skewed_target.to_standard_vector(), 1e-3
     full = craft.tree.with_target(phi)
     times = 3.0 + step * np.arange(-2, 3)
     disturbance, wrench = np.arange(6) * 0.01, np.arange(6) * 0.1 - 0.3
+    thrust = np.array([0.5, -0.4, 0.3, 2.0, -1.0, 1.5])
     found, _ = propagate_forced(
         craft.tree,
         motion,
@@ -106,6 +107,7 @@ def test_momentum_changes_by_the_forces_on_all_bodies(craft, motion, skewed_targ
         momentum_W=MOMENTUM,
         disturbance_W=disturbance,
         wrench_W=wrench,
+        wrench_B=thrust,
         **POSE,
     )
     telemetry = found.to_telemetry(craft.joint_names, [0.0, *times], motion).select(slice(1, None))
@@ -123,4 +125,6 @@ def test_momentum_changes_by_the_forces_on_all_bodies(craft, motion, skewed_targ
         expected += np.concatenate([torque + np.cross(r, force), force])
     push = full.mass * disturbance[3:]
     expected += np.concatenate([disturbance[:3] + np.cross(com, push), push])
+    torque, force = telemetry.R_WB[2] @ thrust[:3], telemetry.R_WB[2] @ thrust[3:]
+    expected += np.concatenate([torque + np.cross(telemetry.p_WB[2], force), force])
     np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-6)

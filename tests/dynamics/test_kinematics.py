@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensing_cases import small_craft
 
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
+from cpid_drake.dynamics.telemetry import Telemetry
 
 
 def test_velocities_are_the_derivatives_of_the_positions(servicer, random_motion):
@@ -36,14 +38,31 @@ def test_lumping_welded_bodies_changes_no_momentum(servicer, random_motion):
     lumped = servicer.tree.lumped
     assert sum(body.joint < 0 for body in lumped.bodies) == 1
     assert lumped.mass == pytest.approx(servicer.mass, rel=1e-15)
+    assert_same_momentum(servicer.tree, lumped, telemetry)
+
+
+def test_bodies_welded_askew_keep_their_attitude(tmp_path, skewed_target):
+    """A target that is welded on a turned frame C, which is off the origin of its body."""
+    craft, rng = small_craft(tmp_path), np.random.default_rng(18)
+    R_BC = Rotation.from_rotvec([0.7, -0.4, 1.1]).as_matrix()
+    tree = replace(craft.tree, R_BC=R_BC, p_BC=np.array([0.1, -0.2, 0.3]))
+    full = tree.with_target(skewed_target.to_standard_vector())
+    assert len(full.lumped.bodies) == len(full.bodies) - 1
+    q, qdot = rng.normal(size=(2, 5, len(craft.joint_names)))
+    w, v = rng.normal(size=(2, 5, 3))
+    assert_same_momentum(full, full.lumped, Telemetry.seen_from_base(q, qdot, w, v))
+
+
+def assert_same_momentum(tree, lumped, telemetry):
+    """Momentum, centre of mass, and the motion of C."""
     results = []
-    for tree in (servicer.tree, lumped):
-        bodies, capture = propagate(tree, telemetry)
-        masses = np.array([body.mass for body in tree.bodies])
+    for each in (tree, lumped):
+        bodies, capture = propagate(each, telemetry)
+        masses = np.array([body.mass for body in each.bodies])
         results.append(
             (
-                linear_momentum(tree, bodies),
-                angular_momentum(tree, bodies, capture.p_WC),
+                linear_momentum(each, bodies),
+                angular_momentum(each, bodies, capture.p_WC),
                 np.einsum("k,kni->ni", masses, bodies.r),
                 capture.R_WC,
                 capture.p_WC,

@@ -27,6 +27,16 @@ def test_the_nadir_turns_once_in_a_period_about_the_normal():
     np.testing.assert_allclose(np.cross(nadir[0], nadir[1]), normal, atol=1e-14)
 
 
+def test_a_nadir_that_is_not_quite_perpendicular_is_made_so():
+    """The normal is kept; the axes are those of a right-handed frame."""
+    orbit = Orbit(rate=0.02, nadir_W=np.array([0.0, 0.01, -1.0]))
+    orbit.check()
+    R = orbit.axes(np.array([0.0, 30.0]))
+    np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), 2 * [np.eye(3)], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(R), 1, rtol=1e-14)
+    np.testing.assert_array_equal(R[:, :, 2], 2 * [orbit.normal_W])
+
+
 def test_the_transition_solves_the_equation_of_motion():
     times = np.array([7.0, 12.0, 40.0, 300.0])
     p_v = np.array([10.0, -5.0, 3.0, 0.2, 0.1, -0.3])

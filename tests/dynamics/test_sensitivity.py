@@ -30,14 +30,14 @@ STRETCHED = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]  # Exx, Eyy, Ezz, E
 class Case:
     """Random instants of a spacecraft with a target and angular momentum L, seen from the base."""
 
-    def __init__(self, craft, target) -> None:
-        rng, J = np.random.default_rng(81), len(craft.joint_names)
-        self.craft, self.target = craft, target
+    def __init__(self, tree, joint_names, target) -> None:
+        rng, J = np.random.default_rng(81), len(joint_names)
+        self.tree, self.joint_names, self.target = tree, joint_names, target
         self.q, self.qdot = rng.normal(size=(2, N, J))
         self.L = 20 * rng.normal(size=(N, 3))
-        self.psi, self.dynamics, w, v, _ = self.solved(craft.tree, self.q, self.qdot)
+        self.psi, self.dynamics, w, v, _ = self.solved(tree, self.q, self.qdot)
         self.telemetry = Telemetry.seen_from_base(self.q, self.qdot, w, v)
-        self.full = craft.tree.with_target(target.to_standard_vector())
+        self.full = tree.with_target(target.to_standard_vector())
 
     def solved(self, tree: KinematicTree, q, qdot, target=None):
         """Return ψ, the dynamics, ω, v and ρ where the momentum about the centre of mass is L."""
@@ -56,8 +56,13 @@ def craft(tmp_path_factory):
 
 @pytest.fixture(scope="module", params=["servicer", "craft"])
 def case(request, skewed_target):
-    """The servicer's joints all turn; the small craft has a sliding one and wheels."""
-    return Case(request.getfixturevalue(request.param), skewed_target)
+    """The servicer's joints all turn; the small craft has a sliding one, wheels, and C askew."""
+    craft = request.getfixturevalue(request.param)
+    tree = craft.tree
+    if request.param == "craft":
+        R_BC = Rotation.from_rotvec([0.7, -0.4, 1.1]).as_matrix()
+        tree = replace(tree, R_BC=R_BC, p_BC=np.array([0.1, -0.2, 0.3]))
+    return Case(tree, craft.joint_names, skewed_target)
 
 
 def assert_is_derivative(sensitivity, column, ahead, behind, step) -> None:
@@ -72,10 +77,10 @@ def assert_is_derivative(sensitivity, column, ahead, behind, step) -> None:
 def test_by_joints(case):
     by_position, by_rate = joint_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
     step = 1e-5
-    for j, unit in enumerate(np.eye(len(case.craft.joint_names))):
-        moved = [case.solved(case.craft.tree, case.q + s * unit, case.qdot) for s in (step, -step)]
+    for j, unit in enumerate(np.eye(len(case.joint_names))):
+        moved = [case.solved(case.tree, case.q + s * unit, case.qdot) for s in (step, -step)]
         assert_is_derivative(by_position, j, *moved, step)
-        moved = [case.solved(case.craft.tree, case.q, case.qdot + s * unit) for s in (step, -step)]
+        moved = [case.solved(case.tree, case.q, case.qdot + s * unit) for s in (step, -step)]
         assert_is_derivative(by_rate, j, *moved, step)
 
 
@@ -102,7 +107,7 @@ def wheel_errors(body):
 
 def test_by_known_bodies(case):
     """The target, given by its parameters, stays the same while the known bodies change."""
-    tree, count = case.craft.tree, len(case.craft.tree.bodies)
+    tree, count = case.tree, len(case.tree.bodies)
     sensitivity = body_sensitivity(case.full, case.telemetry, case.psi, case.dynamics, count)
     assert sensitivity.w.shape == (N, 3, 10 * count)
     step = 1e-5
@@ -119,7 +124,7 @@ def test_by_known_bodies(case):
 
 def displacements(case):
     """Yield every error of the geometry: the joints' (J, 5) and C's (6,)."""
-    J = len(case.craft.joint_names)
+    J = len(case.joint_names)
     for unit in np.eye(5 * J + 6):
         yield unit[: 5 * J].reshape(J, 5), unit[5 * J :]
 
@@ -127,11 +132,11 @@ def displacements(case):
 def test_by_geometry(case):
     """Of the arm and of C: the derivatives are those of a tree with finite errors."""
     sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
-    assert sensitivity.w.shape == (N, 3, 5 * len(case.craft.joint_names) + 6)
+    assert sensitivity.w.shape == (N, 3, 5 * len(case.joint_names) + 6)
     step = 1e-5
     for column, (joints, grasp) in enumerate(displacements(case)):
         moved = [
-            case.solved(displaced(case.craft.tree, s * joints, s * grasp), case.q, case.qdot)
+            case.solved(displaced(case.tree, s * joints, s * grasp), case.q, case.qdot)
             for s in (step, -step)
         ]
         assert_is_derivative(sensitivity, column, *moved, step)
@@ -147,7 +152,7 @@ def test_an_error_of_the_grasp_is_one_of_the_target(case):
             R = Rotation.from_rotvec(s * unit[3:]).as_matrix()
             com, inertia = s * unit[:3] + R @ target.p_CTcm_C, R @ target.I_TTcm_C @ R.T
             other = InertialParameters(target.mass, com, inertia)
-            moved.append(case.solved(case.craft.tree, case.q, case.qdot, other))
+            moved.append(case.solved(case.tree, case.q, case.qdot, other))
         assert_is_derivative(sensitivity, first + i, *moved, step)
 
 
