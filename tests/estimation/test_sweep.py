@@ -96,7 +96,8 @@ def residuals(model, log, values):
             np.diff(log.bias[k], axis=0).ravel() / growth / np.sqrt(block.length),
         ]
     walking = [u for u in model.table if u.walk]
-    sigma = np.concatenate([np.empty(0), *(np.full(u.size, u.walk) for u in walking)])
+    declared = model.suite.disturbances
+    sigma = np.full(3 * len(walking), declared.torque_walk / declared.torque if walking else 0.0)
     parts += [w / sigma / np.sqrt(b.length) for w, b in zip(log.walks, log.blocks)]
     parts += [log.jumps[k] / s for k, s in log.links.items()]
     parts.append(log.bias[0][0] / model.gyros[0].bias_sigma)
@@ -162,15 +163,18 @@ SUITES = {
     params=["errors", *(pytest.param(each, marks=pytest.mark.slow) for each in ("bodies", "link"))],
 )
 def problem(request, tmp_path_factory, skewed_target):
-    """A log of two blocks, at values that are not the best ones."""
+    """A turned base: two blocks of 0.8 s and 1.2 s, at values that are not the best ones."""
     suite = SUITES.get(request.param, SUITES["plain"])
-    case = make_case(tmp_path_factory.mktemp("craft"), skewed_target, suite, MOMENTUM, 2.0)
+    case = make_case(tmp_path_factory.mktemp("craft"), skewed_target, suite, MOMENTUM, 3.0)
     bodies = BodyUncertainty(mass=0.01, com=0.002) if request.param == "bodies" else None
-    model = Model(case.craft.tree, suite, bodies)
-    log = LogState.of(model, add_noise(suite, case.samples, 1))
+    model, samples = Model(case.craft.tree, suite, bodies), add_noise(suite, case.samples, 1)
+    blocks = [case.block(a, b, samples) for a, b in ((0.999, 1.8), (1.8, 3.0))]
+    log = LogState.of_blocks(model, blocks)
     if request.param == "link":
         log = replace(log, links={0: JUMP}, jumps={0: 0.3 * JUMP})
     values, (log,) = start_of(model, [log])
+    turned = Rotation.from_rotvec([1e-3, -2e-3, 1.5e-3]) * log.start.attitude
+    log = replace(log, start=replace(log.start, attitude=turned))
     rng = np.random.default_rng(2)
     for u in model.table:
         if u.name not in (PSI, MOMENTUM_OF_LOG):
