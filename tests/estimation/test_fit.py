@@ -65,10 +65,21 @@ def test_errors_are_as_large_as_they_say(case, tumbling):
     assert 6.5 < np.mean(values) < 14.5
 
 
+@pytest.fixture(scope="module")
+def found(case):
+    return fitted(case)
+
+
+def test_no_sensor_is_better_than_declared(found):
+    """Residuals are smaller than the noise, and a short log may have small noise by chance."""
+    rest = found.rolled[0].all_residuals()
+    assert min(np.sqrt(np.mean(each**2)) for each in rest.values()) < 0.95
+    assert min(found.logs[0].noise.values()) == 1.0
+
+
 @pytest.mark.parametrize("factor", [0.01, 8.0])
-def test_the_minimum_does_not_depend_on_the_start(case, factor):
+def test_the_minimum_does_not_depend_on_the_start(case, found, factor):
     """A target from a hundredth to eight times the true one."""
-    found = fitted(case)
     model = found.model
     log = LogState.of(model, add_noise(case.suite, case.samples, 0))
     other = fit(model, [log], values={PSI: factor * true_psi(case.craft, case.target)})
@@ -156,14 +167,17 @@ def test_a_small_momentum_is_in_the_interval(tmp_path, skewed_target):
         assert size < 0.1 or nees(case, *at_zero) > 1000
 
 
-@pytest.mark.slow
-def test_a_firing_inside_of_a_block_is_found(case):
-    firing = Firing(3.37, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
+@pytest.mark.parametrize(
+    ("duration", "time"), [(2.0, 1.37), pytest.param(6.0, 3.37, marks=pytest.mark.slow)]
+)
+def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target, duration, time):
+    case = make_case(tmp_path, skewed_target, SUITE, None, duration)
+    firing = Firing(time, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
     closed = fitted(case, samples=fired(case, firing))
     found, events = fit_with_events(closed.model, closed)
     assert found.converged
     assert 1 <= len(events) <= 2
-    assert min(abs(event.time - 3.37) for event in events) < 0.3
+    assert min(abs(event.time - time) for event in events) < 0.3
     assert nees(case, *target(found.gaussian, found.values)) < 30
     assert nees(case, *target(closed.gaussian, closed.values)) > 2 * 30 or not closed.converged
 
@@ -177,17 +191,19 @@ def test_nothing_happened_in_a_clean_log(case):
         assert events == []
 
 
-def online(case, samples):
-    model = Model(case.craft.tree, SUITE)
+def online(case, samples, suite=SUITE):
+    model = Model(case.craft.tree, suite)
     state = OnlineState()
-    for block in blocks_of(BlockQueue.of(SUITE), [samples]):
+    for block in blocks_of(BlockQueue.of(suite), [samples]):
         state = step(model, state, block)
     return model, state
 
 
-def test_online_is_the_fit_of_all_samples(case):
-    samples = add_noise(SUITE, case.samples, 2)
-    model, state = online(case, samples)
+@pytest.mark.parametrize("bias_walk", [0.1, 50.0])
+def test_online_is_the_fit_of_all_samples(case, bias_walk):
+    suite = replace(SUITE, gyro=replace(SUITE.gyro, bias_random_walk=bias_walk))
+    samples = add_noise(suite, case.samples, 2)
+    model, state = online(case, samples, suite)
     found = fit(model, [LogState.of(model, samples)])
     psi, covariance = target(found.gaussian, found.values, at_rest=True)
     again, same = target(state.gaussian(model), state.values, at_rest=True)

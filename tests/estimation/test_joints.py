@@ -107,6 +107,25 @@ def test_a_faster_joint_has_a_larger_jerk():
     assert ((smoothness.jerk > 0.2 * size) & (smoothness.jerk < 5 * size)).all()
 
 
+def test_a_drawn_jerk_and_its_noise_are_found():
+    """Eight joints with a jerk that is white noise, so slow that splines of few pieces follow."""
+    rng, J, h, jerk = np.random.default_rng(0), 8, 0.02, 0.02
+    step = np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]])
+    spread = [[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2]]
+    root = np.linalg.cholesky(jerk**2 * np.array([*spread, [h**3 / 6, h**2 / 2, h]]))
+    states = [np.zeros((3, J))]
+    for _ in range(800):
+        states.append(step @ states[-1] + root @ rng.normal(size=(3, J)))
+    position = np.stack(states)[:, 0]
+    times = h * np.arange(len(position))
+    samples = Samples(times, position + SIGMA * rng.normal(size=position.shape))
+    log = Measurements(tuple("abcdefgh"), encoders=samples)
+    suite = SensorSuite(encoders=JointSensor(50.0, SIGMA))
+    smoothness, _ = smooth_joints(blocks_of(log), suite)
+    assert np.exp(np.mean(np.log(smoothness.jerk / jerk))) == pytest.approx(1, abs=0.25)
+    np.testing.assert_allclose(smoothness.noise, 1, rtol=0.1)
+
+
 def test_gaps_are_bridged_without_ringing():
     """Few samples, larger noise, gaps: errors as large as their σ, accelerations as true ones."""
     suite = SensorSuite(encoders=JointSensor(5.0, SIGMA))
