@@ -11,6 +11,7 @@ from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import compare
 from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import OnlineState, step
 from cpid_drake.estimation.trajectory_fit import blocks_of
@@ -75,6 +76,17 @@ def test_no_sensor_is_better_than_declared(found):
     rest = found.rolled[0].all_residuals()
     assert min(np.sqrt(np.mean(each**2)) for each in rest.values()) < 0.95
     assert min(found.logs[0].noise.values()) == 1.0
+
+
+def test_a_further_row_is_about_the_target_itself(case, found):
+    """With a target that is known exactly, the fit is that of the momentum and the sensors."""
+    psi = true_psi(case.craft, case.target)
+    R = np.diag(1e6 / next(u.sigma for u in found.model.table if u.name == PSI))
+    row = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
+    known = fitted(case, rows=[row])
+    assert known.converged
+    np.testing.assert_allclose(known.values[PSI], psi, atol=1e-4 * np.abs(psi).max())
+    assert found.cost < known.cost < found.cost + 40
 
 
 @pytest.mark.parametrize("factor", [0.01, 8.0])
@@ -213,8 +225,9 @@ def test_online_is_the_fit_of_all_samples(case, bias_walk):
     assert state.events == ()
 
 
-def test_online_a_firing_is_found_and_the_target_remains_right(case):
-    firing = Firing(4.37, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
+@pytest.mark.parametrize("size", [1.0, 0.01])
+def test_online_a_firing_is_found_and_the_target_remains_right(case, size):
+    firing = Firing(4.37, size * np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
     model, state = online(case, add_noise(SUITE, fired(case, firing), 3))
     assert state.known is not None
     assert len(state.events) == 1
