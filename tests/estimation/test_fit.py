@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_cases import fired, make_case
+from scipy.signal import lfilter
 from sensing_cases import MOMENTUM, coarse_suite, true_psi
 
 from cpid_drake.estimation.block_queue import BlockQueue
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import compare
-from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.fit import correlation_time, fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import OnlineState, step
@@ -76,6 +77,14 @@ def test_no_sensor_is_better_than_declared(found):
     rest = found.rolled[0].all_residuals()
     assert min(np.sqrt(np.mean(each**2)) for each in rest.values()) < 0.95
     assert min(found.logs[0].noise.values()) == 1.0
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
+def test_so_many_successive_residuals_are_worth_one(memory):
+    """Of noise with memory of first order: (1 + ρ)/(1 − ρ)."""
+    steps = np.random.default_rng(6).normal(size=(20_000, 3))
+    noise = lfilter([1.0], [1.0, -memory], steps, axis=0)
+    assert correlation_time(noise) == pytest.approx((1 + memory) / (1 - memory), rel=0.1)
 
 
 def test_a_further_row_is_about_the_target_itself(case, found):
