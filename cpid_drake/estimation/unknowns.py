@@ -73,6 +73,7 @@ class Model:
         table: the unknowns in the order of columns: constant errors, target, bodies, momentum.
         mass: nominal mass of the known bodies [kg].
         L_sigma: σ of an unknown angular momentum [N·m·s].
+        plausible: (10,) sizes of ψ of a target as heavy and as large as the spacecraft.
 
     """
 
@@ -83,6 +84,7 @@ class Model:
     table: tuple[Unknown, ...] = field(init=False)
     mass: float = field(init=False)
     L_sigma: float = field(init=False)
+    plausible: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
         def put(name: str, value: object) -> None:
@@ -95,6 +97,7 @@ class Model:
         known = relative_dynamics(self.tree, still, still)
         put("mass", known.mass)
         put("L_sigma", FASTEST_TUMBLE * float(np.trace(known.I_K[0])) / 3)
+        put("plausible", psi_scale(known.mass, known.I_K[0]))
         put("table", tuple(self._unknowns(known.mass, known.I_K[0])))
 
     def _unknowns(self, mass: float, inertia: NDArray[np.float64]) -> list[Unknown]:
@@ -106,7 +109,7 @@ class Model:
             scope: Scope = "hardware" if has else "log"
             table.append(Unknown(error.name, error.size, zero, one, scope, walk))
         mean = vague_prior(mass, inertia).psi
-        table.append(Unknown(PSI, 10, mean, WIDE * psi_scale(mass, inertia), "target"))
+        table.append(Unknown(PSI, 10, mean, WIDE * self.plausible, "target"))
         if self.known_bodies is not None:
             c = self.known_bodies.count(self.tree.wheels, self.joint_count)
             table.append(Unknown(BODIES, c, np.zeros(c), np.ones(c), "hardware"))
@@ -121,6 +124,12 @@ class Model:
         table = [replace(u, mean=mean, sigma=sigma) if u.name == name else u for u in self.table]
         object.__setattr__(model, "table", tuple(table))
         return model
+
+    @property
+    def has_guess(self) -> bool:
+        """Whether the target has another prior than the vague one, which is no information."""
+        target = next(unknown for unknown in self.table if unknown.name == PSI)
+        return not np.array_equal(target.sigma, WIDE * self.plausible)
 
     @property
     def joint_count(self) -> int:

@@ -30,6 +30,21 @@ def psi_scale(known_mass: float, known_inertia: NDArray[np.float64]) -> NDArray[
     return mass * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
 
 
+def plausible_sizes(psi: NDArray[np.float64], least: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (10,) magnitudes of ψ for a target as heavy and as large as one with ψ (10,).
+
+    Args:
+        psi: (10,) of the target.
+        least: (10,) magnitudes that it has at least.
+
+    """
+    if not psi[0] > 0:
+        return least
+    radius = np.sqrt(max(psi[4] + psi[7] + psi[9], 0.0) / 2 / psi[0])
+    radius = min(radius, _LARGEST * np.sqrt(least[4] / least[0]))
+    return np.maximum(psi[0] * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]]), least)
+
+
 @dataclass(frozen=True, eq=False)
 class Prior:
     """What is known before the first sample.
@@ -69,12 +84,9 @@ class Prior:
 
     def covering(self, psi: NDArray[np.float64]) -> "Prior":
         """Return the prior for targets as large as one with ψ (10,), if that is larger."""
-        if self.is_guess or not psi[0] > 0:
+        if self.is_guess:
             return self
-        radius = np.sqrt(max(psi[4] + psi[7] + psi[9], 0.0) / 2 / psi[0])
-        radius = min(radius, _LARGEST * np.sqrt(self.plausible[4] / self.plausible[0]))
-        sizes = psi[0] * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
-        sizes = np.maximum(sizes, self.plausible)
+        sizes = plausible_sizes(psi, self.plausible)
         return replace(self, psi_sigma=sizes, plausible=sizes)
 
     def as_wide_as(self, other: "Prior") -> "Prior":

@@ -1,0 +1,124 @@
+"""What a fit knows of the target, of constant errors and of the momentum, in a result's terms.
+
+All functions read a Gaussian of x − values, from all logs, priors included. A momentum that is
+known is a condition on this Gaussian; see `at_momentum`.
+"""
+
+import numpy as np
+
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import LeastSquaresSolution, solution_of_information
+from cpid_drake.estimation.likelihood.priors import plausible_sizes
+from cpid_drake.estimation.roll import Values
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.result import MomentumEstimate
+
+IN_PLANE = (2, 3, 4)
+"""Entries of a momentum (L, v) that a table leaves free."""
+
+
+def at_momentum(gaussian: Gaussian, values: Values, momentum: TotalMomentum, log: str) -> Gaussian:
+    """Return what is known if a log has this momentum; the same if it is unknown.
+
+    Args:
+        gaussian: of x − values.
+        values: of all unknowns.
+        momentum: the total momentum.
+        log: name of the log.
+
+    """
+    if momentum.is_unknown:
+        return gaussian
+    key = f"{MOMENTUM}|{log}"
+    return gaussian.condition(
+        {key: np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W]) - values[key]}
+    )
+
+
+def solution_of(
+    model: Model,
+    values: Values,
+    gaussian: Gaussian,
+    *,
+    residual_sum: float = np.nan,
+    row_count: int = 0,
+) -> LeastSquaresSolution:
+    """Return the target's ψ about the nominal mass of the known bodies, by the samples alone.
+
+    A vague prior of the target is no information and is taken out; a guess remains.
+
+    Args:
+        model: the unknowns.
+        values: of all unknowns.
+        gaussian: of x − values.
+        residual_sum: sum of squares of the samples' residuals.
+        row_count: number of these.
+
+    """
+    target = gaussian.marginal([PSI])
+    psi = values[PSI] + target.solve()
+    information = target.R.T @ target.R
+    if not model.has_guess:
+        prior = next(unknown for unknown in model.table if unknown.name == PSI)
+        information = information - np.diag(prior.sigma**-2.0)
+    return solution_of_information(
+        psi,
+        information,
+        plausible_sizes(psi, model.plausible),
+        residual_sum=residual_sum,
+        row_count=row_count,
+    )
+
+
+def effects_of(
+    model: Model, values: Values, gaussian: Gaussian, log: str
+) -> tuple[EffectEstimate, ...]:
+    """Return the estimates of all constant errors of a log; of those that walk, the last value.
+
+    Args:
+        model: the unknowns.
+        values: of all unknowns.
+        gaussian: of x − values.
+        log: name of the log.
+
+    """
+    unknowns = [each for each in model.table if each.name in model.constants.errors]
+    if not unknowns:
+        return ()
+    both = gaussian.marginal([each.key(log) for each in unknowns])
+    step, sigma = both.solve(), np.sqrt(np.diag(both.covariance()))
+    has_others = sum(name.startswith(f"{MOMENTUM}|") for name in values) > 1
+    found = []
+    for unknown in unknowns:
+        error, key = model.constants.errors[unknown.name], unknown.key(log)
+        unit, place = error.sigma / error.scale, both.places[key]
+        value, width = unit * (values[key] + step[place]), unit * sigma[place]
+        name = log if has_others and unknown.scope == "log" else ""
+        found.append(EffectEstimate(error.name, error.unit, value, width, unit, name))
+    return tuple(found)
+
+
+def momentum_of(
+    model: Model, values: Values, gaussian: Gaussian, log: str
+) -> MomentumEstimate | None:
+    """Return L at the start of a log, and v_WScm if positions are measured; None if it is known.
+
+    Args:
+        model: the unknowns.
+        values: of all unknowns.
+        gaussian: of x − values.
+        log: name of the log.
+
+    """
+    key = f"{MOMENTUM}|{log}"
+    if key not in gaussian.places:
+        return None
+    found = gaussian.marginal([key])
+    count = 6 if "position" in model.suite.present() else 3
+    entries = np.arange(count)
+    if model.tree.normal_B is not None:
+        entries = np.array(IN_PLANE[: count // 2])
+    value, covariance = values[key] + found.solve(), found.covariance()
+    return MomentumEstimate(value[entries], covariance[np.ix_(entries, entries)])
