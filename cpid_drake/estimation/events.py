@@ -14,13 +14,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.estimation.evidence import Comparison, compare
+from cpid_drake.estimation.evidence import Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.unknowns import Model
 
 PARTS = 4
 """A block beside a change is cut into so many parts."""
@@ -54,13 +54,14 @@ class Event:
 
 
 def fit_with_events(
-    model: Model, found: Fit, rows: Sequence[Gaussian] = ()
+    model: Model, found: Fit, question: Question, rows: Sequence[Gaussian] = ()
 ) -> tuple[Fit, list[Event]]:
     """Return a fit with the changes of momentum that its samples show, and these.
 
     Args:
         model: the unknowns.
         found: a fit without changes, which is returned if the samples show none.
+        question: the candidates beside the changes, which are judged together.
         rows: further information about unknowns; see `fit`.
 
     Raises:
@@ -68,13 +69,13 @@ def fit_with_events(
 
     """
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
-    if not any(_changes(model, replace(found, logs=quiet), rows)):
+    if not any(_changes(model, replace(found, logs=quiet), question, rows)):
         return found, []
     now, wide = found, found
     for last in [False] * (ROUNDS - 1) + [True]:
         logs = [_opened(model, log, range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values)
-        changes = _changes(model, wide, rows)
+        changes = _changes(model, wide, question, rows)
         if last or not any(changes):
             break
         cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
@@ -88,7 +89,9 @@ def fit_with_events(
     return fit(model, logs, rows=rows, values=wide.values), events
 
 
-def _changes(model: Model, found: Fit, rows: Sequence[Gaussian]) -> list[list[int]]:
+def _changes(
+    model: Model, found: Fit, question: Question, rows: Sequence[Gaussian]
+) -> list[list[int]]:
     """Return of each log the blocks at whose ends something changed."""
     result = []
     for log in found.logs:
@@ -98,7 +101,7 @@ def _changes(model: Model, found: Fit, rows: Sequence[Gaussian]) -> list[list[in
             judged = ends[first : first + TOGETHER]
             opened = _opened(model, log, {*log.links, *judged})
             carried = sweep(model, opened, rolled, found.values, carry=judged)
-            compared = _compared(model, opened, found, carried.gaussian, judged, rows)
+            compared = _compared(model, opened, found, carried.gaussian, judged, question, rows)
             best += [k for k in judged if _name(k, log) in compared.best]
         result.append(best)
     return result
@@ -110,18 +113,17 @@ def _compared(
     found: Fit,
     gaussian: Gaussian,
     ends: Sequence[int],
+    question: Question,
     rows: Sequence[Gaussian],
 ) -> Comparison:
-    """Return the comparison of changes at some ends of a log."""
+    """Return the comparison of changes at some ends of a log, beside all other candidates."""
     total = prior_of(model, [log], found.values, rows).add(gaussian)
     names = {_name(k, log): k for k in ends}
-    about = [
-        log.jumps[names[name]] if name in names else np.zeros(size)
-        for name, size in total.sizes.items()
-    ]
+    values = found.values | {name: log.jumps[k] for name, k in names.items()}
+    values = {name: values.get(name, np.zeros(size)) for name, size in total.sizes.items()}
     candidates = {name: log.links[k] for name, k in names.items()}
     held = {} if model.tree.normal_B is None else dict.fromkeys(names, _HELD)
-    return compare(total.moved(-np.concatenate(about)), candidates, [PSI], held)
+    return question.answer(total, values, candidates, held)
 
 
 def _opened(model: Model, log: LogState, ends: Sequence[int] | set[int] | range) -> LogState:

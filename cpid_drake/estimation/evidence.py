@@ -8,22 +8,24 @@ x ~ N(0, (a σ)²) for each, is in information form
 
 H and b the information of the samples about the candidates in units of σ. Each candidate has the
 size a among `SIZES` that its own evidence prefers, at the price of log(len(SIZES)): a vague prior
-would hide what is small. Before the samples, one of n candidates is expected to act: the odds of
-each are 1/n. Every set has its probability, and the target is the average over all sets: what the
+would hide what is small. Before the samples, one of n errors is expected to act: the odds of each
+are 1/n. Those of a momentum that nobody has given are even. Every set has its probability, and the target is the average over all sets: what the
 samples cannot tell apart widens its interval.
 
 Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
 1999, Bayesian Model Averaging.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.unknowns import MOMENTUM, Model
 
 SIZES = 10.0 ** -np.arange(7)
 """Sizes of an error that are compared, as shares of its σ."""
@@ -49,18 +51,31 @@ class Comparison:
         alone: log of the Bayes factor of each candidate, alone against none.
         probability: of each candidate to act.
         best: the most probable set.
+        places: places of the kept unknowns in `mean`.
         mean: (n,) average of the kept unknowns over all sets.
         covariance: (n, n) their covariance, that between the sets included.
         values: (k,) of each candidate in the best set, in its own units.
+        sigma: (k,) their σ.
 
     """
 
     alone: dict[str, float]
     probability: dict[str, float]
     best: tuple[str, ...]
+    places: dict[str, slice]
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
     values: dict[str, NDArray[np.float64]]
+    sigma: dict[str, NDArray[np.float64]]
+
+    @property
+    def gaussian(self) -> Gaussian:
+        """The average of the kept unknowns as a distribution."""
+        scale = np.sqrt(np.diag(self.covariance))
+        L = cholesky(self.covariance / scale / scale[:, None], lower=True)
+        whiten = solve_triangular(L, np.diag(1 / scale), lower=True)
+        rows = np.column_stack([whiten, whiten @ self.mean])
+        return Gaussian.of_rows({n: p.stop - p.start for n, p in self.places.items()}, rows)
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -73,6 +88,7 @@ def compare(
     candidates: Mapping[str, NDArray[np.float64]],
     kept: Sequence[str],
     held: Mapping[str, Sequence[int]] | None = None,
+    odds: Mapping[str, float] | None = None,
 ) -> Comparison:
     """Compare all sets of candidates.
 
@@ -82,9 +98,80 @@ def compare(
         candidates: σ of each candidate's entries.
         kept: the unknowns that are averaged; all others are marginalized.
         held: entries of candidates that nothing can change.
+        odds: of candidates before the samples; default: one of all candidates acts.
 
     """
-    return _Sets(gaussian, candidates, kept, held or {}).comparison()
+    known = dict.fromkeys(candidates, 1 / max(len(candidates), 1)) | dict(odds or {})
+    return _Sets(gaussian, candidates, kept, held or {}).comparison(
+        {name: float(np.log(value)) for name, value in known.items()}
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What a comparison asks.
+
+    Attributes:
+        candidates: σ of the entries of each candidate.
+        given: values of unknowns that the caller has given.
+
+    """
+
+    candidates: dict[str, NDArray[np.float64]]
+    given: dict[str, NDArray[np.float64]]
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        declared: Collection[str],
+        logs: Collection[str],
+        momentum: TotalMomentum | None,
+    ) -> "Question":
+        """Return the question about all that is not declared.
+
+        Args:
+            model: with a σ of every candidate.
+            declared: names of the constant errors that are no candidates.
+            logs: names of the logs.
+            momentum: the total momentum; None to compare zero with an unknown one.
+
+        """
+        candidates, given = {}, {}
+        for unknown in model.table:
+            is_error = unknown.name in model.constants.errors and unknown.name not in declared
+            is_momentum = unknown.name == MOMENTUM
+            for name in logs:
+                if is_error or (is_momentum and momentum is None):
+                    candidates[unknown.key(name)] = unknown.sigma
+                elif is_momentum and momentum is not None and not momentum.is_unknown:
+                    value = np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W])
+                    given[unknown.key(name)] = value
+        return cls(candidates, given)
+
+    def answer(
+        self,
+        gaussian: Gaussian,
+        values: Mapping[str, NDArray[np.float64]],
+        further: Mapping[str, NDArray[np.float64]] | None = None,
+        held: Mapping[str, Sequence[int]] | None = None,
+    ) -> Comparison:
+        """Compare all sets of candidates.
+
+        Args:
+            gaussian: of all unknowns about their values.
+            values: of the unknowns.
+            further: more candidates with their σ.
+            held: entries of candidates that nothing can change.
+
+        """
+        x = np.concatenate([values[name] for name in gaussian.places])
+        given = {name: value for name, value in self.given.items() if name in values}
+        found = gaussian.moved(-x).condition(given)
+        sigma = self.candidates | dict(further or {})
+        kept = [name for name in found.places if name not in sigma]
+        even = {name: 1.0 for name in sigma if name.startswith(f"{MOMENTUM}|")}
+        return compare(found, sigma, kept, held, even)
 
 
 class _Sets:
@@ -103,6 +190,7 @@ class _Sets:
     ) -> None:
         self.names = [name for name in gaussian.places if name in candidates]
         both = gaussian.marginal([*kept, *self.names])
+        self.kept_places = {name: both.places[name] for name in kept}
         n = len(both.indices(kept))
         sigma = np.concatenate([np.empty(0), *(candidates[name] for name in self.names)])
         scale = np.concatenate([1 / np.linalg.norm(both.R[:, :n], axis=0), sigma])
@@ -137,14 +225,14 @@ class _Sets:
         price = float(np.sum(np.log(a))) + len(free) * np.log(len(SIZES))
         return 0.5 * float(y @ y) - 0.5 * log_det - price, index, L / d[:, None]
 
-    def comparison(self) -> Comparison:
-        odds = np.log(1 / max(len(self.names), 1))
+    def comparison(self, odds: Mapping[str, float]) -> Comparison:
+        """Return the comparison for the logs of all candidates' odds."""
         alone, some = dict[str, float](), list[str]()
         while len(some) < MOST and (others := [n for n in self.names if n not in some]):
             gains = {name: self._gain(name, some) for name in others}
             alone = alone or {name: gain for name, (gain, _) in gains.items()}
-            name = max(gains, key=lambda each: gains[each][0])
-            if gains[name][0] + odds < np.log(UNLIKELY):
+            name = max(gains, key=lambda each: gains[each][0] + odds[each])
+            if gains[name][0] + odds[name] < np.log(UNLIKELY):
                 break
             self.size[name] = gains[name][1]
             some.append(name)
@@ -152,24 +240,35 @@ class _Sets:
         for bits in range(1 << len(some)):
             free = [name for k, name in enumerate(some) if bits >> k & 1]
             value, index, L = self.evidence(free, self.size)
-            sets.append((value + len(free) * odds, free, index, L))
+            sets.append((value + sum(odds[name] for name in free), free, index, L))
         best = max(sets, key=lambda each: each[0])
         weights = np.exp([each[0] - best[0] for each in sets])
         weights /= weights.sum()
-        n = len(self.at_zero)
+        n, nearby = len(self.at_zero), self.kept(*best[2:])[0]
         mean, square, probability = np.zeros(n), np.zeros((n, n)), dict.fromkeys(self.names, 0.0)
         for weight, (_, free, index, L) in zip(weights, sets, strict=True):
             for name in free:
                 probability[name] += float(weight)
             if weight > _NEGLIGIBLE:
                 k, P = self.kept(index, L)
+                k = k - nearby
                 mean, square = mean + weight * k, square + weight * (P + np.outer(k, k))
         scale, (_, free, index, L) = self.kept_scale, best
         x = self.sigma[index] * cho_solve((L, True), self.b[index])
+        inverse = solve_triangular(L, np.eye(len(index)), lower=True)
+        sigma = self.sigma[index] * np.linalg.norm(inverse, axis=0)
         ends = np.cumsum([len(self.places[name]) for name in free])[:-1]
-        values = dict(zip(free, np.split(x, ends), strict=True)) if free else {}
         covariance = (square - np.outer(mean, mean)) * scale * scale[:, None]
-        return Comparison(alone, probability, tuple(free), mean * scale, covariance, values)
+        return Comparison(
+            alone,
+            probability,
+            tuple(free),
+            self.kept_places,
+            (nearby + mean) * scale,
+            covariance,
+            dict(zip(free, np.split(x, ends), strict=True)) if free else {},
+            dict(zip(free, np.split(sigma, ends), strict=True)) if free else {},
+        )
 
     def _gain(self, name: str, free: Sequence[str]) -> tuple[float, float]:
         """Return the evidence for a candidate beside others, and the size that it prefers."""

@@ -123,7 +123,7 @@ class Gaussian:
         scale = np.linalg.norm(A, axis=0)
         scale[scale == 0] = 1.0
         U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-        known = s > _NEGLIGIBLE * s[0]
+        known = s > _NEGLIGIBLE * s.max(initial=0.0)
         return np.asarray(Vt[known].T @ ((U.T @ b)[known] / s[known]) / scale)
 
     def covariance(self) -> NDArray[np.float64]:

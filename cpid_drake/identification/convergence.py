@@ -74,7 +74,6 @@ def converge(
                     known_bodies=evidence.known_bodies,
                     prior=evidence.prior,
                     planar=result.table is not None,
-                    is_final=False,
                 )
         except InputError:  # too few samples, or nothing moves yet
             continue

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from cpid_drake.estimation.block_state import BlockState, solution
 from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.combination import Agreement
-from cpid_drake.estimation.effect_selection import ModelAverage
 from cpid_drake.estimation.intervals import quantile_95
 
 SIGNIFICANT = 4.0
@@ -102,64 +101,57 @@ def shown(value: float, half: float) -> float:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """How well a model with more errors predicts samples that were not used, and one without.
+    """How well errors that the first part of a log proposes predict the rest of it.
 
     Attributes:
         seconds: length of the prediction, of all logs together [s].
-        samples: number of predicted values.
-        chi_squared: mean square of the errors of the prediction, in units of the σ that the model
-            expects: about 1 for the right model.
-        without: the same of the prediction by the model without these errors, in the same units.
+        proposed: names of the errors that the first part proposes.
+        gain: log of the ratio of the probability densities of the rest, with and without them.
 
     """
 
     seconds: Annotated[float, Ge(0)]
-    samples: Annotated[int, Ge(0)]
-    chi_squared: Annotated[float, Ge(0)]
-    without: Annotated[float, Ge(0)]
+    proposed: tuple[str, ...]
+    gain: float
 
     @property
     def is_better(self) -> bool:
-        """Whether the model with more errors predicts better."""
-        return self.chi_squared < self.without
+        """Whether some errors are proposed, and the rest is more probable with them."""
+        return bool(self.proposed) and self.gain > 0
 
     def describe(self) -> str:
-        """Return the comparison in words."""
+        """Return the result in words."""
+        if not self.proposed:
+            return "the first two thirds of the log alone do not show them"
         return (
-            f"fitted to the first two thirds, they predict the other {self.seconds:.3g} s with χ² "
-            f"per sample {self.chi_squared:.3g}; without them {self.without:.3g}"
+            f"the first two thirds of the log show {' and '.join(self.proposed)}, which makes the "
+            f"other {self.seconds:.3g} s more probable by a factor of exp({self.gain:.3g})"
         )
 
 
 @dataclass(frozen=True, eq=False)
 class UndeclaredErrors:
-    """The errors that explain a log best, beyond the declared ones.
+    """The errors that act although the sensors do not declare them.
 
     Attributes:
         effects: their estimates; empty if the declared errors explain the log.
-        gain: gain of the log marginal likelihood by all of them.
-        shift: change of the target by them, in units of the σ of the result without them.
+        suspected: probability of every other candidate to act.
         fields: what to add to the sensors' file: section, field and σ of each error.
-        is_explained: whether noise explains what these errors leave.
-        alone: gain by each candidate alone, the largest first.
-        held_out: prediction of samples that were not used; None without effects, and for a log that
-            is too short.
-        average: what the probabilities of these and other errors do to the intervals of the target.
+        alone: gain of the log evidence by each candidate alone, the largest first.
+        held_out: prediction of samples that did not choose them; None without effects, and for a
+            log that is too short.
 
     """
 
     effects: tuple[EffectEstimate, ...]
-    gain: float
-    shift: float
+    suspected: dict[str, float]
     fields: tuple[tuple[str, str, float], ...]
-    is_explained: bool
     alone: tuple[tuple[str, float], ...]
     held_out: HeldOut | None = None
-    average: ModelAverage | None = None
 
     @property
     def is_proposed(self) -> bool:
-        """Whether these errors are proposed: samples that were not used do not contradict them."""
+        """Whether these errors are proposed: samples that did not choose them confirm them."""
         return bool(self.effects) and (self.held_out is None or self.held_out.is_better)
 
     @property
@@ -170,41 +162,26 @@ class UndeclaredErrors:
             sections.setdefault(section, []).append(f"{field}: {value:g}")
         return [f"{name}: {{{', '.join(entries)}}}" for name, entries in sections.items()]
 
-    @property
-    def suspected(self) -> dict[str, float]:
-        """Probabilities of errors that may act, each alone, but that are not proposed."""
-        if self.average is None:
-            return {}
-        named = {effect.name for effect in self.effects}
-        each = self.average.probabilities.items()
-        return {" and ".join(names): share for names, share in each if not named & set(names)}
-
     def describe(self) -> str:
         """Return the errors in words."""
         return ", and ".join(effect.summary() for effect in self.effects)
 
     def lines(self) -> list[str]:
         """Return the comparison of all candidates, and the proposal, as lines of text."""
-        result = ["  errors that the sensors do not declare, each alone: gain of log likelihood"]
+        result = ["  errors that the sensors do not declare, each alone: gain of log evidence"]
         result += [f"    {name:24}{gain:10.1f}" for name, gain in self.alone[:_SHOWN]]
         if not self.effects:
             return [*result, "  none explains the samples better: nothing to declare"]
-        result.append(f"  together best, gain {self.gain:.1f}:")
-        result += [f"    {effect.describe()}" for effect in self.effects]
-        if not self.is_explained:
-            result.append("  these errors do not explain all that the samples show")
+        result += ["  these act:", *(f"    {effect.describe()}" for effect in self.effects)]
         if self.held_out is None:
-            result.append(
-                "  the log is too short, or too broken, to predict a part of it from the rest"
-            )
+            result.append("  the log is too short to predict a part of it from the rest")
         else:
             result.append(f"  {self.held_out.describe()}")
-        change = f"  they change the target by {self.shift:.1f} sigma"
         if not self.is_proposed:
-            return [*result, f"{change}; not proposed, because they do not predict better"]
+            return [*result, "  they are not proposed, because they do not predict the rest better"]
         return [
             *result,
-            f"{change}; to declare them, add to the file of the sensors:",
+            "  the result includes them; to declare them, add to the file of the sensors:",
             *(f"    {line}" for line in self.declaration),
         ]
 

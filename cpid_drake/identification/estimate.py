@@ -75,7 +75,7 @@ def solution_of(
 def effects_of(
     model: Model, values: Values, gaussian: Gaussian, log: str
 ) -> tuple[EffectEstimate, ...]:
-    """Return the estimates of all constant errors of a log; of those that walk, the last value.
+    """Return the estimates of constant errors of a log; of those that walk, the last value.
 
     Args:
         model: the unknowns.
@@ -84,7 +84,8 @@ def effects_of(
         log: name of the log.
 
     """
-    unknowns = [each for each in model.table if each.name in model.constants.errors]
+    errors = model.constants.errors
+    unknowns = [u for u in model.table if u.name in errors and u.key(log) in gaussian.places]
     if not unknowns:
         return ()
     both = gaussian.marginal([each.key(log) for each in unknowns])
@@ -92,7 +93,7 @@ def effects_of(
     has_others = sum(name.startswith(f"{MOMENTUM}|") for name in values) > 1
     found = []
     for unknown in unknowns:
-        error, key = model.constants.errors[unknown.name], unknown.key(log)
+        error, key = errors[unknown.name], unknown.key(log)
         unit, place = error.sigma / error.scale, both.places[key]
         value, width = unit * (values[key] + step[place]), unit * sigma[place]
         name = log if has_others and unknown.scope == "log" else ""

@@ -4,9 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -19,19 +16,11 @@ from cpid_drake.sensing.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
     from cpid_drake.identification.checked_log import CheckedLog
+    from cpid_drake.identification.target_prior import TargetPrior
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 NOISE_ESTIMATED = "the sensors' noise was estimated from the log; give the sensors if you know them"
 """The warning of an estimator that needs the sensors' noise when no sensors were given."""
-
-LARGEST_NOISE = 10.0
-"""Ratio of residuals to the assumed noise above which no fit with larger noise is tried."""
-
-MOST_NOISE = 3.0
-"""Ratio of the noise to the given one above which a check fails."""
-
-MOST_UNEXPLAINED = 0.1
-"""Share of the log that nothing explains, above which the answer is doubted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,21 +79,17 @@ class Estimator:
         name: its name on the command line, in result files and in scenarios.
         label: its name in reports.
         good_for: its recommended use, in one sentence.
-        estimate: its function.
+        estimate: its function of the problems of all logs by name, of the total momentum (None to
+            test zero), of a prior, and of a callback for progress.
         needs: returns the sensors that it needs for a row family and a momentum: at least one
             sensor of each entry.
-        estimate_about: returns what a log tells about a target near given relative unknowns (10,),
-            for the misfit of the log's own estimate; None if the estimator's equations are linear
-            in the unknowns.
         default_rows: returns the name of its default row family for the number of samples by
             sensor; None if it uses no rows.
         momenta: names of the total momenta that it can handle; see `TotalMomentum.name`.
-        streams: whether it reads `Problem.stream` and so needs no more memory for a longer log.
         prefers_sensors: whether it is the default where sensors are given.
         uses_added_sensors: whether it uses sensors that `register_sensor` added to the table.
         uses_known_bodies: whether its covariance includes the uncertainty of the known bodies.
         uses_thrust: whether it uses the log of thrust.
-        estimates_errors: whether it estimates the constant errors that sensors declare.
         reports: number of estimates over time in a report; smaller for slow estimators.
 
     """
@@ -112,15 +97,15 @@ class Estimator:
     name: str
     label: str
     good_for: str
-    estimate: Callable[[Problem], Identification]
+    estimate: Callable[
+        [Mapping[str, Problem], TotalMomentum | None, "TargetPrior | None", Callable[[str], None]],
+        Identification,
+    ]
     needs: Callable[[RowFamily | None, TotalMomentum], tuple[tuple[str, ...], ...]]
-    estimate_about: Callable[[Problem, NDArray[np.float64], float], Identification] | None = None
     default_rows: Callable[[Mapping[str, int]], str] | None = None
     momenta: tuple[str, ...] = ("zero", "unknown", "known")
-    streams: bool = False
     prefers_sensors: bool = False
     uses_added_sensors: bool = False
     uses_known_bodies: bool = False
     uses_thrust: bool = False
-    estimates_errors: bool = False
     reports: int = 14

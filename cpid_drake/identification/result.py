@@ -162,6 +162,8 @@ class Identification:
         doubts: reasons not to trust the estimate; see `cpid_drake.identification.trust`.
         momentum: the total momentum that was assumed: "zero", "unknown" or "known".
         misfit: size of the residuals relative to the assumed noise, or 1 if the noise explains it.
+        noise: factors by which the noise of sensors is larger than given; for several logs by
+            "sensor of log".
         unexplained: share of the log whose samples were not used because nothing explains them.
         momentum_estimate: the estimate of an unknown momentum; None without one.
         contradicts_zero: whether the samples contradict the assumed momentum of zero; None if this
@@ -191,6 +193,7 @@ class Identification:
     doubts: tuple[str, ...] = ()
     momentum: str = "zero"
     misfit: float = 1.0
+    noise: Mapping[str, float] = field(default_factory=dict)
     unexplained: float = 0.0
     momentum_estimate: MomentumEstimate | None = None
     contradicts_zero: bool | None = None

@@ -387,9 +387,10 @@ LEAST_SQUARES = Estimator(
     name="least_squares",
     label="least squares on momentum rows",
     good_for="exact logs of any length, and a quick look; several times less accurate with noise",
-    estimate=estimate_by_rows,
+    estimate=lambda problems, momentum, prior, progress: estimate_by_rows(
+        next(iter(problems.values()))
+    ),
     needs=needs_of_rows,
     default_rows=best_rows,
-    streams=True,
     reports=24,
 )

@@ -367,7 +367,6 @@ def _trial(
                 sensors=case.suite,
                 momentum=case.momentum,
                 known_bodies=case.known_bodies,
-                is_final=False,
             )
             outcomes[name] = _outcome(found)
         except InputError as error:

@@ -76,7 +76,7 @@ def test_the_fit_is_the_minimum_of_the_dense_problem(craft, case, skewed_target)
     x[:10] = skewed_target.to_vector() * 1.01
     x, covariance, chi_squared = dense.solved(x)
     sigma = np.sqrt(np.diag(covariance))[:10]
-    found = identify(craft, noisy, sensors=SUITE, momentum=told, is_final=False)
+    found = identify(craft, noisy, sensors=SUITE, momentum=told)
     assert np.abs((found.parameters - x[:10]) / sigma).max() < 0.05
     close(found.covariance, covariance[:10, :10], 0.02)
     freedom = sum(3 * len(noisy[n]) for n in ("attitude", "gyro", "position")) + 3 - len(x)
@@ -97,9 +97,7 @@ def test_errors_of_the_known_bodies_are_unknowns_with_a_prior(craft, case, skewe
     x[:10] = skewed_target.to_vector()
     x, covariance, _ = dense.solved(x)
     sigma = np.sqrt(np.diag(covariance))[:10]
-    found = identify(
-        craft, noisy, sensors=SUITE, momentum=told, known_bodies=BODIES, is_final=False
-    )
+    found = identify(craft, noisy, sensors=SUITE, momentum=told, known_bodies=BODIES)
     ratio = np.sqrt(np.diag(found.covariance)) / sigma
     assert (ratio > 0.97).all()
     assert (ratio < 1.6).all()

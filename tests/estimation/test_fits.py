@@ -41,7 +41,7 @@ def samples(case):
 
 
 def fitted(case, samples, *, suite=SUITE, **options):
-    return identify(case.craft, samples, sensors=suite, is_final=False, **options)
+    return identify(case.craft, samples, sensors=suite, **options)
 
 
 def distance(found, other, covariance):

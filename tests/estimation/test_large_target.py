@@ -58,7 +58,7 @@ def test_the_bound_exists_and_grows_with_the_noise(craft, target, ideal):
 )
 def test_it_is_identified_without_false_alarms(craft, target, ideal, estimator):
     noisy = add_noise(SUITE, ideal, 1)
-    found = identify(craft, noisy, sensors=SUITE, estimator=estimator, is_final=False)
+    found = identify(craft, noisy, sensors=SUITE, estimator=estimator)
     error = found.parameters - target.to_vector()
     assert found.momentum_changes.count == 0
     assert found.misfit < 1.15

@@ -36,7 +36,7 @@ def test_a_fit_without_a_finite_number_is_judged_like_every_other(craft, log):
     value = np.random.default_rng(1).standard_normal(attitude.value.shape)
     value /= np.linalg.norm(value, axis=1)[:, None]
     spoiled = samples.updated({"attitude": replace(attitude, value=value)})
-    found = identify(craft, spoiled, sensors=suite, is_final=False)
+    found = identify(craft, spoiled, sensors=suite)
     assert not np.isfinite(found.parameters).any()
     assert any("nothing explains" in doubt for doubt in found.doubts)
     assert "turn the target" not in found.explain()
@@ -51,7 +51,7 @@ def test_a_position_with_a_slow_error_fails_a_check(craft, log, estimator):
     wave = 1.5e-3 * np.sin(2 * np.pi * time / 3.0 + np.arange(3))
     position = replace(ideal.position, value=ideal.position.value + wave)
     spoiled = samples.updated({"position": position})
-    found = identify(craft, spoiled, sensors=suite, estimator=estimator, is_final=False)
+    found = identify(craft, spoiled, sensors=suite, estimator=estimator)
     assert found.misfit == 1.0
     assert np.isfinite(found.parameters).all()
     assert any("correlated from sample to sample (+0.9" in doubt for doubt in found.doubts)
@@ -61,7 +61,7 @@ def test_a_position_with_a_slow_error_fails_a_check(craft, log, estimator):
 def test_noise_above_three_times_the_given_one_fails_a_check(craft, log, factor, is_trusted):
     suite = coarse_suite(gyro=FAST_GYRO)
     samples, _ = log(replace(suite, position=VectorSensor(5.0, factor * 1e-3)), 5.0)
-    found = identify(craft, samples, sensors=suite, is_final=False)
+    found = identify(craft, samples, sensors=suite)
     assert found.is_trustworthy == is_trusted
     text = "the noise is larger than the sensors' file declares: that of the position"
     assert any(doubt.startswith(text) for doubt in found.doubts) != is_trusted
@@ -126,7 +126,7 @@ def test_all_of_a_result_is_of_one_fit(craft, log):
     suite.position.lever_arm_mm = true.position.lever_arm_mm = 20.0
     true.position.sigma = 2.8e-3
     samples, _ = log(true, 5.0)
-    seen, given = (identify(craft, samples, sensors=s, is_final=False) for s in (suite, true))
+    seen, given = (identify(craft, samples, sensors=s) for s in (suite, true))
     target = np.sqrt(np.diag(seen.covariance) / np.diag(given.covariance))
     assert (np.abs(target - 1) < 0.25).all()
     [effect], [expected] = seen.effects, given.effects

@@ -42,12 +42,12 @@ def log(craft, skewed_target):
     "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
 )
 def test_errors_much_larger_than_declared_are_a_doubt(craft, log, estimator):
-    found = identify(craft, log(6.0, 2), sensors=suite_of(), estimator=estimator, is_final=False)
+    found = identify(craft, log(6.0, 2), sensors=suite_of(), estimator=estimator)
     (text,) = [doubt for doubt in found.doubts if DOUBT in doubt]
     factor = float(text.split("about ")[1].split(" times")[0])
     assert 3.0 < factor < 12.0
     assert "declare what the hardware can have" in text
-    told = identify(craft, log(6.0, 2), sensors=suite_of(6.0), estimator=estimator, is_final=False)
+    told = identify(craft, log(6.0, 2), sensors=suite_of(6.0), estimator=estimator)
     assert not any(DOUBT in doubt for doubt in told.doubts)
 
 
@@ -55,7 +55,7 @@ def test_errors_much_larger_than_declared_are_a_doubt(craft, log, estimator):
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_errors_as_declared_are_no_doubt(craft, log, estimator):
     """A false alarm in a thousand, of which twelve logs show none."""
-    options = {"sensors": suite_of(), "estimator": estimator, "is_final": False}
+    options = {"sensors": suite_of(), "estimator": estimator}
     for seed in range(1, 13):
         found = identify(craft, log(1.0, seed), **options)
         assert not any(DOUBT in doubt for doubt in found.doubts)

@@ -68,7 +68,7 @@ def runs(craft, suite, samples, estimator, true, **options):
     """Return errors (N, 10) and normalized errors squared (N,) of some samples."""
     errors, values = [], []
     for noisy in samples:
-        options = {"sensors": suite, "estimator": estimator, "is_final": False} | options
+        options = {"sensors": suite, "estimator": estimator} | options
         result = identify(craft, noisy, **options)
         error = result.parameters - true
         errors.append(error)
@@ -191,7 +191,7 @@ def test_bad_samples_are_screened_out(craft, at_rest, skewed_target, scale, esti
         gyro=Samples(samples.gyro.time, gyro),
         position=Samples(time, samples.position.value),
     )
-    result = identify(craft, bad, sensors=suite, estimator=estimator, is_final=False)
+    result = identify(craft, bad, sensors=suite, estimator=estimator)
     assert np.abs((result.parameters - skewed_target.to_vector()) / scale).max() < 2e-3
 
 
@@ -264,7 +264,7 @@ def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
     q = np.array([0.2, 0.1, -0.3, 0.4])
     suite = coarse_suite(**FAST)
     perfect = measured(craft, HalfCosine(q, q, 4.0), skewed_target, suite)
-    options = {"sensors": suite, "estimator": estimator, "is_final": False}
+    options = {"sensors": suite, "estimator": estimator}
     result = identify(craft, add_noise(suite, perfect, 1), **options)
     assert result.solution.rank < 4
     assert not result.is_observable
@@ -283,7 +283,7 @@ def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
     beyond = 0
     for seed in range(3):
         samples = add_noise(suite, perfect, seed)
-        options = {"sensors": suite, "estimator": estimator, "is_final": False}
+        options = {"sensors": suite, "estimator": estimator}
         result = identify(craft, samples, **options)
         beyond += not result.raw().is_feasible()
         assert result.feasible().is_feasible()

@@ -83,7 +83,7 @@ def test_a_declared_compliance_is_estimated(flexible):
         simulation.scenario.make_suite(),
         disturbances=Disturbances(**{FIELDS[kind]: 3e6 * compliance}),
     )
-    found = identify(simulation.spacecraft, measurements, sensors=suite, is_final=False)
+    found = identify(simulation.spacecraft, measurements, sensors=suite)
     [effect] = [each for each in found.effects if each.name == kind]
     assert effect.is_learned
     assert (np.abs(effect.value - 1e6 * compliance) < 4 * effect.sigma + 2e4 * compliance).all()

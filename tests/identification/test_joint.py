@@ -256,7 +256,7 @@ class TestPrior:
         suite = coarse_suite(**POOR)
         samples = measured(craft, turned(craft, [3], 103), skewed_target, suite)
         samples = add_noise(suite, samples, seed=3)
-        alone = identify(craft, samples, sensors=suite, is_final=False)
+        alone = identify(craft, samples, sensors=suite)
         assert alone.solution.rank < 10
         found = identify(craft, samples, sensors=suite, prior=self.prior(skewed_target, 0.5))
         assert found.solution.rank == 10
@@ -270,7 +270,7 @@ class TestPrior:
     )
     def test_a_vague_prior_changes_nothing(self, craft, suite, logs, skewed_target, estimator):
         log = logs["log 0"]
-        options = {"sensors": suite, "estimator": estimator, "is_final": False}
+        options = {"sensors": suite, "estimator": estimator}
         alone = identify(craft, log, **options)
         found = identify(craft, log, prior=self.prior(skewed_target, 0.5), **options)
         assert not found.joint.dominated
@@ -298,7 +298,7 @@ class TestPrior:
         parameters, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
         parameters[0], covariance[0, 0] = skewed_target.mass, 1e-8
         prior = TargetPrior("the scale", parameters, covariance)
-        options = {"sensors": suite, "is_final": False}
+        options = {"sensors": suite}
         alone = identify(craft, logs["log 0"], **options)
         found = identify(craft, logs["log 0"], prior=prior, **options)
         assert found.joint.dominated[0] == "m"

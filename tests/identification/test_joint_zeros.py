@@ -37,7 +37,6 @@ def test_the_target_is_found(craft, log, skewed_target, estimator):
         sensors=SUITE,
         estimator=estimator,
         momentum=TotalMomentum.unknown(),
-        is_final=False,
     )
     error = found.parameters - skewed_target.to_vector()
     assert found.doubts == ()

@@ -24,7 +24,7 @@ def test_an_error_is_as_large_as_its_sigma(tmp_path, skewed_target):
     motion = Sines.drawn(4, seed=101, duration=4.0, size=0.6)
     tree = perturbed(craft.tree, UNCERTAINTY, np.random.default_rng(7))
     samples = measured(craft, motion, skewed_target, suite, tree=tree)
-    found = identify(craft, samples, sensors=suite, known_bodies=UNCERTAINTY, is_final=False)
+    found = identify(craft, samples, sensors=suite, known_bodies=UNCERTAINTY)
     error = found.parameters - skewed_target.to_vector()
     assert found.doubts == ()
     assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
@@ -47,7 +47,7 @@ def test_errors_are_as_large_as_their_sigmas(tmp_path, skewed_target, estimator,
     for _ in range(draws):
         tree = perturbed(craft.tree, UNCERTAINTY, rng)
         samples = measured(craft, motion, skewed_target, suite, tree=tree)
-        options = {"estimator": estimator, "sensors": suite, "is_final": False}
+        options = {"estimator": estimator, "sensors": suite}
         found = identify(craft, samples, known_bodies=UNCERTAINTY, **options)
         error = found.parameters - skewed_target.to_vector()
         normalized.append(error / np.sqrt(np.diag(found.covariance)))
@@ -78,7 +78,6 @@ def test_a_tumble_is_linear_in_the_bodies_errors_about_their_best_values_only(
             sensors=suite,
             momentum=TotalMomentum.unknown(),
             known_bodies=uncertainty,
-            is_final=False,
         )
         assert found.converged
         assert not found.doubts
@@ -96,7 +95,7 @@ def test_the_recursive_fit_agrees_with_the_trajectory_fit(tmp_path, skewed_targe
     uncertainty = BodyUncertainty(mass=0.01, com=0.003, inertia=0.02)
     tree = perturbed(craft.tree, uncertainty, np.random.default_rng(13))
     samples = measured(craft, motion, skewed_target, suite, tree=tree)
-    options = {"sensors": suite, "known_bodies": uncertainty, "is_final": False}
+    options = {"sensors": suite, "known_bodies": uncertainty}
     whole = identify(craft, samples, estimator="trajectory_fit", **options)
     found = identify(craft, samples, estimator="recursive_fit", **options)
     assert not any("block" in warning for warning in found.warnings)
@@ -120,7 +119,6 @@ def test_a_firing_is_found_although_the_spacecraft_is_uncertain(tmp_path, skewed
         sensors=suite,
         momentum=TotalMomentum.zero(),
         known_bodies=uncertainty,
-        is_final=False,
     )
     assert found.converged
     assert not found.doubts

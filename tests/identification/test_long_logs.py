@@ -109,7 +109,7 @@ def test_the_part_in_which_the_arm_moves_is_checked(craft, in_memory):
 def test_the_noise_is_that_of_the_part_in_which_the_arm_moves(craft, short_head):
     """A log that rests first without noise has an interval as large as its error."""
     log = rest_first(samples_of(exact(craft, 8.0)), 8.0, 6)
-    found = identify(craft, stream_of(log, 2.0), estimator="recursive_fit", is_final=False)
+    found = identify(craft, stream_of(log, 2.0), estimator="recursive_fit")
     sigma = np.sqrt(np.diag(found.covariance))
     ratio = (found.parameters - TARGET.to_vector()) / sigma
     assert 0.3 < np.sqrt(np.mean(ratio**2)) < 2.0

@@ -63,9 +63,7 @@ def test_a_momentum_in_the_plane_is_estimated(table, rows):
 def test_the_errors_are_those_that_the_covariance_says(craft, table, estimator):
     squares, count = [], 3
     for seed in range(count):
-        found = identify(
-            table, samples(craft, seed), sensors=SUITE, estimator=estimator, is_final=False
-        )
+        found = identify(table, samples(craft, seed), sensors=SUITE, estimator=estimator)
         assert found.solution.rank == 4
         block = found.covariance[np.ix_(KNOWN, KNOWN)]
         error = found.parameters[KNOWN] - TRUTH
@@ -80,7 +78,7 @@ def test_the_errors_are_those_that_the_covariance_says(craft, table, estimator):
 def test_the_fit_reaches_the_bound(craft, table):
     ideal = measured(table, motion(), TARGET, SUITE)
     bound = cramer_rao_bound(table.tree, true_psi(table, TARGET), ideal, SUITE)
-    found = identify(table, samples(craft, 1), sensors=SUITE, is_final=False)
+    found = identify(table, samples(craft, 1), sensors=SUITE)
     np.testing.assert_allclose(
         np.sqrt(np.diag(found.covariance))[KNOWN], np.sqrt(np.diag(bound))[KNOWN], rtol=0.15
     )
@@ -90,10 +88,10 @@ def test_the_fit_reaches_the_bound(craft, table):
 def test_what_the_table_holds_tells_nothing(craft, table):
     """Tilt and height may read anything that is constant: the answer is the same."""
     log = samples(craft, 2)
-    found = identify(table, log, sensors=SUITE, is_final=False)
+    found = identify(table, log, sensors=SUITE)
     position = log.position
     lifted = replace(position, value=position.value * [1, 1, 0] + [0, 0, 0.4])
-    again = identify(table, log.updated({"position": lifted}), sensors=SUITE, is_final=False)
+    again = identify(table, log.updated({"position": lifted}), sensors=SUITE)
     np.testing.assert_allclose(again.parameters[KNOWN], found.parameters[KNOWN], rtol=1e-9)
 
 
@@ -126,9 +124,9 @@ def in_three_coordinates(log):
 
 def test_a_log_of_x_y_and_yaw_is_recognized(craft, table):
     log = in_three_coordinates(samples(craft, 1))
-    found = identify(craft, log, sensors=SUITE, is_final=False)
+    found = identify(craft, log, sensors=SUITE)
     assert ASSUMED in found.warnings
-    same = identify(table, samples(craft, 1), sensors=SUITE, is_final=False)
+    same = identify(table, samples(craft, 1), sensors=SUITE)
     np.testing.assert_allclose(found.parameters[KNOWN], same.parameters[KNOWN], rtol=1e-4)
     assert found.is_complete
     assert not found.is_observable
@@ -137,19 +135,19 @@ def test_a_log_of_x_y_and_yaw_is_recognized(craft, table):
 
 def test_its_noise_is_estimated_from_what_is_measured(craft):
     log = in_three_coordinates(samples(craft, 1))
-    found = identify(craft, log, estimator="trajectory_fit", is_final=False)
+    found = identify(craft, log, estimator="trajectory_fit")
     assert np.abs(errors(found)).max() < 4
     assert found.misfit < 1.2
 
 
 def test_a_log_of_six_coordinates_is_proposed_to_be_planar(craft):
     log = samples(craft, 1)
-    found = identify(craft, log, sensors=SUITE, rows="standard", is_final=False)
+    found = identify(craft, log, sensors=SUITE, rows="standard")
     assert PROPOSED in found.warnings
-    said = identify(craft, log, sensors=SUITE, rows="standard", planar=True, is_final=False)
+    said = identify(craft, log, sensors=SUITE, rows="standard", planar=True)
     assert PROPOSED not in said.warnings
     assert said.table.names == ("m", "cx", "cy", "Izz")
-    denied = identify(craft, log, sensors=SUITE, rows="standard", planar=False, is_final=False)
+    denied = identify(craft, log, sensors=SUITE, rows="standard", planar=False)
     assert PROPOSED not in denied.warnings
     assert denied.table is None
 

@@ -48,7 +48,6 @@ def test_rounded_velocities_do_not_bias_the_estimate(craft, skewed_target):
             rounded,
             estimator="least_squares",
             momentum=TotalMomentum.zero(),
-            is_final=False,
         )
         errors.append(found.parameters - skewed_target.to_vector())
     scatter = np.std(errors, axis=0, ddof=1) / np.sqrt(RUNS)

@@ -66,7 +66,7 @@ def spoiled(ideal, kind, seed):
 def test_intervals_hold(craft, ideal, skewed_target, kind):
     distances = []
     for seed in range(TRIALS):
-        found = identify(craft, spoiled(ideal, kind, seed), sensors=SUITE, is_final=False)
+        found = identify(craft, spoiled(ideal, kind, seed), sensors=SUITE)
         if found.is_trustworthy:
             error = found.parameters - skewed_target.to_vector()
             distances.append(error @ np.linalg.solve(found.covariance, error))
@@ -87,7 +87,7 @@ def test_what_is_left_out_does_not_widen_intervals(tmp_path, skewed_target, esti
     sigmas, widest = [], 0.0
     for samples in (case.samples, fired(case, firing), spiky(case.samples)):
         noisy = add_noise(suite, samples, 5)
-        found = identify(case.craft, noisy, sensors=suite, estimator=estimator, is_final=False)
+        found = identify(case.craft, noisy, sensors=suite, estimator=estimator)
         sigmas.append(np.sqrt(np.diag(found.covariance)))
         error = found.parameters - skewed_target.to_vector()
         widest = max(widest, np.abs(error / sigmas[-1]).max())

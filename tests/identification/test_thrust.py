@@ -98,7 +98,7 @@ def test_a_value_in_every_row_is_the_same_log(flight):
     times = np.unique(np.concatenate([flight.log.encoders.time, flight.log.thrust.time]))
     dense = Samples(times, flight.log.thrust.held_at(times))
     logs = (flight.log, flight.log.updated({THRUST: dense}))
-    one, other = (flight.identify(log, is_final=False) for log in logs)
+    one, other = (flight.identify(log) for log in logs)
     np.testing.assert_allclose(other.parameters, one.parameters, rtol=0, atol=1e-7)
     np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-5, atol=1e-15)
 
@@ -127,7 +127,7 @@ def test_a_log_of_the_wrong_sign_is_noticed(flight):
     """Axes or signs of thrusters that are not those of the base contradict the motion."""
     log = flight.log.thrust
     turned = flight.log.updated({THRUST: Samples(log.time, -log.value)})
-    found = flight.identify(turned, is_final=False)
+    found = flight.identify(turned)
     assert found.momentum_changes.count or found.doubts
 
 
@@ -135,7 +135,7 @@ def test_a_log_of_the_wrong_sign_is_noticed(flight):
 def test_a_gap_of_the_encoders_in_a_burn_leaves_the_momentum_open(flight):
     kept = np.abs(flight.log.encoders.time - 3.6) > 0.35
     gap = flight.log.updated({"encoders": flight.log.encoders.where(kept)})
-    again = flight.identify(gap, momentum=TotalMomentum.zero(), is_final=False)
+    again = flight.identify(gap, momentum=TotalMomentum.zero())
     assert np.abs(flight.errors(again)).max() < 4
     assert again.misfit == 1.0
     assert again.momentum_changes.count == 0
@@ -146,7 +146,7 @@ def test_wheels_are_unloaded_by_a_logged_torque():
     """The wheels give their momentum to the thrusters while the arm moves."""
     burn = BurnConfig(4.0, 3.0, torque_B=np.array([0.5, -0.3, 0.4]))
     flight = Flight("single_arm_wheels", "flight", [burn])
-    found = flight.identify(flight.log, is_final=False)
+    found = flight.identify(flight.log)
     assert found.momentum_changes.count == 0
     assert found.misfit == 1.0
     assert np.abs(flight.errors(found)).max() < 3.5
@@ -157,7 +157,7 @@ def test_an_exact_log_is_fitted_exactly(flight):
     """The thrust switches between samples, which are exact to 1e-8; so it is without thrust."""
     case = replace(flight.case, suite=load_sensors("ideal"))
     exact = ideal_samples(case, flight.craft.tree, flight.craft.joint_names)
-    found = identify(flight.craft, exact, sensors=case.suite, is_final=False)
+    found = identify(flight.craft, exact, sensors=case.suite)
     np.testing.assert_allclose(found.parameters, flight.target, rtol=0, atol=1e-5)
 
 
@@ -167,7 +167,7 @@ def test_a_burn_is_no_noise():
     burn = BurnConfig(4.0, 1.0, np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6]))
     flight = Flight("exciting_motion", "flight", [burn])
     assert noise_factors(flight.log, flight.suite) == {}
-    found = flight.identify(flight.log, is_final=False)
+    found = flight.identify(flight.log)
     assert found.doubts == ()
     [text] = found.warnings  # three seconds before the burn have too few positions
     assert text.startswith("not checked: unit and point of the position")
@@ -181,7 +181,7 @@ def test_many_pulses_are_no_noise():
     pulses = [BurnConfig(1.0 + 0.4 * k, 0.05, force, point) for k in range(15)]
     flight = Flight("exciting_motion", "flight", pulses)
     assert noise_factors(flight.log, flight.suite)["gyro"] > 1.2
-    found = flight.identify(flight.log, is_final=False)
+    found = flight.identify(flight.log)
     assert not any("noise" in text for text in (*found.warnings, *found.doubts))
     assert np.abs(flight.errors(found)).max() < 3.5
 
@@ -189,7 +189,7 @@ def test_many_pulses_are_no_noise():
 @pytest.mark.slow
 def test_a_log_in_chunks_is_the_same_log(flight):
     """Also where the burns begin in another chunk than they end."""
-    options = {"is_final": False, "estimator": "recursive_fit"}
+    options = {"estimator": "recursive_fit"}
     whole, chunked = (
         flight.identify(log, **options) for log in (flight.log, stream_of(flight.log, 1.7))
     )

@@ -18,7 +18,7 @@ from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.least_squares import solution_of_information
 from cpid_drake.identification.result import Identification, MomentumEstimate
-from cpid_drake.identification.trust import gated
+from cpid_drake.identification.checks import checked
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 
@@ -119,11 +119,11 @@ class TestBodies:
     )
     def test_the_distance_to_a_rigid_body_is_measured_in_sigma(self, moments, sigma, is_trusted):
         found = self.found([50, 0.1, 0, 0, *moments, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [sigma]])
-        assert gated(found).is_trustworthy == is_trusted
+        assert checked(found).is_trustworthy == is_trusted
 
     def test_a_negative_mass_is_doubted(self):
         found = self.found([-10, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [1.0, *3 * [1e-3], *6 * [0.1]])
-        assert "m = -10 ± 2" in gated(found).doubts[0]
+        assert "m = -10 ± 2" in checked(found).doubts[0]
 
     def test_known_moments_are_tested_even_if_other_parameters_are_not_known(self):
         """The three products of inertia are open; the moments violate the triangle inequality."""
@@ -134,12 +134,12 @@ class TestBodies:
             found = solution_of_information(psi, np.diag(sigma**-2.0), 1e6 * np.ones(10))
             found = Identification(form, found, 100, "trajectory_fit")
             assert found.solution.rank == 7
-            assert gated(found).is_trustworthy == is_trusted
+            assert checked(found).is_trustworthy == is_trusted
 
     def test_an_uncertainty_that_is_not_a_number_is_doubted(self):
         found = self.found([50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
         broken = replace(found.solution, covariance=np.full((10, 10), np.nan))
-        assert "uncertainty" in gated(replace(found, solution=broken)).doubts[0]
+        assert "uncertainty" in checked(replace(found, solution=broken)).doubts[0]
 
     @pytest.mark.parametrize(
         "change",
@@ -147,8 +147,8 @@ class TestBodies:
     )
     def test_every_other_reason_is_enough(self, change):
         found = self.found([50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
-        assert gated(found).is_trustworthy
-        assert len(gated(replace(found, **change)).doubts) == 1
+        assert checked(found).is_trustworthy
+        assert len(checked(replace(found, **change)).doubts) == 1
 
 
 class TestNoiseInRegressors:

@@ -153,7 +153,7 @@ def test_intervals_include_an_error_that_is_too_small_to_be_proposed(craft, moti
     probability = found.undeclared.suspected["gyro.scale"]
     assert 0.1 < probability < 0.99
     assert any(f"gyro.scale (probability {probability:.2g})" in each for each in found.warnings)
-    plain = identify(craft, log, sensors=coarse_suite(), is_final=False)
+    plain = identify(craft, log, sensors=coarse_suite())
     np.testing.assert_array_equal(found.parameters, plain.parameters)
     scale = np.sqrt(np.diag(plain.covariance))
     wider = (found.covariance - plain.covariance) / scale / scale[:, None]

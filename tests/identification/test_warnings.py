@@ -24,7 +24,7 @@ def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_t
         gyro=replace(suite.gyro, angle_random_walk=0.015),
         position=replace(suite.position, sigma=3e-3),
     )
-    options = {"estimator": estimator, "is_final": False}
+    options = {"estimator": estimator}
     quiet, noisy = (
         identify(craft, add_noise(each, perfect, 2), sensors=suite, **options)
         for each in (suite, loud)

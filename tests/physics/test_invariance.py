@@ -94,7 +94,7 @@ def found(craft, skewed_target):
     samples, known = add_noise(SUITE, ideal, seed=2), {}
 
     def make(estimator, change=None):
-        options = {"estimator": estimator, "momentum": TotalMomentum.unknown(), "is_final": False}
+        options = {"estimator": estimator, "momentum": TotalMomentum.unknown()}
         if estimator not in known:
             known[estimator] = identify(craft, samples, sensors=SUITE, **options)
         if change is None:

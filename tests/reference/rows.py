@@ -243,7 +243,7 @@ def identified(
     trial = trial_of(found, world, time.process_time() - begin)
     if not online:
         return trial
-    other = identify(world.craft, data, estimator="recursive_fit", is_final=False, **options)
+    other = identify(world.craft, data, estimator="recursive_fit", **options)
     difference = np.abs(other.parameters - found.parameters) / trial.sigma
     return replace(trial, online=float(np.nanmax(difference, initial=0.0)))
 

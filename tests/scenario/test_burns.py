@@ -116,7 +116,6 @@ def test_online_and_offline_identify_with_the_log_of_the_burn():
             estimator="recursive_fit",
             sensors=scenario.make_suite(),
             momentum=TotalMomentum.unknown(),
-            is_final=False,
         )
         both = (online, offline)
         suspicions[logged] = [f.momentum_changes.count + len(f.doubts) for f in both]

@@ -144,7 +144,7 @@ def test_derivatives_by_the_known_bodies(case):
 
 def test_a_fit_finds_the_target(case):
     """The logged thrust is no change of momentum that has to be found."""
-    options = {"momentum": TotalMomentum.unknown(), "is_final": False}
+    options = {"momentum": TotalMomentum.unknown()}
     suite = replace(case.suite, encoders=JointSensor(50.0, 1e-5))
     found = identify(case.craft, case.samples, sensors=suite, **options)
     error = np.abs(found.parameters - case.target.to_vector())

@@ -13,14 +13,17 @@ from scipy.special import chdtri
 
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.problem import LARGEST_NOISE, MOST_NOISE, MOST_UNEXPLAINED
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.seen_noise import (
-    LARGER_NOISE,
-    label_of,
-    larger_noise,
-    residual_factors,
-)
+from cpid_drake.sensing.sensors import SENSORS
+
+MOST_NOISE = 3.0
+"""Ratio of the noise to the given one above which a check fails."""
+
+MOST_UNEXPLAINED = 0.1
+"""Share of the samples that nothing explains, above which a check fails."""
+
+LARGER_NOISE = "the noise is larger than the sensors' file declares"
+"""The beginning of the failed check of larger noise, which makes other causes seem likely."""
 
 IMPOSSIBLE = 1e-4
 """Probability of an estimate so far from every rigid body below which the answer is doubted."""
@@ -48,22 +51,10 @@ _NOT_NEGATIVE = {
 """Sums of parameters that no rigid body makes negative: indices and factors of the parameters."""
 
 
-def gated(
-    found: Identification, reasons: tuple[str, ...] = (), *, is_part: bool = False
-) -> Identification:
-    """Return an identification with all doubts, those of `reasons` first.
-
-    Args:
-        found: the identification as its estimator returns it.
-        reasons: doubts from tests that need the data, such as that of the momentum. They are kept
-            if no number is shown: they may be why. So are those about the fit.
-        is_part: whether the identification becomes a part of a joint one, to which a combination
-            of parameters contributes even if no single parameter is determined.
-
-    """
-    doubts = [*reasons, *found.doubts, *_of_the_fit(found)]
-    is_used = is_part and found.solution.rank > 0
-    if is_used or np.isfinite(found.parameters).any():  # else no number is shown
+def checked(found: Identification) -> Identification:
+    """Return an identification with the failed checks of its residuals, its noise and its body."""
+    doubts = [*found.doubts, *_of_the_fit(found)]
+    if found.solution.rank:  # else no number is shown
         doubts += _of_the_body(found)
     doubts.sort(key=lambda doubt: LARGER_NOISE not in doubt)  # it explains the others
     return replace(found, doubts=tuple(doubts))
@@ -89,32 +80,35 @@ def _of_the_fit(found: Identification) -> Iterator[str]:
         )
     if found.unexplained > MOST_UNEXPLAINED:
         yield f"nothing explains {100 * found.unexplained:.0f} % of the log"
-    if found.misfit <= LARGEST_NOISE:
-        yield from _of_the_noise(found)
+    yield from _of_the_noise(found)
     for name, count in found.rejected.items():
         if found.sample_count and count > MOST_REJECTED * (count + found.sample_count):
             yield f"{count} samples of {name} could not be used"
 
 
 def _of_the_noise(found: Identification) -> Iterator[str]:
-    """Yield doubts about the residuals of a fit that are not the noise of its sensors."""
-    if found.sensors is None or found.rows is not None or found.joint is not None:
-        return  # the logs of a joint estimate have been tested
+    """Yield failed checks of sensors whose residuals are not their noise."""
     tests = {name: whiteness(series.neighbours) for name, series in found.residuals.items()}
-    if not tests and found.whiteness is not None:  # the recursive fit keeps no residuals
-        tests = {"": found.whiteness}
-    factors = residual_factors(tests)
-    larger = {name: factor for name, factor in factors.items() if factor > MOST_NOISE}
-    noisier = {name: factor for name, factor in larger.items() if tests[name].is_white}
+    larger = {name: factor for name, factor in found.noise.items() if factor > MOST_NOISE}
+    coloured = [n for n, test in tests.items() if found.noise and (test.fails or not test.is_white)]
+    noisier = {name: factor for name, factor in larger.items() if name not in coloured}
     if noisier:
-        yield larger_noise(noisier)
-    for name, white in tests.items():
-        if white.fails or (name in larger and name not in noisier):
+        parts = [f"that of the {label_of(n)} {factor:.2g} times" for n, factor in noisier.items()]
+        yield f"{LARGER_NOISE}: {', '.join(parts)} the given one"
+    for name in coloured:
+        if tests[name].fails or name in larger:
             yield (
                 f"the residuals of the {label_of(name)} are correlated from sample to sample "
-                f"({white.lag_one:+.2f}) and weigh as much as {factors.get(name, 1.0):.2g} times "
-                "the given noise: their cause is not in the intervals"
+                f"({tests[name].lag_one:+.2f}) and weigh as much as "
+                f"{found.noise.get(name, 1.0):.2g} times the given noise: their cause is not in "
+                "the intervals"
             )
+
+
+def label_of(sensor: str) -> str:
+    """Return the label of a sensor, or of a "sensor of log"."""
+    name, of, log = sensor.partition(" ")
+    return f"{SENSORS[name].label}{of}{log}"
 
 
 def _of_the_body(found: Identification) -> Iterator[str]:

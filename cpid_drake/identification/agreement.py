@@ -1,0 +1,192 @@
+"""Whether several logs, and a prior, have the same target: one test of one fit.
+
+All logs share the hardware's errors. The sum of squares with one target, minus that with a target
+for each log, has a χ² distribution if all have the same target. The noise of a log is that of a fit
+to this log alone: otherwise a difference would look like noise. Source: Rao 1973, Linear
+Statistical Inference and Its Applications, ch. 4.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.unknowns import PSI
+from cpid_drake.identification.result import Identification, JointEstimate, SeparateEstimate
+from cpid_drake.identification.target_prior import TargetPrior
+
+CONTRADICTED = 1e-4
+"""Probability of the differences between logs, or to the prior, below which a check fails."""
+
+DOMINATED = 0.5
+"""Share of the variance of a parameter that the prior removes from which it dominates."""
+
+
+def with_agreement(
+    result: Identification,
+    vague: Gaussian,
+    own: Mapping[str, Gaussian],
+    solution: Callable[[Gaussian], LeastSquaresSolution],
+    counts: Mapping[str, int],
+    prior: tuple[TargetPrior, Gaussian] | None = None,
+) -> Identification:
+    """Return an identification with the separate estimates, and whether they agree.
+
+    Args:
+        result: the identification from all logs and the prior.
+        vague: all unknowns before the samples.
+        own: what each log tells about them, by its name.
+        solution: returns the target of a distribution of all unknowns.
+        counts: numbers of samples of each log.
+        prior: what is known of the target besides, and the same as a distribution.
+
+    """
+    names = list(own)
+    one = _with(vague, own, [names])
+    solutions = {n: solution(_with(vague, own, [[n]])) for n in names}
+    joint = solution(one)
+    chi_squared, freedom = 0.0, 0
+    probabilities = dict.fromkeys(names, 1.0)
+    if len(names) > 1:
+        chi_squared = max(one.rho2 - _with(vague, own, [[n] for n in names]).rho2, 0.0)
+        freedom = sum(each.rank for each in solutions.values()) - joint.rank
+        for name in names:
+            others = [n for n in names if n != name]
+            two = _with(vague, own, [[name], others])
+            rank = solution(_with(vague, own, [others])).rank + solutions[name].rank
+            probabilities[name] = _probability(one.rho2 - two.rho2, rank - joint.rank)
+    probability = _probability(chi_squared, freedom)
+    separate = tuple(
+        _separate(result, name, solutions[name], probabilities[name], counts[name])
+        for name in names
+    )
+    estimate = JointEstimate(separate, None, chi_squared, freedom, probability)
+    doubts, warnings = [], list(result.warnings)
+    if probability < CONTRADICTED:
+        doubts.append(_contradiction(result, separate, probability))
+    if prior is not None:
+        told, rows = prior
+        both = one.add(rows)
+        rank = int(np.linalg.matrix_rank(rows.R / np.linalg.norm(rows.R, axis=0).clip(1e-300)))
+        with_prior = solution(both)
+        agrees = _probability(both.rho2 - one.rho2, rank + joint.rank - with_prior.rank)
+        dominated = _dominated(result, joint, with_prior)
+        alone = SeparateEstimate(
+            told.name, told.parameters, told.intervals, rank, 0, agrees, told.doubts
+        )
+        estimate = replace(estimate, prior=alone, dominated=dominated)
+        warnings.append(_of_prior(told, dominated))
+        doubts += [f"{told.name}: {doubt}" for doubt in told.doubts]
+        if agrees < CONTRADICTED:
+            what = "the log" if len(names) == 1 else "the logs"
+            difference = _largest(result, with_prior, joint)
+            doubts.append(
+                f"{told.name} and {what} contradict each other (probability {agrees:.1g})"
+                f"{difference}"
+            )
+    return replace(
+        result,
+        joint=estimate,
+        warnings=tuple(warnings),
+        doubts=(*doubts, *result.doubts),
+    )
+
+
+def _with(
+    vague: Gaussian, own: Mapping[str, Gaussian], groups: Sequence[Sequence[str]]
+) -> Gaussian:
+    """Return what some logs say together if each group of them has a target of its own."""
+    target = vague.marginal([PSI])
+    total = vague.marginal([name for name in vague.places if name != PSI])
+    for k, group in enumerate(groups):
+        total = total.add(_renamed(target, k))
+        for name in group:
+            total = total.add(_renamed(own[name], k))
+    return total
+
+
+def _renamed(gaussian: Gaussian, k: int) -> Gaussian:
+    """Return a distribution with another name of the target; that of the first group stays."""
+    if k == 0:
+        return gaussian
+    places = {f"{n} {k}" if n == PSI else n: place for n, place in gaussian.places.items()}
+    return replace(gaussian, places=places)
+
+
+def _probability(chi_squared: float, freedom: int) -> float:
+    return float(chdtrc(freedom, max(chi_squared, 0.0))) if freedom > 0 else 1.0
+
+
+def _separate(
+    result: Identification,
+    name: str,
+    solution: LeastSquaresSolution,
+    probability: float,
+    count: int,
+) -> SeparateEstimate:
+    """Return the estimate from one log alone."""
+    alone = replace(result, solution=solution)
+    return SeparateEstimate(
+        name,
+        alone.parameters,
+        alone.intervals,
+        solution.rank,
+        count,
+        probability,
+    )
+
+
+def _contradiction(
+    result: Identification, logs: Sequence[SeparateEstimate], probability: float
+) -> str:
+    """Return the failed check of logs that do not have the same target."""
+    text = f"the logs do not have the same target (probability {probability:.1g})"
+    worst = min(logs, key=lambda each: each.probability)
+    k, size = 0, 0.0
+    for other in logs:
+        half = np.hypot(*(np.ptp(each.intervals, axis=1) / 2 for each in (worst, other)))
+        distance = np.nan_to_num(np.abs(worst.parameters - other.parameters) / half)
+        if distance.max() > size:
+            k, size = int(distance.argmax()), float(distance.max())
+    difference = f", most in {PARAMETER_NAMES[k]}" if size else ""
+    if len(logs) == 2:
+        return f"{text}: {logs[0].name} and {logs[1].name} contradict each other{difference}"
+    return f"{text}: {worst.name} disagrees most with the others{difference}"
+
+
+def _dominated(
+    result: Identification, logs: LeastSquaresSolution, both: LeastSquaresSolution
+) -> tuple[str, ...]:
+    """Return the parameters that the prior determines more than the logs do."""
+    without, variance = (
+        np.diag(replace(result, solution=each).covariance) for each in (logs, both)
+    )
+    is_less = ~np.isfinite(without) | (variance < DOMINATED * without)
+    return tuple(
+        name
+        for name, less, value in zip(PARAMETER_NAMES, is_less, variance, strict=True)
+        if less and np.isfinite(value)
+    )
+
+
+def _largest(result: Identification, both: LeastSquaresSolution, logs: LeastSquaresSolution) -> str:
+    """Return the parameter that a prior moves most, in words."""
+    moved, alone = (replace(result, solution=each) for each in (both, logs))
+    with np.errstate(invalid="ignore"):
+        size = np.abs(moved.parameters - alone.parameters) / np.sqrt(np.diag(alone.covariance))
+    return (
+        f", most in {PARAMETER_NAMES[int(np.nanargmax(size))]}" if np.isfinite(size).any() else ""
+    )
+
+
+def _of_prior(prior: TargetPrior, dominated: Sequence[str]) -> str:
+    """Return the warning that says what a prior determines."""
+    if dominated:
+        return (
+            f"{prior.name} was used, and determines {', '.join(dominated)} more than the samples do"
+        )
+    return f"{prior.name} was used; the samples determine every parameter more than it does"

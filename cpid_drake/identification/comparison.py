@@ -1,0 +1,266 @@
+"""Which errors act that nobody has declared: candidates, their comparison, and what follows.
+
+Every constant error of a sensor that has no declared σ is a candidate, and so are steady forces and
+the momentum of a log. A fit with all of them free is compared with itself without each of them
+(`estimation.evidence`): the target is the average. The same comparison of the first two thirds of
+every log proposes errors, and the last third judges them: what chose a model cannot confirm it.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from cpid_drake.estimation.evidence import Comparison, Question
+from cpid_drake.estimation.fit import Fit, prior_of
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.constants import ConstantError
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import Rolled
+from cpid_drake.estimation.sweep import sweep
+from cpid_drake.identification.effects import LEARNED, EffectEstimate, HeldOut, UndeclaredErrors
+from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensing.suite import SensorSuite
+
+PLAUSIBLE = {
+    "delay_ms": 30.0,
+    "mounting_arcsec": 360.0,
+    "scale_ppm": 1000.0,
+    "misalignment_arcsec": 200.0,
+    "lever_arm_mm": 30.0,
+    "zero_mrad": 2.0,
+}
+"""σ of each kind of error of a sensor that is looked for, in the units of its field."""
+
+ACCELERATION, TORQUE = 1e-3, 1e-2
+"""σ of the acceleration [m/s²] and of the torque [N·m] that are looked for."""
+
+THRUST_SCALE = 0.1
+"""σ of the error of the scale of logged thrust that is looked for."""
+
+SUSPECTED = 0.1
+"""Probability from which an error that may act is mentioned."""
+
+IMPROBABLE = 1e-6
+"""Probability of so large errors, if their σ is right, below which a check fails."""
+
+FITTED = 2 / 3
+"""Share of a log that proposes errors; the rest judges them."""
+
+
+def with_plausible(sensors: SensorSuite, *, has_thrust: bool = False) -> SensorSuite:
+    """Return sensors in which every constant error has a plausible σ, if it had none.
+
+    Args:
+        sensors: the sensors.
+        has_thrust: whether thrusters fired, whose log may have an error of its scale.
+
+    """
+    result = copy(sensors)
+    for name, errors in sensors.present().items():
+        own = {
+            each.name: PLAUSIBLE[each.name]
+            for each in fields(errors)
+            if each.name in PLAUSIBLE and not getattr(errors, each.name)
+        }
+        if name == "joint_rates":  # they have no errors of their own
+            own = {}
+        setattr(result, name, replace(errors, **own))
+    old = sensors.disturbances or Disturbances()
+    result.disturbances = replace(
+        old,
+        acceleration=old.acceleration or ACCELERATION,
+        torque=old.torque or TORQUE,
+        thrust_scale=old.thrust_scale or (THRUST_SCALE if has_thrust else 0.0),
+    )
+    return result
+
+
+def undeclared_errors(
+    found: Fit, question: Question, compared: Comparison, rows: Sequence[Gaussian]
+) -> UndeclaredErrors:
+    """Return the errors that act although nobody has declared them.
+
+    Args:
+        found: a fit with all candidates free.
+        question: what is compared.
+        compared: the comparison by all samples.
+        rows: what is known besides the samples.
+
+    """
+    errors = {n: e for n, e in _errors(found).items() if n in question.candidates}
+    named = [name for name in compared.named if name in errors]
+    effects = tuple(
+        EffectEstimate(
+            errors[name].name,
+            errors[name].unit,
+            _unit(errors[name]) * compared.values[name],
+            _unit(errors[name]) * compared.sigma[name],
+            _unit(errors[name]),
+            _log_of(name) if len(found.logs) > 1 else "",
+        )
+        for name in named
+        if name in compared.values
+    )
+    return UndeclaredErrors(
+        effects,
+        {n: p for n, p in compared.probability.items() if n in errors and n not in named},
+        _declarations(found.model.suite, effects),
+        tuple(sorted(((n, compared.alone[n]) for n in errors), key=lambda each: -each[1])),
+        _held_out(found, question, named, rows) if named else None,
+    )
+
+
+def words(undeclared: UndeclaredErrors) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the warnings and failed checks that follow from errors nobody has declared."""
+    warnings, doubts = [], []
+    if undeclared.is_proposed:
+        warnings.append(
+            f"the samples show what the sensors do not declare: {undeclared.describe()}; the "
+            "result includes it; add it to the file of the sensors "
+            f"({'; '.join(undeclared.declaration)}), or to a copy of the preset's file, which "
+            "`cpid list` shows"
+        )
+    elif undeclared.effects:
+        doubts.append(
+            "the samples show what the sensors do not declare, and the cause is not known: "
+            f"{undeclared.describe()}, which would explain them, does not predict the end of the "
+            "log better"
+        )
+    likely = {name: p for name, p in undeclared.suspected.items() if p > SUSPECTED}
+    if likely:
+        named = [f"{name} (probability {p:.2g})" for name, p in likely.items()]
+        warnings.append(
+            "the samples may show an error that the sensors do not declare: "
+            f"{' or '.join(named)}; the intervals include it"
+        )
+    return tuple(warnings), tuple(doubts)
+
+
+def larger_than_declared(
+    found: Fit, compared: Comparison, gaussian: Gaussian, effects: Sequence[EffectEstimate]
+) -> tuple[str, ...]:
+    """Return the failed check of errors that are too large for their declared or plausible σ.
+
+    Before the first sample the errors m, in units of their σ, have the covariance 1, after the last
+    one V. The estimate of m therefore has the covariance 1 − V. Combinations that the samples do
+    not determine well, and errors that walk, are left out.
+
+    Args:
+        found: the fit.
+        compared: the comparison of candidates.
+        gaussian: of all other unknowns, about the fit's values.
+        effects: the estimates of declared errors and of those that act.
+
+    """
+    walking = {unknown.key(log.name) for unknown in found.model.walking for log in found.logs}
+    steady = [n for n in _errors(found) if n in gaussian.places and n not in walking]
+    both = gaussian.marginal(steady)
+    m = np.concatenate([np.empty(0), *(found.values[name] for name in steady)]) + both.solve()
+    sizes, axes = np.linalg.eigh(np.eye(both.size) - both.covariance())
+    seen = sizes > 1 - LEARNED**2
+    chi_squared, freedom = float(np.sum((axes[:, seen].T @ m) ** 2 / sizes[seen])), int(seen.sum())
+    for name in set(compared.values) & set(_errors(found)):
+        size = 1 - compared.sigma[name] ** 2
+        seen = size > 1 - LEARNED**2
+        chi_squared += float(np.sum(compared.values[name][seen] ** 2 / size[seen]))
+        freedom += int(seen.sum())
+    if not freedom or chdtrc(freedom, chi_squared) > IMPROBABLE:
+        return ()
+    largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
+    return (
+        "the errors of the sensors, or the forces, are about "
+        f"{np.sqrt(chi_squared / freedom):.2g} times as large as their declared sigma, such as: "
+        f"{largest.summary()}, with a sigma of {largest.prior_sigma:.3g} {largest.unit}; declare "
+        "what the hardware can have, or look for another cause",
+    )
+
+
+def _errors(found: Fit) -> dict[str, ConstantError]:
+    """Return all constant errors of all logs, by the names of the unknowns."""
+    errors = found.model.constants.errors
+    return {
+        unknown.key(log.name): errors[unknown.name]
+        for unknown in found.model.table
+        if unknown.name in errors
+        for log in found.logs
+    }
+
+
+def _unit(error: ConstantError) -> float:
+    return error.sigma / error.scale
+
+
+def _log_of(name: str) -> str:
+    return name.partition("|")[2]
+
+
+def _held_out(
+    found: Fit, question: Question, named: Sequence[str], rows: Sequence[Gaussian]
+) -> HeldOut | None:
+    """Return how well errors that the first part of every log proposes predict the rest."""
+    beginning, seconds = prior_of(found.model, found.logs, found.values, rows), 0.0
+    for log, rolled in zip(found.logs, found.rolled, strict=True):
+        start, end = log.blocks[0].start, log.blocks[-1].end
+        k = sum(block.end <= start + FITTED * (end - start) for block in log.blocks)
+        if not 0 < k < len(log.blocks):
+            return None
+        seconds += end - log.blocks[k].start
+        first = _first(found, log, rolled, k)
+        beginning = beginning.add(sweep(found.model, *first).gaussian)
+    proposed = [n for n in question.answer(beginning, found.values).named if n in named]
+    gains = [_evidence(g, found, question, proposed) for g in (found.gaussian, beginning)]
+    return HeldOut(seconds, tuple(proposed), gains[0] - gains[1])
+
+
+def _first(
+    found: Fit, log: LogState, rolled: Rolled, k: int
+) -> tuple[LogState, Rolled, dict[str, NDArray[np.float64]]]:
+    """Return the first k blocks of a log, their prediction, and the values at their end."""
+    ends = range(k - 1)
+    part = replace(
+        log,
+        blocks=log.blocks[:k],
+        walks=log.walks[: k - 1],
+        links={n: log.links[n] for n in ends if n in log.links},
+        jumps={n: log.jumps[n] for n in ends if n in log.jumps},
+    )
+    values, later = dict(found.values), np.sum(log.walks[k - 1 :], axis=0)
+    for unknown in found.model.walking:
+        step, later = np.split(later, [unknown.size])
+        values[unknown.key(log.name)] = values[unknown.key(log.name)] - step
+    return part, replace(rolled, models=rolled.models[:k]), values
+
+
+def _evidence(gaussian: Gaussian, found: Fit, question: Question, free: Sequence[str]) -> float:
+    """Return the log evidence of some free candidates against none."""
+    values = found.values
+    x = np.concatenate([values[name] for name in gaussian.places])
+    whole = gaussian.moved(-x).condition(question.given)
+    others = {n: 0.0 for n in question.candidates if n not in free and n in whole.places}
+    with_free = whole.condition(others)
+    return (
+        with_free.log_evidence - whole.condition(others | {name: 0.0 for name in free}).log_evidence
+    )
+
+
+def _declarations(
+    everything: SensorSuite, effects: tuple[EffectEstimate, ...]
+) -> tuple[tuple[str, str, float], ...]:
+    """Return what to add to the sensors' file; σ is plausible, and as large as each estimate."""
+    sizes: dict[tuple[str, str], float] = {}
+    for effect in effects:
+        section, _, kind = effect.name.rpartition(".")
+        source = everything[section] if section in SENSORS else everything.disturbances
+        assert source is not None
+        field = next(each.name for each in fields(source) if each.name.startswith(kind))
+        size = max(effect.prior_sigma, float(np.abs(effect.value).max()))
+        if effect.unit == "%":  # the file has the share itself
+            size /= 100
+        place = section or "disturbances", field
+        sizes[place] = max(float(f"{size:.1e}"), sizes.get(place, 0.0))
+    return tuple((*place, size) for place, size in sizes.items())

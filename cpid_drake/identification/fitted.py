@@ -1,0 +1,325 @@
+"""The fit of all samples: log → model → fit → comparison → identification, for one log or many."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.rows import RowFamily
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.errors import prefix_errors
+from cpid_drake.estimation.events import Event, fit_with_events
+from cpid_drake.estimation.evidence import NAMED, Comparison, Question
+from cpid_drake.estimation.fit import Fit, fit, prior_of
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.whiteness import least_white, whiteness
+from cpid_drake.identification.agreement import with_agreement
+from cpid_drake.identification.comparison import (
+    SUSPECTED,
+    larger_than_declared,
+    undeclared_errors,
+    with_plausible,
+    words,
+)
+from cpid_drake.identification.estimate import effects_of, momentum_of, solution_of
+from cpid_drake.identification.problem import Estimator, Problem
+from cpid_drake.identification.result import (
+    Identification,
+    MomentumChanges,
+    MomentumEstimate,
+    ResidualSeries,
+)
+from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.sensing.sensors import SENSORS
+
+NAME = "trajectory_fit"
+"""The estimator's name."""
+
+ESTIMATED = (
+    "the samples contradict a total momentum of zero, so the momentum was estimated; say so with "
+    "--momentum unknown"
+)
+"""The warning if the momentum was estimated because zero does not explain the samples."""
+
+MAY_MOVE = "the total momentum may not be zero (probability {}); the intervals include it"
+"""The warning if the samples do not decide whether the momentum is zero."""
+
+NOT_ZERO = (
+    "the samples contradict the given total momentum, which may bias the estimate: identify with "
+    "--momentum unknown"
+)
+"""The failed check if the given momentum does not explain the samples."""
+
+SEEN = 1.1
+"""Factor of the noise from which a warning says so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A fit, and what the comparison of its candidates says.
+
+    Attributes:
+        found: the fit, with all candidates free.
+        rows: what is known besides the samples.
+        question: what was compared.
+        compared: the comparison.
+        events: changes of the momentum.
+
+    """
+
+    found: Fit
+    rows: tuple[Gaussian, ...]
+    question: Question
+    compared: Comparison
+    events: tuple[Event, ...]
+
+    @property
+    def gaussian(self) -> Gaussian:
+        """The average of all that is no candidate, about the fit's values."""
+        average = self.compared.gaussian
+        return average.moved(np.concatenate([self.found.values[name] for name in average.places]))
+
+
+def fit_target(
+    problems: Mapping[str, Problem],
+    momentum: TotalMomentum | None,
+    prior: TargetPrior | None = None,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Identification:
+    """Fit one target, and all that is not known besides, to all samples of some logs.
+
+    Args:
+        problems: of the same spacecraft and sensors, by the names of the logs.
+        momentum: the total momentum of every log; None to compare zero with an unknown one.
+        prior: what is known of the target; None for nothing.
+        progress: called before every step with a short description of it.
+
+    Raises:
+        InputError: a log has too few samples, or no motion can be predicted.
+
+    """
+    problem, suite, warnings = next(iter(problems.values())).with_sensors()
+    has_thrust = any(each.log.has_thrust for each in problems.values())
+    candidates = with_plausible(suite, has_thrust=has_thrust)
+    model = Model(problem.spacecraft.tree, candidates, problem.known_bodies)
+    declared = Constants.of(suite, model.joint_count).errors
+    logs = []
+    for name, each in problems.items():
+        with prefix_errors(name if len(problems) > 1 else ""):
+            logs.append(LogState.of(model, each.measurements, name))
+    progress("fitting")
+    answer = _answer(model, logs, Question.of(model, declared, list(problems), momentum), prior)
+    found, compared, gaussian = answer.found, answer.compared, answer.gaussian
+    progress("comparing")
+    series = _residuals(found)
+    names = [log.name for log in logs]
+    likely = max(compared.probability.get(f"{MOMENTUM}|{name}", 0.0) for name in names)
+    is_free = likely >= NAMED or (momentum is not None and momentum.is_unknown)
+    warnings = (*warnings, *_of_noise(found, names), *_of_events(answer))
+    if likely >= NAMED:
+        warnings = (*warnings, ESTIMATED)
+    elif likely > SUSPECTED:
+        warnings = (*warnings, MAY_MOVE.format(f"{likely:.2g}"))
+    undeclared = undeclared_errors(found, answer.question, compared, answer.rows)
+    effects = tuple(
+        effect for name in names for effect in effects_of(model, found.values, gaussian, name)
+    )
+    more_warnings, doubts = words(undeclared)
+    both = (*effects, *undeclared.effects)
+    doubts = (
+        *doubts,
+        *larger_than_declared(found, compared, gaussian, both),
+        *_contradicted(answer),
+    )
+    left_out, used = _counts(found)
+    result = Identification(
+        relative_parameterization(model.mass),
+        solution_of(model, found.values, gaussian, residual_sum=found.cost, row_count=used),
+        used,
+        NAME,
+        sensors=suite,
+        converged=found.converged,
+        whiteness=least_white(whiteness(each.value) for each in series.values()),
+        residuals=series if len(logs) == 1 else {},
+        rejected={name: count for name, (count, _) in left_out.items() if count},
+        momentum_changes=MomentumChanges(
+            len(answer.events), max((e.time for e in answer.events), default=np.nan)
+        ),
+        warnings=(*warnings, *more_warnings),
+        doubts=doubts,
+        momentum="unknown" if is_free else _name(momentum),
+        noise={name: f for log in found.logs for name, f in _factors(log, names).items()},
+        unexplained=max((count / max(n, 1) for count, n in left_out.values()), default=0.0),
+        momentum_estimate=_momentum(answer, gaussian, names[0]) if len(logs) == 1 else None,
+        effects=effects,
+        undeclared=undeclared,
+    )
+    if len(logs) == 1 and prior is None:
+        return result
+    return _tested(result, answer, prior)
+
+
+def _tested(result: Identification, answer: Answer, prior: TargetPrior | None) -> Identification:
+    """Return an identification with the test whether logs and prior have the same target."""
+    found, question = answer.found, answer.question
+    values = dict.fromkeys((n for n in question.candidates if n not in answer.compared.best), 0.0)
+    known = {n: v - found.values[n] for n, v in (values | question.given).items()}
+
+    def conditioned(gaussian: Gaussian) -> Gaussian:
+        return gaussian.condition({n: v for n, v in known.items() if n in gaussian.places})
+
+    own, counts = {}, {}
+    for log, rolled in zip(found.logs, found.rolled, strict=True):
+        alone = log
+        if len(found.logs) > 1:  # a difference between logs must not look like noise
+            by_itself = fit(found.model, [log], values=found.values).logs[0]
+            alone = replace(log, noise=by_itself.noise, weights=by_itself.weights)
+        own[log.name] = conditioned(sweep(found.model, alone, rolled, found.values).gaussian)
+        counts[log.name] = _counts(replace(found, logs=[alone]))[1]
+    return with_agreement(
+        result,
+        conditioned(prior_of(found.model, found.logs, found.values, ())),
+        own,
+        lambda gaussian: solution_of(found.model, found.values, gaussian),
+        counts,
+        None if prior is None else (prior, answer.rows[0].moved(found.values[PSI])),
+    )
+
+
+def _answer(
+    model: Model, logs: Sequence[LogState], question: Question, prior: TargetPrior | None
+) -> Answer:
+    """Return the fit and the comparison; a prior is linear about the target that both give."""
+    form = relative_parameterization(model.mass)
+    rows: tuple[Gaussian, ...] = ()
+    values = None
+    for _ in range(1 if prior is None else 2):
+        if prior is not None:
+            vague = next(unknown.mean for unknown in model.table if unknown.name == PSI)
+            psi = vague if values is None else values[PSI]
+            at = prior.moved(form, psi) if values is None else psi
+            told = prior.rows(form, at, model.plausible)
+            rows = (Gaussian.of_rows({PSI: 10}, np.column_stack([told.A, told.b])),)
+        found = fit(model, logs, rows=rows, values=values)
+        values, logs = found.values, found.logs
+    found, events = fit_with_events(model, found, question, rows)
+    return Answer(
+        found, rows, question, question.answer(found.gaussian, found.values), tuple(events)
+    )
+
+
+def _contradicted(answer: Answer) -> tuple[str, ...]:
+    """Return the failed check if the samples contradict a given momentum."""
+    given, found = answer.question.given, answer.found
+    if not given:
+        return ()
+    free = {name: found.gaussian.sizes[name] for name in given}
+    sigma = {u.name: u.sigma for u in found.model.table}[MOMENTUM]
+    shifted = {name: found.values[name] - given.get(name, 0.0) for name in found.values}
+    asked = replace(
+        answer.question,
+        given={},
+        candidates=answer.question.candidates | dict.fromkeys(free, sigma),
+    )
+    compared = asked.answer(found.gaussian, shifted)
+    return (NOT_ZERO,) if max(compared.probability[name] for name in free) >= NAMED else ()
+
+
+def _name(momentum: TotalMomentum | None) -> str:
+    return "zero" if momentum is None else momentum.name
+
+
+def _momentum(answer: Answer, gaussian: Gaussian, log: str) -> MomentumEstimate | None:
+    """Return the momentum at the start of a log; None if it is zero or given."""
+    found, key = answer.found, f"{MOMENTUM}|{log}"
+    if key in answer.compared.values:
+        value, sigma = answer.compared.values[key], answer.compared.sigma[key]
+        count = 6 if "position" in found.model.suite.present() else 3
+        return MomentumEstimate(value[:count], np.diag(sigma[:count] ** 2))
+    return momentum_of(found.model, found.values, gaussian, log)
+
+
+def _residuals(found: Fit) -> dict[str, ResidualSeries]:
+    """Return the residuals of every sensor, without samples that are far off."""
+    times: dict[str, list[NDArray[np.float64]]] = {}
+    values: dict[str, list[NDArray[np.float64]]] = {}
+    for log, rolled in zip(found.logs, found.rolled, strict=True):
+        for block, rest, weights in zip(log.blocks, rolled.residuals, log.weights, strict=True):
+            for name, value in rest.items():
+                near = weights.get(name, np.ones(len(value))) == 1.0
+                times.setdefault(name, []).append(block.samples[name].time[near])
+                values.setdefault(name, []).append(value[near])
+    return {
+        name: ResidualSeries(np.concatenate(times[name]), np.concatenate(values[name]), "σ")
+        for name in times
+    }
+
+
+def _counts(found: Fit) -> tuple[dict[str, tuple[int, int]], int]:
+    """Return by sensor the samples that are far off and all samples; and all that are used."""
+    counts: dict[str, tuple[int, int]] = {}
+    used = 0
+    for log in found.logs:
+        for block, weights in zip(log.blocks, log.weights, strict=True):
+            for name in found.model.suite.present():
+                n, far = len(block.samples[name]), int((weights.get(name, np.ones(0)) < 1).sum())
+                before = counts.get(name, (0, 0))
+                counts[name] = before[0] + far, before[1] + n
+                used += n - far
+    return counts, used
+
+
+def _factors(log: LogState, names: Sequence[str]) -> dict[str, float]:
+    """Return the noise factors of a log, by sensor, and by log if there are several."""
+    where = f" of {log.name}" if len(names) > 1 else ""
+    return {f"{name}{where}": factor for name, factor in log.noise.items()}
+
+
+def _of_noise(found: Fit, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the warning about noise that is larger than declared."""
+    parts = [
+        f"the {SENSORS[name].label} {factor:.2g} times{f' ({log.name})' if len(names) > 1 else ''}"
+        for log in found.logs
+        for name, factor in log.noise.items()
+        if factor > SEEN
+    ]
+    if not parts:
+        return ()
+    text = "the residuals are larger than the noise, or correlated in time"
+    return (f"{text}: {', '.join(parts)} the given σ was assumed",)
+
+
+def _of_events(answer: Answer) -> tuple[str, ...]:
+    """Return the warning about changes of the momentum."""
+    if not answer.events:
+        return ()
+    n, last = len(answer.events), max(event.time for event in answer.events)
+    times = "once" if n == 1 else f"{n} times"
+    return (
+        f"the momentum changed {times}, last at {last:.3f} s; it was estimated again from then on",
+    )
+
+
+def needs_of_fit(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
+    """Return the sensors that the fit needs: at least one sensor of each entry."""
+    return (("encoders",), ("attitude",))
+
+
+TRAJECTORY_FIT = Estimator(
+    name=NAME,
+    label="trajectory fit (maximum likelihood)",
+    good_for="the best estimate from noisy sensors, after the motion; finds firings of thrusters",
+    estimate=fit_target,
+    needs=needs_of_fit,
+    prefers_sensors=True,
+    uses_added_sensors=True,
+    uses_thrust=True,
+    uses_known_bodies=True,
+    reports=8,
+)
