@@ -29,6 +29,10 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 
 
+LEAST = 0.5
+"""Least inertia of the system about any axis, as a share of that without the target."""
+
+
 @dataclass(frozen=True)
 class RelativeDynamics:
     """The known bodies and the capture frame as seen from the base, at N instants.
@@ -108,16 +112,18 @@ class RelativeDynamics:
         """Return ∂ω/∂L (N, 3, 3) in B: the inverse of J(ψ); on a table n nᵀ / (nᵀ J n).
 
         Raises:
-            InputError: the inertia is not positive definite for this target.
+            InputError: with this target, the inertia about some axis is less than `LEAST` of that
+                without it. No rigid body reduces the inertia; noise may.
 
         """
         J, n = self.inertia(psi), self.normal_B
+        more = J.real - LEAST * self.inertia(np.zeros(10))
         if n is None:
-            if np.isfinite(J).all() and (np.linalg.eigvalsh(J.real)[:, 0] > 0).all():
+            if np.isfinite(J).all() and (np.linalg.eigvalsh(more)[:, 0] > 0).all():
                 return np.asarray(np.linalg.inv(J))
-        elif ((about := n @ J @ n).real > 0).all():
-            return np.asarray(np.outer(n, n) / about[:, None, None])
-        raise InputError("the system's inertia is not positive definite for this target")
+        elif (n @ more @ n > 0).all():
+            return np.asarray(np.outer(n, n) / (n @ J @ n)[:, None, None])
+        raise InputError("no rigid body reduces the system's inertia as this target does")
 
     def inertia_regressor(self, vectors_B: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivative (N, 3, 10) of J(ψ) x with respect to ψ, for x (N, 3), in B."""

@@ -139,7 +139,7 @@ def reweighted(model: Model, log: LogState, rolled: Rolled) -> LogState:
         spread = float(np.median(size)) / _MEDIAN.get(rest.shape[1], 0.888)
         w = np.minimum(1.0, FAR * max(spread, 1.0) / np.maximum(size, 1e-12)) ** 2
         near = rest[w == 1.0]  # what is far off says nothing about the noise
-        tau = correlation_time(near)
+        tau = _correlation(near)
         freedom = near.size * max(1 - free / count, 0.1) / tau
         square = (DECLARED + float(np.sum(near**2)) / tau) / (DECLARED + freedom)
         noise[name] = max(1.0, float(np.sqrt(square * tau)))
@@ -149,6 +149,12 @@ def reweighted(model: Model, log: LogState, rolled: Rolled) -> LogState:
             if name in block:
                 weights[k][name] = next(parts)
     return replace(log, weights=tuple(weights), noise=noise)
+
+
+def _correlation(rest: NDArray[np.float64]) -> float:
+    """Return the correlation time of noise of which residuals, if they are small, are a part."""
+    part = min(1.0, float(np.mean(rest**2))) if rest.size else 0.0
+    return 1 + part * (correlation_time(rest) - 1)
 
 
 def correlation_time(rest: NDArray[np.float64]) -> float:
@@ -215,7 +221,7 @@ def _stepped(
 ) -> _Point | None:
     """Return the point after a step; None if no motion can be predicted there."""
     parts = {name: step[place] for name, place in total.places.items()}
-    values = {name: value + parts[name] for name, value in now.values.items()}
+    values = now.values | {name: now.values[name] + part for name, part in parts.items()}
     try:
         logs = [back(model, log, s, parts) for log, s in zip(now.logs, swept, strict=True)]
         for log in logs:

@@ -42,9 +42,9 @@ DECLARED = 30.0
 """The declared σ of a sensor counts as much as so many samples."""
 
 _LEGENDRE = np.polynomial.legendre.leggauss(3)  # exact for the square of a quadratic
-_GRID = np.arange(-14.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-3 to 1e3 rad/s³·√s
+_GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
 _RIDGE = 1e-2  # of the penalty, for the factorization: any λ has the same evidence with another one
-_WORTH = 2.0  # change of −2 log(evidence) for which more pieces are used
+_WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
 _PATIENCE = 2  # numbers of pieces without gain after which no more are tried
 _REWEIGHTINGS = 6
 
@@ -269,9 +269,9 @@ class _Evidence:
         return np.asarray(freedom * np.log((DECLARED + S) / freedom) + volume)
 
     def best(self) -> NDArray[np.float64]:
-        """Return u = log λ (J,) of the largest evidence: a grid, then twice a parabola."""
+        """Return u = log λ (J,): the smoothest of a grid that is not much worse, then parabolas."""
         values = self.values(np.broadcast_to(_GRID, (self.J, len(_GRID))))
-        u = _GRID[np.argmin(values, axis=1)]
+        u = _GRID[np.argmax(values < values.min(axis=1)[:, None] + _WORTH, axis=1)]
         for step in (0.75, 0.1):
             at = u[:, None] + step * np.arange(-4, 5)
             values = self.values(at)
