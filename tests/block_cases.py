@@ -10,7 +10,9 @@ from sensing_cases import Sines, measured, small_craft, true_psi, true_telemetry
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.faults import Block, after
+from cpid_drake.estimation.block import Block, after
+from cpid_drake.estimation.joints import smooth_joints
+from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import (
@@ -111,14 +113,16 @@ class Case:
         )
 
 
+def joints_of(block: Block, suite: SensorSuite) -> JointPart:
+    """Return the joint motion in a block by its own samples."""
+    return smooth_joints([block], suite)[1][0]
+
+
 def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case:
     """Return a case with a motion of all joints."""
     craft, motion = small_craft(folder), Sines.drawn(4, seed=101, duration=duration, size=0.6)
     samples = measured(craft, motion, target, suite, momentum_W)
     return Case(craft, motion, target, suite, momentum_W, samples)
-
-
-"""Steps of differences by what every block has, in units of the columns."""
 
 
 def fired(case: Case, *firings: trials.Firing) -> Measurements:

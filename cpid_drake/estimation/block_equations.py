@@ -10,6 +10,7 @@ from cpid_drake.estimation.block_state import BlockFit, BlockState, solution
 from cpid_drake.estimation.jumps import SIZE, Jump
 from cpid_drake.estimation.likelihood.constants import FIXED, NOT_MOVED
 from cpid_drake.estimation.likelihood.effects import GyroBias
+from cpid_drake.estimation.likelihood.joint_block import JointBlock
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory
@@ -152,6 +153,7 @@ class BlockEquations:
         last = [e.rows.stop - 1 for e in model.effects if isinstance(e, GyroBias)]
         nominal = replace(model.motion.end(self.trajectory), bias=state.bias[last])
         joints = model.motion.joints
+        assert isinstance(joints, JointBlock)
         bodies = n + self.before.by_bodies.shape[1]
         end = replace(
             self.before,

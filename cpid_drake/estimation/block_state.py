@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import chdtri
 
 from cpid_drake.estimation.jumps import Jump
-from cpid_drake.estimation.likelihood.joint_motion import JointBlock, JointTrack
+from cpid_drake.estimation.likelihood.joint_block import JointBlock, JointTrack
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 
 KNOWN_SHARE = 0.02

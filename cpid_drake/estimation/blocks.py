@@ -23,7 +23,8 @@ from cpid_drake.estimation.block_equations import CURVED, BlockEquations
 from cpid_drake.estimation.block_state import BlockFit, BlockState, solution
 from cpid_drake.estimation.jumps import CHANGED, SIZE, Jump
 from cpid_drake.estimation.likelihood.constants import NOT_MOVED, Constants
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, JointBlock
+from cpid_drake.estimation.likelihood.joint_block import JointBlock
+from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.likelihood.thrust import impulses

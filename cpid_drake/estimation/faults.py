@@ -16,14 +16,15 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import tilt
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import Block, first_sample
 from cpid_drake.estimation.block_state import UNLIKELY, BlockFit, BlockState
 from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.jumps import LONGEST, SPACING
-from cpid_drake.estimation.likelihood.joint_motion import joint_block
+from cpid_drake.estimation.likelihood.joint_block import joint_block
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT, Prior
-from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
-from cpid_drake.sensing.sensors import ATTITUDE, Quantity, sensors_of
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.sensors import ATTITUDE
 
 SPIKE = 6.0
 """A sample may be left out if it is off by more than this number of σ."""
@@ -51,52 +52,6 @@ What lasts so long is no short fault: a model that is wrong would need all piece
 
 LOST = {"attitude": 0.5, "p_Wcm": 10.0}
 """σ of attitude [rad] and centre of mass [m] after an unexplained piece or a gap."""
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """The samples of one block, with start < time ≤ end [s].
-
-    Attributes:
-        start, end: [s].
-        samples: the samples, and the thrust.
-        is_kicked: whether the thrust changes at the start.
-
-    """
-
-    start: float
-    end: float
-    samples: Measurements
-    is_kicked: bool = False
-
-    @property
-    def length(self) -> float:
-        """Length of the block [s]."""
-        return self.end - self.start
-
-    def halves(self) -> tuple["Block", "Block"]:
-        """Return two blocks of half the length."""
-        middle = (self.start + self.end) / 2
-        return self.part(self.start, middle), self.part(middle, self.end)
-
-    def part(self, start: float, end: float) -> "Block":
-        """Return a part of the block."""
-        is_kicked = self.is_kicked and start == self.start
-        return Block(start, end, after(self.samples, start, end), is_kicked)
-
-
-def after(measurements: Measurements, start: float, end: float) -> Measurements:
-    """Return the samples with start < time ≤ end [s], and the thrust that holds at the start.
-
-    The stamps must increase.
-    """
-    parts = measurements.thrust_between(start, end)
-    for name, samples in measurements.samples.items():
-        if name == THRUST:
-            continue
-        first, last = np.searchsorted(samples.time, [start, end], side="right")
-        parts[name] = samples.where(slice(first, last))
-    return Measurements(measurements.joint_names, parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,10 +290,3 @@ def with_first_attitude(
     if normal_B is not None:
         attitude = Rotation.from_rotvec(tilt(first[None], normal_B)[0]) * attitude
     return replace(state, nominal=replace(state.nominal, attitude=attitude))
-
-
-def first_sample(measurements: Measurements, quantity: Quantity) -> NDArray[np.float64] | None:
-    """Return the first sample of all sensors of a quantity; None if there is none."""
-    samples = [measurements[sensor.name] for sensor in sensors_of(quantity)]
-    first = min((s for s in samples if len(s)), key=lambda each: each.time[0], default=None)
-    return None if first is None else first.value[0]

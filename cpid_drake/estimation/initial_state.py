@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import HELD, NORMAL_W
+from cpid_drake.estimation.block import Block, first_sample
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.blocks import BlockSolver
-from cpid_drake.estimation.faults import Block, block_model, first_sample, with_first_attitude
+from cpid_drake.estimation.faults import block_model, with_first_attitude
 from cpid_drake.estimation.likelihood.constants import OF_GRASP
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.likelihood.priors import Prior

@@ -6,61 +6,15 @@ back.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from cpid_drake.estimation.faults import Block
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, spline_basis
+from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, JointPart
 from cpid_drake.estimation.smoothness import JointSamples, Smoothness, smoothness_of
 from cpid_drake.sensing.suite import SensorSuite
-
-
-@dataclass(frozen=True, eq=False)
-class JointPart:
-    """The joints' motion in one block, and what their own sensors tell about it.
-
-    Attributes:
-        start, end: [s].
-        pieces: number of polynomials.
-        coefficients: (K, J) present values c; the first and the last `ORDER` are the scaled
-            derivatives at both ends.
-        rows, target: (J, K, K), (J, K) with rows c = target and unit noise: samples and jerk.
-        is_kicked: whether the thrust changes at the start, and the accelerations with it.
-
-    """
-
-    start: float
-    end: float
-    pieces: int
-    coefficients: NDArray[np.float64]
-    rows: NDArray[np.float64]
-    target: NDArray[np.float64]
-    is_kicked: bool = False
-
-    @property
-    def size(self) -> int:
-        """Number of coefficients K of each joint."""
-        return len(self.coefficients)
-
-    @property
-    def rest(self) -> NDArray[np.float64]:
-        """(J, K) right-hand side of the rows for errors of the present coefficients."""
-        return np.asarray(self.target - np.einsum("jrk,kj->jr", self.rows, self.coefficients))
-
-    def basis(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
-        """Return the derivatives (M, K) of a joint's position (or rate, …) w.r.t. coefficients."""
-        return spline_basis(self.start, self.end, self.pieces, np.asarray(times), derivative)
-
-    def evaluate(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return positions and rates (M, 2, J) at times (M,)."""
-        return np.stack([self.basis(times, d) @ self.coefficients for d in range(2)], axis=1)
-
-    def moved(self, step: NDArray[np.float64]) -> "JointPart":
-        """Return the part after a step (J K,) of all coefficients, joint after joint."""
-        J = self.coefficients.shape[1]
-        return replace(self, coefficients=self.coefficients + step.reshape(J, -1).T)
 
 
 def smooth_joints(

@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block_queue import BlockQueue
-from cpid_drake.estimation.faults import Block, first_sample
-from cpid_drake.estimation.joints import JointPart, smooth_joints
+from cpid_drake.estimation.block import Block, BlockQueue, blocks_of, first_sample
+from cpid_drake.estimation.joints import smooth_joints
+from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.smoothness import Smoothness
-from cpid_drake.estimation.trajectory_fit import blocks_of
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import ATTITUDE

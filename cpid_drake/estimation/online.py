@@ -15,18 +15,17 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.events import farthest
-from cpid_drake.estimation.faults import Block
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import (
-    JointPart,
     joined,
     joint_part,
     opened,
     triangles,
 )
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
+from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, JointPart
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll, walking_columns
 from cpid_drake.estimation.sweep import (

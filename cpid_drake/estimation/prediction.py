@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.block_equations import at_nominal
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.blocks import BlockSolver
 from cpid_drake.estimation.combination import SourceRows
-from cpid_drake.estimation.faults import Block, block_model
+from cpid_drake.estimation.faults import block_model
 from cpid_drake.estimation.initial_state import initial_state
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.priors import Prior

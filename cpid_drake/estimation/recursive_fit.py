@@ -22,10 +22,10 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.block import Block, BlockQueue
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.blocks import BlockSolver, with_bodies
-from cpid_drake.estimation.faults import Block, Explained, explain
+from cpid_drake.estimation.faults import Explained, explain
 from cpid_drake.estimation.likelihood.constants import NEAR_ZERO
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.recursive_state import NEXT_FIT, RecursiveState, counted
@@ -180,7 +180,7 @@ class RecursiveFit:
         """Return the state after all samples of successive chunks."""
         state = self.start()
         for chunk in chunks:
-            state = self.process(state, chunk, last_time(chunk))
+            state = self.process(state, chunk, chunk.last_time)
         return self.finish(state)
 
     def _take(self, state: RecursiveState, block: Block) -> RecursiveState:
@@ -350,13 +350,6 @@ class RecursiveFit:
     def _without_first(self, state: RecursiveState) -> RecursiveState:
         """Return a state without the first block, which has too few samples to start from."""
         return replace(state, window=state.window[1:], next_fit=0.0)
-
-
-def last_time(measurements: Measurements) -> float:
-    """Return the time of the latest sample [s]; −inf without samples."""
-    return max(
-        (float(s.time[-1]) for s in measurements.samples.values() if len(s)), default=-np.inf
-    )
 
 
 def has_moved(window: tuple[Block, ...], suite: SensorSuite) -> bool:

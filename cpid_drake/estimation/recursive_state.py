@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.block import Block, BlockQueue
 from cpid_drake.estimation.block_state import BlockState
-from cpid_drake.estimation.faults import Block, Explained
+from cpid_drake.estimation.faults import Explained
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.estimation.window_sweep import Sweep

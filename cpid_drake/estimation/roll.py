@@ -82,7 +82,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         constants[walking] -= still_to_come
         part = BlockModel(
             tree,
-            joints,  # type: ignore[arg-type]
+            joints,
             block.samples,
             model.suite,
             model.known_bodies,

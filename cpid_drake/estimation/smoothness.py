@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, eigh, solve_triangular
 
-from cpid_drake.estimation.faults import Block
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, spline_basis
 from cpid_drake.estimation.likelihood.rounding import RoundedSamples, whitening
 from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.faults import Block, first_sample
+from cpid_drake.estimation.block import Block, first_sample
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values

@@ -6,18 +6,18 @@ about the same target, as in a fit of the whole log at once. The time of a pass 
 the length of the log, and the memory does not depend on it.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.block_state import BlockFit, BlockState
-from cpid_drake.estimation.faults import Block, explain
+from cpid_drake.estimation.faults import explain
 from cpid_drake.estimation.initial_state import initial_state
-from cpid_drake.estimation.recursive_fit import LINEAR, RecursiveFit, last_time
+from cpid_drake.estimation.recursive_fit import LINEAR, RecursiveFit
 from cpid_drake.estimation.recursive_state import RecursiveState, counted
 from cpid_drake.estimation.window_minimum import psi_step, step_size
 from cpid_drake.sensing.measurements import Measurements, Samples
@@ -172,14 +172,6 @@ def pass_about(
     if known is None:
         raise InputError("no attitude samples while the joints are known: none to start from")
     return known, counts
-
-
-def blocks_of(queue: BlockQueue, stream: Iterable[Measurements]) -> Iterator[Block]:
-    """Yield the blocks of a stream."""
-    for chunk in stream:
-        queue, blocks = queue.added(chunk, last_time(chunk))
-        yield from blocks
-    yield from queue.finished()
 
 
 def target_information(

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.blocks import BlockSolver
-from cpid_drake.estimation.faults import FEW, SPIKE, Block
+from cpid_drake.estimation.faults import FEW, SPIKE
 from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.estimation.window_minimum import NEAR, WindowFit, minimized

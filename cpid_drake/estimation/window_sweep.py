@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.block_equations import CURVED
 from cpid_drake.estimation.block_state import BlockFit, BlockState
 from cpid_drake.estimation.blocks import BlockSolver
-from cpid_drake.estimation.faults import Block, Explained, block_model, bridged, explain
+from cpid_drake.estimation.faults import Explained, block_model, bridged, explain
 from cpid_drake.estimation.initial_state import initial_state
+from cpid_drake.estimation.likelihood.joint_block import JointBlock
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.priors import Prior
 
@@ -103,7 +105,9 @@ class WindowModels:
         for block in blocks:
             model = block_model(solver, replace(state, track=track), block)
             self._models.append(model)
-            track = model.motion.joints.track
+            joints = model.motion.joints
+            assert isinstance(joints, JointBlock)
+            track = joints.track
 
     def sweep(
         self,

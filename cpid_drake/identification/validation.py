@@ -11,11 +11,9 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.combination import SourceRows
-from cpid_drake.estimation.faults import Block
 from cpid_drake.estimation.prediction import ALL, Prediction, SensorPrediction, predicted
-from cpid_drake.estimation.trajectory_fit import blocks_of
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.fit_setup import recursive_fit
 from cpid_drake.identification.problem import NOISE_ESTIMATED

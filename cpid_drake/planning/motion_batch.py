@@ -8,7 +8,7 @@ rounding errors (Squire and Trapp 1998, "Using complex variables to estimate der
 functions").
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.likelihood.attitude_steps import step_angles
 from cpid_drake.estimation.likelihood.constants import Constants
-from cpid_drake.estimation.likelihood.joint_motion import JointBlock, JointTrack
+from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import (
     BaseMotion,
     Instants,
@@ -35,19 +35,18 @@ from cpid_drake.estimation.likelihood.uniform_spline import (
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedJoints(JointBlock):
+class PlannedJoints(JointPart):
     """Joint positions and rates (U, 2, J) of B motions at the nodes, time after time."""
 
-    samples: NDArray[np.float64]
+    samples: NDArray[np.float64] = field(kw_only=True)
 
     @classmethod
     def of(cls, end: float, samples: NDArray[np.float64]) -> "PlannedJoints":
         """Return the joints of motions from t = 0 to `end` [s]; their errors are not modelled."""
         J = samples.shape[-1]
         nothing = np.zeros((0, J))
-        track = JointTrack(nothing, np.zeros((0, 0)), end, 0.0)
         rows = np.zeros((J, 0, 0))
-        return cls(0.0, end, 1, nothing, rows, nothing.T, track, 0, 0.0, 0, False, samples)
+        return cls(0.0, end, 1, nothing, rows, nothing.T, samples=samples)
 
     def evaluate(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions and rates (U, 2, J) at the nodes, whatever the times are."""

@@ -114,6 +114,11 @@ class Measurements:
         """Whether a log of thrust says that thrusters fired."""
         return bool(self.thrust.value.any())
 
+    @property
+    def last_time(self) -> float:
+        """Time of the latest sample [s]; −inf without samples."""
+        return max((float(s.time[-1]) for s in self.samples.values() if len(s)), default=-np.inf)
+
     def updated(self, samples: Mapping[str, Samples]) -> "Measurements":
         """Return measurements in which `samples` replace those of the same sensors."""
         return Measurements(self.joint_names, {**self.samples, **samples})

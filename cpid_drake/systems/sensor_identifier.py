@@ -21,7 +21,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.faults import after
+from cpid_drake.estimation.block import after
 from cpid_drake.estimation.recursive_state import RecursiveState
 from cpid_drake.identification.fit_estimator import identification_of_state
 from cpid_drake.identification.fit_setup import recursive_fit

@@ -8,14 +8,13 @@ from block_cases import fired, make_case
 from scipy.signal import lfilter
 from sensing_cases import MOMENTUM, coarse_suite, true_psi
 
-from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import compare
 from cpid_drake.estimation.fit import correlation_time, fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import OnlineState, step
-from cpid_drake.estimation.trajectory_fit import blocks_of
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.sensing.measurements import Measurements, Samples

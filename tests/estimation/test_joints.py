@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cpid_drake.estimation.faults import Block, after
+from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import joint_part, smooth_joints, smoothed
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.smoothness import Smoothness

@@ -10,9 +10,8 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, true_psi
 from cpid_drake import InputError, TargetPrior
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.prediction import predicted
-from cpid_drake.estimation.trajectory_fit import blocks_of
 from cpid_drake.identification.fit_setup import recursive_fit
 from cpid_drake.identification.target_prior import Combinations
 from cpid_drake.identification.validation import validate

@@ -22,7 +22,7 @@ from cpid_drake.estimation.likelihood.effects import (
     Start,
     Target,
 )
-from cpid_drake.estimation.likelihood.joint_motion import JointBlock
+from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.sensors import SensorModel, model_classes
 from cpid_drake.sensing.measurements import Measurements
@@ -61,7 +61,7 @@ class BlockModel:
     def __init__(
         self,
         tree: KinematicTree,
-        joints: JointBlock,
+        joints: JointPart,
         measurements: Measurements,
         suite: SensorSuite,
         known_bodies: BodyUncertainty | None = None,

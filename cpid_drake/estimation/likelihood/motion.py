@@ -28,7 +28,7 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     step_changes,
 )
 from cpid_drake.estimation.likelihood.constants import THRUST_SCALE, Constants
-from cpid_drake.estimation.likelihood.joint_motion import JointBlock
+from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, block_thrust
 from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
@@ -132,7 +132,7 @@ class BaseMotion:
     def __init__(
         self,
         tree: KinematicTree,
-        joints: JointBlock,
+        joints: JointPart,
         times: NDArray[np.float64],
         step: float,
         constants: Constants | None = None,

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import make_case
+from block_cases import joints_of, make_case
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, coarse_suite, true_telemetry
 
 from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
 from cpid_drake.dynamics.momentum import momentum_samples, target_momentum
 from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.compliance import wrist_load, write_shifts, write_turns
 from cpid_drake.estimation.likelihood.effects import MotionChange
-from cpid_drake.estimation.likelihood.joint_motion import joint_block
 from cpid_drake.estimation.likelihood.model import BlockModel
 
 START, END = 1.0, 2.5
@@ -27,7 +27,7 @@ def case(tmp_path_factory, skewed_target):
 @pytest.fixture(scope="module")
 def motion(case):
     samples = case.block(START, END).samples
-    joints = joint_block(START, END, samples, case.suite, None)
+    joints = joints_of(Block(START, END, samples), case.suite)
     return BlockModel(case.craft.tree, joints, samples, case.suite, None, 0.0125).motion
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import added_sensors, make_case, rich_suite
+from block_cases import added_sensors, joints_of, make_case, rich_suite
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, true_telemetry
 
 from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.constants import Constants
-from cpid_drake.estimation.likelihood.joint_motion import joint_block
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.sensors import OFF_DIAGONAL
 from cpid_drake.sensing.disturbances import Disturbances
@@ -56,7 +56,7 @@ def case(tmp_path_factory, skewed_target):
 @pytest.fixture(scope="module")
 def model(case):
     samples = case.block(START, END).samples
-    joints = joint_block(START, END, samples, case.suite, None)
+    joints = joints_of(Block(START, END, samples), case.suite)
     return BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP)
 
 
@@ -87,7 +87,7 @@ def exact_block(case, telemetry_at, suite):
             parts[name] = Samples(old.time, record.quantity.ideal(telemetry_at(old.time, name)))
     samples = samples.updated(parts | {"joint_rates": Samples(np.empty(0), np.empty((0, 4)))})
     exact = replace(suite, encoders=replace(suite.encoders, sigma=0.0, bits=0), joint_rates=None)
-    joints = joint_block(START, END, samples, exact, None)
+    joints = joints_of(Block(START, END, samples), exact)
     return samples, joints
 
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import added_sensors, make_case, rich_suite
+from block_cases import added_sensors, joints_of, make_case, rich_suite
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM
 
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.joint_motion import joint_block
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.measurements import Samples
@@ -36,7 +36,7 @@ def case(request, tmp_path_factory, skewed_target):
 def block(case):
     """Return the samples of one block, and its joint motion."""
     samples = case.block(START, END).samples
-    return samples, joint_block(START, END, samples, case.suite, None)
+    return samples, joints_of(Block(START, END, samples), case.suite)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import added_sensors, make_case, rich_suite, trial_of
+from block_cases import added_sensors, joints_of, make_case, rich_suite, trial_of
 from sensing_cases import MOMENTUM
 
 from cpid_drake import identify
@@ -13,8 +13,8 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.sensitivity import displaced
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.constants import Constants
-from cpid_drake.estimation.likelihood.joint_motion import joint_block
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.sensing.burns import Burn
 from cpid_drake.sensing.disturbances import Disturbances
@@ -71,7 +71,7 @@ def truth(case, time):
 
 def model_of(case, samples=None, tree=None, known_bodies=None):
     samples = case.block(START, END, samples).samples
-    joints = joint_block(START, END, samples, case.suite, None)
+    joints = joints_of(Block(START, END, samples), case.suite)
     constants = Constants.of(case.suite, len(case.craft.joint_names))
     tree = case.craft.tree if tree is None else tree
     return BlockModel(tree, joints, samples, case.suite, known_bodies, 0.0125, constants)

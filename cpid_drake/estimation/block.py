@@ -1,16 +1,18 @@
-"""Cuts samples into blocks of about a second, as they arrive.
+"""Blocks: the samples of a log, cut into pieces of about a second, as they arrive.
 
 A change of the thrust kicks the arm: the accelerations of the joints change, and so does that of
 the base. A block therefore ends at such a change.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cpid_drake.estimation.faults import Block, after
 from cpid_drake.sensing.measurement_stream import joined
 from cpid_drake.sensing.measurements import THRUST, Measurements
+from cpid_drake.sensing.sensors import Quantity, sensors_of
 from cpid_drake.sensing.suite import SensorSuite
 
 SHORTEST_BLOCK = 1.0
@@ -24,6 +26,59 @@ SHORTEST_SHARE = 0.125
 
 _SLOWER = 1.2  # encoders that are slower than the suite's by this factor make longer blocks
 _STAMP = 1e-7  # rounding error of a stamp [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The samples of one block, with start < time ≤ end [s].
+
+    Attributes:
+        start, end: [s].
+        samples: the samples, and the thrust.
+        is_kicked: whether the thrust changes at the start.
+
+    """
+
+    start: float
+    end: float
+    samples: Measurements
+    is_kicked: bool = False
+
+    @property
+    def length(self) -> float:
+        """Length of the block [s]."""
+        return self.end - self.start
+
+    def halves(self) -> tuple["Block", "Block"]:
+        """Return two blocks of half the length."""
+        middle = (self.start + self.end) / 2
+        return self.part(self.start, middle), self.part(middle, self.end)
+
+    def part(self, start: float, end: float) -> "Block":
+        """Return a part of the block."""
+        is_kicked = self.is_kicked and start == self.start
+        return Block(start, end, after(self.samples, start, end), is_kicked)
+
+
+def after(measurements: Measurements, start: float, end: float) -> Measurements:
+    """Return the samples with start < time ≤ end [s], and the thrust that holds at the start.
+
+    The stamps must increase.
+    """
+    parts = measurements.thrust_between(start, end)
+    for name, samples in measurements.samples.items():
+        if name == THRUST:
+            continue
+        first, last = np.searchsorted(samples.time, [start, end], side="right")
+        parts[name] = samples.where(slice(first, last))
+    return Measurements(measurements.joint_names, parts)
+
+
+def first_sample(measurements: Measurements, quantity: Quantity) -> NDArray[np.float64] | None:
+    """Return the first sample of all sensors of a quantity; None if there is none."""
+    samples = [measurements[sensor.name] for sensor in sensors_of(quantity)]
+    first = min((s for s in samples if len(s)), key=lambda each: each.time[0], default=None)
+    return None if first is None else first.value[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +186,14 @@ class BlockQueue:
             blocks.append(Block(start, change, after(self.waiting, start, change), is_kicked))
             start, is_kicked = change, True
         return [*blocks, Block(start, end, after(self.waiting, start, end), is_kicked)]
+
+
+def blocks_of(queue: BlockQueue, stream: Iterable[Measurements]) -> Iterator[Block]:
+    """Yield the blocks of a stream."""
+    for chunk in stream:
+        queue, blocks = queue.added(chunk, chunk.last_time)
+        yield from blocks
+    yield from queue.finished()
 
 
 def _first_change(waiting: Measurements, start: float, end: float) -> float | None:
