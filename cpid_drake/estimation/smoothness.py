@@ -56,7 +56,7 @@ class Smoothness:
     Attributes:
         rate: pieces of the splines in a second.
         jerk: (J,) size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
-        noise: (J,) factor f of the sensors' declared σ.
+        noise: (J,) factor f of the sensors' declared σ; 1 if they are better than declared.
 
     """
 
@@ -289,7 +289,7 @@ class _Evidence:
             noise = np.sqrt((DECLARED + S) / (DECLARED + count))[:, 0]
             if not self._reweight(u, noise):
                 break
-        return Smoothness(self.rate, np.exp(u / 2) * noise, noise), self.weights
+        return Smoothness(self.rate, np.exp(u / 2) * noise, np.maximum(noise, 1.0)), self.weights
 
     def _reweight(self, u: NDArray[np.float64], noise: NDArray[np.float64]) -> bool:
         """Weight the samples by their residuals; return whether a weight changed."""

@@ -172,18 +172,3 @@ def pass_about(
     if known is None:
         raise InputError("no attitude samples while the joints are known: none to start from")
     return known, counts
-
-
-def target_information(
-    estimator: RecursiveFit, stream: Iterable[Measurements], psi: NDArray[np.float64]
-) -> BlockState:
-    """Return what the samples of a stream tell about a target near ψ (10,).
-
-    At the true target and with samples without noise, the inverse of the information is the
-    Cramér-Rao bound.
-
-    Raises:
-        InputError: as `fit_trajectory`.
-
-    """
-    return pass_about(estimator, stream, psi, Residuals())[0]

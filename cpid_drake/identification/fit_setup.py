@@ -1,10 +1,8 @@
-"""The recursive fit of a spacecraft with its sensors, and the Cramér-Rao bound."""
+"""The recursive fit of a spacecraft with its sensors."""
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_parameterization
@@ -13,13 +11,9 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.least_squares import solution_of_information
 from cpid_drake.estimation.likelihood.priors import Prior, guessed_prior, vague_prior
 from cpid_drake.estimation.recursive_fit import RecursiveFit
-from cpid_drake.estimation.trajectory_fit import target_information
 from cpid_drake.identification.problem import Problem
-from cpid_drake.identification.result import Identification
-from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
@@ -89,40 +83,3 @@ def estimator_of(problem: Problem, sensors: SensorSuite) -> RecursiveFit:
     return recursive_fit(
         problem.spacecraft, sensors, momentum=problem.momentum, known_bodies=problem.known_bodies
     )
-
-
-def cramer_rao_bound(
-    tree: KinematicTree,
-    psi: NDArray[np.float64],
-    measurements: Iterable[Measurements] | Measurements,
-    sensors: SensorSuite,
-    *,
-    momentum: TotalMomentum | None = None,
-    known_bodies: BodyUncertainty | None = None,
-) -> NDArray[np.float64]:
-    """Return the Cramér-Rao bound (10, 10) on the covariance of the parameters π.
-
-    Rows and columns of parameters that the measurements do not determine are NaN. Attitude and
-    position at the start, gyro bias, an unknown momentum and all errors of the joint motion are
-    estimated as well. The bound holds for unbiased estimators.
-
-    Args:
-        tree: the known bodies.
-        psi: (10,) relative unknowns of the target.
-        measurements: ideal samples of the sensors, or a stream of them.
-        sensors: the sensors' errors.
-        momentum: the total momentum, marked as unknown if it is to be estimated; default: zero.
-        known_bodies: uncertainty of the known bodies, which are estimated too.
-
-    """
-    prior = prior_of(tree, momentum).covering(np.asarray(psi))
-    estimator = RecursiveFit(tree, sensors, prior, known_bodies)
-    stream = [measurements] if isinstance(measurements, Measurements) else measurements
-    known = target_information(estimator, stream, psi)
-    if known_bodies is not None:
-        known = known.with_estimated_bodies(curvature=known_bodies.curvature)
-    information = known.psi_information() - np.diag(prior.psi_sigma**-2.0)
-    consider = known.psi_consider() if known_bodies is not None else None
-    solution = solution_of_information(psi, information, prior.plausible, consider=consider)
-    parameterization = relative_parameterization(tree.mass)
-    return Identification(parameterization, solution, 0, "trajectory_fit").covariance

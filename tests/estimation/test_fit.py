@@ -78,6 +78,16 @@ def test_no_sensor_is_better_than_declared(found):
     assert min(found.logs[0].noise.values()) == 1.0
 
 
+def test_errors_of_the_model_are_no_noise_if_they_are_small(case):
+    """Of samples without noise, only errors of the joints' splines remain, which are correlated."""
+    model = Model(case.craft.tree, SUITE)
+    found = fit(model, [LogState.of(model, case.samples)])
+    rest = found.rolled[0].all_residuals().values()
+    assert max(correlation_time(each) for each in rest) > 2
+    assert max(found.logs[0].noise.values()) == 1
+    assert (found.logs[0].smoothness.noise == 1).all()
+
+
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
 def test_so_many_successive_residuals_are_worth_one(memory):
     """Of noise with memory of first order: (1 + ρ)/(1 − ρ)."""

@@ -16,8 +16,9 @@ from sensing_cases import (
 )
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
+from cpid_drake.identification.bound import cramer_rao_bound
 from cpid_drake.identification.fit_estimator import identification_of_state
-from cpid_drake.identification.fit_setup import cramer_rao_bound, recursive_fit
+from cpid_drake.identification.fit_setup import recursive_fit
 from cpid_drake.sensing.measurement_stream import stream_of
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise

@@ -17,8 +17,8 @@ from sensing_cases import (
 
 from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.identification.bound import cramer_rao_bound
 from cpid_drake.identification.estimators import methods
-from cpid_drake.identification.fit_setup import cramer_rao_bound
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
@@ -302,8 +302,8 @@ def test_the_bound_is_open_where_the_motion_shows_nothing(craft, motion, skewed_
         samples = measured(craft, slide, skewed_target, suite)
         bound = cramer_rao_bound(craft.tree, true_psi(craft, skewed_target), samples, suite)
         sigmas.append(np.sqrt(np.diag(bound)))
-        # With half the motion, c_z contains little of what is open, and has a σ of 2 cm.
-        assert np.isnan(sigmas[-1][[1, 2, 4, 5, 6, 7, 8, 9]]).all()
+        # With half the motion, c_y and c_z contain little of what is open: σ is 2 to 3 cm.
+        assert np.isnan(sigmas[-1][[1, 4, 5, 6, 7, 8, 9]]).all()
     assert sigmas[1][0] == pytest.approx(2 * sigmas[0][0], rel=0.05)
 
 
