@@ -17,7 +17,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.constant_effects import constant_effects
-from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
     GyroBias,
@@ -29,9 +28,10 @@ from cpid_drake.estimation.likelihood.effects import (
 )
 from cpid_drake.estimation.likelihood.model import gyro_biases
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.estimation.likelihood.priors import Prior
 from cpid_drake.estimation.likelihood.sensors import model_classes
-from cpid_drake.identification.fit_setup import prior_of
+from cpid_drake.estimation.roll import bias_sigma
+from cpid_drake.estimation.sweep import START
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.planning.motion_batch import MotionBatch
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import SENSORS, Gyro
@@ -57,9 +57,9 @@ class InformationModel:
 
     Attributes:
         times: (N,) the nodes [s].
-        prior: what is known before the first sample.
-        size: number of unknowns n: those of the fit with ψ last, then errors of the known bodies.
-        unknowns: number of unknowns of the fit.
+        fit: the unknowns of the fit, with their priors.
+        size: number of unknowns n.
+        psi: columns of ψ among them.
 
     """
 
@@ -73,19 +73,19 @@ class InformationModel:
         known_bodies: BodyUncertainty | None = None,
         node_rate: float = NODE_RATE,
     ) -> None:
-        self.tree = tree.lumped if known_bodies is None else tree
         self.known_bodies = known_bodies
         self.times = np.linspace(0.0, duration, max(int(np.ceil(duration * node_rate)), 4) + 1)
         self.momentum = momentum or TotalMomentum.zero()
-        self.prior: Prior = prior_of(tree, self.momentum)
         self.suite = _thinned(suite, duration, len(self.times))
-        self.joint_count = sum(body.joint >= 0 for body in tree.bodies)
-        self._constants = Constants.of(self.suite, self.joint_count)
+        self.fit = Model(tree, self.suite, known_bodies)
+        self.tree, self.joint_count = self.fit.tree, self.fit.joint_count
+        self._constants = self.fit.constants
         self._recent: dict[tuple[str, tuple[int, ...], bytes], MotionBatch] = {}
         still = np.zeros((len(self.times), 1, 2, self.joint_count))
-        sizes = [effect.size for effect in self._effects(self.motions(still))]
-        self.size = sum(sizes)
-        self.unknowns = self.size - (sizes[-1] if known_bodies is not None else 0)
+        effects = self._effects(self.motions(still))
+        ends = np.cumsum([0, *(effect.size for effect in effects)]).tolist()
+        self.size = ends[-1]
+        self.psi = next(slice(a, a + 10) for a, e in zip(ends, effects) if e.name == PSI)
         self.prior_information = self._prior_information()
 
     def motions(self, samples: NDArray[np.float64]) -> MotionBatch:
@@ -142,7 +142,7 @@ class InformationModel:
         return np.swapaxes(jacobian, 1, 2) @ jacobian + self.prior_information
 
     def _effects(self, motions: MotionBatch) -> list[Effect]:
-        """Return all effects; ψ is the last but that of the known bodies."""
+        """Return all effects."""
         biases = gyro_biases(self.suite, 0.0, self.times[-1]).values()
         effects: list[Effect] = [Start(), *biases, *constant_effects(motions)]
         if self.momentum.is_unknown:
@@ -154,7 +154,7 @@ class InformationModel:
 
     def state(self, psi: NDArray[np.float64]) -> TrajectoryState:
         """Return the nominal values of all unknowns for a target's ψ (10,)."""
-        gyros = sum(2 if g.bias_growth else 1 for g in _gyros(self.suite))
+        gyros = sum(2 if g.bias_growth else 1 for g in self.fit.gyros)
         return TrajectoryState(
             psi,
             Rotation.identity(),
@@ -173,32 +173,32 @@ class InformationModel:
         return Measurements(names, {name: Samples(motions.nodes, zeros) for name in present})
 
     def _prior_information(self) -> NDArray[np.float64]:
-        """Return (n, n): the fit's prior of all unknowns, see `initial_state.initial_state`."""
+        """Return (n, n): the fit's prior of all unknowns."""
         result = np.zeros((self.size, self.size))
         start = 0
         still = np.zeros((len(self.times), 1, 2, self.joint_count))
-        sigmas = {
-            "start": np.repeat([np.pi, 1e3], 3),
-            "momentum": np.repeat([self.prior.L_sigma, self.prior.v_sigma], 3),
-            "psi": self.prior.psi_sigma,
-        }
-        state = self.state(self.prior.psi)
+        sigmas = {unknown.name: unknown.sigma for unknown in self.fit.table}
+        sigmas["start"] = np.repeat([START["attitude"], START["p_Wcm"]], 3)
+        biases = iter(bias_sigma(self.fit))
+        psi = next(unknown.mean for unknown in self.fit.table if unknown.name == PSI)
+        state = self.state(psi)
         for effect in self._effects(self.motions(still)):
             here = slice(start, start + effect.size)
             if isinstance(effect, GyroBias):
-                gyro = self.suite[effect.name.removeprefix("bias of ")]
-                assert isinstance(gyro, Gyro)
-                result[here, here][:3, :3] = np.eye(3) / max(gyro.bias_sigma, 1e-9) ** 2
+                result[here, here][:3, :3] = np.eye(3) / next(biases) ** 2
                 rows, _ = effect.links(state)
                 result[here, here] += rows.T @ rows
-            elif effect.name != "bodies":
-                result[here, here] = np.diag(sigmas.get(effect.name, np.ones(effect.size)) ** -2.0)
+            else:
+                result[here, here] = np.diag(sigmas[effect.name] ** -2.0)
             start += effect.size
         return result
 
 
-def _gyros(suite: SensorSuite) -> list[Gyro]:
-    return [errors for errors in suite.present().values() if isinstance(errors, Gyro)]
+def inverse(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the covariance (B, n, n) of all unknowns, from their information."""
+    scale = 1 / np.sqrt(np.diagonal(information, axis1=1, axis2=2))
+    scaled = np.linalg.inv(scale[:, :, None] * information * scale[:, None])
+    return np.asarray(scale[:, :, None] * (scaled + np.swapaxes(scaled, 1, 2)) / 2 * scale[:, None])
 
 
 def _thinned(suite: SensorSuite, duration: float, nodes: int) -> SensorSuite:

@@ -20,9 +20,8 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
 )
 from cpid_drake.errors import InputError, choose_from
-from cpid_drake.planning.covariance import TargetCovariance
 from cpid_drake.planning.families import MotionFamily
-from cpid_drake.planning.information import InformationModel
+from cpid_drake.planning.information import InformationModel, inverse
 
 STEP = 1e-20
 """Imaginary step of the parameters of a motion."""
@@ -130,12 +129,12 @@ class Objective:
             samples: (N, B, 2, J) as from `samples`.
 
         """
-        motions, found = self.model.motions(samples), []
+        motions, psi, found = self.model.motions(samples), self.model.psi, []
         for target in self.targets:
             by_psi, _, covariance = self._covariance(
                 target, self.model.jacobian(motions, self.psi(target))
             )
-            found.append(by_psi @ covariance.psi @ by_psi.T)
+            found.append(by_psi @ covariance[:, psi, psi] @ by_psi.T)
         return np.stack(found)
 
     def target_scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -180,19 +179,17 @@ class Objective:
 
         The gradients are exact up to rounding.
         """
-        motions = self.model.motions(self.samples(parameters[None]))
+        motions, psi = self.model.motions(self.samples(parameters[None])), self.model.psi
         values, gradients, by_jacobian = [], [], []
         for target in self.targets:
             H = self.model.jacobian(motions, self.psi(target))
             by_psi, _, covariance = self._covariance(target, H)
-            parts = self._components(target, by_psi @ covariance.psi[0] @ by_psi.T)
+            parts = self._components(target, by_psi @ covariance[0, psi, psi] @ by_psi.T)
             for value, weights, v in parts:
-                left, right = covariance.weights(0, v @ by_psi)
-                right = right * weights[:, None, None]
-                left, right = (each.reshape(-1, H.shape[2]) for each in (left, right))
-                # Σ lᵀ (dHᵀ H + Hᵀ dH) r = ⟨dH, H r lᵀ + H l rᵀ⟩
+                y = v @ by_psi @ covariance[0, psi]
+                # −Σ w yᵀ (dHᵀ H + Hᵀ dH) y = ⟨dH, −2 H Σ w y yᵀ⟩
                 values.append(value)
-                by_jacobian.append(H[0] @ (right.T @ left + left.T @ right))
+                by_jacobian.append(-2 * H[0] @ (y.T * weights) @ y)
         each = len(values) // len(self.targets)
         stacked = np.reshape(by_jacobian, (len(self.targets), each, -1))
         for chunk, step in self.steps(parameters):
@@ -227,17 +224,10 @@ class Objective:
 
     def _covariance(
         self, target: PlausibleTarget, H: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], TargetCovariance]:
-        """Return ∂π/∂ψ in units of the scale (d, 10), the scale (10,) and the covariance of ψ."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return ∂π/∂ψ in units of the scale (d, 10), the scale (10,) and the covariance."""
         jacobian = relative_parameterization(self.model.tree.mass).jacobian(self.psi(target))
         scale = parameter_scale(target.parameters, SCALE_LENGTH)
-        F, end = self.model.information(H), self.model.unknowns
-        F[:, end - 10 : end, end - 10 : end] += jacobian.T @ target.information @ jacobian
-        bodies = self.model.known_bodies
-        curvature = 0.0 if bodies is None else bodies.curvature
-        kept = self.model.tree.unknowns
-        return (
-            (jacobian / scale[:, None])[kept],
-            scale,
-            TargetCovariance(F, self.model.unknowns, curvature),
-        )
+        F, psi = self.model.information(H), self.model.psi
+        F[:, psi, psi] += jacobian.T @ target.information @ jacobian
+        return (jacobian / scale[:, None])[self.model.tree.unknowns], scale, inverse(F)

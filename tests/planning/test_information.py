@@ -9,16 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.planning.covariance import TargetCovariance
-from cpid_drake.planning.information import InformationModel
+from cpid_drake.estimation.unknowns import PSI
+from cpid_drake.planning.information import InformationModel, inverse
 
 
 def sigmas(case, model=None) -> np.ndarray:
     model = model or case.model
     F = model.information(model.jacobian(model.motions(case.samples()), case.psi))
-    bodies = case.case.known_bodies
-    covariance = TargetCovariance(F, model.unknowns, bodies.curvature if bodies else 0.0)
-    return np.sqrt(np.diag(case.by_psi @ covariance.psi[0] @ case.by_psi.T))
+    covariance = inverse(F)[0, model.psi, model.psi]
+    return np.sqrt(np.diag(case.by_psi @ covariance @ case.by_psi.T))
 
 
 @pytest.mark.parametrize(
@@ -48,8 +47,9 @@ def test_errors_of_encoders_make_a_small_difference(exciting):
 
 
 @pytest.mark.slow
-def test_an_uncertain_spacecraft_limits_the_information_as_in_the_exact_bound(uncertain):
+def test_an_uncertain_spacecraft_limits_the_information_as_in_the_exact_bound():
     """The known bodies' errors make σ hundreds of times larger."""
+    uncertain = planned("uncertain_spacecraft", "flight", fine_encoders=True)
     np.testing.assert_allclose(sigmas(uncertain) / uncertain.bound(), 1.0, atol=0.03)
 
 
@@ -111,7 +111,7 @@ def test_with_momentum_a_change_of_the_attitude_grows():
         later, before = (motions.trajectory(model.state(psi + s * step)).R for s in (1, -1))
         turn = Rotation.from_matrix(np.swapaxes(before, 1, 2) @ later).as_rotvec()
         expected = turn @ R_BS / (2 * step[k])
-        found = (rows * scale)[:, :, model.unknowns - 10 + k]
+        found = (rows * scale)[:, :, model.psi.start + k]
         np.testing.assert_allclose(found, expected, atol=3e-3 * np.abs(expected).max())
 
 
@@ -131,5 +131,6 @@ def test_the_prior_is_all_that_joints_at_rest_leave(exciting):
     samples = np.repeat(exciting.samples()[:1], len(model.times), axis=0)
     samples[:, :, 1] = 0.0
     F = model.information(model.jacobian(model.motions(samples), exciting.psi))
-    found = TargetCovariance(F, model.unknowns).psi[0]
-    np.testing.assert_allclose(np.sqrt(np.diag(found))[0], model.prior.psi_sigma[0], rtol=0.5)
+    found = inverse(F)[0, model.psi, model.psi]
+    prior = next(unknown for unknown in model.fit.table if unknown.name == PSI)
+    np.testing.assert_allclose(np.sqrt(np.diag(found))[0], prior.sigma[0], rtol=0.5)
