@@ -93,9 +93,12 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         trajectory = part.motion.trajectory(first)
         models.append(part)
         trajectories.append(trajectory)
-        residuals.append({n: s.residuals(trajectory) for n, s in part.sensors.items()})
+        bent, moved = part.bent(trajectory)
+        residuals.append(
+            {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
+        )
         links += float(np.sum(part.links(first)[1] ** 2))
-        state = part.motion.end(trajectory)
+        state = jumped(part.motion.end(trajectory), moved)
         if joints.is_kicked and k:
             links += float(np.sum((kick_of(log, k) / KICK) ** 2))
         if k < len(log.walks):

@@ -163,7 +163,13 @@ SUITES = {
         gyro=Gyro(20.0, 0.005, 1.0, 5.0, scale_ppm=300.0, delay_ms=2.0),
         attitude=AttitudeSensor(5.0, 5.0, 40.0, np.array([0.0, 0.6, 0.8]), mounting_arcsec=60.0),
         encoders=JointSensor(20.0, 1e-5, zero_mrad=1.0),
-        disturbances=Disturbances(acceleration=1e-4, torque=0.02, torque_walk=0.01),
+        disturbances=Disturbances(
+            acceleration=1e-4,
+            torque=0.02,
+            torque_walk=0.01,
+            compliance_urad=3.0,
+            translational_compliance_um=10.0,
+        ),
     ),
 }
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.plane import HELD, NORMAL_W
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.constant_effects import constant_effects
+from cpid_drake.estimation.likelihood.constant_effects import Compliance, constant_effects
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
@@ -156,22 +156,16 @@ class BlockModel:
         velocity that come by the thrust; `transitions` has the rest. The columns are `columns`,
         known bodies included.
         """
-        n, N, constants = self._width, len(self.motion.nodes), self.motion.constants
+        n, constants = self._width, self.motion.constants
         change = MotionChange.zeros(len(self.motion.instants.times), n)
         for effect in self._everything:
             effect.change_motion(trajectory, change.columns(self.columns[effect.name]))
-        direct = self._change_by_thrust(trajectory, change)
-        ends, change.w[:N] = self.motion.pose_change(trajectory, change.w[:N], change.attitude)
-        xi, last = ends[:, :3], ends[-1]
+        readings, last = self._response(trajectory, change)
         if len(last) > 3:
-            last[3:, self.turned[3:6]] += np.eye(3)
-        if direct is not None:
-            change, pushed = self._pushed(trajectory, change, xi)
-            last[3:] += direct[N - 1]
-            last = np.concatenate([last, pushed])
+            last[3:, self.turned[3:]] += np.eye(len(last) - 3)
         parts = [np.empty((0, n))]
         for name, sensor in self.sensors.items():
-            rows = sensor.jacobian(trajectory, change, xi)
+            rows = readings[name]
             for constant, by in sensor.by_constants(trajectory).items():
                 rows[:, :, self.columns[constant]] += by * constants.errors[constant].sigma
             for effect in self.effects:
@@ -179,6 +173,55 @@ class BlockModel:
                 effect.change_reading(name, sensor.samples.time, part)
             parts.append(sensor.whitened(rows).reshape(-1, n))
         return self._in_plane(np.vstack(parts), last)
+
+    def bent(
+        self, trajectory: Trajectory
+    ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+        """Return what a flexible grasp adds to the readings and to the state at the block's end.
+
+        The trajectory is that of a rigid grasp; the effect is of first order in the compliance.
+
+        Returns:
+            (M, d) in units of σ, by sensor, and (12,) change of attitude, centre of mass, L and v.
+            Nothing and zero without such a grasp.
+
+        """
+        flexible = [effect for effect in self.effects if isinstance(effect, Compliance)]
+        readings, end = dict[str, NDArray[np.float64]](), np.zeros(12)
+        if not flexible:
+            return readings, end
+        times, constants = self.motion.instants.times, self.motion.constants
+        change = MotionChange.zeros(len(times), 1)
+        for effect in flexible:
+            each = MotionChange.zeros(len(times), effect.size)
+            effect.change_motion(trajectory, each)
+            value = trajectory.state.constants[constants.place(effect.name)]
+            for name in ("w", "com", "com_rate"):
+                getattr(change, name)[..., 0] += getattr(each, name) @ value
+        rows, last = self._response(trajectory, change)
+        readings = {n: self.sensors[n].whitened(part)[..., 0] for n, part in rows.items()}
+        if self.motion.tree.normal_B is not None:
+            last[:3] *= NORMAL_W[:, None]
+        end[: len(last)] = last[:, 0]
+        return readings, end[np.r_[0:3, 6:9, 3:6, 9:12]]
+
+    def _response(
+        self, trajectory: Trajectory, change: MotionChange
+    ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+        """Return what a change of the motion changes in the readings, and in `turned`.
+
+        The readings (M, 3, n) are in SI units, by sensor. The change gets that of the attitude.
+        """
+        N = len(self.motion.nodes)
+        direct = self._change_by_thrust(trajectory, change)
+        ends, change.w[:N] = self.motion.pose_change(trajectory, change.w[:N], change.attitude)
+        xi, last = ends[:, :3], ends[-1]
+        if direct is not None:
+            change, pushed = self._pushed(trajectory, change, xi)
+            last[3:] += direct[N - 1]
+            last = np.concatenate([last, pushed])
+        rows = {n: s.jacobian(trajectory, change, xi) for n, s in self.sensors.items()}
+        return rows, last
 
     def _change_by_thrust(
         self, trajectory: Trajectory, change: MotionChange
@@ -213,7 +256,6 @@ class BlockModel:
             change.inverse_mass,
             change.thrust,
         )
-        rows[:, self.turned[6:]] += np.eye(6)
         return replace(change, position=travel[:, :3], velocity=travel[:, 3:]), rows
 
     def _in_plane(
