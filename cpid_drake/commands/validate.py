@@ -32,8 +32,8 @@ def validate(
     threshold: Annotated[
         float,
         typer.Option(
-            help="Largest usual error of the prediction, in σ and whatever its cause, with which "
-            "the result is valid."
+            help="Largest usual residual of the log, in σ and whatever its cause, with which the "
+            "result is valid."
         ),
     ] = 3.0,
     beginning: Annotated[
@@ -62,15 +62,15 @@ def validate(
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
-    """Predict a log with an identified target, and compare the prediction with the log.
+    """Test an identified target with another log, and predict this log.
 
-    Start, momentum and biases are fitted to the beginning of the log; the rest of the base's motion
-    is predicted from the joint motion. Errors that another target would not have are tested by
-    their χ²: a right target fails in one log of a hundred. Sensors and columns are those of the
-    result by default.
+    The difference of the target from the log's own estimate is tested by its χ²: a right target
+    fails in one log of a hundred. Start, momentum and biases are also fitted to the beginning of
+    the log, and the rest of the base's motion is predicted from the joint motion. Sensors and
+    columns are those of the result by default.
 
-    Exit codes: 0 the target passes the test, and the errors are below the threshold; 2 bad input or
-    usage; 4 the result is not valid.
+    Exit codes: 0 the target passes the test, and the residuals are below the threshold; 2 bad input
+    or usage; 4 the result is not valid.
     """
     if not 0 < threshold < 1e6:
         raise InputError(f"--threshold {threshold:g}: give a positive number")
@@ -152,41 +152,38 @@ def _described(validation: "Validation", threshold: float) -> list[str]:
     test, size = validation.test, validation.in_sigma
     if not validation.is_target_right:
         verdict = (
-            "not valid: errors that another target would not have; with this one they have a "
-            f"probability of {max(validation.probability, 1e-99):.2g}"
+            "not valid: the log's own estimate differs; from the right target it differs so much "
+            f"with probability {max(validation.probability, 1e-99):.2g}"
         )
     elif size > threshold:
         verdict = (
-            f"not valid: a usual error of {size:.3g} σ (threshold {threshold:g}), which no other "
-            "target explains better"
+            f"not valid: a usual residual of {size:.3g} σ (threshold {threshold:g}), which no "
+            "other target explains better"
         )
     else:
-        verdict = f"valid: the errors are those of this target (p = {validation.probability:.2g})"
+        verdict = f"valid: the log agrees with this target (p = {validation.probability:.2g})"
     lines = [
         verdict,
         f"{_noticed(test.heavier)} (probability {100 * POWER:g} %)",
-        f"Predicted {validation.start:.6g} to {validation.end:.6g} s from the joint motion; total "
-        f"momentum {validation.momentum}",
+        f"χ² of the target {test.chi_squared:.3g}, of {test.freedom} combinations of parameters "
+        f"that the log determines; total momentum {validation.momentum}",
         "",
-        f"  {'':9}{'samples':>8}{'rms error':>10}{'expected':>10}{'noise':>9}{'largest':>9}"
-        f"{'in σ':>7}{'χ²':>9}{'p':>9}{'no target':>10}",
+        f"Predicted {validation.start:.6g} to {validation.end:.6g} s from the joint motion:",
+        f"  {'':9}{'samples':>8}{'rms error':>10}{'largest':>9}{'noise':>9}{'no target':>10}"
+        f"{'':9}{'residual':>9}",
     ]
     for error in validation.errors:
-        numbers = (error.rms, error.expected, error.noise, error.largest)
+        numbers = (error.rms, error.largest, error.noise, error.without_target)
         lines.append(
             f"  {error.sensor:9}{error.samples:8}"
-            + "".join(f"{number:{width}.3g}" for number, width in zip(numbers, (10, 10, 9, 9)))
-            + f"{error.in_sigma:7.3g}{error.test.chi_squared:9.3g}{error.test.probability:9.2g}"
-            + f"{error.without_target:10.3g} {error.unit}"
+            + "".join(f"{number:{width}.3g}" for number, width in zip(numbers, (10, 9, 9, 10)))
+            + f" {error.unit:8}{error.in_sigma:7.3g} σ"
         )
-    lines.append(f"  {'all':9}{'':53}{test.chi_squared:9.3g}{test.probability:9.2g}")
     return [
         *lines,
         "",
-        "  Expected: from the sensors' noise and the uncertainty of the target. No target: rms",
-        "  error of a prediction with the spacecraft alone. χ²: of the combinations of the",
-        f"  target's parameters that the samples determine, {test.freedom} with all sensors.",
-        "  p: probability of so large a χ² with the right target.",
+        "  No target: rms error of a prediction with the spacecraft alone. Residual: of a fit of",
+        "  the whole log with the target that explains it best.",
     ]
 
 

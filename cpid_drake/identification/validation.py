@@ -1,7 +1,12 @@
-"""Validation of an identified target: it predicts a log that was not used to identify it."""
+"""Validation of an identified target: it predicts a log that was not used to identify it.
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+The log is fitted with a free target. Its own estimate and the given one differ as their covariances
+say if the target is right: a χ² test of ten degrees of freedom at most, which loses no power to the
+hundreds of samples. For the reader, the base's motion is also predicted with the given target: all
+else is fitted to the beginning of the log.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +16,18 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.combination import SourceRows
-from cpid_drake.estimation.prediction import ALL, Prediction, SensorPrediction, predicted
+from cpid_drake.estimation.evidence import compare
+from cpid_drake.estimation.fit import Fit, fit
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import Rolled, roll
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, Unknown
 from cpid_drake.identification.checked_log import check_log
-from cpid_drake.identification.fit_setup import recursive_fit
+from cpid_drake.identification.estimate import IN_PLANE, at_momentum
 from cpid_drake.identification.problem import NOISE_ESTIMATED
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.processes import one_thread
-from cpid_drake.sensing.measurement_stream import MeasurementStream, time_interval
+from cpid_drake.sensing.measurement_stream import MeasurementStream
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.sensors import SENSORS
@@ -35,11 +43,8 @@ POWER = 0.9
 BEGINNING = 0.3
 """Share of a log to which start, momentum and biases are fitted."""
 
-_MOVING = 0.01
-"""Probability of the samples of a momentum of zero below which the momentum is estimated."""
-
-_SMALL = 1e-6
-"""Share of a plausible target that stands for no target."""
+_SMALL = 1e-6  # share of a plausible target that stands for no target, or of a σ for a known value
+_SEEN = 0.5  # variance in plausible targets below which a log determines a combination
 
 _UNITS = {
     "rad": (180 / np.pi, "deg"),
@@ -51,14 +56,10 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class TargetTest:
-    """The χ² test of the errors of a prediction that another target would not have.
-
-    The errors that remain with the best target for the predicted samples are left out: they are
-    many, and hide what a wrong target does. The covariance contains that of the target that was
-    given, of start, momentum, biases and joints, and the noise at the beginning of the log.
+    """The χ² test of the difference of a given target from the log's own estimate.
 
     Attributes:
-        chi_squared: of the errors; infinite if the samples contradict every start.
+        chi_squared: of the difference; infinite if no target explains the log.
         freedom: number of combinations of parameters that the samples determine.
         heavier: how much heavier than this target another one must be to be noticed with
             probability `POWER`, whatever its other parameters, as a share of the mass.
@@ -85,13 +86,10 @@ class SensorError:
         samples: number of predicted samples.
         rms: root mean square of the error's magnitude.
         largest: largest error.
-        expected: root mean square that noise and the uncertainty of the target explain.
         noise: root mean square of the sensor's noise alone.
-        in_sigma: root mean square of the error in σ: about 1 for the right target.
         without_target: root mean square of the error of a prediction without a target.
-        independent: number of independent samples with the information of all samples, whose
-            noise is correlated as at the beginning.
-        test: of the target by this sensor alone.
+        in_sigma: root mean square of the residuals of the whole log in σ, with the target that
+            explains it best: about 1 if the model is right.
 
     """
 
@@ -100,23 +98,20 @@ class SensorError:
     samples: int
     rms: float
     largest: float
-    expected: float
     noise: float
-    in_sigma: float
     without_target: float
-    independent: float
-    test: TargetTest
+    in_sigma: float
 
 
 @dataclass(frozen=True)
 class Validation:
-    """The errors of the prediction of a log.
+    """The test of a target, and the errors of the prediction of a log.
 
     Attributes:
         start, end: first and last time of the prediction [s].
         momentum: the total momentum that was assumed: "zero", "unknown" or "known".
         errors: of each sensor of the base.
-        test: of the target by all sensors together.
+        test: of the target.
         warnings: sentences for the reader.
 
     """
@@ -130,14 +125,13 @@ class Validation:
 
     @property
     def in_sigma(self) -> float:
-        """Largest error of a sensor in σ."""
+        """Largest residual of a sensor in σ, with the target that explains the log best."""
         return max(error.in_sigma for error in self.errors)
 
     @property
     def probability(self) -> float:
-        """Probability of so unlikely a test, of all sensors or of one, with the right target."""
-        tests = [self.test, *(error.test for error in self.errors)]
-        return min(1.0, len(tests) * min(test.probability for test in tests))
+        """Probability of so unlikely a test with the right target."""
+        return self.test.probability
 
     @property
     def is_target_right(self) -> bool:
@@ -157,20 +151,19 @@ def validate(
     planar: bool | None = None,
     beginning: float = BEGINNING,
 ) -> Validation:
-    """Predict a log that was not used to identify a target, and return the errors.
-
-    Start, momentum and biases are fitted to the beginning of the log. The rest is predicted from
-    the joint motion.
+    """Test an identified target with a log that was not used to identify it, and predict this log.
 
     Args:
         spacecraft: the known spacecraft.
         target: the identified target with its uncertainty.
         data: the log.
         sensors: the sensors' errors; default: estimated from the log.
-        momentum: the total momentum; default: zero if the beginning agrees with this, else unknown.
+        momentum: the total momentum; default: that of the largest evidence, and the average over
+            zero and unknown in the test of the target.
         known_bodies: uncertainty of the spacecraft; default: none.
         planar: whether the spacecraft floats on a table; see `identify`.
-        beginning: share of the log to which start, momentum and biases are fitted.
+        beginning: share of the log to which start, momentum and biases are fitted for the
+            prediction.
 
     Raises:
         InputError: the log cannot be used (see `check_log`), is too short or lacks attitude or
@@ -190,108 +183,155 @@ def validate(
     if sensors is None:
         sensors = estimate_suite(log.head)
         warnings.append(NOISE_ESTIMATED)
-    form = relative_parameterization(spacecraft.mass)
-    start, end = _interval(log.stream)
-    until = start + beginning * (end - start)
+    model = Model(spacecraft.tree, sensors, known_bodies)
+    samples = LogState.of(model, log.stream)
+    first = _first_predicted(samples, beginning)
 
-    def run(
-        momentum: TotalMomentum, psi: NDArray[np.float64], rows: SourceRows, tested: bool = True
-    ) -> Prediction:
-        fit = recursive_fit(spacecraft, sensors, momentum=momentum, known_bodies=known_bodies)
-        blocks: Iterable[Block] = blocks_of(BlockQueue.of(sensors), log.stream)
-        return predicted(fit, psi, rows, blocks, until, tested=tested)
-
-    vague = recursive_fit(spacecraft, sensors).prior
-    psi = target.moved(form, vague.psi)
-    rows = target.rows(form, psi, vague.plausible)
-    found = run(momentum or TotalMomentum.zero(), psi, rows)
-    used = momentum or TotalMomentum.zero()
-    if momentum is None:
-        free = run(TotalMomentum.unknown(), psi, rows)
-        if found.chi_squared - free.chi_squared > chdtri(6, _MOVING):
-            found, used = free, TotalMomentum.unknown()
-    # A target without mass has no centre of mass; a small one hardly moves the base.
-    nothing = SourceRows(np.diag(1 / (_SMALL * vague.plausible)), np.zeros(10))
-    alone = run(used, _SMALL * vague.psi, nothing, tested=False)
-    if not found.is_complete:
-        warnings.append(
-            f"the prediction ends at {found.end:.4g} s, before a gap of the joints' samples"
+    whole = fit(model, [samples])
+    given = _given(model, target)
+    test, used = _test(model, whole, given, target, momentum)
+    if not used.is_unknown:
+        value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
+        model = model.with_prior(MOMENTUM, value, _SMALL * _unknown(model, MOMENTUM).sigma)
+    names = whole.rolled[0].all_residuals()
+    psi = _unknown(model, PSI)
+    nothing = model.with_prior(PSI, _SMALL * psi.mean, _SMALL * model.plausible)
+    predicted = _predicted(model, samples, names, first, given)
+    alone = _predicted(nothing, samples, names, first, None)
+    errors = []
+    for name, rest in names.items():
+        sigmas = next(m.sensors[name].scale for m in predicted.models if name in m.sensors)
+        found, other = (_sizes(each, name, first) for each in (predicted, alone))
+        if not len(found):
+            continue
+        factor, unit = _unit(name)
+        errors.append(
+            SensorError(
+                name,
+                unit,
+                len(found),
+                factor * _rms(found),
+                factor * float(found.max()),
+                factor * float(np.linalg.norm(sigmas)),
+                factor * _rms(other),
+                float(np.sqrt(np.mean(rest**2))),
+            )
         )
-    count = len(found.target)
-    share = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
-    tests = {
-        name: _test_of(each, psi, rows, vague.plausible, share, FALSE_ALARM / count)
-        for name, each in found.target.items()
-    }
-    errors = tuple(
-        _error_of(name, each, alone.sensors.get(name), found, tests)
-        for name, each in found.sensors.items()
-    )
-    return Validation(found.start, found.end, used.name, errors, tests[ALL], tuple(warnings))
+    start, end = samples.blocks[first].start, samples.blocks[-1].end
+    return Validation(start, end, used.name, tuple(errors), test, tuple(warnings))
 
 
-def _interval(stream: MeasurementStream) -> tuple[float, float]:
-    """Return the times of the first and the last sample of the encoders [s]."""
-    intervals = [time_interval(chunk) for chunk in stream]
-    known = [each for each in intervals if each is not None]
-    return known[0][0], max(last for _, last in known)
+def _unknown(model: Model, name: str) -> Unknown:
+    return next(unknown for unknown in model.table if unknown.name == name)
 
 
-def _test_of(
-    log: SourceRows | None,
-    psi: NDArray[np.float64],
-    target: SourceRows,
-    plausible: NDArray[np.float64],
-    share: NDArray[np.float64],
-    level: float,
-) -> TargetTest:
-    """Return the test of a target with ψ by rows of the predicted samples.
+def _first_predicted(log: LogState, beginning: float) -> int:
+    """Return the first block after the beginning of a log.
 
-    Args:
-        log: these rows, which contain a prior of plausible size about ψ.
-        psi: (10,) of the target.
-        target: what is known about it.
-        plausible: (10,) plausible sizes of ψ.
-        share: (10,) derivative by ψ of the share by which a target is heavier.
-        level: probability of a false alarm.
+    Raises:
+        InputError: the beginning, or the rest, has no block.
 
     """
-    if log is None:
-        return TargetTest(np.inf, 10, np.inf)
-    U, size, axes = np.linalg.svd(log.A * plausible)
-    seen = size**2 > 2  # the samples tell more than the prior of plausible size
-    freedom = int(seen.sum())
+    start, end = log.blocks[0].start, log.blocks[-1].end
+    until = start + beginning * (end - start)
+    first = sum(block.end <= until for block in log.blocks)
+    if not 0 < first < len(log.blocks):
+        raise InputError(
+            "the log is too short to predict a part of it from its beginning; give a log of at "
+            "least a few seconds"
+        )
+    return first
+
+
+def _given(model: Model, target: TargetPrior) -> Gaussian:
+    """Return the given target's ψ, as vague as before the first sample where it says nothing."""
+    form, psi = relative_parameterization(model.mass), _unknown(model, PSI)
+    rows = target.rows(form, target.moved(form, psi.mean), model.plausible)
+    vague = np.column_stack([np.diag(1 / psi.sigma), psi.mean / psi.sigma])
+    return Gaussian.of_rows({PSI: 10}, np.vstack([np.column_stack([rows.A, rows.b]), vague]))
+
+
+def _test(
+    model: Model,
+    whole: Fit,
+    given: Gaussian,
+    target: TargetPrior,
+    momentum: TotalMomentum | None,
+) -> tuple[TargetTest, TotalMomentum]:
+    """Return the test of a given ψ by a fit with a free target, and the momentum to assume."""
+    log = whole.logs[0].name
+    name = _unknown(model, MOMENTUM).key(log)
+    own = at_momentum(whole.gaussian, whole.values, momentum or TotalMomentum.unknown(), log)
+    own = own.moved(-np.concatenate([whole.values[each] for each in own.places]))
+    held = sorted({*range(6)}.difference(IN_PLANE)) if model.tree.normal_B is not None else []
+    is_open = {name: _unknown(model, MOMENTUM).sigma} if momentum is None else {}
+    found = compare(own, is_open, [PSI], {name: held})
+    if momentum is None:
+        is_moving = found.probability[name] > 1 / 2
+        momentum = TotalMomentum.unknown() if is_moving else TotalMomentum.zero()
+    if not whole.converged:
+        return TargetTest(np.inf, 10, np.inf), momentum
+
+    plausible, form = model.plausible, relative_parameterization(model.mass)
+    psi = given.solve()
+    P = found.covariance / plausible / plausible[:, None]
+    S = P + given.covariance() / plausible / plausible[:, None]
+    variances, axes = np.linalg.eigh(P)
+    seen = axes[:, variances < _SEEN]
+    freedom = seen.shape[1]
     if not freedom:
-        return TargetTest(0.0, 0, np.inf)
-    known = np.linalg.qr(np.vstack([target.A * plausible, np.eye(10)]), mode="r")
-    errors = np.linalg.inv(known)  # a root of the covariance of the given ψ, in plausible sizes
-    spread = size[seen, None] * (axes[seen] @ errors)
-    root = np.linalg.cholesky(spread @ spread.T + np.eye(freedom))
-    error = np.linalg.solve(root, U[:, seen].T @ (log.b - log.A @ psi))
-    mass = share * plausible @ np.hstack([errors, axes.T / size])
-    needed = chndtrinc(chdtri(freedom, level), freedom, 1 - POWER)
-    return TargetTest(float(error @ error), freedom, float(np.sqrt(needed * (mass @ mass))))
+        return TargetTest(0.0, 0, np.inf), momentum
+    error = seen.T @ ((psi - found.mean) / plausible)
+    chi_squared = float(error @ np.linalg.solve(seen.T @ S @ seen, error))
+    mass = plausible * form.jacobian(psi)[0] / form.to_parameters(psi)[0]
+    needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
+    return TargetTest(chi_squared, freedom, float(np.sqrt(needed * (mass @ S @ mass)))), momentum
 
 
-def _error_of(
-    name: str,
-    found: SensorPrediction,
-    alone: SensorPrediction | None,
-    prediction: Prediction,
-    tests: dict[str, TargetTest],
-) -> SensorError:
-    quantity = SENSORS[name].quantity
-    factor, unit = _UNITS.get(quantity.unit, (1.0, quantity.unit))
-    return SensorError(
-        name,
-        unit,
-        len(found.time),
-        factor * found.rms,
-        factor * found.largest,
-        factor * found.expected_rms,
-        factor * float(np.linalg.norm(found.sigmas)),
-        found.in_sigma,
-        factor * alone.rms if alone is not None else np.nan,
-        len(found.time) / prediction.noise[name].correlation_time,
-        tests[name],
-    )
+def _predicted(
+    model: Model, log: LogState, names: dict, first: int, given: Gaussian | None
+) -> Rolled:
+    """Return a log as predicted from its first blocks.
+
+    Args:
+        model: the unknowns, with what is known about target and momentum.
+        log: the log, with joints.
+        names: the base's sensors.
+        first: number of the first predicted block.
+        given: the target; None for that of the model.
+
+    """
+    rows = [] if given is None else [given]
+    psi = _unknown(model, PSI).mean if given is None else given.solve()
+    blocks = [
+        block
+        if k < first
+        else replace(
+            block,
+            samples=block.samples.updated({n: block.samples[n].where(slice(0)) for n in names}),
+        )
+        for k, block in enumerate(log.blocks)
+    ]
+    found = fit(model, [replace(log, blocks=tuple(blocks))], rows=rows, values={PSI: psi})
+    return roll(model, replace(found.logs[0], blocks=log.blocks), found.values)
+
+
+def _sizes(rolled: Rolled, name: str, first: int) -> NDArray[np.float64]:
+    """Return the magnitudes (M,) of a sensor's errors from a block on, in its unit."""
+    blocks = zip(rolled.models[first:], rolled.residuals[first:], strict=True)
+    found = [
+        np.linalg.norm(rest[name] * part.sensors[name].scale, axis=1)
+        for part, rest in blocks
+        if name in rest
+    ]
+    return np.concatenate([np.empty(0), *found])
+
+
+def _unit(sensor: str) -> tuple[float, str]:
+    """Return the unit in which a sensor's errors are shown, and its size."""
+    unit = SENSORS[sensor].quantity.unit
+    return _UNITS.get(unit, (1.0, unit))
+
+
+def _rms(sizes: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(sizes**2)))
