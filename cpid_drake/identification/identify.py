@@ -14,7 +14,7 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import CheckedLog, check_log, log_of_states
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.consistency import consistency_of
-from cpid_drake.identification.diagnosis import with_cause
+from cpid_drake.identification.conventions import convention_of
 from cpid_drake.identification.estimators import choose_method
 from cpid_drake.identification.planar import in_capture_frame, in_frame, normal_in_base
 from cpid_drake.identification.problem import Estimator, Problem
@@ -174,7 +174,10 @@ def identify_together(
     found = replace(found, consistency=consistency_of(found, spacecraft.tree))
     found = checked(_with_logs(found, logged, record, known_bodies))
     if len(logs) == 1 and found.doubts and not log.doubts:
-        found = with_cause(spacecraft, log, sensors, found, is_connected=states is None)
+        convention = convention_of(spacecraft.tree, log.head, sensors)
+        if convention is not None:
+            first, *rest = found.doubts
+            found = replace(found, doubts=(f"{first}; most likely, {convention}", *rest))
     return found
 
 
