@@ -34,7 +34,8 @@ TOGETHER = 40
 FARTHEST = (0.5, 1.0, 1.0)
 """σ of a change of attitude [rad], of the centre of mass [m] and of its velocity [m/s]."""
 
-_HELD = (0, 1, 5, 6, 7, 11)  # entries that a table holds: tilt, height, and their momenta
+HELD = (0, 1, 5, 6, 7, 11)
+"""Entries that a table holds: tilt, height, and their momenta."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +123,7 @@ def _compared(
     values = found.values | {name: log.jumps[k] for name, k in names.items()}
     values = {name: values.get(name, np.zeros(size)) for name, size in total.sizes.items()}
     candidates = {name: log.links[k] for name, k in names.items()}
-    held = {} if model.tree.normal_B is None else dict.fromkeys(names, _HELD)
+    held = {} if model.tree.normal_B is None else dict.fromkeys(names, HELD)
     return question.answer(total, values, candidates, held)
 
 

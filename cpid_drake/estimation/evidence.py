@@ -56,6 +56,8 @@ class Comparison:
         covariance: (n, n) their covariance, that between the sets included.
         values: (k,) of each candidate in the best set, in its own units.
         sigma: (k,) their σ.
+        sizes: of each candidate beside those before it, as shares of its σ; of those that were
+            compared.
 
     """
 
@@ -67,6 +69,7 @@ class Comparison:
     covariance: NDArray[np.float64]
     values: dict[str, NDArray[np.float64]]
     sigma: dict[str, NDArray[np.float64]]
+    sizes: dict[str, float]
 
     @property
     def gaussian(self) -> Gaussian:
@@ -229,7 +232,7 @@ class _Sets:
         """Return the comparison for the logs of all candidates' odds."""
         alone, some = dict[str, float](), list[str]()
         while len(some) < MOST and (others := [n for n in self.names if n not in some]):
-            gains = {name: self._gain(name, some) for name in others}
+            gains = self._gains(others, some)
             alone = alone or {name: gain for name, (gain, _) in gains.items()}
             name = max(gains, key=lambda each: gains[each][0] + odds[each])
             if gains[name][0] + odds[name] < np.log(UNLIKELY):
@@ -268,14 +271,27 @@ class _Sets:
             covariance,
             dict(zip(free, np.split(x, ends), strict=True)) if free else {},
             dict(zip(free, np.split(sigma, ends), strict=True)) if free else {},
+            self.size,
         )
 
-    def _gain(self, name: str, free: Sequence[str]) -> tuple[float, float]:
-        """Return the evidence for a candidate beside others, and the size that it prefers."""
-        without = self.evidence(free, self.size)[0]
-        tried = [self.evidence([*free, name], {**self.size, name: a})[0] for a in SIZES]
-        best = int(np.argmax(tried))
-        return tried[best] - without, float(SIZES[best])
+    def _gains(self, names: Sequence[str], free: Sequence[str]) -> dict[str, tuple[float, float]]:
+        """Return the evidence for each candidate beside free ones, and the size that it prefers.
+
+        With H and b about one candidate, those beside it eliminated, and H = V diag(h) Vᵀ, it is
+        ½ Σ (a Vᵀb)²/(1 + a² h) − ½ Σ log(1 + a² h) − log(len(SIZES)).
+        """
+        _, index, L = self.evidence(free, self.size)
+        by_free = solve_triangular(L, np.column_stack([self.H[index], self.b[index]]), lower=True)
+        found, a2 = {}, SIZES[:, None] ** 2
+        for name in names:
+            own = self.places[name]
+            h, V = np.linalg.eigh(self.H[np.ix_(own, own)] - by_free[:, own].T @ by_free[:, own])
+            b = V.T @ (self.b[own] - by_free[:, own].T @ by_free[:, -1])
+            size = 1 + a2 * np.maximum(h, 0.0)
+            gains = 0.5 * np.sum(a2 * b**2 / size - np.log(size), axis=1) - np.log(len(SIZES))
+            best = int(np.argmax(gains))
+            found[name] = float(gains[best]), float(SIZES[best])
+        return found
 
     def kept(
         self, index: NDArray[np.intp], L: NDArray[np.float64]

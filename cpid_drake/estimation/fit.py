@@ -135,9 +135,7 @@ def reweighted(model: Model, log: LogState, rolled: Rolled) -> LogState:
     count = sum(rest.size for rest in residuals.values())
     free = 12 + 10 + 3 * len(model.gyros)
     for name, rest in residuals.items():
-        size = np.sqrt(np.mean(rest**2, axis=1))
-        spread = float(np.median(size)) / _MEDIAN.get(rest.shape[1], 0.888)
-        w = np.minimum(1.0, FAR * max(spread, 1.0) / np.maximum(size, 1e-12)) ** 2
+        w = weights_of(rest)
         near = rest[w == 1.0]  # what is far off says nothing about the noise
         tau = _correlation(near)
         freedom = near.size * max(1 - free / count, 0.1) / tau
@@ -155,6 +153,21 @@ def _correlation(rest: NDArray[np.float64]) -> float:
     """Return the correlation time of noise of which residuals, if they are small, are a part."""
     part = min(1.0, float(np.mean(rest**2))) if rest.size else 0.0
     return 1 + part * (correlation_time(rest) - 1)
+
+
+def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:
+    """Return the weights (M,) that residuals (M, d) show; samples that are far off weigh less.
+
+    Args:
+        rest: in units of the declared σ.
+        noise: factor of this σ.
+
+    """
+    size = np.sqrt(np.mean(rest**2, axis=1))
+    if not len(size):
+        return size
+    spread = max(float(np.median(size)) / _MEDIAN.get(rest.shape[1], 0.888), noise)
+    return np.asarray(np.minimum(1.0, FAR * spread / np.maximum(size, 1e-12)) ** 2)
 
 
 def correlation_time(rest: NDArray[np.float64]) -> float:
