@@ -1,0 +1,82 @@
+"""Changes of attitude, centre of mass and momentum between blocks, as unknowns: links.
+
+A link acts with a probability w, and has the size a of its σ that its evidence prefers; see
+`evidence`. So its prior has the variance w a² σ²: one that the samples exclude is zero, one that
+acts is free, and one that they cannot tell from none widens the intervals.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.estimation.events import HELD, farthest
+from cpid_drake.estimation.evidence import compare
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.sweep import EXACT
+from cpid_drake.estimation.unknowns import PSI, Model
+
+
+@dataclass(frozen=True)
+class Link:
+    """A change of attitude, centre of mass and momentum at the start of a block.
+
+    Attributes:
+        time: the start of the block [s].
+        probability: that something changed.
+        size: of the change, as a share of its σ.
+
+    """
+
+    time: float
+    probability: float = 1.0
+    size: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """Name of the change as an unknown."""
+        return f"link {self.time!r}"
+
+
+def linked(model: Model, gaussian: Gaussian, link: Link) -> Gaussian:
+    """Return what is known after a change at the boundary, which is a further unknown."""
+    n = gaussian.size
+    rows = np.zeros((12 + n, n + 13))
+    rows[:12, n : n + 12] = np.diag(1 / farthest(model))
+    rows[12:, :n], rows[12:, n : n + 12] = gaussian.R, -gaussian.R[:, :12]
+    rows[12:, -1] = gaussian.z
+    return Gaussian.of_rows({**gaussian.sizes, link.name: 12}, rows)
+
+
+def judged(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> tuple[Link, ...]:
+    """Return the links with the probabilities and sizes that the evidence shows."""
+    candidates = {link.name: farthest(model) for link in links}
+    held = {} if model.tree.normal_B is None else dict.fromkeys(candidates, HELD)
+    found = compare(gaussian, candidates, [PSI], held)
+    return tuple(
+        replace(each, probability=found.probability[each.name], size=found.sizes.get(each.name, 0))
+        for each in links
+    )
+
+
+def _prior_sigma(model: Model, link: Link) -> NDArray[np.float64]:
+    """Return σ (12,) of a change that acts with its probability, and has its size."""
+    sigma = farthest(model)
+    share = np.full(12, np.sqrt(link.probability) * link.size)
+    if model.tree.normal_B is not None:
+        share[list(HELD)] = 0.0
+    return sigma * np.maximum(share, EXACT)
+
+
+def with_links(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> Gaussian:
+    """Return what is known if the links are as large as their evidence shows."""
+    sigma = np.concatenate([_prior_sigma(model, link) for link in links])
+    rows = np.column_stack([np.diag(1 / sigma), np.zeros(len(sigma))])
+    return gaussian.add(Gaussian.of_rows({link.name: 12 for link in links}, rows))
+
+
+def closed(model: Model, gaussian: Gaussian, link: Link) -> Gaussian:
+    """Return what is known of the others if a link is as large as its evidence shows."""
+    others = [name for name in gaussian.places if name != link.name]
+    return with_links(model, gaussian, [link]).marginal(others)

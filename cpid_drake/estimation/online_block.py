@@ -1,0 +1,233 @@
+"""One block of the online fit: from what is known at its start to what is known at its end."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.fit import CLOSE, weights_of
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.joints import JointPart, joined, joint_part, opened, triangles
+from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.links import Link, judged, linked, with_links
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import Rolled, Values, first_bias, roll, walking_columns
+from cpid_drake.estimation.sweep import Swept, back, boundary_size, sweep, with_change
+from cpid_drake.estimation.unknowns import Model
+
+NAME = "online"
+"""Name of the log of an online fit."""
+
+BOUNDARY = "boundary"
+"""Name of what is at the end of the last block: attitude, p, L, v, biases and joints."""
+
+MOST_LINEARIZATIONS = 6
+"""A block is linearized so many times at most."""
+
+UNLIKELY = 6.0
+"""Noise does not explain a block whose χ² is above its expectation by so many σ."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known at the end of the last block.
+
+    Attributes:
+        values: of all unknowns, about which everything is linear.
+        log: the last block, with its bias and noise; `start` is the state at its end.
+        gaussian: about what is at the boundary and all unknowns, and of the links themselves.
+        links: at the starts of the last blocks.
+        track: (J, ORDER, ORDER + 1) rows about the joints, by their own sensors alone.
+
+    """
+
+    values: Values
+    log: LogState
+    gaussian: Gaussian
+    links: tuple[Link, ...]
+    track: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A block, linearized near its solution.
+
+    Attributes:
+        values, log, rolled: at the solution.
+        gaussian: about what is at the end of the block and all unknowns, and of the links.
+        links: with that at the start of the block as the last one.
+        track: rows about the joints at the end.
+
+    """
+
+    values: Values
+    log: LogState
+    rolled: Rolled
+    gaussian: Gaussian
+    links: tuple[Link, ...]
+    track: NDArray[np.float64]
+
+    def known(self, model: Model) -> Known:
+        """Return what is known at the end."""
+        end = self.rolled.models[0].motion.end(self.rolled.trajectories[0])
+        bias = (last_bias(model, self.log.bias[0]),)
+        log = replace(self.log, start=end, bias=bias, weights=({},))
+        return Known(self.values, log, self.gaussian, self.links, self.track)
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether noise explains the samples."""
+        rest = [
+            self.log.weighted(0, name, each).ravel()
+            for name, each in self.rolled.residuals[0].items()
+        ]
+        count = sum(map(len, rest))
+        return float(sum(r @ r for r in rest)) < count + UNLIKELY * np.sqrt(2 * count)
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Number of samples that weigh less than others, by sensor."""
+        return {name: int(np.sum(w < 1)) for name, w in self.log.weights[0].items()}
+
+
+def solved(model: Model, known: Known, block: Block, *, isjudged: bool) -> Solved:
+    """Return a block's solution, with a link at its start: a judged one, or an open one.
+
+    It is linearized anew until χ² at the solution is what the last linearization predicts.
+    """
+    n, gaussian, track = boundary_size(model), known.gaussian, known.track
+    if block.is_kicked:
+        track = opened(track)
+        kicked = np.arange(n - ORDER * model.joint_count, n)[ORDER - 1 :: ORDER]
+        gaussian = _changed(gaussian, kicked, np.full(len(kicked), KICK))
+    walking, sigma = walking_columns(model)
+    if len(walking):
+        gaussian = _changed(gaussian, n + walking, sigma * np.sqrt(block.length))
+    links = (*known.links, Link(block.start))
+    gaussian = linked(model, gaussian, links[-1])
+    part, track = tracked(track, joint_part(block, model.suite, known.log.smoothness))
+    nodes = [2 if gyro.bias_growth else 1 for gyro in model.gyros]
+    bias = np.repeat(known.log.bias[0], nodes, axis=0)
+    log = replace(known.log, blocks=(block,), joints=(part,), bias=(bias,))
+    values, rolled = known.values, roll(model, log, known.values)
+    here = _Boundary.at_start(model, log)
+    before = replace(here, joints=known.log.joints[0].coefficients[-ORDER:])
+    gaussian = _moved(gaussian, before.step_to(here))
+    names = [unknown.key(NAME) for unknown in model.table]
+    for _ in range(MOST_LINEARIZATIONS):
+        swept = _swept(model, log, rolled, values, gaussian)
+        if isjudged:
+            links = judged(model, swept.gaussian, links)
+        g = _mean(with_links(model, swept.gaussian, links))
+        change = {name: g[place] for name, place in swept.gaussian.places.items()}
+        better = back(model, log, swept, change)
+        values = {name: values[name] + change[name] for name in names}
+        ahead = roll(model, better, values)
+        table = np.concatenate([change[name] for name in names])
+        there = _Boundary.at_start(model, better)
+        gaussian = _moved(gaussian, here.step_to(there), table)
+        jumps = np.concatenate([np.zeros(n + len(table)), g[len(table) :]])
+        excess = ahead.cost_inside(better) + gaussian.cost(jumps) - swept.gaussian.cost(g)
+        ends = [_Boundary.at_end(model, *each) for each in ((log, rolled), (better, ahead))]
+        after = _moved(at_end(model, swept), ends[0].step_to(ends[1]), table)
+        weighted, is_settled = _weighted(better, ahead)
+        log, rolled, here = weighted, ahead, there
+        if abs(excess) < CLOSE and is_settled:
+            break
+    return Solved(values, log, rolled, after, links, track)
+
+
+@dataclass(frozen=True, eq=False)
+class _Boundary:
+    """What is at one end of a block: the base's state, biases (G, 3) and joints (ORDER, J)."""
+
+    state: TrajectoryState
+    bias: NDArray[np.float64]
+    joints: NDArray[np.float64]
+
+    @classmethod
+    def at_start(cls, model: Model, log: LogState) -> "_Boundary":
+        """Return what is at the start of the block of a log."""
+        assert log.start is not None
+        return cls(log.start, first_bias(model, log), log.joints[0].coefficients[:ORDER])
+
+    @classmethod
+    def at_end(cls, model: Model, log: LogState, rolled: Rolled) -> "_Boundary":
+        """Return what is at the end of the block of a log."""
+        end = rolled.models[0].motion.end(rolled.trajectories[0])
+        return cls(end, last_bias(model, log.bias[0]), log.joints[0].coefficients[-ORDER:])
+
+    def step_to(self, other: "_Boundary") -> NDArray[np.float64]:
+        """Return the step (n,) to another one."""
+        old, new = self.state, other.state
+        turn = (new.attitude * old.attitude.inv()).as_rotvec()
+        pose = [turn, new.p_Wcm - old.p_Wcm, new.L - old.L, new.v_Wcm - old.v_Wcm]
+        joints = (other.joints - self.joints).T
+        return np.concatenate([*pose, (other.bias - self.bias).ravel(), joints.ravel()])
+
+
+def _swept(
+    model: Model, log: LogState, rolled: Rolled, values: Values, gaussian: Gaussian
+) -> Swept:
+    """Return a linearized block after which the links are still unknowns."""
+    before = np.column_stack([gaussian.R, gaussian.z])
+    swept = sweep(model, log, rolled, values, before=before)
+    rows = np.column_stack([swept.gaussian.R, swept.gaussian.z])
+    sizes = {name: size for name, size in gaussian.sizes.items() if name != BOUNDARY}
+    return replace(swept, gaussian=Gaussian.of_rows(sizes, rows, swept.gaussian.rho2))
+
+
+def at_end(model: Model, swept: Swept) -> Gaussian:
+    """Return what is known at the end of a block."""
+    n, gaussian = boundary_size(model), swept.gaussian
+    below = np.column_stack([np.zeros((gaussian.size, n)), gaussian.R, gaussian.z])
+    return Gaussian.of_rows({BOUNDARY: n, **gaussian.sizes}, np.vstack([swept.boundary, below]))
+
+
+def _moved(gaussian: Gaussian, *steps: NDArray[np.float64]) -> Gaussian:
+    """Return a Gaussian about another boundary, other values of the table, and the same links."""
+    step = np.concatenate(steps)
+    return gaussian.moved(np.append(step, np.zeros(gaussian.size - len(step))))
+
+
+def _mean(gaussian: Gaussian) -> NDArray[np.float64]:
+    """Return the mean (n,); priors determine all."""
+    return np.asarray(solve_triangular(gaussian.R, gaussian.z))
+
+
+def _changed(gaussian: Gaussian, columns: NDArray[np.intp], sigma: NDArray[np.float64]) -> Gaussian:
+    """Return what is known after an unknown change of some columns."""
+    m = len(columns)
+    rows = np.column_stack([gaussian.R, gaussian.z])
+    T = with_change(rows, columns, sigma, np.zeros(m))[m : m + len(rows), m:]
+    return Gaussian(gaussian.places, T[:, :-1], T[:, -1])
+
+
+def _weighted(log: LogState, rolled: Rolled) -> tuple[LogState, bool]:
+    """Return a block's log with the weights of its residuals, and whether they are as before."""
+    weights = {
+        name: weights_of(rest, log.noise.get(name, 1.0))
+        for name, rest in rolled.residuals[0].items()
+    }
+    before = log.weights[0]
+    same = all(
+        np.abs(w - before.get(name, 1.0)).max(initial=0.0) < 0.05 for name, w in weights.items()
+    )
+    return (log, True) if same else (replace(log, weights=(weights,)), False)
+
+
+def tracked(track: NDArray[np.float64], part: JointPart) -> tuple[JointPart, NDArray[np.float64]]:
+    """Return a part about the motion by its sensors so far, and the rows at its end."""
+    T = triangles(joined(track, part))
+    K = part.size
+    c = [np.linalg.lstsq(rows[:K, :K], rows[:K, K], rcond=1e-12)[0] for rows in T]
+    return replace(part, coefficients=np.stack(c, axis=1)), T[:, K - ORDER : K, K - ORDER :]
+
+
+def last_bias(model: Model, bias: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the bias (G, 3) of each gyro at the end of a block."""
+    nodes = np.cumsum([2 if gyro.bias_growth else 1 for gyro in model.gyros])
+    return bias[nodes - 1]
