@@ -17,12 +17,13 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.events import fit_with_events
-from cpid_drake.estimation.evidence import NAMED
+from cpid_drake.estimation.evidence import NAMED, Question
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
@@ -43,6 +44,9 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 
 WELL_KNOWN = 1e-3
 """Relative error of the system's inertia from which a block is linear about the target."""
+
+LINEAR = 3 * WELL_KNOWN
+"""Relative change of the system's inertia after which the first blocks were not linear."""
 
 LONGEST = 16
 """So many blocks are stored at most: then a block is taken as linear about what is known."""
@@ -73,7 +77,8 @@ class OnlineState:
         processed, rejected: number of samples, and of those that weigh less or not at all, by
             sensor.
         bridged: length of the pieces that nothing explains [s].
-        start: of the first block [s].
+        start: of the first block that is fitted [s].
+        about: (10,) ψ about which the first blocks are linear; None while blocks are stored.
         recent: the last blocks, each with the state before it.
 
     """
@@ -87,6 +92,7 @@ class OnlineState:
     rejected: Mapping[str, int] = field(default_factory=dict)
     bridged: float = 0.0
     start: float = np.nan
+    about: NDArray[np.float64] | None = None
     recent: tuple["Recent", ...] = ()
 
     @property
@@ -94,6 +100,19 @@ class OnlineState:
         """Times at which the momentum changed [s]."""
         links = () if self.known is None else self.known.links
         return (*self.settled, *(link.time for link in links if link.probability >= NAMED))
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """Factors of the sensors' declared σ."""
+        if self.known is not None:
+            return self.known.log.noise
+        return {} if self.first is None else self.first.logs[0].noise
+
+    @property
+    def length(self) -> float:
+        """Length of the log [s]."""
+        blocks = self.window if self.known is None else self.known.log.blocks
+        return blocks[-1].end - self.start if blocks else 0.0
 
     def gaussian(self, model: Model) -> Gaussian | None:
         """Return what is known of all unknowns but the block's, about `values`; None if nothing."""
@@ -142,7 +161,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
 
     """
     if state.known is None:
-        return _grown(model, _counted(replace(state, window=(*state.window, block)), block))
+        return _grown(model, replace(state, window=(*state.window, block)))
     recent = (*state.recent, Recent(replace(state, recent=()), block))[-KEPT - 1 :]
     after, is_explained = _after(model, recent[-1], isjudged=True)
     cut = _beside_changes(recent, after)
@@ -160,6 +179,21 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         links = judged(model, known.gaussian, known.links)
         after = replace(after, known=replace(known, links=links))
     return replace(_settled(model, after, recent[-KEPT:][0].block.start), recent=recent)
+
+
+def finish(model: Model, state: OnlineState) -> OnlineState:
+    """Return the state with all stored blocks fitted; blocks may follow.
+
+    Args:
+        model: the unknowns.
+        state: after the last block.
+
+    """
+    if state.known is not None or not state.window:
+        return state
+    if state.first is not None and len(state.first.logs[0].blocks) == len(state.window):
+        return state
+    return _grown(model, replace(state, next_fit=0.0))
 
 
 def _counted(state: OnlineState, block: Block) -> OnlineState:
@@ -189,14 +223,26 @@ def _grown(model: Model, state: OnlineState) -> OnlineState:
     state = replace(state, next_fit=2 * length)
     try:
         found = fit(model, [LogState.of_blocks(model, window, NAME)])
-        found, events = fit_with_events(model, found)
+        found, events = fit_with_events(model, found, Question({}, {}))
         is_known = found.converged and inertia_error(model, found) < WELL_KNOWN
     except (InputError, np.linalg.LinAlgError):
         return replace(state, window=window[len(window) // 2 :]) if is_full else state
-    state = replace(state, first=found, settled=tuple(event.time for event in events))
+    times = tuple(event.time for event in events)
+    state = replace(state, first=found, settled=times, processed={}, rejected=_far(found))
+    for block in window:
+        state = _counted(state, block)
     if not (is_known or is_full):
         return state
-    return replace(state, window=(), known=_begun(model, found))
+    about = found.values[PSI]
+    return replace(state, window=(), known=_begun(model, found), first=None, about=about)
+
+
+def _far(found: Fit) -> dict[str, int]:
+    """Return the number of samples that weigh less than others, by sensor."""
+    far = Counter[str]()
+    for weights in found.logs[0].weights:
+        far.update({name: int(np.sum(w < 1)) for name, w in weights.items()})
+    return dict(far)
 
 
 def _begun(model: Model, found: Fit) -> Known:
@@ -279,6 +325,24 @@ def inertia_error(model: Model, found: Fit) -> float:
     log, psi = found.logs[0], found.values[PSI]
     zero = {f"{MOMENTUM}|{log.name}": -found.values[f"{MOMENTUM}|{log.name}"]}
     covariance = found.gaussian.condition(zero).marginal([PSI]).covariance()
+    B = _by_inertia(model, log, psi)
+    return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
+
+
+def distance_from_start(model: Model, state: OnlineState) -> float:
+    """Return the relative change of the system's inertia since the first block that is linear.
+
+    It is 0 while blocks are stored; see `inertia_error`.
+    """
+    if state.known is None or state.about is None:
+        return 0.0
+    psi = state.known.values[PSI]
+    B = _by_inertia(model, state.known.log, psi)
+    return float(np.linalg.norm(B @ (psi - state.about)) / len(B) ** 0.25)
+
+
+def _by_inertia(model: Model, log: LogState, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the derivative (9, 10) of Wᵀ J W by ψ at the end of a log; (1, 10) on a table."""
     q = log.joints[-1].coefficients[-ORDER][None]
     dynamics = relative_dynamics(model.tree, q, np.zeros_like(q))
     J, none = dynamics.inertia(psi)[0], dynamics.inertia(np.zeros(10))[0]
@@ -288,5 +352,4 @@ def inertia_error(model: Model, found: Fit) -> float:
     else:
         W = normal_B[:, None] / np.sqrt(normal_B @ J @ normal_B)
     by = [(W.T @ (dynamics.inertia(e)[0] - none) @ W).ravel() for e in np.eye(10)]
-    B = np.stack(by, axis=1)
-    return float(np.sqrt(np.trace(B @ covariance @ B.T) / W.shape[1]))
+    return np.stack(by, axis=1)

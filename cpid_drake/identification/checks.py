@@ -5,7 +5,7 @@ here tests one consequence of this assumption with the data. An answer that fail
 by a sentence in `Identification.doubts`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,9 @@ from cpid_drake.sensing.sensors import SENSORS
 
 MOST_NOISE = 3.0
 """Ratio of the noise to the given one above which a check fails."""
+
+SEEN = 1.1
+"""Factor of the noise from which a warning says so."""
 
 MOST_UNEXPLAINED = 0.1
 """Share of the samples that nothing explains, above which a check fails."""
@@ -103,6 +106,21 @@ def _of_the_noise(found: Identification) -> Iterator[str]:
                 f"{found.noise.get(name, 1.0):.2g} times the given noise: their cause is not in "
                 "the intervals"
             )
+
+
+def noise_warnings(factors: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the warning about noise that is larger than declared.
+
+    Args:
+        factors: of the declared σ, by sensor or by "sensor of log".
+
+    """
+    seen = {name: factor for name, factor in factors.items() if factor > SEEN}
+    parts = [f"the {label_of(name)} {factor:.2g} times" for name, factor in seen.items()]
+    if not parts:
+        return ()
+    text = "the residuals are larger than the noise, or correlated in time"
+    return (f"{text}: {', '.join(parts)} the given σ was assumed",)
 
 
 def label_of(sensor: str) -> str:

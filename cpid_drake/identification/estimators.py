@@ -9,11 +9,12 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.fitted import TRAJECTORY_FIT
 from cpid_drake.identification.former_names import current_estimator
+from cpid_drake.identification.online import RECURSIVE_FIT
 from cpid_drake.identification.problem import Estimator
 from cpid_drake.identification.row_estimator import LEAST_SQUARES
 
 ESTIMATORS: dict[str, Estimator] = {
-    record.name: record for record in (LEAST_SQUARES, TRAJECTORY_FIT)
+    record.name: record for record in (LEAST_SQUARES, RECURSIVE_FIT, TRAJECTORY_FIT)
 }
 """The estimators by name."""
 

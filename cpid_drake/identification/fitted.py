@@ -20,6 +20,7 @@ from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white, whiteness
 from cpid_drake.identification.agreement import with_agreement
+from cpid_drake.identification.checks import noise_warnings
 from cpid_drake.identification.comparison import (
     SUSPECTED,
     larger_than_declared,
@@ -36,7 +37,6 @@ from cpid_drake.identification.result import (
     ResidualSeries,
 )
 from cpid_drake.identification.target_prior import TargetPrior
-from cpid_drake.sensing.sensors import SENSORS
 
 NAME = "trajectory_fit"
 """The estimator's name."""
@@ -55,9 +55,6 @@ NOT_ZERO = (
     "--momentum unknown"
 )
 """The failed check if the given momentum does not explain the samples."""
-
-SEEN = 1.1
-"""Factor of the noise from which a warning says so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +118,8 @@ def fit_target(
     names = [log.name for log in logs]
     likely = max(compared.probability.get(f"{MOMENTUM}|{name}", 0.0) for name in names)
     is_free = likely >= NAMED or (momentum is not None and momentum.is_unknown)
-    warnings = (*warnings, *_of_noise(found, names), *_of_events(answer))
+    noise = {name: f for log in found.logs for name, f in _factors(log, names).items()}
+    warnings = (*warnings, *noise_warnings(noise), *_of_events(answer))
     if likely >= NAMED:
         warnings = (*warnings, ESTIMATED)
     elif likely > SUSPECTED:
@@ -154,7 +152,7 @@ def fit_target(
         warnings=(*warnings, *more_warnings),
         doubts=doubts,
         momentum="unknown" if is_free else _name(momentum),
-        noise={name: f for log in found.logs for name, f in _factors(log, names).items()},
+        noise=noise,
         unexplained=max((count / max(n, 1) for count, n in left_out.values()), default=0.0),
         momentum_estimate=_momentum(answer, gaussian, names[0]) if len(logs) == 1 else None,
         effects=effects,
@@ -279,20 +277,6 @@ def _factors(log: LogState, names: Sequence[str]) -> dict[str, float]:
     """Return the noise factors of a log, by sensor, and by log if there are several."""
     where = f" of {log.name}" if len(names) > 1 else ""
     return {f"{name}{where}": factor for name, factor in log.noise.items()}
-
-
-def _of_noise(found: Fit, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the warning about noise that is larger than declared."""
-    parts = [
-        f"the {SENSORS[name].label} {factor:.2g} times{f' ({log.name})' if len(names) > 1 else ''}"
-        for log in found.logs
-        for name, factor in log.noise.items()
-        if factor > SEEN
-    ]
-    if not parts:
-        return ()
-    text = "the residuals are larger than the noise, or correlated in time"
-    return (f"{text}: {', '.join(parts)} the given σ was assumed",)
 
 
 def _of_events(answer: Answer) -> tuple[str, ...]:

@@ -94,7 +94,7 @@ def _check_sensors_and_estimator(scenario: Scenario) -> None:
                 "recursive_fit, or leave prior out"
             )
         _check_body(prior, "identification.prior")
-        from cpid_drake.identification.fit_setup import check_guess
+        from cpid_drake.identification.online import check_guess
 
         with prefix_errors("identification.prior"):
             check_guess(prior.guess(), prior.sigma)

@@ -18,9 +18,9 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
+from cpid_drake.identification.checks import checked
 from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.checks import checked
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import checked_estimator
 from cpid_drake.scenario.external_forces import ExternalForces, add_external_forces

@@ -1,4 +1,4 @@
-"""Identification as a Drake system: from sensors, each at its own rate, by the recursive fit."""
+"""Identification as a Drake system: from sensors, each at its own rate, by the online fit."""
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping
@@ -21,10 +21,10 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import BlockQueue
 from cpid_drake.estimation.block import after
-from cpid_drake.estimation.recursive_state import RecursiveState
-from cpid_drake.identification.fit_estimator import identification_of_state
-from cpid_drake.identification.fit_setup import recursive_fit
+from cpid_drake.estimation.online import OnlineState, finish, step
+from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.identification.result import Identification
 from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
@@ -42,13 +42,6 @@ Delays of star trackers and of relative navigation are shorter. The estimate is 
 while a sensor is silent.
 """
 
-MOST_WORK = 1000
-"""Default of `most_work`.
-
-Fits of a log that noise explains need 10 to 100 block solutions in an update, those of a log that
-nothing explains up to hundreds of thousands.
-"""
-
 _SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further sample can come
 
 _ORDER = ("gyro", "attitude", "encoders", "position", "velocity", "joint_rates")
@@ -58,7 +51,6 @@ FILTER_DIAGNOSTICS = (
     *(f"{name}_rejected" for name in _ORDER),
     "momentum_changes",
     "momentum_change_time",
-    "unfinished_fits",
 )
 """Entries of the `filter_diagnostics` output."""
 
@@ -66,8 +58,8 @@ FILTER_DIAGNOSTICS = (
 class SensorIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from sensors at their own rates.
 
-    It runs `recursive_fit.RecursiveFit`: it solves one block of samples, about a second, at a time.
-    It contains the *known* spacecraft only.
+    It runs `estimation.online.step`: it solves one block of samples, about a second, at a time. It
+    contains the *known* spacecraft only.
 
     .. pydrake_system::
 
@@ -93,9 +85,10 @@ class SensorIdentifier(Identifier):
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.
-    - `filter_diagnostics` (15): samples used and rejected of every sensor (zero for absent
-      sensors), number of detected changes of momentum, time of the latest [s] (NaN for none), and
-      number of fits that were given up (see `most_work`); see `FILTER_DIAGNOSTICS`.
+    - `filter_diagnostics` (14): samples used and rejected of every sensor (zero for absent
+      sensors), number of detected changes of momentum, and time of the latest [s] (NaN for none);
+      see `FILTER_DIAGNOSTICS`. A rejected sample is unusable, late, or so far off that it weighs
+      less.
 
     In every period it collects the new samples. When a block is complete, it screens the samples
     and solves the block. Drake systems that update at the same instant read each other's state
@@ -109,7 +102,11 @@ class SensorIdentifier(Identifier):
     process all samples, those of the incomplete block included.
 
     The state is one abstract value that is never changed, only replaced. Its size does not grow
-    with time, and clones of a Context share it.
+    with time, and clones of a Context share it. The work of an update is bounded; see
+    `estimation.online.step`. Most updates only collect samples. One that completes a block costs
+    some 10 ms of processor time for a second of samples of 12 joints; where the momentum changed,
+    ten times as much; and at the beginning, until the target is well known, that of a fit of all
+    samples so far after 1, 2, 4, … blocks.
 
     Args:
         spacecraft: the known spacecraft.
@@ -117,19 +114,15 @@ class SensorIdentifier(Identifier):
         momentum: the total momentum, zero (default) or unknown.
         period: time between updates [s]; default: that of the fastest sensor.
         guess: prior estimate of the target; default: none, for a vague prior.
-        guess_sigma: relative σ of the guess; see `priors.guessed_prior`.
+        guess_sigma: relative σ of the guess; see `identification.online.model_of`.
         reads_thrust: whether there is a log of thrust.
         known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
             grasp, whose errors are estimated too; default: none.
-        most_work: work that one update may do to fit all samples so far: number of blocks that it
-            solves, each some 10 ms of processor time for a second of samples of 12 joints. A fit
-            that needs more is given up until there are more samples, and the estimate remains; the
-            identification has a warning then, and `unfinished_fits` counts it.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), a period that is not positive or is
-            longer than the fastest sensor's, no positive amount of work, or an invalid guess (see
-            `cpid_drake.identification.fit_setup.recursive_fit`).
+            longer than the fastest sensor's, or an invalid guess (see
+            `cpid_drake.identification.online.check_guess`).
 
     """
 
@@ -144,7 +137,6 @@ class SensorIdentifier(Identifier):
         guess_sigma: float = 0.5,
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | None = None,
-        most_work: int = MOST_WORK,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
@@ -159,17 +151,8 @@ class SensorIdentifier(Identifier):
                 f"identification period must be > 0 s and at most {shortest:g} s, the period of "
                 f"the fastest sensor, not {period}"
             )
-        if not (is_number(most_work) and most_work >= 1):
-            raise InputError(f"most_work must be a number of blocks >= 1, not {most_work}")
-        self._estimator = recursive_fit(
-            spacecraft,
-            suite,
-            momentum=momentum,
-            known_bodies=known_bodies,
-            guess=guess,
-            guess_sigma=guess_sigma,
-            most_work=int(most_work),
-        )
+        self._model = model_of(spacecraft, suite, known_bodies, guess, guess_sigma)
+        self._momentum = momentum or TotalMomentum.zero()
         self._joint_names, self._suite, self._period = spacecraft.joint_names, suite, period
         joints = len(spacecraft.joint_names)
         self._sample_ports = {
@@ -179,7 +162,7 @@ class SensorIdentifier(Identifier):
         if reads_thrust:
             self._sample_ports[THRUST] = self.DeclareVectorInputPort(THRUST, 7)
         self._memory_index = self.DeclareAbstractState(
-            Value(_Memory(self._estimator.start(), dict.fromkeys(self._sample_ports, np.nan)))
+            Value(_Memory(BlockQueue.of(suite), dict.fromkeys(self._sample_ports, np.nan)))
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._collect
@@ -224,7 +207,7 @@ class SensorIdentifier(Identifier):
         used = {name: samples[name] for name in system._sample_ports}
         return add_connected(builder, system, used)
 
-    def online_state(self, context: Context) -> RecursiveState:
+    def online_state(self, context: Context) -> OnlineState:
         """Return the estimator's state in this system's context."""
         return self._memory(context).online
 
@@ -237,7 +220,7 @@ class SensorIdentifier(Identifier):
         memory, now = self._with_new_samples(context), context.get_time()
         if now >= memory.due - self._period / 2:
             memory = self._processed(memory)
-            missing = memory.online.queue.next_edge - self._complete_until(memory.screening)
+            missing = memory.queue.next_edge - self._complete_until(memory.screening)
             memory = replace(memory, due=now + max(missing, 0.0))
         state.get_mutable_abstract_state(self._memory_index).set_value(memory)
         return EventStatus.Succeeded()
@@ -246,7 +229,10 @@ class SensorIdentifier(Identifier):
     def _finish(self, context: Context, state: State) -> EventStatus:
         """Process all samples, those of the incomplete block included."""
         memory = self._processed(self._with_new_samples(context))
-        memory = replace(memory, online=self._estimator.finish(memory.online))
+        for block in memory.queue.finished():
+            queue = replace(memory.queue, edge=block.end, waiting=None)
+            memory = replace(memory, queue=queue, online=step(self._model, memory.online, block))
+        memory = replace(memory, online=finish(self._model, memory.online))
         state.get_mutable_abstract_state(self._memory_index).set_value(memory)
         return EventStatus.Succeeded()
 
@@ -261,12 +247,12 @@ class SensorIdentifier(Identifier):
             return memory
         due = memory.due
         if np.isnan(due):
-            due = context.get_time() + memory.online.queue.length
+            due = context.get_time() + memory.queue.length
         seen = seen | {name: sample[0] for name, sample in new.items()}
         return replace(memory, seen=seen, waiting=(*memory.waiting, new), due=due)
 
     def _processed(self, memory: "_Memory") -> "_Memory":
-        """Give all collected samples to the estimator."""
+        """Give all collected samples to the fit, block after block."""
         rows = defaultdict(list)
         for new in memory.waiting:
             for name, sample in new.items():
@@ -276,14 +262,21 @@ class SensorIdentifier(Identifier):
             self._joint_names, {name: Samples(s[:, 0], s[:, 1:]) for name, s in samples.items()}
         )
         screened = screen(given, self._suite, memory.screening)
-        online, timely = memory.online, screened.measurements
-        if not np.isnan(online.queue.edge):
-            timely = after(timely, online.queue.edge, np.inf)
-        online = self._estimator.process(online, timely, self._complete_until(screened.memory))
+        timely, queue, online = screened.measurements, memory.queue, memory.online
+        if not np.isnan(queue.edge):
+            timely = after(timely, queue.edge, np.inf)
         late = {name: len(s) - len(timely[name]) for name, s in screened.measurements.items()}
+        queue, blocks = queue.added(timely, self._complete_until(screened.memory))
+        for block in blocks:
+            online = step(self._model, online, block)
         rejected = Counter(memory.rejected) + Counter(screened.rejected) + Counter(late)
         return replace(
-            memory, online=online, waiting=(), rejected=rejected, screening=screened.memory
+            memory,
+            queue=queue,
+            online=online,
+            waiting=(),
+            rejected=rejected,
+            screening=screened.memory,
         )
 
     def _complete_until(self, screening: ScreeningMemory) -> float:
@@ -297,16 +290,16 @@ class SensorIdentifier(Identifier):
 
     @one_thread
     def _solve(self, context: Context) -> Identification:
-        return identification_of_state(self._estimator, self._memory(context).online)
+        return identification_of_state(self._model, self._memory(context).online, self._momentum)
 
     def _calc_filter_diagnostics(self, context: Context, output: BasicVector) -> None:
         memory = self._memory(context)
         online = memory.online
-        used, left_out = Counter(online.processed), Counter(online.all_left_out)
-        used.subtract(left_out)
-        rejected = left_out + Counter(memory.rejected)
+        used, far_off = Counter(online.processed), Counter(online.rejected)
+        used.subtract(far_off)
+        rejected = far_off + Counter(memory.rejected)
         counts = [each[name] for each in (used, rejected) for name in _ORDER]
-        output.SetFromVector([*counts, *online.all_changes, online.unfinished])
+        output.SetFromVector([*counts, len(online.events), max(online.events, default=np.nan)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,8 +307,9 @@ class _Memory:
     """The abstract state. A value in a Context is replaced, never changed.
 
     Attributes:
-        online: the estimator's state.
+        queue: samples of the block that is not complete.
         seen: time of the latest sample of every sensor [s].
+        online: the state of the fit.
         waiting: samples to process later, of one update each, [time, value] by sensor.
         rejected: number of unusable samples, by sensor.
         screening: what screening remembers.
@@ -324,8 +318,9 @@ class _Memory:
 
     """
 
-    online: RecursiveState
+    queue: BlockQueue
     seen: dict[str, float]
+    online: OnlineState = field(default_factory=OnlineState)
     waiting: tuple[dict[str, NDArray[np.float64]], ...] = ()
     rejected: Mapping[str, int] = field(default_factory=dict)
     screening: ScreeningMemory = field(default_factory=ScreeningMemory)

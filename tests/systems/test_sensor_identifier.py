@@ -1,4 +1,4 @@
-"""The recursive fit in a diagram: every sample once, equal to the estimator on arrays."""
+"""The online fit in a diagram: every sample once, equal to the estimator on arrays."""
 
 import numpy as np
 import pytest
@@ -18,10 +18,8 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.fit_estimator import identification_of_state
-from cpid_drake.identification.fit_setup import recursive_fit
+from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.sensors import (
     SENSORS,
     AttitudeSensor,
@@ -120,10 +118,11 @@ def diagnostics(identifier, context) -> dict:
 
 def known(identifier, context) -> np.ndarray:
     """Return what is known at the end of the last block, as one vector."""
-    block = identifier.online_state(context).known
-    if block is None:
-        return np.empty(0)
-    return np.concatenate([block.nominal.psi, block.rest, block.root.ravel()])
+    state = identifier.online_state(context)
+    if state.known is None:
+        return np.array([len(state.window)])
+    gaussian = state.known.gaussian
+    return np.concatenate([state.values[PSI], gaussian.z, gaussian.R.ravel()])
 
 
 # -- ports ---------------------------------------------------------------------------------------
@@ -144,10 +143,10 @@ def test_ports_are_as_documented(servicer):
     assert identifier.num_input_ports() == len(inputs)
     for name, size in inputs.items():
         assert identifier.GetInputPort(name).size() == size
-    outputs = {"parameters": 10, "covariance": 100, "diagnostics": 4, "filter_diagnostics": 15}
+    outputs = {"parameters": 10, "covariance": 100, "diagnostics": 4, "filter_diagnostics": 14}
     for name, size in outputs.items():
         assert identifier.GetOutputPort(name).size() == size
-    assert len(FILTER_DIAGNOSTICS) == 15
+    assert len(FILTER_DIAGNOSTICS) == 14
     inertia = identifier.GetOutputPort("spatial_inertia").Allocate().get_value()
     assert isinstance(inertia, SpatialInertia)
 
@@ -238,21 +237,6 @@ def test_an_uncertain_spacecraft_limits_the_estimate(servicer, simulation, finis
     np.testing.assert_allclose(found, np.hypot(noise, 5e-3), rtol=0.05)
 
 
-def test_the_work_of_an_update_is_bounded(servicer, samples):
-    """The fits that are given up are counted, and the estimate says so."""
-    bounded = SensorIdentifier(servicer, load_sensors("flight"), most_work=1)
-    context = bounded.CreateDefaultContext()
-    play(bounded, context, samples)
-    bounded.ExecuteForcedEvents(context)
-    count = int(diagnostics(bounded, context)["unfinished_fits"])
-    assert count > 0
-    found = bounded.identification(context)
-    assert np.isnan(found.parameters).all()
-    assert any(f"{count} times, the fit of all samples so far needed" in w for w in found.warnings)
-    with pytest.raises(InputError, match="most_work must be a number of blocks >= 1, not 0"):
-        SensorIdentifier(servicer, load_sensors("flight"), most_work=0)
-
-
 # -- in a full simulation ------------------------------------------------------------------------
 
 
@@ -260,15 +244,12 @@ def test_it_equals_the_estimator_on_the_logged_samples(simulation, finished, sam
     """Every sample of the run is used, those of its very end too."""
     identifier, suite = simulation.identifier, simulation.sensors.suite
     context = identifier.GetMyContextFromRoot(finished)
-    online = recursive_fit(simulation.spacecraft, suite)
-    state = online.run([screen(samples, suite).measurements])
-    assert not state.initializing
-    expected, found = identification_of_state(online, state), identifier.identification(context)
-    np.testing.assert_allclose(found.parameters, expected.parameters, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
+    assert identifier.online_state(context).known is not None
+    found = identifier.identification(context)
     assert found.sample_count == sum(len(samples[name]) for name in SENSORS)
     batch = identify(simulation.spacecraft, samples, sensors=suite, estimator="recursive_fit")
     np.testing.assert_allclose(found.parameters, batch.parameters, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance, batch.covariance, rtol=1e-9)
     assert batch.sample_count == found.sample_count
 
 
@@ -303,7 +284,7 @@ def test_clones_run_on_by_themselves(simulation, time, initializing):
     simulator = simulation.make_simulator()
     simulator.AdvanceTo(time)
     context = identifier.GetMyContextFromRoot(simulator.get_context())
-    assert identifier.online_state(context).initializing is initializing
+    assert (identifier.online_state(context).known is None) is initializing
     before = known(identifier, context)
     copies = [Simulator(simulation.diagram, simulator.get_context().Clone()) for _ in range(2)]
     for stop in (time + 0.3, time + 1.0):

@@ -1,0 +1,201 @@
+"""The fit online, block after block, as an estimator and as an identification at any time."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import BlockQueue
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.online import (
+    LINEAR,
+    OnlineState,
+    distance_from_start,
+    finish,
+    step,
+)
+from cpid_drake.estimation.online_block import NAME as LOG
+from cpid_drake.estimation.block import blocks_of
+from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.identification.checks import noise_warnings
+from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
+from cpid_drake.identification.fitted import needs_of_fit
+from cpid_drake.identification.problem import Estimator, Problem
+from cpid_drake.identification.result import Identification, MomentumChanges
+from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.sensing.suite import SensorSuite
+
+if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+NAME = "recursive_fit"
+"""The estimator's name."""
+
+NOT_STARTED = (
+    "the target was not known well enough before the end to solve the blocks one after the other; "
+    "the result is a fit of all samples together"
+)
+"""The warning if all blocks were fitted together."""
+
+NOT_LINEAR = (
+    "the inertia changed by {:.1g} % since the blocks are solved one after the other: they are not "
+    "linear about the target; use the trajectory fit"
+)
+"""The failed check if the first blocks were linearized about another target."""
+
+MOST_BRIDGED = 3.0
+"""Length of unexplained pieces above which the result has a warning [s]."""
+
+
+def model_of(
+    spacecraft: "Spacecraft",
+    suite: SensorSuite,
+    known_bodies: BodyUncertainty | None = None,
+    guess: InertialParameters | None = None,
+    guess_sigma: float = 0.5,
+) -> Model:
+    """Return the unknowns of a spacecraft's sensors and of its target.
+
+    Args:
+        spacecraft: the known spacecraft.
+        suite: its sensors and their errors.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
+        guess: prior estimate of the target; default: none, for a vague prior.
+        guess_sigma: σ of each relative unknown μ, μ c, I_* of the guess as a share of μ, μ k or
+            μ k², with k the guess's radius of gyration about C's origin.
+
+    Raises:
+        InputError: for the same reasons as `check_guess`.
+
+    """
+    model = Model(spacecraft.tree, suite, known_bodies)
+    if guess is None:
+        return model
+    check_guess(guess, guess_sigma)
+    psi = relative_parameterization(model.mass).from_parameters(guess.to_vector())
+    radius = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
+    scale = psi[0] * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
+    return model.with_prior(PSI, psi, guess_sigma * scale)
+
+
+def check_guess(guess: InertialParameters, sigma: float) -> None:
+    """Refuse a guess of the target with which the fit cannot start.
+
+    Raises:
+        InputError: the guess is not a rigid body, or is a point mass at C's origin; the standard
+            deviation is out of range.
+
+    """
+    problems = guess.infeasibilities()
+    if problems:
+        raise InputError(f"not a rigid body: {'; '.join(problems)}")
+    if not (guess.p_CTcm_C.any() or guess.I_TTcm_C.any()):
+        raise InputError("a point at C's origin has no size; give an inertia")
+    if not 1e-6 <= sigma <= 100:
+        raise InputError(f"sigma must be a number from 1e-6 to 100, not {sigma}")
+
+
+def identification_of_state(
+    model: Model, state: OnlineState, momentum: TotalMomentum
+) -> Identification:
+    """Return what is known after the last block.
+
+    Args:
+        model: the unknowns.
+        state: after the last block.
+        momentum: the total momentum at the start.
+
+    """
+    values, gaussian = state.values, state.gaussian(model)
+    if values is None or gaussian is None:
+        values = model.start([LOG])
+        target = next(unknown for unknown in model.table if unknown.name == PSI)
+        rows = np.column_stack([np.diag(1 / target.sigma), np.zeros(10)])
+        gaussian, noise = Gaussian.of_rows({PSI: 10}, rows), dict[str, float]()
+    else:
+        gaussian = at_momentum(gaussian, values, momentum, LOG)
+        noise = state.noise
+    present = model.suite.present()
+    distance = distance_from_start(model, state)
+    return Identification(
+        relative_parameterization(model.mass),
+        solution_of(model, values, gaussian),
+        sum(state.processed.get(n, 0) - state.rejected.get(n, 0) for n in present),
+        NAME,
+        sensors=model.suite,
+        rejected={name: count for name, count in state.rejected.items() if count},
+        momentum_changes=MomentumChanges(len(state.events), max(state.events, default=np.nan)),
+        warnings=(*noise_warnings(noise), *_warnings(state)),
+        doubts=() if distance < LINEAR else (NOT_LINEAR.format(100 * distance),),
+        momentum=momentum.name,
+        noise=noise,
+        unexplained=state.bridged / state.length if state.length else 0.0,
+        momentum_estimate=momentum_of(model, values, gaussian, LOG),
+        effects=effects_of(model, values, gaussian, LOG),
+    )
+
+
+def _warnings(state: OnlineState) -> Iterator[str]:
+    if state.events:
+        times = "once" if len(state.events) == 1 else f"{len(state.events)} times"
+        yield (
+            f"the momentum changed {times}, last at {max(state.events):.3f} s; it was estimated "
+            "again from then on"
+        )
+    if state.bridged > MOST_BRIDGED:
+        yield (
+            f"nothing explains {state.bridged:.3g} s of the log, whose samples of the base were "
+            "not used: forces acted, a sensor failed, or the spacecraft differs from its model"
+        )
+
+
+def estimate_online(
+    problems: Mapping[str, Problem],
+    momentum: TotalMomentum | None,
+    prior: TargetPrior | None = None,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Identification:
+    """Run the fit online over all samples, in order of time.
+
+    Args:
+        problems: one problem, by the name of its log.
+        momentum: the total momentum; None for zero.
+        prior: none.
+        progress: called before every step with a short description of it.
+
+    Raises:
+        InputError: there are several logs or a prior, or too few samples.
+
+    """
+    if len(problems) > 1 or prior is not None:
+        raise InputError(f"{NAME} identifies from one log without a prior; use the trajectory fit")
+    problem, suite, warnings = next(iter(problems.values())).with_sensors()
+    model = Model(problem.spacecraft.tree, suite, problem.known_bodies)
+    progress("fitting")
+    state = OnlineState()
+    for block in blocks_of(BlockQueue.of(suite), problem.stream):
+        state = step(model, state, block)
+    state = finish(model, state)
+    found = identification_of_state(model, state, momentum or TotalMomentum.zero())
+    if state.known is None:
+        warnings = (*warnings, NOT_STARTED)
+    return replace(found, warnings=(*warnings, *found.warnings))
+
+
+RECURSIVE_FIT = Estimator(
+    name=NAME,
+    label="recursive fit (maximum likelihood, online)",
+    good_for="an estimate online from noisy sensors; finds firings of thrusters",
+    estimate=estimate_online,
+    needs=needs_of_fit,
+    uses_added_sensors=True,
+    uses_thrust=True,
+    uses_known_bodies=True,
+    reports=8,
+)
