@@ -12,7 +12,7 @@ not explain is bridged by its joints alone.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import BlockQueue
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import NAMED, Question
 from cpid_drake.estimation.block import Block
@@ -40,7 +41,9 @@ from cpid_drake.estimation.online_block import (
 )
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.block import blocks_of
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.sensing.measurements import Measurements
 
 WELL_KNOWN = 1e-3
 """Relative error of the system's inertia from which a block is linear about the target."""
@@ -179,6 +182,20 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         links = judged(model, known.gaussian, known.links)
         after = replace(after, known=replace(known, links=links))
     return replace(_settled(model, after, recent[-KEPT:][0].block.start), recent=recent)
+
+
+def run(model: Model, stream: Iterable[Measurements]) -> OnlineState:
+    """Return the state after all samples of successive chunks.
+
+    Args:
+        model: the unknowns.
+        stream: screened samples.
+
+    """
+    state = OnlineState()
+    for block in blocks_of(BlockQueue.of(model.suite), stream):
+        state = step(model, state, block)
+    return finish(model, state)
 
 
 def finish(model: Model, state: OnlineState) -> OnlineState:

@@ -11,17 +11,14 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block import BlockQueue
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.online import (
     LINEAR,
     OnlineState,
     distance_from_start,
-    finish,
-    step,
+    run,
 )
 from cpid_drake.estimation.online_block import NAME as LOG
-from cpid_drake.estimation.block import blocks_of
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.checks import noise_warnings
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
@@ -178,10 +175,7 @@ def estimate_online(
     problem, suite, warnings = next(iter(problems.values())).with_sensors()
     model = Model(problem.spacecraft.tree, suite, problem.known_bodies)
     progress("fitting")
-    state = OnlineState()
-    for block in blocks_of(BlockQueue.of(suite), problem.stream):
-        state = step(model, state, block)
-    state = finish(model, state)
+    state = run(model, problem.stream)
     found = identification_of_state(model, state, momentum or TotalMomentum.zero())
     if state.known is None:
         warnings = (*warnings, NOT_STARTED)

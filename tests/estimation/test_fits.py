@@ -16,9 +16,11 @@ from sensing_cases import (
 )
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
-from cpid_drake.identification.bound import cramer_rao_bound
-from cpid_drake.identification.fit_estimator import identification_of_state
-from cpid_drake.identification.fit_setup import recursive_fit
+from cpid_drake.estimation.block_queue import BlockQueue
+from cpid_drake.estimation.online import OnlineState, run, step
+from cpid_drake.estimation.trajectory_fit import blocks_of
+from cpid_drake.identification.fit_setup import cramer_rao_bound
+from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.sensing.measurement_stream import stream_of
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
@@ -110,9 +112,8 @@ def test_the_start_does_not_matter(tmp_path, skewed_target, target, momentum_W):
     for share, radius in ((0.02, 0.3), (0.3, 0.5)):
         m = share * case.craft.mass
         sphere = InertialParameters(m, np.zeros(3), 0.4 * m * radius**2 * np.eye(3))
-        options = {"guess": sphere, "guess_sigma": 100.0, "momentum": momentum}
-        fit = recursive_fit(case.craft, SUITE, **options)
-        found.append(identification_of_state(fit, fit.run([noisy])))
+        model = model_of(case.craft, SUITE, guess=sphere, guess_sigma=100.0)
+        found.append(identification_of_state(model, run(model, [noisy]), momentum))
     one, other = found
     assert distance(one.parameters, other.parameters, one.covariance) < 0.15  # σ
     assert nees(case, one) < chi2.isf(1e-3, 10)
@@ -251,13 +252,16 @@ def test_rest_before_the_motion_is_forgotten(case, skewed_target):
 
 def test_the_memory_of_the_recursive_fit_does_not_grow(case):
     """The pickled state has the same size after two and three times as long."""
-    fit, sizes = recursive_fit(case.craft, SUITE), []
-    state = fit.process(fit.start(), case.samples, END)
+    model, state, sizes = model_of(case.craft, SUITE), OnlineState(), []
+    every = [case.samples]
     for k in range(3):
-        sizes.append(len(pickle.dumps(state)))
         times = np.arange(0, END, 0.04)
         q = case.motion.evaluate(times)[:, 0]
         later = Samples(times + (k + 1) * END + 0.04, q)
-        more = Measurements(case.samples.joint_names, encoders=later)
-        state = fit.process(state, more, (k + 2) * END)
-    assert max(sizes) < 1.2 * sizes[1]
+        every.append(Measurements(case.samples.joint_names, encoders=later))
+    for block in blocks_of(BlockQueue.of(SUITE), every):
+        state = step(model, state, block)
+        if block.end > 2 * END:
+            sizes.append(len(pickle.dumps(state)))
+    assert len(sizes) > END
+    assert max(sizes) < 1.2 * sizes[0]

@@ -8,6 +8,7 @@ from planar_cases import KNOWN, TARGET, planar_craft
 
 from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
 from cpid_drake.estimation.least_squares import among_ten, solution_of_information
+from cpid_drake.identification.checks import checked
 from cpid_drake.identification.consistency import consistency_of, narrowed_names
 from cpid_drake.identification.description import describe, result_of
 from cpid_drake.identification.result import Identification
@@ -15,7 +16,6 @@ from cpid_drake.identification.result_files import (
     Source,
     SpacecraftReference,
 )
-from cpid_drake.identification.checks import checked
 from cpid_drake.sensing.suite import SensorSuite
 
 PLACES = np.array([0, 1, 2, 9])

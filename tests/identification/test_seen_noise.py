@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from block_cases import fired, make_case
+from cpid_drake.identification.seen_noise import residual_factors
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -10,7 +11,6 @@ from sensing_cases import Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import identify
 from cpid_drake.estimation.whiteness import Whiteness
-from cpid_drake.identification.seen_noise import residual_factors
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import Gyro, JointSensor

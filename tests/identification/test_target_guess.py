@@ -7,8 +7,9 @@ from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.identification.fit_estimator import identification_of_state
-from cpid_drake.identification.fit_setup import recursive_fit
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.online import run
+from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
@@ -49,9 +50,9 @@ def test_poor_sensors_and_a_guess_know_more_than_poor_sensors(tmp_path, skewed_t
             noisy[name] = Samples(samples.time, noise.apply(name, samples.value))
         guess = drawn_guess(craft, psi, np.random.default_rng(1000 + seed))
         for name, prior in (("guess", {"guess": guess, "guess_sigma": SIGMA}), ("nothing", {})):
-            estimator = recursive_fit(craft, suite, **prior)
-            state = estimator.run([perfect.updated(noisy)])
-            result = identification_of_state(estimator, state)
+            model = model_of(craft, suite, **prior)
+            state = run(model, [perfect.updated(noisy)])
+            result = identification_of_state(model, state, TotalMomentum.zero())
             error = result.parameters - truth
             errors[name].append(error)
             if name == "guess":

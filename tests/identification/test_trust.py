@@ -17,8 +17,8 @@ from sensing_cases import (
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.least_squares import solution_of_information
-from cpid_drake.identification.result import Identification, MomentumEstimate
 from cpid_drake.identification.checks import checked
+from cpid_drake.identification.result import Identification, MomentumEstimate
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 
