@@ -28,7 +28,6 @@ from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 
-
 LEAST = 0.5
 """Least inertia of the system about any axis, as a share of that without the target."""
 

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block import BlockQueue
+from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import NAMED, Question
-from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
@@ -41,7 +40,6 @@ from cpid_drake.estimation.online_block import (
 )
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.block import blocks_of
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.sensing.measurements import Measurements
 

@@ -31,7 +31,7 @@ from cpid_drake.dynamics.parameterizations import (
     vector_to_tensor,
 )
 from cpid_drake.dynamics.spatial_inertia import inertia_of_second_moment, second_moment
-from cpid_drake.estimation.combination import SourceRows
+from cpid_drake.estimation.source_rows import SourceRows
 
 if TYPE_CHECKING:
     from pydrake.solvers import MathematicalProgramResult

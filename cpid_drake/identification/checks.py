@@ -13,11 +13,9 @@ from scipy.special import chdtri
 
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.problem import MOST_NOISE
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensing.sensors import SENSORS
-
-MOST_NOISE = 3.0
-"""Ratio of the noise to the given one above which a check fails."""
 
 SEEN = 1.1
 """Factor of the noise from which a warning says so."""

@@ -17,7 +17,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
-from cpid_drake.identification.source_rows import rows_of
+from cpid_drake.estimation.source_rows import SourceRows
 
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
@@ -79,7 +79,7 @@ def consistency_of(found: "Identification", tree: KinematicTree) -> Consistency 
         if freedom < 1:
             return None
         radius = solution.rank * float(fdtri(solution.rank, freedom, 1 - OUTSIDE))
-    rows = rows_of(found)
+    rows = SourceRows.of_solution(found.solution)
     if not (np.isfinite(rows.A).all() and np.isfinite(rows.b).all()):
         return None
     mass, size = _plausible(found, tree)

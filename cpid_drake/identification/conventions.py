@@ -23,7 +23,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.momentum_rows import momentum_rows
-from cpid_drake.identification.row_estimator import complete_samples
+from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.sensing.files.centre_of_mass import BaseTravel, TravelModel
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.estimation.source_rows import SourceRows
 from cpid_drake.identification.consistency import Consistency
 from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.result import (
@@ -28,7 +29,6 @@ from cpid_drake.identification.result_files import (
     UndeclaredRecord,
     WhitenessRecord,
 )
-from cpid_drake.identification.source_rows import rows_of
 from cpid_drake.identification.table_setting import MORE_MOTION
 
 
@@ -145,7 +145,7 @@ def _joint_record(joint: JointEstimate, sources: Sequence[Source]) -> JointRecor
 def _combinations_of(found: Identification, known_mass: float | None) -> CombinationsRecord | None:
     if known_mass is None or found.is_observable or not found.solution.rank:
         return None
-    rows = rows_of(found)
+    rows = SourceRows.of_solution(found.solution)
     return CombinationsRecord(
         found.parameterization.name, known_mass, found.solution.values, rows.A.T @ rows.A
     )

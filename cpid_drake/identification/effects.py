@@ -7,9 +7,6 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import NDArray
 
-from cpid_drake.estimation.block_state import BlockState, solution
-from cpid_drake.estimation.blocks import BlockSolver
-from cpid_drake.estimation.combination import Agreement
 from cpid_drake.estimation.intervals import quantile_95
 
 SIGNIFICANT = 4.0
@@ -17,9 +14,6 @@ SIGNIFICANT = 4.0
 
 LEARNED = 0.5
 """Share of the prior σ below which the samples have determined an entry."""
-
-IMPROBABLE = 1e-6
-"""Probability of so large errors, if their declared σ is right, below which they are a doubt."""
 
 _ROUNDING = 1e-3  # share of the interval below which a value is a rounding error
 _SHOWN = 8
@@ -184,106 +178,3 @@ class UndeclaredErrors:
             "  the result includes them; to declare them, add to the file of the sensors:",
             *(f"    {line}" for line in self.declaration),
         ]
-
-
-def estimated_effects(
-    solver: BlockSolver, known: BlockState, plausible: NDArray[np.float64], misfit: float
-) -> tuple[EffectEstimate, ...]:
-    """Return the estimates of all constant errors.
-
-    Args:
-        solver: the solver of the blocks.
-        known: what is known at the end of the last block.
-        plausible: (10,) plausible sizes of ψ.
-        misfit: factor of the covariance.
-
-    """
-    errors = solver.constants.errors
-    if not errors:
-        return ()
-    change = solution(known.root, known.rest, plausible)
-    variance = np.diag(_covariance(known, misfit))
-    found = []
-    for error in errors.values():
-        place, unit = solver.places[error.name], error.sigma / error.scale
-        nominal = solver.constants.value(known.nominal.constants, error.name)
-        assert nominal is not None
-        value = nominal / error.scale + unit * change[place]
-        sigma = unit * np.sqrt(variance[place])
-        found.append(EffectEstimate(error.name, error.unit, value, sigma, unit))
-    return tuple(found)
-
-
-def agreement_with_declared(
-    solver: BlockSolver, known: BlockState, plausible: NDArray[np.float64], misfit: float
-) -> Agreement:
-    """Return the test whether the constant errors are as small as the sensors declare.
-
-    Before the first sample the errors m, in units of their σ, have the covariance 1, after the last
-    one V. The estimate of m therefore has the covariance 1 − V. Combinations that the samples do
-    not determine well, and errors that walk, are left out. The arguments are those of
-    `estimated_effects`.
-    """
-    steady = [name for name, error in solver.constants.errors.items() if not error.walk]
-    if not steady:
-        return Agreement(0.0, 0)
-    places = np.concatenate([np.r_[solver.places[name]] for name in steady])
-    nominal = np.concatenate(
-        [known.nominal.constants[solver.constants.place(name)] for name in steady]
-    )
-    estimate = nominal + solution(known.root, known.rest, plausible)[places]
-    covariance = _covariance(known, misfit)[np.ix_(places, places)]
-    sizes, axes = np.linalg.eigh(np.eye(len(places)) - covariance)
-    seen = sizes > 1 - LEARNED**2
-    parts = axes[:, seen].T @ estimate
-    return Agreement(float(np.sum(parts**2 / sizes[seen])), int(seen.sum()))
-
-
-def _covariance(known: BlockState, misfit: float) -> NDArray[np.float64]:
-    """Return the covariance (n, n) of all unknowns of a state; the known bodies add to it."""
-    inverse = np.linalg.inv(known.root)
-    gain = inverse @ known.by_bodies
-    return np.asarray(misfit * inverse @ inverse.T + gain @ gain.T)
-
-
-def larger_than_declared(tested: Agreement, effects: tuple[EffectEstimate, ...]) -> tuple[str, ...]:
-    """Return the doubt about errors that are too large for the σ that the sensors declare.
-
-    Args:
-        tested: the test of all errors.
-        effects: the estimates of those that do not walk.
-
-    """
-    if tested.probability > IMPROBABLE:
-        return ()
-    largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
-    factor = np.sqrt(tested.chi_squared / tested.freedom)
-    return (
-        f"the errors of the sensors, or the forces, are about {factor:.2g} times as large as their "
-        f"declared sigma, such as: {largest.summary()}, with a sigma of {largest.prior_sigma:.3g} "
-        f"{largest.unit}; declare what the hardware can have, or look for another cause",
-    )
-
-
-def shared_errors(
-    solver: BlockSolver, known: BlockState, bodies: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """Return the error (10, k) of ψ for errors of one σ that all logs of a spacecraft share.
-
-    These are the constant errors of the sensors and the errors p of the known bodies; None without.
-    The error of a Bayesian estimate of ψ, given such an error, is minus their covariance.
-
-    Args:
-        solver: the solver of the blocks.
-        known: what is known at the end of the last block, about the best p.
-        bodies: (c, c) the root of the covariance of p; see `BlockState.estimated_errors`.
-
-    """
-    names = [name for name, error in solver.constants.errors.items() if error.sensor]
-    if not (names or solver.consider_count):
-        return None
-    inverse = np.linalg.inv(known.root)
-    gain = inverse @ known.by_bodies
-    columns = np.concatenate([np.empty(0, int), *(np.r_[solver.places[name]] for name in names)])
-    by_constants = -inverse[-10:] @ inverse[columns].T - gain[-10:] @ gain[columns].T
-    return np.hstack([by_constants, gain[-10:] @ bodies.T])

@@ -7,11 +7,11 @@ its record here.
 from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily, row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
+from cpid_drake.identification.by_rows import LEAST_SQUARES
 from cpid_drake.identification.fitted import TRAJECTORY_FIT
 from cpid_drake.identification.former_names import current_estimator
 from cpid_drake.identification.online import RECURSIVE_FIT
 from cpid_drake.identification.problem import Estimator
-from cpid_drake.identification.row_estimator import LEAST_SQUARES
 
 ESTIMATORS: dict[str, Estimator] = {
     record.name: record for record in (LEAST_SQUARES, RECURSIVE_FIT, TRAJECTORY_FIT)

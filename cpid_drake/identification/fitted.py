@@ -29,7 +29,7 @@ from cpid_drake.identification.comparison import (
     words,
 )
 from cpid_drake.identification.estimate import effects_of, momentum_of, solution_of
-from cpid_drake.identification.problem import Estimator, Problem
+from cpid_drake.identification.problem import ESTIMATED, NOT_ZERO, Estimator, Problem
 from cpid_drake.identification.result import (
     Identification,
     MomentumChanges,
@@ -41,20 +41,8 @@ from cpid_drake.identification.target_prior import TargetPrior
 NAME = "trajectory_fit"
 """The estimator's name."""
 
-ESTIMATED = (
-    "the samples contradict a total momentum of zero, so the momentum was estimated; say so with "
-    "--momentum unknown"
-)
-"""The warning if the momentum was estimated because zero does not explain the samples."""
-
 MAY_MOVE = "the total momentum may not be zero (probability {}); the intervals include it"
 """The warning if the samples do not decide whether the momentum is zero."""
-
-NOT_ZERO = (
-    "the samples contradict the given total momentum, which may bias the estimate: identify with "
-    "--momentum unknown"
-)
-"""The failed check if the given momentum does not explain the samples."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,27 @@ if TYPE_CHECKING:  # the registry of estimators is read without Drake
 NOISE_ESTIMATED = "the sensors' noise was estimated from the log; give the sensors if you know them"
 """The warning of an estimator that needs the sensors' noise when no sensors were given."""
 
+ESTIMATED = (
+    "the samples contradict a total momentum of zero, so the momentum was estimated; say so with "
+    "--momentum unknown"
+)
+"""The warning if the momentum was estimated because zero does not explain the samples."""
+
+NOT_ZERO = (
+    "the samples contradict a total momentum of zero, which may bias the estimate: identify with "
+    "--momentum unknown"
+)
+"""The doubt if the momentum is not zero and has not been estimated."""
+
+NOT_ESTIMATED = (
+    "the samples contradict a total momentum of zero, and {} cannot estimate it: identify with "
+    "--momentum unknown and another estimator, such as least_squares with --rows standard"
+)
+"""The doubt if the momentum is not zero and the estimator cannot estimate it."""
+
+MOST_NOISE = 3.0
+"""Ratio of the noise to the given one above which a check fails."""
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:

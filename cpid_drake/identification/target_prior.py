@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.combination import SourceRows
 from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.source_rows import SourceRows
 
 
 @dataclass(frozen=True, eq=False)

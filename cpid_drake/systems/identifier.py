@@ -24,14 +24,14 @@ from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE, among_ten
-from cpid_drake.estimation.momentum_rows import RowSums, momentum_rows
+from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
 from cpid_drake.estimation.square_root import (
     empty_information,
     solve_information,
     updated_information,
 )
+from cpid_drake.identification.by_rows import LEAST_SQUARES
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.row_estimator import LEAST_SQUARES
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.ports import add_connected
@@ -169,8 +169,8 @@ class MomentumIdentifier(Identifier):
             raise InputError("identification needs a total momentum that is zero or unknown")
         self._family = row_family(rows, self._momentum.is_unknown)
         self._parameterization = self._family.parameterization(spacecraft.mass)
-        sums = RowSums.of(spacecraft.tree, self._family, self._momentum)
-        self._extra, self._size = sums.extra, len(sums.root)
+        self._extra = momentum_columns(spacecraft.tree, self._family, self._momentum)
+        self._size = self._extra + len(spacecraft.tree.unknowns) + 1
         self._rank_tolerance = rank_tolerance
         self._quaternion = spacecraft.quaternion_columns
         self._scratch = PlantScratch(spacecraft.plant)

@@ -10,7 +10,7 @@ import pytest
 from cpid_drake.dynamics.rows import ROW_FAMILIES, STANDARD_ROWS
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.problem import Estimator
-from cpid_drake.identification.row_estimator import estimate_by_rows, needs_of_rows
+from cpid_drake.identification.by_rows import estimate_by_rows, needs_of_rows
 from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"

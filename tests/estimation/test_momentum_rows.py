@@ -10,7 +10,8 @@ from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
 from cpid_drake.estimation.intervals import quantile_95
-from cpid_drake.estimation.momentum_rows import accumulate_rows, momentum_rows
+from cpid_drake.estimation.momentum_rows import momentum_rows
+from cpid_drake.estimation.rows_fit import LogRows
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +57,12 @@ def test_samples_at_rest_are_not_counted(servicer, skewed_target, zero_momentum_
     motion = zero_momentum_motion(skewed_target, 6, 2)
     zero = {name: 0 * getattr(motion, name) for name in ("w_WB", "v_WB", "qdot")}
     still = replace(motion, **zero)
-    _, count = accumulate_rows(servicer.tree, motion, family, TotalMomentum.zero())
-    _, of_still = accumulate_rows(servicer.tree, still, family, TotalMomentum.zero())
-    assert count == 6 * family.rows_per_sample
-    assert of_still == 0
+    counts = []
+    for each in (motion, still):
+        rows = LogRows(servicer.tree, family, TotalMomentum.zero())
+        rows.add(each, np.zeros((1, 1, 1)))
+        counts.append(rows.row_count)
+    assert counts == [6 * family.rows_per_sample, 0]
 
 
 def test_intervals_are_two_sided():

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import Telemetry, TotalMomentum, identify
@@ -32,9 +31,6 @@ def states(craft, target, seed) -> Telemetry:
     )
 
 
-@pytest.mark.xfail(
-    strict=True, reason="H: a known bias is in the covariance instead of subtracted; issue 11"
-)
 def test_rounded_velocities_do_not_bias_the_estimate(craft, skewed_target):
     """The mean error of several runs is no larger than their scatter explains."""
     errors = []

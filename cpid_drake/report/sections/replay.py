@@ -8,9 +8,9 @@ import numpy as np
 
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.requests import Evidence
 from cpid_drake.identification.requirements import in_joint_order
-from cpid_drake.identification.row_estimator import complete_samples
 from cpid_drake.report.findings import Findings, IdentifiedLog
 from cpid_drake.report.page import Section, embedded_json
 from cpid_drake.report.replay import replay_html

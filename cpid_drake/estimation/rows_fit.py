@@ -1,0 +1,394 @@
+"""Least squares on the momentum rows of a log: what they tell about the target, as a Gaussian.
+
+The rows A x = b of a log are linear in the target's unknowns and in the log's own momentum. Their
+errors come from the errors of the samples and are inside A as well, so AᵀA contains E[δAᵀ δA],
+which looks like information, and least squares has the bias −(AᵀA)⁻¹ E[δAᵀ (δA x − δb)]. Here
+
+- the shape of the errors follows from the errors of the samples, by finite differences; of smoothed
+  samples, whose errors are known, it is also the weight of the rows;
+- their size and their correlation in time are those of the residuals;
+- the bias is subtracted, and is also a σ, because its size is known roughly only; a combination of
+  which more than half of the information is noise is left out.
+
+Sources: Fuller 1987, Measurement Error Models, ch. 1 and 2; Newey and West 1987, "A simple,
+positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix".
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from cpid_drake.dynamics.rows import RowFamily
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import (
+    DEFAULT_RANK_TOLERANCE,
+    KNOWN,
+    LeastSquaresSolution,
+    solution_of_combinations,
+)
+from cpid_drake.estimation.momentum_rows import momentum_columns, row_blocks, row_derivatives
+from cpid_drake.estimation.square_root import (
+    empty_information,
+    triangle,
+    updated_information,
+)
+from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.smoothed_motion import ErrorBlock
+from cpid_drake.sensing.thinning import EvenSelection
+
+TARGET, MOMENTUM = "target", "momentum"
+"""The unknowns of a log's Gaussian."""
+
+ROUNDING = 1e-8
+"""Least size of the errors of rows, as a share of the rows: less is rounding."""
+
+_MOST_KEPT = 20_000  # samples whose residuals are kept for their correlation in time
+_MOST_SHOWN = 4_000  # samples of a long log that a page shows
+_MOST_CHANGED = 200  # complete samples of a block that show the shape of its errors
+_LEAST_SHARE = 1e-9  # of the variance of a sample's rows: smaller combinations are as large
+_FEWEST = 20  # independent residuals that determine their correlation
+_ROUNDS = 3  # of weights, which depend on the solution
+_NOISE = 0.5  # share of the information about a combination that may be noise
+
+
+@dataclass(frozen=True, eq=False)
+class RowNoise:
+    """The errors of the weighted rows of a log.
+
+    Attributes:
+        variance: their variance.
+        correlation_time: number of samples with the information of one independent sample.
+        factor: `variance` divided by that of the errors of the samples; 0 if these are not known.
+        is_known: whether there are more rows than unknowns, so that residuals show the errors.
+        scatter: (3, k + u, k + u) covariance of Aᵀ (A x − b), for all rows and for each half; None
+            if it is not known. Of smoothed samples it is that of the splines' errors, else of sums
+            of the residuals over successive samples that are correlated. It contains what the
+            variance misses, such as errors that grow with the motion.
+        least: least size of the scatter, in units of `variance` and `correlation_time`.
+
+    """
+
+    variance: float = 1.0
+    correlation_time: float = 1.0
+    factor: float = 0.0
+    is_known: bool = False
+    scatter: NDArray[np.float64] | None = None
+    least: float = 1.0
+
+
+class LogRows:
+    """The rows of one log, added part by part.
+
+    Args:
+        tree: the known bodies.
+        family: the row family.
+        momentum: the momentum, for `momentum_rows`.
+
+    Attributes:
+        extra: number k of columns of a momentum.
+        unknowns: places of the rows' u unknowns among the target's ten.
+        sample_count: number of samples.
+        row_count: number of rows without rows of zeros.
+
+    """
+
+    def __init__(self, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum) -> None:
+        self._problem = tree, family, momentum
+        self.extra, self.unknowns = momentum_columns(tree, family, momentum), tree.unknowns
+        self._angular = 3 if tree.normal_B is None else 1  # angular rows of a sample
+        size = self.extra + len(self.unknowns)
+        self._plain = empty_information(size)
+        self._halves = [empty_information(size), empty_information(size)]  # weighted, of all parts
+        self._errors = np.zeros((size + 1, size + 1))  # E[δᵀ δ] of the errors of weighted rows
+        self._spread: NDArray[np.float64] | None = None  # `RowNoise.scatter` of smoothed samples
+        self._x = np.zeros(size)  # the unknowns of the last weights
+        self._first: list[Samples] = []  # rows, and below them weighted rows
+        self._shown = EvenSelection(_MOST_SHOWN)
+        self.sample_count = self.row_count = 0
+
+    def add(
+        self,
+        telemetry: Telemetry,
+        covariance: NDArray[np.float64],
+        errors: Sequence[ErrorBlock] = (),
+    ) -> None:
+        """Add samples.
+
+        Args:
+            telemetry: the motion at N instants.
+            covariance: (N, q, q) of the errors of each sample as changes of the q quantities of
+                `momentum_rows.changed`, or (1, q, q) if it is the same for all.
+            errors: of smoothed samples, the independent parts of these errors.
+
+        """
+        for own, rows in row_blocks(telemetry, *self._problem):
+            flat = rows.reshape(-1, rows.shape[-1])
+            self._plain = updated_information(self._plain, flat)
+            self.row_count += int(np.count_nonzero(flat[:, self.extra :].any(axis=1)))
+            white, middle = rows, len(rows) // 2
+            if covariance.any():
+                C = covariance[own] if len(covariance) > 1 else covariance
+                every = 1 if errors else -(-len(rows) // _MOST_CHANGED)
+                part = telemetry.select(own).select(slice(None, None, every))
+                derivatives = row_derivatives(part, *self._problem)
+                if errors:
+                    white, derivatives = self._weighted(rows, derivatives, C)
+                    self._add_spread(white, derivatives, own, errors)
+                by_sample = np.moveaxis(derivatives, 0, 1)
+                flat = by_sample.reshape(*by_sample.shape[:2], -1)
+                other = (C @ flat).reshape(-1, rows.shape[-1])
+                share = len(rows) / len(part)
+                self._errors += share * flat.reshape(-1, rows.shape[-1]).T @ other
+            for k, half in enumerate((white[:middle], white[middle:])):
+                if half.size:
+                    flat = half.reshape(-1, half.shape[-1])
+                    self._halves[k] = updated_information(self._halves[k], flat)
+            kept = Samples(telemetry.time[own], np.concatenate([rows, white], axis=1))
+            kept = kept.where(slice(0, max(_MOST_KEPT - self.sample_count, 0)))
+            self._first += [kept] if len(kept) else []
+            self._shown.add(Samples(telemetry.time[own], rows))
+            self.sample_count += len(rows)
+
+    def _weighted(
+        self, rows: NDArray[np.float64], derivatives: NDArray[np.float64], C: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return rows and their derivatives times weights.
+
+        The errors of the weighted rows of a sample are independent and of unit size.
+        """
+        m, root = rows.shape[1], self._plain
+        for _ in range(_ROUNDS):
+            solution = Gaussian({}, root[:-1, :-1], root[:-1, -1]).solve()
+            effects = np.moveaxis(derivatives @ np.append(solution, -1.0), 0, -1)
+            S = effects @ C @ np.swapaxes(effects, -1, -2)
+            trace = np.trace(S, axis1=1, axis2=2)[:, None, None]
+            S += (_LEAST_SHARE * trace / m + 1e-300) * np.eye(m)
+            weights = np.linalg.inv(np.linalg.cholesky(S))
+            white = weights @ rows
+            root = triangle(np.vstack([*self._halves, white.reshape(-1, white.shape[-1])]))
+        self._x = solution
+        return white, weights @ derivatives
+
+    def _add_spread(
+        self,
+        white: NDArray[np.float64],
+        derivatives: NDArray[np.float64],
+        own: slice,
+        errors: Sequence[ErrorBlock],
+    ) -> None:
+        """Add to the scatter the effects of the errors of splines.
+
+        The error of one coefficient enters many samples: its effects are summed before squaring.
+        """
+        A, middle = white[..., :-1], len(white) // 2
+        effects = np.moveaxis(derivatives @ np.append(self._x, -1.0), 0, -1)
+        if self._spread is None:
+            self._spread = np.zeros((3, A.shape[-1], A.shape[-1]))
+        for block in errors:
+            effect = np.swapaxes(effects[:, :, block.columns] @ block.basis[own], -1, -2) @ A
+            gains = np.zeros((3, len(block.covariance), A.shape[-1]))
+            for k, half in ((1, slice(0, middle)), (2, slice(middle, None))):
+                np.add.at(gains[k], block.support[own][half], effect[half])
+            gains[0] = gains[1] + gains[2]
+            self._spread += np.swapaxes(gains, -1, -2) @ block.covariance @ gains
+
+    def misfit(self, x: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the sizes of the residuals at unknowns x (k + u,), as ratios.
+
+        The first is that of the weighted residuals to the errors of the samples, infinite if these
+        are not known, and the second that of the residuals to the rows.
+        """
+        unit = np.append(x, -1.0)
+        squares = sum(float(np.sum((half @ unit) ** 2)) for half in self._halves)
+        expected = float(unit @ self._errors @ unit)
+        size = float(np.sum(self._plain[:, -1] ** 2))
+        rest = float(np.sum((self._plain @ unit) ** 2))
+        return (
+            float(np.sqrt(squares / expected)) if expected > 0 else np.inf,
+            float(np.sqrt(rest / size)) if size > 0 else 0.0,
+        )
+
+    def residual_sum(self, x: NDArray[np.float64]) -> float:
+        """Return the sum of squares of the residuals, without weights, at x (k + u,)."""
+        return float(np.sum((self._plain @ np.append(x, -1.0)) ** 2))
+
+    def residuals(self, x: NDArray[np.float64]) -> list[tuple[Samples, int, NDArray[np.float64]]]:
+        """Return the residuals b − A x at x of the linear and of the angular rows.
+
+        Each with the number k of which every k-th is shown, and the first ones without selection.
+        """
+        shown, unit = self._shown.samples(), np.append(x, -1.0)
+        if shown is None:
+            return []
+        m = shown.value.shape[1]
+        linear, angular = slice(0, m - self._angular), slice(m - self._angular, m)
+        first = np.concatenate([-(part.value[:, :m] @ unit) for part in self._first])
+        every, time, value = self._shown.every, shown.time, -(shown.value @ unit)
+        if self.sample_count <= _MOST_KEPT:
+            every, time, value = 1, np.concatenate([part.time for part in self._first]), first
+        return [(Samples(time, value[:, k]), every, first[:, k]) for k in (linear, angular)]
+
+    def noise(self) -> RowNoise:
+        """Return the errors of the weighted rows, from the residuals at their best unknowns."""
+        root = triangle(np.vstack(self._halves))
+        size = float(np.sum(root[:, -1] ** 2))
+        least = max(ROUNDING**2 * size / max(self.row_count, 1), 1e-300)
+        noise = RowNoise(least)
+        for _ in range(_ROUNDS):  # the bias depends on the factor
+            rows, used = self._compressed(noise)
+            x = Gaussian.of_rows(self._sizes, rows).solve()
+            unit = np.append(x, -1.0)
+            free = self.row_count - used
+            if free < 1:
+                return noise
+            rests = [part.value[:, part.value.shape[1] // 2 :] @ unit for part in self._first]
+            time = whiteness(np.concatenate(rests)).correlation_time
+            if self.row_count / time - used < _FEWEST:
+                time = 1.0
+            # Residuals are smaller than errors by what the unknowns take of them.
+            larger = self.row_count / (self.row_count - time * used)
+            squares, expected = np.sum((root @ unit) ** 2), float(unit @ self._errors @ unit)
+            variance = larger * float(squares) / self.row_count
+            factor = variance * self.row_count / expected if expected > 0 else 0.0
+            noise = RowNoise(max(variance, least), time, factor, True)
+            if self._spread is not None:
+                noise = replace(noise, scatter=factor * self._spread, least=_LEAST_SHARE)
+            else:
+                noise = replace(noise, scatter=self._scatter(rests, int(np.ceil(time)), larger))
+        return noise
+
+    def _scatter(
+        self, rests: Sequence[NDArray[np.float64]], length: int, larger: float
+    ) -> NDArray[np.float64]:
+        """Return `RowNoise.scatter`, from residuals that are correlated over some samples."""
+        white = [part.value[:, part.value.shape[1] // 2 :, :-1] for part in self._first]
+        scores = np.concatenate(
+            [np.einsum("nmc,nm->nc", A, r) for A, r in zip(white, rests, strict=True)]
+        )
+        sums = np.add.reduceat(scores, np.arange(0, len(scores), length), axis=0)
+        scatter = larger * self.sample_count / len(scores) * sums.T @ sums
+        return np.array([scatter, scatter / 2, scatter / 2])
+
+    @property
+    def _sizes(self) -> dict[str, int]:
+        return {MOMENTUM: self.extra, TARGET: len(self.unknowns)}
+
+    def gaussians(self, noise: RowNoise) -> tuple[Gaussian, Gaussian, Gaussian]:
+        """Return what all rows tell, and what each half tells: about k momenta and ten unknowns.
+
+        Their costs are counted from the minimum of their own rows.
+        """
+        found, places = [], self.extra + self.unknowns
+        for part in range(3):
+            rows = self._compressed(noise, part)[0]
+            whole = np.zeros((len(rows), self.extra + 11))
+            whole[:, : self.extra], whole[:, -1] = rows[:, : self.extra], rows[:, -1]
+            whole[:, places] = rows[:, self.extra : -1]
+            found.append(Gaussian.of_rows({MOMENTUM: self.extra, TARGET: 10}, whole))
+        return found[0], found[1], found[2]
+
+    def _compressed(self, noise: RowNoise, part: int = 0) -> tuple[NDArray[np.float64], int]:
+        """Return rows (r, k + u + 1) with independent errors of unit size and without bias.
+
+        They are those of all rows, or of one half (1 or 2). The second result is the number of
+        unknowns that the rows determine.
+        """
+        weight = 1 / np.sqrt(noise.variance * noise.correlation_time)
+        flat = weight * np.vstack(self._halves[part - 1 : part] if part else self._halves)
+        share = 0.5 if part else 1.0
+        E = share * weight**2 * noise.factor * self._errors
+        A, b = flat[:, :-1], flat[:, -1]
+        norms = np.linalg.norm(A, axis=0)
+        # A column that is zero up to rounding must not be scaled to unit length.
+        largest = norms.max(initial=0.0) or 1.0
+        scale = np.where(norms > 1e-12 * largest, norms, largest)
+        U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+        seen = (s > DEFAULT_RANK_TOLERANCE * s[0]) & (s[0] > 0)
+        U, s, Vt = U[:, seen], s[seen], Vt[seen]
+        y, X = U.T @ b, (Vt / s[:, None] / scale).T  # x = X y
+        shares, Q = np.linalg.eigh(X.T @ E[:-1, :-1] @ X)
+        axes = Q.T[shares < _NOISE]
+        # The errors of y are independent and of unit size, or as large as the scatter.
+        whiten = axes
+        if noise.scatter is not None:
+            Z = weight**2 * axes @ X.T
+            sizes, turn = np.linalg.eigh(Z @ noise.scatter[part] @ Z.T)
+            whiten = turn.T @ axes / np.sqrt(np.maximum(sizes, noise.least))[:, None]
+        left = whiten - whiten @ X.T @ E[:-1, :-1] @ X
+        right = whiten @ (y - X.T @ E[:-1, -1])
+        # The bias, times an unknown of unit σ, is eliminated.
+        table = np.zeros((len(left) + 1, A.shape[1] + 2))
+        table[0, 0] = 1.0
+        table[1:, 0], table[1:, -1] = right - left @ y, right
+        table[1:, 1:-1] = left @ (s[:, None] * Vt * scale)
+        return triangle(table)[1 : len(table), 1:], int(seen.sum())
+
+
+def disagreement(parts: Sequence[Gaussian]) -> tuple[float, int, float]:
+    """Return χ², freedom and probability of so large a χ² if all parts have the same unknowns.
+
+    χ² is the least cost with one set of unknowns minus the sum of the least costs of each part.
+    Source: Rao 1973, Linear Statistical Inference and Its Applications, ch. 4.
+    """
+    total = reduce(Gaussian.add, parts)
+    chi_squared = max(least_cost(total) - sum(map(least_cost, parts)), 0.0)
+    freedom = sum(map(rank_of, parts)) - rank_of(total)
+    probability = float(chdtrc(freedom, chi_squared)) if freedom else 1.0
+    return chi_squared, freedom, probability
+
+
+def rank_of(gaussian: Gaussian) -> int:
+    """Return the number of combinations of unknowns about which a Gaussian says anything."""
+    norms = np.linalg.norm(gaussian.R, axis=0)
+    scaled = gaussian.R / np.where(norms > 0, norms, 1.0)
+    return (
+        int(np.linalg.matrix_rank(scaled, tol=1e-12 * np.sqrt(len(scaled)))) if scaled.size else 0
+    )
+
+
+def least_cost(gaussian: Gaussian) -> float:
+    """Return the least sum of squares."""
+    return gaussian.cost(gaussian.solve())
+
+
+def solution_of(
+    target: Gaussian,
+    nominal: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    *,
+    largest: float = KNOWN,
+    residual_sum: float = np.nan,
+    row_count: int = 0,
+) -> LeastSquaresSolution:
+    """Return the solution of a Gaussian of the target alone.
+
+    Args:
+        target: of n unknowns.
+        nominal: (n,) values of combinations that are not determined.
+        scale: (n,) plausible sizes of the unknowns.
+        largest: largest σ of a determined combination, as a share of its plausible size.
+        residual_sum, row_count: of the rows themselves, for the record.
+
+    """
+    moved = target.moved(nominal)
+    U, sizes, axes = np.linalg.svd(moved.R * scale)
+    seen = sizes > max(1 / largest, 1e-13 * float(sizes[0]))
+    x = axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen])
+    return solution_of_combinations(
+        nominal + scale * x,
+        target.R.T @ target.R,
+        scale,
+        sizes,
+        axes.T,
+        seen,
+        residual_sum=residual_sum,
+        row_count=row_count,
+    )

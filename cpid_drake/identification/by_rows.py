@@ -1,0 +1,348 @@
+"""Least squares on the momentum rows of complete or smoothed samples, of one log or many.
+
+Every log is a Gaussian of the target and of its own momentum (`estimation.rows_fit`). A momentum of
+zero is the Gaussian under this condition. Several logs, and a prior, are the sum of their
+Gaussians.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
+
+from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.rows_fit import (
+    MOMENTUM,
+    TARGET,
+    LogRows,
+    RowNoise,
+    disagreement,
+    least_cost,
+    rank_of,
+    solution_of,
+)
+from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.problem import (
+    ESTIMATED,
+    MOST_NOISE,
+    NOISE_ESTIMATED,
+    NOT_ESTIMATED,
+    NOT_ZERO,
+    Estimator,
+    Problem,
+)
+from cpid_drake.identification.result import (
+    Identification,
+    MomentumEstimate,
+    ResidualSeries,
+)
+from cpid_drake.identification.sample_noise import sample_sigmas
+from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.together import CONTRADICTED, Part, combined, plausible
+from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.noise_estimation import estimate_suite
+from cpid_drake.sensing.smoothed_motion import ErrorBlock
+from cpid_drake.sensing.smoothing import smooth_windows
+from cpid_drake.sensing.suite import SensorSuite
+
+if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.identification.checked_log import CheckedLog
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+SMALL = 1e-3
+"""Residuals below this share of the momentum are no misfit: splines leave as much of exact logs."""
+
+INTEGRATION = 1e-5
+"""Residuals below this share of the momentum do not contradict zero: integration leaves as much."""
+
+DISAGREE = (
+    "two halves of the samples have different targets: the spacecraft, a frame, a sign or a clock "
+    "is not as assumed, or forces acted"
+)
+"""The doubt about these targets."""
+
+_FEW_ROWS = 20  # fewer rows show no correlation in time
+
+
+def identify_by_rows(
+    spacecraft: "Spacecraft",
+    logs: "Mapping[str, Telemetry | CheckedLog]",
+    family: RowFamily,
+    momentum: TotalMomentum | None = None,
+    sensors: SensorSuite | None = None,
+    prior: TargetPrior | None = None,
+) -> Identification:
+    """Identify a target by least squares on momentum rows.
+
+    Exact states and complete samples without declared sensors are used as they are; other samples
+    are smoothed to common times first. The result has its own failed checks in `doubts`; those of
+    `checks.checked` are not applied yet.
+
+    Args:
+        spacecraft: the known spacecraft.
+        logs: exact states, or checked samples, by the name of the log in messages.
+        family: the row family.
+        momentum: the total momentum of each log; default: zero, unless the samples contradict this.
+        sensors: the sensors' errors; None if they are not known.
+        prior: what is known of the target besides; None for nothing.
+
+    Raises:
+        InputError: there are too few samples, or the attitude or position for smoothing is missing;
+            the prior determines combinations of other unknowns.
+
+    """
+    found = [
+        _identified(spacecraft, name, log, family, momentum, sensors) for name, log in logs.items()
+    ]
+    if len(found) == 1 and prior is None:
+        return found[0].found
+    return combined(spacecraft, found, prior)
+
+
+def needs_of_rows(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
+    """Return the sensors that rows need: at least one sensor of each entry."""
+    assert family is not None
+    if not family.uses_base_position:
+        # A zero angular momentum is zero in any frame, so a gyro is enough and no attitude in W is
+        # needed.
+        attitude = ("attitude",) if not momentum.is_zero else ("attitude", "gyro")
+        return (("encoders",), attitude)
+    # The position matters only for an unknown linear momentum, because its moment about C depends
+    # on it.
+    place = ("position",) if momentum.is_unknown else ("velocity", "position")
+    return (("encoders",), ("attitude",), place)
+
+
+def best_rows(counts: Mapping[str, int]) -> str:
+    """Return "standard", or "relative" without samples of position and velocity."""
+    placed = counts.get("position") or counts.get("velocity")
+    return "standard" if placed else "relative"
+
+
+def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:
+    """Return the times at which all quantities of the rows were sampled; None if there are too few.
+
+    The times are too few if they are fewer than half of the times of the slowest sensor. Position,
+    velocity and attitude that were not logged are set to zero if `needs_of_rows` does not require
+    them.
+    """
+    needed = ["gyro", "encoders", "joint_rates"]
+    if len(measurements.attitude):
+        needed.append("attitude")
+    if family.uses_base_position:
+        needed += ["velocity", "position"] if len(measurements.position) else ["velocity"]
+    samples = {name: getattr(measurements, name) for name in needed}
+    rarest = min(samples.values(), key=len)
+    common = rarest.time
+    for other in samples.values():
+        if not np.array_equal(other.time, common):
+            common = np.intersect1d(common, other.time)
+    if not len(common) or len(common) < len(rarest) / 2:
+        return None
+
+    def values(name: str) -> NDArray[np.float64]:
+        if name not in samples:
+            nothing = [1.0, 0.0, 0.0, 0.0] if name == "attitude" else [0.0, 0.0, 0.0]
+            return np.tile(nothing, (len(common), 1))
+        time, value = samples[name].time, samples[name].value
+        return value if len(time) == len(common) else value[np.searchsorted(time, common)]
+
+    quaternion = values("attitude")
+    R_WB = Rotation.from_quat(quaternion, scalar_first=True)
+    return Telemetry(
+        measurements.joint_names,
+        common,
+        quaternion_WB=quaternion,
+        p_WB=values("position"),
+        w_WB=R_WB.apply(values("gyro")),
+        v_WB=values("velocity"),
+        q=values("encoders"),
+        qdot=values("joint_rates"),
+    )
+
+
+def _motion(
+    log: "Telemetry | CheckedLog", tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
+) -> Iterator[tuple[Telemetry, NDArray[np.float64], Sequence[ErrorBlock]]]:
+    """Yield parts of the motion of a log and their errors; smoothed if a suite is given.
+
+    See `LogRows.add`.
+    """
+    if isinstance(log, Telemetry):
+        yield log, np.diag(sample_sigmas(log) ** 2)[None], ()
+    elif suite is None:
+        covariance = np.diag(sample_sigmas(log.head) ** 2)[None]
+        for chunk in log.stream:
+            samples = complete_samples(chunk, family)
+            if samples is not None:
+                yield samples, covariance, ()
+    else:
+        position, normal_B = family.uses_base_position, tree.normal_B
+        for each in smooth_windows(log.stream, suite, with_position=position, normal_B=normal_B):
+            yield each.telemetry, each.covariance(), each.errors
+
+
+def _identified(
+    spacecraft: "Spacecraft",
+    name: str,
+    log: "Telemetry | CheckedLog",
+    family: RowFamily,
+    momentum: TotalMomentum | None,
+    sensors: SensorSuite | None,
+) -> Part:
+    """Return one log with its estimate."""
+    tree = spacecraft.tree
+    suite, warnings = sensors, list[str]()
+    if isinstance(log, Telemetry):
+        suite, has_place, has_attitude = None, True, True
+    else:
+        if suite is None and complete_samples(log.head, family) is None:
+            suite, warnings = estimate_suite(log.head), [NOISE_ESTIMATED]
+        has_place, has_attitude = bool(len(log.head.position)), bool(len(log.head.attitude))
+    is_open = momentum is None or momentum.is_zero  # the samples may contradict zero
+    is_tested = is_open and has_attitude
+    free = TotalMomentum.unknown()
+
+    def rows_of(family: RowFamily) -> LogRows:
+        is_free = (
+            is_tested and family.momentum_size and (has_place or not family.uses_base_position)
+        )
+        rows = LogRows(tree, family, free if is_free else momentum or TotalMomentum.zero())
+        for part in _motion(log, tree, family, suite):
+            rows.add(*part)
+        return rows
+
+    rows = rows_of(family)
+    noise = rows.noise()
+    tester = (rows, noise)
+    if is_tested and not family.momentum_size and has_place:
+        other = rows_of(STANDARD_ROWS)
+        tester = other, other.noise()
+    contradicts = _contradicts_zero(*tester) if is_open and tester[0].extra else None
+    doubts, whole = list[str](), list(rows.gaussians(noise))
+    is_zero = is_open
+    if contradicts:
+        target = whole[0].marginal([TARGET])
+        if not rows.extra:
+            doubts.append(NOT_ESTIMATED.format(family.name))
+        elif momentum is not None or not rank_of(target):
+            doubts.append(NOT_ZERO)
+        else:
+            warnings.append(ESTIMATED)
+            is_zero = False
+    if is_zero:
+        whole = [each.condition({MOMENTUM: 0.0}) for each in whole]
+    found = _estimate(spacecraft, family, rows, noise, whole, suite)
+    name_of = "zero" if is_zero else "unknown" if momentum is None else momentum.name
+    found = replace(
+        found,
+        momentum=name_of,
+        contradicts_zero=contradicts,
+        warnings=tuple(warnings),
+        doubts=(*doubts, *found.doubts),
+    )
+    return Part(name, found, whole[0].marginal([TARGET]))
+
+
+def _contradicts_zero(rows: LogRows, noise: RowNoise) -> bool:
+    """Return whether the samples contradict a momentum of zero."""
+    free, zero = rows.gaussians(noise)[0], rows.gaussians(noise)[0].condition({MOMENTUM: 0.0})
+    x = np.append(np.zeros(rows.extra), zero.solve()[rows.unknowns])
+    if not noise.is_known or rows.misfit(x)[1] < INTEGRATION:
+        return False
+    gain = least_cost(zero) - least_cost(free)
+    return bool(chdtrc(rows.extra, max(gain, 0.0)) < CONTRADICTED)
+
+
+def _estimate(
+    spacecraft: "Spacecraft",
+    family: RowFamily,
+    rows: LogRows,
+    noise: RowNoise,
+    gaussians: Sequence[Gaussian],
+    suite: SensorSuite | None,
+) -> Identification:
+    """Return the estimate of a log from Gaussians of all of its rows and of its halves."""
+    whole, *halves = gaussians
+    form = family.parameterization(spacecraft.mass)
+    nominal, scale = plausible(spacecraft, form)
+    mean = whole.solve()
+    momenta = MOMENTUM in whole.places and rows.extra > 0
+    target = mean[whole.places[TARGET]]
+    free = mean[whole.places[MOMENTUM]] if momenta else np.zeros(rows.extra)
+    x = np.append(free, target[spacecraft.tree.unknowns])
+    count = rows.row_count
+    solution = solution_of(
+        whole.marginal([TARGET]),
+        nominal,
+        scale,
+        residual_sum=rows.residual_sum(x),
+        row_count=count - (rows.extra if momenta else 0),
+    )
+    if not noise.is_known:
+        solution = replace(solution, covariance=np.full((10, 10), np.nan))
+    to_errors, to_rows = rows.misfit(x)
+    misfit = min(to_errors, to_rows / SMALL)
+    is_complete = solution.rank == len(spacecraft.tree.unknowns)
+    is_judged = is_complete and noise.is_known and to_rows > SMALL
+    differs = is_judged and disagreement(halves)[2] < CONTRADICTED
+    residuals, white = {}, None
+    if is_complete and count > _FEW_ROWS:
+        names = {"linear": family.linear_unit, "angular": "N·m·s"}
+        series = list(zip(names.items(), rows.residuals(x), strict=True))
+        residuals = {
+            kind: ResidualSeries(shown.time, shown.value, unit, every, first if every > 1 else None)
+            for (kind, unit), (shown, every, first) in series
+            if shown.value.size
+        }
+        white = whiteness(np.hstack([each.neighbours for each in residuals.values()]))
+    estimate = None
+    places = np.append(np.arange(rows.extra), rows.extra + rows.unknowns)
+    if momenta and rank_of(whole) == len(places):
+        inverse = np.linalg.pinv(whole.R[:, places])[: rows.extra]
+        estimate = MomentumEstimate(free, inverse @ inverse.T)
+    return Identification(
+        form,
+        solution,
+        rows.sample_count,
+        LEAST_SQUARES.name,
+        rows=family.name,
+        sensors=suite,
+        whiteness=white,
+        residuals=residuals,
+        doubts=(DISAGREE,) if differs else (),
+        misfit=misfit if misfit > MOST_NOISE else 1.0,
+        momentum_estimate=estimate,
+    )
+
+
+def _of_problems(
+    problems: Mapping[str, Problem],
+    momentum: TotalMomentum | None,
+    prior: TargetPrior | None,
+    progress: Callable[[str], None],
+) -> Identification:
+    """Return the estimate by the rows of some logs."""
+    first = next(iter(problems.values()))
+    assert first.family is not None
+    logs = {n: p.log if p.states is None else p.states for n, p in problems.items()}
+    return identify_by_rows(first.spacecraft, logs, first.family, momentum, first.sensors, prior)
+
+
+LEAST_SQUARES = Estimator(
+    name="least_squares",
+    label="least squares on momentum rows",
+    good_for="exact logs of any length, and a quick look; several times less accurate with noise",
+    estimate=_of_problems,
+    needs=needs_of_rows,
+    default_rows=best_rows,
+    reports=24,
+)
