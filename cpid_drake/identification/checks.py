@@ -92,10 +92,14 @@ def _of_the_noise(found: Identification) -> Iterator[str]:
     tests = {name: whiteness(series.neighbours) for name, series in found.residuals.items()}
     larger = {name: factor for name, factor in found.noise.items() if factor > MOST_NOISE}
     coloured = [n for n, test in tests.items() if found.noise and (test.fails or not test.is_white)]
-    noisier = {name: factor for name, factor in larger.items() if name not in coloured}
-    if noisier:
-        parts = [f"that of the {label_of(n)} {factor:.2g} times" for n, factor in noisier.items()]
-        yield f"{LARGER_NOISE}: {', '.join(parts)} the given one"
+    noisier: dict[str, list[str]] = {}
+    for name, factor in larger.items():
+        if name not in coloured:
+            sensor, _, log = name.partition(" of ")
+            part = f"that of the {SENSORS[sensor].label} {factor:.2g} times"
+            noisier.setdefault(f"{log}: " if log else "", []).append(part)
+    for where, parts in noisier.items():
+        yield f"{where}{LARGER_NOISE}: {', '.join(parts)} the given one"
     for name in coloured:
         if tests[name].fails or name in larger:
             yield (

@@ -214,7 +214,8 @@ def _contradicted(answer: Answer) -> tuple[str, ...]:
         candidates=answer.question.candidates | dict.fromkeys(free, sigma),
     )
     compared = asked.answer(found.gaussian, shifted)
-    return (NOT_ZERO,) if max(compared.probability[name] for name in free) >= NAMED else ()
+    named = [name.partition("|")[2] for name in free if compared.probability[name] >= NAMED]
+    return tuple(f"{log}: {NOT_ZERO}" if len(free) > 1 else NOT_ZERO for log in named)
 
 
 def _name(momentum: TotalMomentum | None) -> str:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES, STANDARD_ROWS
+from cpid_drake.identification.by_rows import identify_by_rows, needs_of_rows
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.problem import Estimator
-from cpid_drake.identification.by_rows import estimate_by_rows, needs_of_rows
 from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
@@ -20,13 +20,14 @@ FREE_FLYER = (
 )
 
 
-def estimate_every_second(problem):
+def estimate_every_second(problems, momentum, prior, progress):
     """Least squares on every second sample: an estimator that somebody might try."""
+    [problem] = problems.values()
     names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
     halved = {name: problem.measurements[name].where(slice(None, None, 2)) for name in names}
-    half = problem.with_measurements(problem.measurements.updated(halved))
-    half = replace(half, family=ROW_FAMILIES["standard"])
-    return replace(estimate_by_rows(half), estimator="every_second", rows=None)
+    half = problem.with_measurements(problem.measurements.updated(halved)).log
+    found = identify_by_rows(problem.spacecraft, {"": half}, ROW_FAMILIES["standard"], momentum)
+    return replace(found, estimator="every_second", rows=None)
 
 
 EVERY_SECOND = Estimator(

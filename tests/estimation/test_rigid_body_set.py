@@ -12,8 +12,8 @@ from cpid_drake.dynamics.parameterizations import (
     standard_to_parameters,
 )
 from cpid_drake.dynamics.rows import eq18_to_world
-from cpid_drake.estimation.source_rows import SourceRows
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
+from cpid_drake.estimation.source_rows import SourceRows
 
 KNOWN_MASS = 10.0
 FORMS = {

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from block_cases import fired, make_case
-from cpid_drake.identification.seen_noise import residual_factors
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import identify
-from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import Gyro, JointSensor
@@ -106,17 +104,3 @@ def spiky(samples):
             value /= np.linalg.norm(value, axis=1)[:, None]
         spikes[name] = Samples(samples[name].time, value)
     return samples.updated(spikes)
-
-
-def test_only_residuals_that_are_certainly_larger_count():
-    def white(**changes):
-        return Whiteness(
-            **{"lag_one": 0.0, "band": 0.1, "correlation_time": 1.0, "count": 400} | changes
-        )
-
-    assert residual_factors({"gyro": white(rms=1.05)}) == {}
-    assert residual_factors({"gyro": white(rms=2.0)}) == {"gyro": 2.0}
-    correlated = white(lag_one=0.6, correlation_time=4.0)
-    assert residual_factors({"gyro": correlated, "position": white()}) == {"gyro": 2.0}
-    # Small residuals with a correlation, after the noise was assumed to be larger.
-    assert residual_factors({"gyro": white(rms=0.5, lag_one=0.6, correlation_time=4.0)}) == {}
