@@ -8,8 +8,12 @@ coefficients c are
 
 so the jerk's prior bridges missing samples with the uncertainty that they leave. For each number of
 pieces, s and f have the largest marginal likelihood (evidence) of all blocks together; each block
-counts with a start of its own, which makes the evidence a sum. With λ = s²/f² and
-M = BᵀB + PᵀP/λ, one eigenvalue problem of a block's design serves every λ and every joint.
+counts with a start of its own, which makes the evidence a sum. With λ = s²/f², ν = `DECLARED` and
+M = BᵀB + PᵀP/λ for n samples and K coefficients,
+
+    −2 log(evidence) = (ν + n − 3) log(ν + S) + log det M + (K − 3) log λ − log det PᵀP
+
+with the penalized χ² S; one eigenvalue problem of a block's design serves every λ and every joint.
 
 Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4; Demmler and Reinsch 1975.
 """
@@ -158,6 +162,16 @@ class JointSamples:
         root = np.sqrt(np.tile(weights * half, pieces))
         return np.asarray(root[:, None] * spline_basis(self.start, self.end, pieces, at, 3))
 
+    def log_volume(self, pieces: int) -> float:
+        """Return log det(PᵀP) on the coefficients that have a jerk, in any basis of the splines.
+
+        Position, rate and acceleration at the middle stand for the parabolas, which have none.
+        """
+        middle = np.array([(self.start + self.end) / 2])
+        free = [spline_basis(self.start, self.end, pieces, middle, d) for d in range(ORDER)]
+        rows = np.concatenate([*free, self.penalty(pieces)])
+        return float(2 * np.sum(np.log(np.abs(np.diag(np.linalg.qr(rows, mode="r"))))))
+
     def whitening(self, Q: NDArray[np.float64], smooth: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return W (J, K, K) that whitens Qᵀ e of rounded samples; `smooth` (N, J) without e."""
         ends = np.cumsum([len(s) for (s, _, _), _ in self.parts])[:-1]
@@ -180,6 +194,7 @@ class _Design:
     Args:
         A, P: rows of the samples and of the jerk.
         y: (N, C) samples of C splines in units of σ.
+        log_volume: that of the jerk's rows; see `JointSamples.log_volume`.
 
     Raises:
         numpy.linalg.LinAlgError: the samples do not determine the splines.
@@ -187,7 +202,11 @@ class _Design:
     """
 
     def __init__(
-        self, A: NDArray[np.float64], P: NDArray[np.float64], y: NDArray[np.float64]
+        self,
+        A: NDArray[np.float64],
+        P: NDArray[np.float64],
+        y: NDArray[np.float64],
+        log_volume: float,
     ) -> None:
         self.size = A.shape[1]
         AA, PP = A.T @ A, P.T @ P
@@ -197,14 +216,14 @@ class _Design:
         s, V = eigh(X @ X.T)
         self.s = np.clip(s, 0.0, 1 / self.t)
         self.W = solve_triangular(L, V, lower=True, trans=1)  # c = c0 + W d
-        self.log_det = 2 * float(np.sum(np.log(np.diag(L))))
+        self.log_det = 2 * float(np.sum(np.log(np.diag(L)))) - log_volume
         self.c0 = self.W @ (self.W.T @ (A.T @ y))
         left, jerk = y - A @ self.c0, P @ self.c0
         self.left2, self.jerk2 = np.sum(left**2, axis=0), np.sum(jerk**2, axis=0)
         self.by_left, self.by_jerk = self.W.T @ (A.T @ left), self.W.T @ (P.T @ jerk)
 
     def squares(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the penalized sums of squares, and log det M + (K − 3) u, at u = log λ (C, G)."""
+        """Return penalized sums of squares, and log det M λ^(K − 3)/det PᵀP, at u = log λ (C, G)."""
         q = np.exp(-u)[..., None]
         size = 1 + (q - self.t) * self.s
         d = self.by_left.T[:, None] - q * self.by_jerk.T[:, None]
@@ -241,7 +260,8 @@ class _Evidence:
         A, P = self._design(first), self.samples[first].penalty(self.pieces[first])
         y = np.hstack([self.samples[k].values[:, joints] for k in group])
         try:
-            design = _Design(w[:, None] * A, P, w[:, None] * y)
+            log_volume = self.samples[first].log_volume(self.pieces[first])
+            design = _Design(w[:, None] * A, P, w[:, None] * y, log_volume)
         except np.linalg.LinAlgError:  # too few samples say nothing about smoothness
             return
         blocks = np.repeat(group, len(joints))
