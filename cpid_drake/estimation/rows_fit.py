@@ -8,7 +8,7 @@ which looks like information, and least squares has the bias −(AᵀA)⁻¹ E[�
   samples, whose errors are known, it is also the weight of the rows;
 - their size and their correlation in time are those of the residuals;
 - the bias is subtracted, and is also a σ, because its size is known roughly only; a combination of
-  which more than half of the information is noise is left out.
+  whose information more than a tenth is noise is left out.
 
 Sources: Fuller 1987, Measurement Error Models, ch. 1 and 2; Newey and West 1987, "A simple,
 positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix".
@@ -55,8 +55,8 @@ _MOST_SHOWN = 4_000  # samples of a long log that a page shows
 _MOST_CHANGED = 200  # complete samples of a block that show the shape of its errors
 _LEAST_SHARE = 1e-9  # of the variance of a sample's rows: smaller combinations are as large
 _FEWEST = 20  # independent residuals that determine their correlation
-_ROUNDS = 3  # of weights, which depend on the solution
-_NOISE = 0.5  # share of the information about a combination that may be noise
+_ROUNDS = 4  # of weights, and of the size of the errors, which depend on the solution
+_NOISE = 0.1  # share of the information about a combination that may be noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,6 @@ class LogRows:
         self._halves = [empty_information(size), empty_information(size)]  # weighted, of all parts
         self._errors = np.zeros((size + 1, size + 1))  # E[δᵀ δ] of the errors of weighted rows
         self._spread: NDArray[np.float64] | None = None  # `RowNoise.scatter` of smoothed samples
-        self._x = np.zeros(size)  # the unknowns of the last weights
         self._first: list[Samples] = []  # rows, and below them weighted rows
         self._shown = EvenSelection(_MOST_SHOWN)
         self.sample_count = self.row_count = 0
@@ -140,13 +139,10 @@ class LogRows:
                 part = telemetry.select(own).select(slice(None, None, every))
                 derivatives = row_derivatives(part, *self._problem)
                 if errors:
-                    white, derivatives = self._weighted(rows, derivatives, C)
-                    self._add_spread(white, derivatives, own, errors)
-                by_sample = np.moveaxis(derivatives, 0, 1)
-                flat = by_sample.reshape(*by_sample.shape[:2], -1)
-                other = (C @ flat).reshape(-1, rows.shape[-1])
-                share = len(rows) / len(part)
-                self._errors += share * flat.reshape(-1, rows.shape[-1]).T @ other
+                    x, weights = _weights(rows, derivatives, C)
+                    white, derivatives = weights @ rows, weights @ derivatives
+                    self._add_spread(white, derivatives @ np.append(x, -1.0), own, errors)
+                self._errors += len(rows) / len(part) * _square(derivatives, C)
             for k, half in enumerate((white[:middle], white[middle:])):
                 if half.size:
                     flat = half.reshape(-1, half.shape[-1])
@@ -157,30 +153,10 @@ class LogRows:
             self._shown.add(Samples(telemetry.time[own], rows))
             self.sample_count += len(rows)
 
-    def _weighted(
-        self, rows: NDArray[np.float64], derivatives: NDArray[np.float64], C: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return rows and their derivatives times weights.
-
-        The errors of the weighted rows of a sample are independent and of unit size.
-        """
-        m, root = rows.shape[1], self._plain
-        for _ in range(_ROUNDS):
-            solution = Gaussian({}, root[:-1, :-1], root[:-1, -1]).solve()
-            effects = np.moveaxis(derivatives @ np.append(solution, -1.0), 0, -1)
-            S = effects @ C @ np.swapaxes(effects, -1, -2)
-            trace = np.trace(S, axis1=1, axis2=2)[:, None, None]
-            S += (_LEAST_SHARE * trace / m + 1e-300) * np.eye(m)
-            weights = np.linalg.inv(np.linalg.cholesky(S))
-            white = weights @ rows
-            root = triangle(np.vstack([*self._halves, white.reshape(-1, white.shape[-1])]))
-        self._x = solution
-        return white, weights @ derivatives
-
     def _add_spread(
         self,
         white: NDArray[np.float64],
-        derivatives: NDArray[np.float64],
+        effects: NDArray[np.float64],
         own: slice,
         errors: Sequence[ErrorBlock],
     ) -> None:
@@ -189,7 +165,7 @@ class LogRows:
         The error of one coefficient enters many samples: its effects are summed before squaring.
         """
         A, middle = white[..., :-1], len(white) // 2
-        effects = np.moveaxis(derivatives @ np.append(self._x, -1.0), 0, -1)
+        effects = np.moveaxis(effects, 0, -1)
         if self._spread is None:
             self._spread = np.zeros((3, A.shape[-1], A.shape[-1]))
         for block in errors:
@@ -242,7 +218,7 @@ class LogRows:
         size = float(np.sum(root[:, -1] ** 2))
         least = max(ROUNDING**2 * size / max(self.row_count, 1), 1e-300)
         noise = RowNoise(least)
-        for _ in range(_ROUNDS):  # the bias depends on the factor
+        for _ in range(_ROUNDS):
             rows, used = self._compressed(noise)
             x = Gaussian.of_rows(self._sizes, rows).solve()
             unit = np.append(x, -1.0)
@@ -260,7 +236,9 @@ class LogRows:
             factor = variance * self.row_count / expected if expected > 0 else 0.0
             noise = RowNoise(max(variance, least), time, factor, True)
             if self._spread is not None:
-                noise = replace(noise, scatter=factor * self._spread, least=_LEAST_SHARE)
+                factor = max(factor, 1.0)  # the errors of the samples are known
+                scatter = factor * self._spread
+                noise = replace(noise, factor=factor, scatter=scatter, least=_LEAST_SHARE)
             else:
                 noise = replace(noise, scatter=self._scatter(rests, int(np.ceil(time)), larger))
         return noise
@@ -281,55 +259,119 @@ class LogRows:
     def _sizes(self) -> dict[str, int]:
         return {MOMENTUM: self.extra, TARGET: len(self.unknowns)}
 
-    def gaussians(self, noise: RowNoise) -> tuple[Gaussian, Gaussian, Gaussian]:
-        """Return what all rows tell, and what each half tells: about k momenta and ten unknowns.
+    def gaussians(
+        self, noise: RowNoise, *, is_zero: bool = False
+    ) -> tuple[Gaussian, Gaussian, Gaussian]:
+        """Return what all rows tell, and what each half tells, about the momentum and ten unknowns.
 
         Their costs are counted from the minimum of their own rows.
+
+        Args:
+            noise: the errors of the rows.
+            is_zero: whether the momentum is zero; it is then not in the result.
+
         """
-        found, places = [], self.extra + self.unknowns
+        found, k = [], 0 if is_zero else self.extra
         for part in range(3):
-            rows = self._compressed(noise, part)[0]
-            whole = np.zeros((len(rows), self.extra + 11))
-            whole[:, : self.extra], whole[:, -1] = rows[:, : self.extra], rows[:, -1]
-            whole[:, places] = rows[:, self.extra : -1]
-            found.append(Gaussian.of_rows({MOMENTUM: self.extra, TARGET: 10}, whole))
+            rows = self._compressed(noise, part, self.extra - k)[0]
+            whole = np.zeros((len(rows), k + 11))
+            whole[:, :k], whole[:, -1] = rows[:, :k], rows[:, -1]
+            whole[:, k + self.unknowns] = rows[:, k:-1]
+            found.append(Gaussian.of_rows({MOMENTUM: k, TARGET: 10}, whole))
         return found[0], found[1], found[2]
 
-    def _compressed(self, noise: RowNoise, part: int = 0) -> tuple[NDArray[np.float64], int]:
-        """Return rows (r, k + u + 1) with independent errors of unit size and without bias.
+    def _compressed(
+        self, noise: RowNoise, part: int = 0, first: int = 0
+    ) -> tuple[NDArray[np.float64], int]:
+        """Return the rows of `_without_bias` of all rows, or of one half (1 or 2).
 
-        They are those of all rows, or of one half (1 or 2). The second result is the number of
-        unknowns that the rows determine.
+        The unknowns before the first one are zero.
         """
         weight = 1 / np.sqrt(noise.variance * noise.correlation_time)
         flat = weight * np.vstack(self._halves[part - 1 : part] if part else self._halves)
-        share = 0.5 if part else 1.0
-        E = share * weight**2 * noise.factor * self._errors
-        A, b = flat[:, :-1], flat[:, -1]
-        norms = np.linalg.norm(A, axis=0)
-        # A column that is zero up to rounding must not be scaled to unit length.
-        largest = norms.max(initial=0.0) or 1.0
-        scale = np.where(norms > 1e-12 * largest, norms, largest)
-        U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-        seen = (s > DEFAULT_RANK_TOLERANCE * s[0]) & (s[0] > 0)
-        U, s, Vt = U[:, seen], s[seen], Vt[seen]
-        y, X = U.T @ b, (Vt / s[:, None] / scale).T  # x = X y
-        shares, Q = np.linalg.eigh(X.T @ E[:-1, :-1] @ X)
-        axes = Q.T[shares < _NOISE]
-        # The errors of y are independent and of unit size, or as large as the scatter.
-        whiten = axes
+        E = (0.5 if part else 1.0) * weight**2 * noise.factor * self._errors
+        scatter = None
         if noise.scatter is not None:
-            Z = weight**2 * axes @ X.T
-            sizes, turn = np.linalg.eigh(Z @ noise.scatter[part] @ Z.T)
-            whiten = turn.T @ axes / np.sqrt(np.maximum(sizes, noise.least))[:, None]
-        left = whiten - whiten @ X.T @ E[:-1, :-1] @ X
-        right = whiten @ (y - X.T @ E[:-1, -1])
-        # The bias, times an unknown of unit σ, is eliminated.
-        table = np.zeros((len(left) + 1, A.shape[1] + 2))
-        table[0, 0] = 1.0
-        table[1:, 0], table[1:, -1] = right - left @ y, right
-        table[1:, 1:-1] = left @ (s[:, None] * Vt * scale)
-        return triangle(table)[1 : len(table), 1:], int(seen.sum())
+            scatter = weight**4 * noise.scatter[part][first:, first:]
+        return _without_bias(flat[:, first:], E[first:, first:], scatter, noise.least)
+
+
+def _without_bias(
+    rows: NDArray[np.float64],
+    E: NDArray[np.float64],
+    scatter: NDArray[np.float64] | None = None,
+    least: float = 1.0,
+) -> tuple[NDArray[np.float64], int]:
+    """Return rows (r, c + 1) with independent errors of unit size and without bias.
+
+    The second result is the number of unknowns that the rows determine.
+
+    Args:
+        rows: (n, c + 1) rows [A | b] with errors of unit size.
+        E: (c + 1, c + 1) expectation of δᵀ δ for their errors δ.
+        scatter: (c, c) covariance of Aᵀ (A x − b); None for AᵀA.
+        least: least size of the scatter, as a share of AᵀA.
+
+    """
+    A, b = rows[:, :-1], rows[:, -1]
+    norms = np.linalg.norm(A, axis=0)
+    # A column that is zero up to rounding must not be scaled to unit length.
+    largest = norms.max(initial=0.0) or 1.0
+    scale = np.where(norms > 1e-12 * largest, norms, largest)
+    U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    seen = (s > DEFAULT_RANK_TOLERANCE * s[0]) & (s[0] > 0)
+    U, s, Vt = U[:, seen], s[seen], Vt[seen]
+    y, X = U.T @ b, (Vt / s[:, None] / scale).T  # x = X y
+    shares, Q = np.linalg.eigh(X.T @ E[:-1, :-1] @ X)
+    axes = Q.T[shares < _NOISE]
+    # The errors of y are independent and of unit size, or as large as the scatter.
+    whiten = axes
+    if scatter is not None:
+        sizes, turn = np.linalg.eigh(axes @ X.T @ scatter @ X @ axes.T)
+        whiten = turn.T @ axes / np.sqrt(np.maximum(sizes, least))[:, None]
+    left = whiten - whiten @ X.T @ E[:-1, :-1] @ X
+    right = whiten @ (y - X.T @ E[:-1, -1])
+    # The bias, times an unknown of unit σ, is eliminated.
+    table = np.zeros((len(left) + 1, A.shape[1] + 2))
+    table[0, 0] = 1.0
+    table[1:, 0], table[1:, -1] = right - left @ y, right
+    table[1:, 1:-1] = left @ (s[:, None] * Vt * scale)
+    return triangle(table)[1 : len(table), 1:], int(seen.sum())
+
+
+def _square(derivatives: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the expectation of δᵀ δ for rows δ (q, N, m, c) per error, and errors C (N, q, q)."""
+    by_sample = np.moveaxis(derivatives, 0, 1)
+    flat = by_sample.reshape(*by_sample.shape[:2], -1)
+    size = derivatives.shape[-1]
+    return np.asarray(flat.reshape(-1, size).T @ (C @ flat).reshape(-1, size))
+
+
+def _weights(
+    rows: NDArray[np.float64], derivatives: NDArray[np.float64], C: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a solution (c,), and weights (N, m, m).
+
+    The weights make the errors of a sample independent and of unit size. They are first those of
+    the spacecraft alone, then with what is known of the target.
+
+    Args:
+        rows: (N, m, c + 1).
+        derivatives: (q, N, m, c + 1).
+        C: (N, q, q) covariance of the errors of the samples.
+
+    """
+    x, m, size = np.zeros(rows.shape[-1] - 1), rows.shape[1], rows.shape[-1]
+    for _ in range(_ROUNDS):
+        effects = np.moveaxis(derivatives @ np.append(x, -1.0), 0, -1)
+        S = effects @ C @ np.swapaxes(effects, -1, -2)
+        trace = np.trace(S, axis1=1, axis2=2)[:, None, None]
+        S += (_LEAST_SHARE * trace / m + 1e-300) * np.eye(m)
+        weights = np.linalg.inv(np.linalg.cholesky(S))
+        E = _square(weights @ derivatives, C)
+        known, _ = _without_bias((weights @ rows).reshape(-1, size), E)
+        x = Gaussian.of_rows({TARGET: size - 1}, known).solve()
+    return x, np.asarray(weights)
 
 
 def disagreement(parts: Sequence[Gaussian]) -> tuple[float, int, float]:

@@ -227,19 +227,17 @@ def _identified(
         other = rows_of(STANDARD_ROWS)
         tester = other, other.noise()
     contradicts = _contradicts_zero(*tester) if is_open and tester[0].extra else None
-    doubts, whole = list[str](), list(rows.gaussians(noise))
-    is_zero = is_open
+    doubts, is_zero = list[str](), is_open
     if contradicts:
-        target = whole[0].marginal([TARGET])
+        free_target = rows.gaussians(noise)[0].marginal([TARGET])
         if not rows.extra:
             doubts.append(NOT_ESTIMATED.format(family.name))
-        elif momentum is not None or not rank_of(target):
+        elif momentum is not None or not rank_of(free_target):
             doubts.append(NOT_ZERO)
         else:
             warnings.append(ESTIMATED)
             is_zero = False
-    if is_zero:
-        whole = [each.condition({MOMENTUM: 0.0}) for each in whole]
+    whole = rows.gaussians(noise, is_zero=is_zero)
     found = _estimate(spacecraft, family, rows, noise, whole, suite)
     name_of = "zero" if is_zero else "unknown" if momentum is None else momentum.name
     found = replace(
@@ -275,7 +273,7 @@ def _estimate(
     form = family.parameterization(spacecraft.mass)
     nominal, scale = plausible(spacecraft, form)
     mean = whole.solve()
-    momenta = MOMENTUM in whole.places and rows.extra > 0
+    momenta = whole.size > 10
     target = mean[whole.places[TARGET]]
     free = mean[whole.places[MOMENTUM]] if momenta else np.zeros(rows.extra)
     x = np.append(free, target[spacecraft.tree.unknowns])
