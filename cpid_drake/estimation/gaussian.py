@@ -110,6 +110,11 @@ class Gaussian:
         """Return the sum of squares at x (n,)."""
         return self.rho2 + float(np.sum((self.R @ x - self.z) ** 2))
 
+    @property
+    def least_cost(self) -> float:
+        """The sum of squares at the mean."""
+        return self.cost(self.solve())
+
     def solve(self, damping: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """Return the mean (n,), with zero along what nothing determines.
 

@@ -381,7 +381,7 @@ def disagreement(parts: Sequence[Gaussian]) -> tuple[float, int, float]:
     Source: Rao 1973, Linear Statistical Inference and Its Applications, ch. 4.
     """
     total = reduce(Gaussian.add, parts)
-    chi_squared = max(least_cost(total) - sum(map(least_cost, parts)), 0.0)
+    chi_squared = max(total.least_cost - sum(each.least_cost for each in parts), 0.0)
     freedom = sum(map(rank_of, parts)) - rank_of(total)
     probability = float(chdtrc(freedom, chi_squared)) if freedom else 1.0
     return chi_squared, freedom, probability
@@ -394,11 +394,6 @@ def rank_of(gaussian: Gaussian) -> int:
     return (
         int(np.linalg.matrix_rank(scaled, tol=1e-12 * np.sqrt(len(scaled)))) if scaled.size else 0
     )
-
-
-def least_cost(gaussian: Gaussian) -> float:
-    """Return the least sum of squares."""
-    return gaussian.cost(gaussian.solve())
 
 
 def solution_of(

@@ -223,7 +223,7 @@ class _Design:
         self.by_left, self.by_jerk = self.W.T @ (A.T @ left), self.W.T @ (P.T @ jerk)
 
     def squares(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return penalized sums of squares, and log det M λ^(K − 3)/det PᵀP, at u = log λ (C, G)."""
+        """Return penalized χ², and log det M λ^(K − 3)/det PᵀP, at u = log λ (C, G)."""
         q = np.exp(-u)[..., None]
         size = 1 + (q - self.t) * self.s
         d = self.by_left.T[:, None] - q * self.by_jerk.T[:, None]

@@ -15,7 +15,6 @@ from scipy.special import chdtrc
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
-from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.identification.result import Identification, JointEstimate, SeparateEstimate
 from cpid_drake.identification.target_prior import TargetPrior
 
@@ -30,8 +29,9 @@ def with_agreement(
     result: Identification,
     vague: Gaussian,
     own: Mapping[str, Gaussian],
+    target: str,
     solution: Callable[[Gaussian], LeastSquaresSolution],
-    counts: Mapping[str, int],
+    logs: Mapping[str, tuple[int, tuple[str, ...]]],
     prior: tuple[TargetPrior, Gaussian] | None = None,
 ) -> Identification:
     """Return an identification with the separate estimates, and whether they agree.
@@ -40,29 +40,30 @@ def with_agreement(
         result: the identification from all logs and the prior.
         vague: all unknowns before the samples.
         own: what each log tells about them, by its name.
+        target: name of the target among the unknowns.
         solution: returns the target of a distribution of all unknowns.
-        counts: numbers of samples of each log.
+        logs: number of samples of each log, and the failed checks of its own estimate.
         prior: what is known of the target besides, and the same as a distribution.
 
     """
     names = list(own)
-    one = _with(vague, own, [names])
-    solutions = {n: solution(_with(vague, own, [[n]])) for n in names}
+    one = _with(vague, own, target, [names])
+    solutions = {n: solution(_with(vague, own, target, [[n]])) for n in names}
     joint = solution(one)
     chi_squared, freedom = 0.0, 0
     probabilities = dict.fromkeys(names, 1.0)
     if len(names) > 1:
-        chi_squared = max(one.rho2 - _with(vague, own, [[n] for n in names]).rho2, 0.0)
+        apart = _with(vague, own, target, [[n] for n in names])
+        chi_squared = max(one.least_cost - apart.least_cost, 0.0)
         freedom = sum(each.rank for each in solutions.values()) - joint.rank
         for name in names:
             others = [n for n in names if n != name]
-            two = _with(vague, own, [[name], others])
-            rank = solution(_with(vague, own, [others])).rank + solutions[name].rank
-            probabilities[name] = _probability(one.rho2 - two.rho2, rank - joint.rank)
+            two = _with(vague, own, target, [[name], others])
+            rank = solution(_with(vague, own, target, [others])).rank + solutions[name].rank
+            probabilities[name] = _probability(one.least_cost - two.least_cost, rank - joint.rank)
     probability = _probability(chi_squared, freedom)
     separate = tuple(
-        _separate(result, name, solutions[name], probabilities[name], counts[name])
-        for name in names
+        _separate(result, name, solutions[name], probabilities[name], *logs[name]) for name in names
     )
     estimate = JointEstimate(separate, None, chi_squared, freedom, probability)
     doubts, warnings = [], list(result.warnings)
@@ -73,7 +74,7 @@ def with_agreement(
         both = one.add(rows)
         rank = int(np.linalg.matrix_rank(rows.R / np.linalg.norm(rows.R, axis=0).clip(1e-300)))
         with_prior = solution(both)
-        agrees = _probability(both.rho2 - one.rho2, rank + joint.rank - with_prior.rank)
+        agrees = _probability(both.least_cost - one.least_cost, rank + joint.rank - with_prior.rank)
         dominated = _dominated(result, joint, with_prior)
         alone = SeparateEstimate(
             told.name, told.parameters, told.intervals, rank, 0, agrees, told.doubts
@@ -97,23 +98,22 @@ def with_agreement(
 
 
 def _with(
-    vague: Gaussian, own: Mapping[str, Gaussian], groups: Sequence[Sequence[str]]
+    vague: Gaussian, own: Mapping[str, Gaussian], target: str, groups: Sequence[Sequence[str]]
 ) -> Gaussian:
     """Return what some logs say together if each group of them has a target of its own."""
-    target = vague.marginal([PSI])
-    total = vague.marginal([name for name in vague.places if name != PSI])
+    others = [name for name in vague.places if name != target]
+    total = vague.marginal(others) if others else None
     for k, group in enumerate(groups):
-        total = total.add(_renamed(target, k))
-        for name in group:
-            total = total.add(_renamed(own[name], k))
+        for each in (vague.marginal([target]), *(own[name] for name in group)):
+            renamed = _renamed(each, target, k)
+            total = renamed if total is None else total.add(renamed)
+    assert total is not None
     return total
 
 
-def _renamed(gaussian: Gaussian, k: int) -> Gaussian:
+def _renamed(gaussian: Gaussian, target: str, k: int) -> Gaussian:
     """Return a distribution with another name of the target; that of the first group stays."""
-    if k == 0:
-        return gaussian
-    places = {f"{n} {k}" if n == PSI else n: place for n, place in gaussian.places.items()}
+    places = {f"{n} {k}" if n == target and k else n: p for n, p in gaussian.places.items()}
     return replace(gaussian, places=places)
 
 
@@ -127,6 +127,7 @@ def _separate(
     solution: LeastSquaresSolution,
     probability: float,
     count: int,
+    doubts: tuple[str, ...],
 ) -> SeparateEstimate:
     """Return the estimate from one log alone."""
     alone = replace(result, solution=solution)
@@ -137,6 +138,7 @@ def _separate(
         solution.rank,
         count,
         probability,
+        doubts,
     )
 
 

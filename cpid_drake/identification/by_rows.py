@@ -25,11 +25,11 @@ from cpid_drake.estimation.rows_fit import (
     LogRows,
     RowNoise,
     disagreement,
-    least_cost,
     rank_of,
     solution_of,
 )
 from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.agreement import CONTRADICTED
 from cpid_drake.identification.problem import (
     ESTIMATED,
     MOST_NOISE,
@@ -46,7 +46,7 @@ from cpid_drake.identification.result import (
 )
 from cpid_drake.identification.sample_noise import sample_sigmas
 from cpid_drake.identification.target_prior import TargetPrior
-from cpid_drake.identification.together import CONTRADICTED, Part, combined, plausible
+from cpid_drake.identification.together import Part, combined, plausible
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.smoothed_motion import ErrorBlock
@@ -256,7 +256,7 @@ def _contradicts_zero(rows: LogRows, noise: RowNoise) -> bool:
     x = np.append(np.zeros(rows.extra), zero.solve()[rows.unknowns])
     if not noise.is_known or rows.misfit(x)[1] < INTEGRATION:
         return False
-    gain = least_cost(zero) - least_cost(free)
+    gain = zero.least_cost - free.least_cost
     return bool(chdtrc(rows.extra, max(gain, 0.0)) < CONTRADICTED)
 
 

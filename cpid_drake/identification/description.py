@@ -137,7 +137,6 @@ def _joint_record(joint: JointEstimate, sources: Sequence[Source]) -> JointRecor
         max(joint.chi_squared, 0.0),
         joint.freedom,
         joint.probability,
-        joint.widening,
         list(joint.dominated),
     )
 

@@ -160,20 +160,23 @@ def _tested(result: Identification, answer: Answer, prior: TargetPrior | None) -
     def conditioned(gaussian: Gaussian) -> Gaussian:
         return gaussian.condition({n: v for n, v in known.items() if n in gaussian.places})
 
-    own, counts = {}, {}
+    own, logs = {}, {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         alone = log
         if len(found.logs) > 1:  # a difference between logs must not look like noise
             by_itself = fit(found.model, [log], values=found.values).logs[0]
             alone = replace(log, noise=by_itself.noise, weights=by_itself.weights)
         own[log.name] = conditioned(sweep(found.model, alone, rolled, found.values).gaussian)
-        counts[log.name] = _counts(replace(found, logs=[alone]))[1]
+        where = f"{log.name}: "
+        doubts = tuple(text.removeprefix(where) for text in result.doubts if text.startswith(where))
+        logs[log.name] = _counts(replace(found, logs=[alone]))[1], doubts
     return with_agreement(
         result,
         conditioned(prior_of(found.model, found.logs, found.values, ())),
         own,
+        PSI,
         lambda gaussian: solution_of(found.model, found.values, gaussian),
-        counts,
+        logs,
         None if prior is None else (prior, answer.rows[0].moved(found.values[PSI])),
     )
 

@@ -125,7 +125,6 @@ class JointEstimate:
         prior: the prior alone; None without one.
         chi_squared, freedom: of the test whether the logs agree.
         probability: of so large a χ² if all logs have the same target; 1 for one log.
-        widening: factor by which the differences between logs widen the intervals.
         dominated: names of the parameters that the prior determines more than the logs do.
 
     """
@@ -135,7 +134,6 @@ class JointEstimate:
     chi_squared: float = 0.0
     freedom: int = 0
     probability: float = 1.0
-    widening: float = 1.0
     dominated: tuple[str, ...] = ()
 
 

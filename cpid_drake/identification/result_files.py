@@ -121,7 +121,6 @@ class JointRecord:
         logs: the separate estimates of the logs.
         prior: the prior alone; None without one.
         chi_squared, freedom, probability: of the test whether the logs agree.
-        widening: factor by which the differences between logs widen the intervals.
         dominated: parameters that the prior determines more than the logs do.
 
     """
@@ -131,7 +130,6 @@ class JointRecord:
     chi_squared: Annotated[float, Ge(0)]
     freedom: Count
     probability: Probability
-    widening: Annotated[float, Ge(1)]
     dominated: list[str]
 
 

@@ -89,7 +89,6 @@ class TestLogs:
         stdout = " ".join(stdout.split())  # lines may be as long as the terminal is wide
         assert stdout.startswith("not trustworthy: the logs do not have the same target")
         assert "a.csv and b.csv contradict each other, most in m" in stdout
-        assert json.loads(Path("x.json").read_text())["joint"]["widening"] > 2
 
     def test_one_log_twice_is_refused(self, cpid, halves):
         Path("copy.csv").write_bytes(Path("first.csv").read_bytes())

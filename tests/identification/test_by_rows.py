@@ -139,7 +139,6 @@ class TestSeveralLogs:
         other = noisy(4, target=heavier(skewed_target, 1.02))
         found = identify_by_rows(craft, {**logs, "other": other}, RELATIVE_ROWS, sensors=suite)
         assert "other disagrees most with the others, most in m: 61" in found.doubts[0]
-        assert found.joint.widening > 3
         pair = {"log 0": logs["log 0"], "other": other}
         two = identify_by_rows(craft, pair, RELATIVE_ROWS, sensors=suite)
         assert "log 0 and other contradict each other" in two.doubts[0]

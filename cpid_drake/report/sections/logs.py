@@ -23,11 +23,6 @@ def _texts(joint: JointRecord) -> list[str]:
             f"combinations of parameters; the probability of a larger difference is "
             f"{joint.probability:.2g} if all logs have the same target."
         )
-    if joint.widening > 1:
-        texts.append(
-            f"The intervals are wider by a factor of {joint.widening:.2g} because of the "
-            "differences between the logs."
-        )
     if joint.prior is not None:
         dominated = ", ".join(joint.dominated) or "no parameter"
         texts.append(f"A prior was used. It determines {dominated} more than the samples do.")
