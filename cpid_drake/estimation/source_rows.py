@@ -76,3 +76,16 @@ class SourceRows:
         ratio = ratio[np.isfinite(ratio) & np.isfinite(solution.estimate)]
         A = A / np.sqrt(ratio.max() if len(ratio) else variance)
         return cls(A, A @ solution.values)
+
+    def limited(self, scale: NDArray[np.float64], smallest: float) -> "SourceRows":
+        """Return the rows with a least σ of each combination, as a share of its plausible size.
+
+        Differences that are smaller than this are rounding.
+        """
+        if not len(self.b):
+            return self
+        U, sizes, axes = np.linalg.svd(self.A * scale, full_matrices=False)
+        kept = sizes > 0
+        factor = np.minimum(1.0, 1 / smallest / sizes[kept])[:, None]
+        A = factor * sizes[kept, None] * axes[kept] / scale
+        return SourceRows(A, factor[:, 0] * (U.T @ self.b)[kept])

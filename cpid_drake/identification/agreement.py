@@ -14,6 +14,7 @@ from scipy.special import chdtrc
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.identification.result import Identification, JointEstimate, SeparateEstimate
 from cpid_drake.identification.target_prior import TargetPrior
@@ -51,7 +52,7 @@ def with_agreement(
     solutions = {n: solution(_with(vague, own, target, [[n]])) for n in names}
     joint = solution(one)
     chi_squared, freedom = 0.0, 0
-    probabilities = dict.fromkeys(names, 1.0)
+    tests, others_say = dict.fromkeys(names, (0.0, 0)), {}
     if len(names) > 1:
         apart = _with(vague, own, target, [[n] for n in names])
         chi_squared = max(one.least_cost - apart.least_cost, 0.0)
@@ -59,21 +60,31 @@ def with_agreement(
         for name in names:
             others = [n for n in names if n != name]
             two = _with(vague, own, target, [[name], others])
-            rank = solution(_with(vague, own, target, [others])).rank + solutions[name].rank
-            probabilities[name] = _probability(one.least_cost - two.least_cost, rank - joint.rank)
+            others_say[name] = solution(_with(vague, own, target, [others]))
+            rank = others_say[name].rank + solutions[name].rank - joint.rank
+            tests[name] = one.least_cost - two.least_cost, rank
     probability = _probability(chi_squared, freedom)
     separate = tuple(
-        _separate(result, name, solutions[name], probabilities[name], *logs[name]) for name in names
+        _separate(result, name, solutions[name], _probability(*tests[name]), *logs[name])
+        for name in names
     )
     estimate = JointEstimate(separate, None, chi_squared, freedom, probability)
     doubts, warnings = [], list(result.warnings)
     if probability < CONTRADICTED:
-        doubts.append(_contradiction(result, separate, probability))
+        worst = max(names, key=lambda name: tests[name][0] / max(tests[name][1], 1))
+        who = f"{worst} disagrees most with the others"
+        if len(names) == 2:
+            who = f"{names[0]} and {names[1]} contradict each other"
+        doubts.append(
+            f"the logs do not have the same target (probability {probability:.1g}): {who}"
+            f"{_difference(result, solutions[worst], others_say[worst])}"
+        )
     if prior is not None:
         told, rows = prior
         both = one.add(rows)
         rank = int(np.linalg.matrix_rank(rows.R / np.linalg.norm(rows.R, axis=0).clip(1e-300)))
         with_prior = solution(both)
+        vague_and_prior = vague.add(rows)
         agrees = _probability(both.least_cost - one.least_cost, rank + joint.rank - with_prior.rank)
         dominated = _dominated(result, joint, with_prior)
         alone = SeparateEstimate(
@@ -84,7 +95,7 @@ def with_agreement(
         doubts += [f"{told.name}: {doubt}" for doubt in told.doubts]
         if agrees < CONTRADICTED:
             what = "the log" if len(names) == 1 else "the logs"
-            difference = _largest(result, with_prior, joint)
+            difference = _difference(result, solution(vague_and_prior), joint)
             doubts.append(
                 f"{told.name} and {what} contradict each other (probability {agrees:.1g})"
                 f"{difference}"
@@ -142,24 +153,6 @@ def _separate(
     )
 
 
-def _contradiction(
-    result: Identification, logs: Sequence[SeparateEstimate], probability: float
-) -> str:
-    """Return the failed check of logs that do not have the same target."""
-    text = f"the logs do not have the same target (probability {probability:.1g})"
-    worst = min(logs, key=lambda each: each.probability)
-    k, size = 0, 0.0
-    for other in logs:
-        half = np.hypot(*(np.ptp(each.intervals, axis=1) / 2 for each in (worst, other)))
-        distance = np.nan_to_num(np.abs(worst.parameters - other.parameters) / half)
-        if distance.max() > size:
-            k, size = int(distance.argmax()), float(distance.max())
-    difference = f", most in {PARAMETER_NAMES[k]}" if size else ""
-    if len(logs) == 2:
-        return f"{text}: {logs[0].name} and {logs[1].name} contradict each other{difference}"
-    return f"{text}: {worst.name} disagrees most with the others{difference}"
-
-
 def _dominated(
     result: Identification, logs: LeastSquaresSolution, both: LeastSquaresSolution
 ) -> tuple[str, ...]:
@@ -175,13 +168,20 @@ def _dominated(
     )
 
 
-def _largest(result: Identification, both: LeastSquaresSolution, logs: LeastSquaresSolution) -> str:
-    """Return the parameter that a prior moves most, in words."""
-    moved, alone = (replace(result, solution=each) for each in (both, logs))
-    with np.errstate(invalid="ignore"):
-        size = np.abs(moved.parameters - alone.parameters) / np.sqrt(np.diag(alone.covariance))
+def _difference(
+    result: Identification, one: LeastSquaresSolution, other: LeastSquaresSolution
+) -> str:
+    """Return the parameter in which two estimates differ most, in words."""
+    pair = [replace(result, solution=each) for each in (one, other)]
+    values = np.array([each.parameters for each in pair])
+    sigmas = np.sqrt([np.diag(each.covariance) for each in pair])
+    ratio = np.abs(values[0] - values[1]) / np.hypot(*sigmas)
+    if not np.isfinite(ratio).any():
+        return ""
+    i, wide = int(np.nanargmax(ratio)), quantile_95() * sigmas
     return (
-        f", most in {PARAMETER_NAMES[int(np.nanargmax(size))]}" if np.isfinite(size).any() else ""
+        f", most in {PARAMETER_NAMES[i]}: {values[0, i]:.4g} ± {wide[0, i]:.2g} "
+        f"against {values[1, i]:.4g} ± {wide[1, i]:.2g}"
     )
 
 

@@ -1,6 +1,5 @@
 """`cpid identify` with several logs and with a prior: output, files and exit codes."""
 
-import json
 from pathlib import Path
 
 import numpy as np

@@ -104,7 +104,6 @@ def test_an_error_that_may_act_is_said_also_where_the_noise_is_larger_than_given
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="D: held-out samples take part in the selection; issue 11")
 def test_what_held_out_samples_judge_is_proposed_by_the_others_alone(craft, log):
     """The end of this log is needed to find the scale of the gyro, so it cannot confirm it."""
     hidden = coarse_suite()

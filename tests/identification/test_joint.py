@@ -128,9 +128,6 @@ def test_errors_of_the_spacecraft_limit_logs_together(craft, skewed_target):
     assert np.median(found / dense) < 1.3
 
 
-@pytest.mark.xfail(
-    strict=True, reason="G: logs that share errors are tested as if independent; issue 11"
-)
 def test_a_target_that_slipped_by_less_than_the_grasp_is_known_is_noticed(
     craft, suite, skewed_target
 ):

@@ -1,7 +1,6 @@
 """What counts as evidence against a total momentum of zero."""
 
 import numpy as np
-import pytest
 from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured
 
@@ -9,9 +8,6 @@ from cpid_drake import identify
 from cpid_drake.sensing.noise import add_noise
 
 
-@pytest.mark.xfail(
-    strict=True, reason="C: zero momentum is accepted by a test of little power; issue 11"
-)
 def test_a_momentum_too_small_to_be_noticed_is_in_the_intervals(craft, skewed_target):
     """1.3 mN·m·s are 2.6 σ of the momentum, and 8 σ of a target that is fitted with zero.
 
