@@ -1,17 +1,15 @@
 """Least squares on the momentum rows of a log: what they tell about the target, as a Gaussian.
 
 The rows A x = b of a log are linear in the target's unknowns and in the log's own momentum. Their
-errors come from the errors of the samples and are inside A as well, so AᵀA contains E[δAᵀ δA],
-which looks like information, and least squares has the bias −(AᵀA)⁻¹ E[δAᵀ (δA x − δb)]. Here
+errors come from the errors of the samples, and are inside A as well (`noisy_rows`). Here
 
-- the shape of the errors follows from the errors of the samples, by finite differences; of smoothed
-  samples, whose errors are known, it is also the weight of the rows;
-- their size and their correlation in time are those of the residuals;
+- their shape follows from the errors of the samples, by finite differences; of smoothed samples,
+  whose errors are known, it is also the weight of the rows;
+- their size and their correlation in time are those of the residuals (Newey and West 1987, "A
+  simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
+  matrix");
 - the bias is subtracted, and is also a σ, because its size is known roughly only; a combination of
   whose information more than a tenth is noise is left out.
-
-Sources: Fuller 1987, Measurement Error Models, ch. 1 and 2; Newey and West 1987, "A simple,
-positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix".
 """
 
 from collections.abc import Sequence
@@ -28,12 +26,17 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import (
-    DEFAULT_RANK_TOLERANCE,
     KNOWN,
     LeastSquaresSolution,
     solution_of_combinations,
 )
 from cpid_drake.estimation.momentum_rows import momentum_columns, row_blocks, row_derivatives
+from cpid_drake.estimation.noisy_rows import (
+    LEAST_SHARE,
+    expected_square,
+    row_weights,
+    without_bias,
+)
 from cpid_drake.estimation.square_root import (
     empty_information,
     triangle,
@@ -53,10 +56,8 @@ ROUNDING = 1e-8
 _MOST_KEPT = 20_000  # samples whose residuals are kept for their correlation in time
 _MOST_SHOWN = 4_000  # samples of a long log that a page shows
 _MOST_CHANGED = 200  # complete samples of a block that show the shape of its errors
-_LEAST_SHARE = 1e-9  # of the variance of a sample's rows: smaller combinations are as large
 _FEWEST = 20  # independent residuals that determine their correlation
-_ROUNDS = 4  # of weights, and of the size of the errors, which depend on the solution
-_NOISE = 0.1  # share of the information about a combination that may be noise
+_ROUNDS = 4  # of the size of the errors, which depends on the solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +140,10 @@ class LogRows:
                 part = telemetry.select(own).select(slice(None, None, every))
                 derivatives = row_derivatives(part, *self._problem)
                 if errors:
-                    x, weights = _weights(rows, derivatives, C)
+                    x, weights = row_weights(rows, derivatives, C)
                     white, derivatives = weights @ rows, weights @ derivatives
                     self._add_spread(white, derivatives @ np.append(x, -1.0), own, errors)
-                self._errors += len(rows) / len(part) * _square(derivatives, C)
+                self._errors += len(rows) / len(part) * expected_square(derivatives, C)
             for k, half in enumerate((white[:middle], white[middle:])):
                 if half.size:
                     flat = half.reshape(-1, half.shape[-1])
@@ -238,7 +239,7 @@ class LogRows:
             if self._spread is not None:
                 factor = max(factor, 1.0)  # the errors of the samples are known
                 scatter = factor * self._spread
-                noise = replace(noise, factor=factor, scatter=scatter, least=_LEAST_SHARE)
+                noise = replace(noise, factor=factor, scatter=scatter, least=LEAST_SHARE)
             else:
                 noise = replace(noise, scatter=self._scatter(rests, int(np.ceil(time)), larger))
         return noise
@@ -283,7 +284,7 @@ class LogRows:
     def _compressed(
         self, noise: RowNoise, part: int = 0, first: int = 0
     ) -> tuple[NDArray[np.float64], int]:
-        """Return the rows of `_without_bias` of all rows, or of one half (1 or 2).
+        """Return the rows of `without_bias` of all rows, or of one half (1 or 2).
 
         The unknowns before the first one are zero.
         """
@@ -293,85 +294,7 @@ class LogRows:
         scatter = None
         if noise.scatter is not None:
             scatter = weight**4 * noise.scatter[part][first:, first:]
-        return _without_bias(flat[:, first:], E[first:, first:], scatter, noise.least)
-
-
-def _without_bias(
-    rows: NDArray[np.float64],
-    E: NDArray[np.float64],
-    scatter: NDArray[np.float64] | None = None,
-    least: float = 1.0,
-) -> tuple[NDArray[np.float64], int]:
-    """Return rows (r, c + 1) with independent errors of unit size and without bias.
-
-    The second result is the number of unknowns that the rows determine.
-
-    Args:
-        rows: (n, c + 1) rows [A | b] with errors of unit size.
-        E: (c + 1, c + 1) expectation of δᵀ δ for their errors δ.
-        scatter: (c, c) covariance of Aᵀ (A x − b); None for AᵀA.
-        least: least size of the scatter, as a share of AᵀA.
-
-    """
-    A, b = rows[:, :-1], rows[:, -1]
-    norms = np.linalg.norm(A, axis=0)
-    # A column that is zero up to rounding must not be scaled to unit length.
-    largest = norms.max(initial=0.0) or 1.0
-    scale = np.where(norms > 1e-12 * largest, norms, largest)
-    U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-    seen = (s > DEFAULT_RANK_TOLERANCE * s[0]) & (s[0] > 0)
-    U, s, Vt = U[:, seen], s[seen], Vt[seen]
-    y, X = U.T @ b, (Vt / s[:, None] / scale).T  # x = X y
-    shares, Q = np.linalg.eigh(X.T @ E[:-1, :-1] @ X)
-    axes = Q.T[shares < _NOISE]
-    # The errors of y are independent and of unit size, or as large as the scatter.
-    whiten = axes
-    if scatter is not None:
-        sizes, turn = np.linalg.eigh(axes @ X.T @ scatter @ X @ axes.T)
-        whiten = turn.T @ axes / np.sqrt(np.maximum(sizes, least))[:, None]
-    left = whiten - whiten @ X.T @ E[:-1, :-1] @ X
-    right = whiten @ (y - X.T @ E[:-1, -1])
-    # The bias, times an unknown of unit σ, is eliminated.
-    table = np.zeros((len(left) + 1, A.shape[1] + 2))
-    table[0, 0] = 1.0
-    table[1:, 0], table[1:, -1] = right - left @ y, right
-    table[1:, 1:-1] = left @ (s[:, None] * Vt * scale)
-    return triangle(table)[1 : len(table), 1:], int(seen.sum())
-
-
-def _square(derivatives: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the expectation of δᵀ δ for rows δ (q, N, m, c) per error, and errors C (N, q, q)."""
-    by_sample = np.moveaxis(derivatives, 0, 1)
-    flat = by_sample.reshape(*by_sample.shape[:2], -1)
-    size = derivatives.shape[-1]
-    return np.asarray(flat.reshape(-1, size).T @ (C @ flat).reshape(-1, size))
-
-
-def _weights(
-    rows: NDArray[np.float64], derivatives: NDArray[np.float64], C: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a solution (c,), and weights (N, m, m).
-
-    The weights make the errors of a sample independent and of unit size. They are first those of
-    the spacecraft alone, then with what is known of the target.
-
-    Args:
-        rows: (N, m, c + 1).
-        derivatives: (q, N, m, c + 1).
-        C: (N, q, q) covariance of the errors of the samples.
-
-    """
-    x, m, size = np.zeros(rows.shape[-1] - 1), rows.shape[1], rows.shape[-1]
-    for _ in range(_ROUNDS):
-        effects = np.moveaxis(derivatives @ np.append(x, -1.0), 0, -1)
-        S = effects @ C @ np.swapaxes(effects, -1, -2)
-        trace = np.trace(S, axis1=1, axis2=2)[:, None, None]
-        S += (_LEAST_SHARE * trace / m + 1e-300) * np.eye(m)
-        weights = np.linalg.inv(np.linalg.cholesky(S))
-        E = _square(weights @ derivatives, C)
-        known, _ = _without_bias((weights @ rows).reshape(-1, size), E)
-        x = Gaussian.of_rows({TARGET: size - 1}, known).solve()
-    return x, np.asarray(weights)
+        return without_bias(flat[:, first:], E[first:, first:], scatter, noise.least)
 
 
 def disagreement(parts: Sequence[Gaussian]) -> tuple[float, int, float]:
