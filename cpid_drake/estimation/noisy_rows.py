@@ -14,7 +14,7 @@ from cpid_drake.estimation.square_root import triangle
 LEAST_SHARE = 1e-9
 """Combinations of the rows of a sample have at least this share of their variance."""
 
-_NOISE = 0.1  # share of the information about a combination that may be noise
+_NOISE = 0.25  # share of the information about a combination that may be noise
 _ROUNDS = 4  # of weights, which depend on the solution
 
 
@@ -76,8 +76,7 @@ def row_weights(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return a solution (c,), and weights (N, m, m).
 
-    The weights make the errors of a sample independent and of unit size. They are first those of
-    the spacecraft alone, then with what is known of the target.
+    The weights make the errors of a sample at the solution independent and of unit size.
 
     Args:
         rows: (N, m, c + 1).
@@ -85,14 +84,14 @@ def row_weights(
         C: (N, q, q) covariance of the errors of the samples.
 
     """
-    x, m, size = np.zeros(rows.shape[-1] - 1), rows.shape[1], rows.shape[-1]
+    m, size = rows.shape[1:]
+    weights = np.eye(m)[None]
     for _ in range(_ROUNDS):
+        flat = (weights @ rows).reshape(-1, size)
+        x = Gaussian.of_rows({"x": size - 1}, flat).solve()
         effects = np.moveaxis(derivatives @ np.append(x, -1.0), 0, -1)
         S = effects @ C @ np.swapaxes(effects, -1, -2)
         trace = np.trace(S, axis1=1, axis2=2)[:, None, None]
         S += (LEAST_SHARE * trace / m + 1e-300) * np.eye(m)
         weights = np.linalg.inv(np.linalg.cholesky(S))
-        E = expected_square(weights @ derivatives, C)
-        known, _ = without_bias((weights @ rows).reshape(-1, size), E)
-        x = Gaussian.of_rows({"x": size - 1}, known).solve()
     return x, np.asarray(weights)

@@ -9,7 +9,7 @@ errors come from the errors of the samples, and are inside A as well (`noisy_row
   simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
   matrix");
 - the bias is subtracted, and is also a σ, because its size is known roughly only; a combination of
-  whose information more than a tenth is noise is left out.
+  whose information more than a quarter is noise is left out.
 """
 
 from collections.abc import Sequence
