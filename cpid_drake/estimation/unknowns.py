@@ -131,6 +131,10 @@ class Model:
         target = next(unknown for unknown in self.table if unknown.name == PSI)
         return not np.array_equal(target.sigma, WIDE * self.plausible)
 
+    def unknown(self, name: str) -> Unknown:
+        """Return the unknown of this name."""
+        return next(unknown for unknown in self.table if unknown.name == name)
+
     @property
     def joint_count(self) -> int:
         """Number of joints."""

@@ -1,31 +1,33 @@
-"""Validation of an identified target: it predicts a log that was not used to identify it.
+"""Validation of an identified target: it agrees with a log that was not used to identify it.
 
-The log is fitted with a free target. Its own estimate and the given one differ as their covariances
-say if the target is right: a χ² test of ten degrees of freedom at most, which loses no power to the
-hundreds of samples. For the reader, the base's motion is also predicted with the given target: all
-else is fitted to the beginning of the log.
+The log is identified on its own. Its estimate and the given one differ as their covariances say if
+the target is right: a χ² test of ten degrees of freedom at most, which loses no power to hundreds
+of samples. For the reader, the base's motion is also predicted with the given target: all else is
+fitted to the beginning of the log.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, chndtrinc
 
-from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.evidence import compare
-from cpid_drake.estimation.fit import Fit, fit
+from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, roll
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, Unknown
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import check_log
-from cpid_drake.identification.estimate import IN_PLANE, at_momentum
+from cpid_drake.identification.fitted import NAME
+from cpid_drake.identification.identify import identify
 from cpid_drake.identification.problem import NOISE_ESTIMATED
-from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.result import Identification
+from cpid_drake.identification.target_prior import Combinations, TargetPrior
 from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurement_stream import MeasurementStream
 from cpid_drake.sensing.measurements import Measurements
@@ -44,7 +46,6 @@ BEGINNING = 0.3
 """Share of a log to which start, momentum and biases are fitted."""
 
 _SMALL = 1e-6  # share of a plausible target that stands for no target, or of a σ for a known value
-_SEEN = 0.5  # variance in plausible targets below which a log determines a combination
 
 _UNITS = {
     "rad": (180 / np.pi, "deg"),
@@ -179,31 +180,35 @@ def validate(
     for name in ("attitude", "encoders"):
         if not log.counts.get(name):
             raise InputError(f"the log has no samples of {SENSORS[name].label}")
-    warnings = [*log.doubts, *log.warnings, *map("not checked: {}".format, log.unchecked)]
-    if sensors is None:
-        sensors = estimate_suite(log.head)
-        warnings.append(NOISE_ESTIMATED)
+    said = () if sensors is not None else (NOISE_ESTIMATED,)
+    sensors = sensors or estimate_suite(log.head)
     model = Model(spacecraft.tree, sensors, known_bodies)
     samples = LogState.of(model, log.stream)
     first = _first_predicted(samples, beginning)
-
-    whole = fit(model, [samples])
-    given = _given(model, target)
-    test, used = _test(model, whole, given, target, momentum)
-    if not used.is_unknown:
+    own = identify(
+        spacecraft,
+        data,
+        estimator=NAME,
+        sensors=sensors,
+        momentum=momentum,
+        known_bodies=known_bodies,
+        planar=planar,
+    )
+    if own.momentum != "unknown":
+        used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
-        model = model.with_prior(MOMENTUM, value, _SMALL * _unknown(model, MOMENTUM).sigma)
-    names = whole.rolled[0].all_residuals()
-    psi = _unknown(model, PSI)
+        model = model.with_prior(MOMENTUM, value, _SMALL * model.unknown(MOMENTUM).sigma)
+    given = _rows(target, own.parameterization, model).add(_vague(model))
+    psi, names = model.unknown(PSI), own.residuals
     nothing = model.with_prior(PSI, _SMALL * psi.mean, _SMALL * model.plausible)
     predicted = _predicted(model, samples, names, first, given)
     alone = _predicted(nothing, samples, names, first, None)
     errors = []
     for name, rest in names.items():
-        sigmas = next(m.sensors[name].scale for m in predicted.models if name in m.sensors)
         found, other = (_sizes(each, name, first) for each in (predicted, alone))
         if not len(found):
             continue
+        sigmas = next(m.sensors[name].scale for m in predicted.models if name in m.sensors)
         factor, unit = _unit(name)
         errors.append(
             SensorError(
@@ -214,15 +219,12 @@ def validate(
                 factor * float(found.max()),
                 factor * float(np.linalg.norm(sigmas)),
                 factor * _rms(other),
-                float(np.sqrt(np.mean(rest**2))),
+                _rms(rest.value),
             )
         )
     start, end = samples.blocks[first].start, samples.blocks[-1].end
-    return Validation(start, end, used.name, tuple(errors), test, tuple(warnings))
-
-
-def _unknown(model: Model, name: str) -> Unknown:
-    return next(unknown for unknown in model.table if unknown.name == name)
+    test, said = _test(model, own, target), (*own.doubts, *said, *own.warnings)
+    return Validation(start, end, own.momentum, tuple(errors), test, said)
 
 
 def _first_predicted(log: LogState, beginning: float) -> int:
@@ -243,53 +245,42 @@ def _first_predicted(log: LogState, beginning: float) -> int:
     return first
 
 
-def _given(model: Model, target: TargetPrior) -> Gaussian:
-    """Return the given target's ψ, as vague as before the first sample where it says nothing."""
-    form, psi = relative_parameterization(model.mass), _unknown(model, PSI)
-    rows = target.rows(form, target.moved(form, psi.mean), model.plausible)
-    vague = np.column_stack([np.diag(1 / psi.sigma), psi.mean / psi.sigma])
-    return Gaussian.of_rows({PSI: 10}, np.vstack([np.column_stack([rows.A, rows.b]), vague]))
+def _rows(target: TargetPrior, form: Parameterization, model: Model) -> Gaussian:
+    """Return what is known of a target's ψ, which may be combinations."""
+    rows = target.rows(form, target.moved(form, model.unknown(PSI).mean), model.plausible)
+    return Gaussian.of_rows({PSI: 10}, np.column_stack([rows.A, rows.b]))
 
 
-def _test(
-    model: Model,
-    whole: Fit,
-    given: Gaussian,
-    target: TargetPrior,
-    momentum: TotalMomentum | None,
-) -> tuple[TargetTest, TotalMomentum]:
-    """Return the test of a given ψ by a fit with a free target, and the momentum to assume."""
-    log = whole.logs[0].name
-    name = _unknown(model, MOMENTUM).key(log)
-    own = at_momentum(whole.gaussian, whole.values, momentum or TotalMomentum.unknown(), log)
-    own = own.moved(-np.concatenate([whole.values[each] for each in own.places]))
-    held = sorted({*range(6)}.difference(IN_PLANE)) if model.tree.normal_B is not None else []
-    is_open = {name: _unknown(model, MOMENTUM).sigma} if momentum is None else {}
-    found = compare(own, is_open, [PSI], {name: held})
-    if momentum is None:
-        is_moving = found.probability[name] > 1 / 2
-        momentum = TotalMomentum.unknown() if is_moving else TotalMomentum.zero()
-    if not whole.converged:
-        return TargetTest(np.inf, 10, np.inf), momentum
+def _vague(model: Model) -> Gaussian:
+    """Return ψ before the first sample."""
+    psi = model.unknown(PSI)
+    rows = np.column_stack([np.diag(1 / psi.sigma), psi.mean / psi.sigma])
+    return Gaussian.of_rows({PSI: 10}, rows)
 
-    plausible, form = model.plausible, relative_parameterization(model.mass)
-    psi = given.solve()
-    P = found.covariance / plausible / plausible[:, None]
-    S = P + given.covariance() / plausible / plausible[:, None]
-    variances, axes = np.linalg.eigh(P)
-    seen = axes[:, variances < _SEEN]
-    freedom = seen.shape[1]
+
+def _test(model: Model, own: Identification, target: TargetPrior) -> TargetTest:
+    """Return the test of a target by a log's own estimate."""
+    if not own.converged:
+        return TargetTest(np.inf, 10, np.inf)
+    form, known = own.parameterization, own.solution
+    combinations = Combinations(form.name, known.values, known.information)
+    log = TargetPrior("the log", own.parameters, own.covariance, combinations)
+    both = [_rows(each, form, model) for each in (target, log)]
+    together = both[0].add(both[1])
+    ranks = [np.linalg.matrix_rank(each.R * model.plausible) for each in (*both, together)]
+    freedom = int(ranks[0] + ranks[1] - ranks[2])
     if not freedom:
-        return TargetTest(0.0, 0, np.inf), momentum
-    error = seen.T @ ((psi - found.mean) / plausible)
-    chi_squared = float(error @ np.linalg.solve(seen.T @ S @ seen, error))
-    mass = plausible * form.jacobian(psi)[0] / form.to_parameters(psi)[0]
+        return TargetTest(0.0, 0, np.inf)
+    given = both[0].add(_vague(model))
+    psi = given.solve()
+    mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
+    variance = sum(mass @ each.add(_vague(model)).covariance() @ mass for each in both)
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
-    return TargetTest(chi_squared, freedom, float(np.sqrt(needed * (mass @ S @ mass)))), momentum
+    return TargetTest(together.rho2, freedom, float(np.sqrt(needed * variance)))
 
 
 def _predicted(
-    model: Model, log: LogState, names: dict, first: int, given: Gaussian | None
+    model: Model, log: LogState, names: Collection[str], first: int, given: Gaussian | None
 ) -> Rolled:
     """Return a log as predicted from its first blocks.
 
@@ -302,7 +293,7 @@ def _predicted(
 
     """
     rows = [] if given is None else [given]
-    psi = _unknown(model, PSI).mean if given is None else given.solve()
+    psi = model.unknown(PSI).mean if given is None else given.solve()
     blocks = [
         block
         if k < first
