@@ -198,32 +198,25 @@ def validate(
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, _SMALL * model.unknown(MOMENTUM).sigma)
-    given = _rows(target, own.parameterization, model).add(_vague(model))
-    psi, names = model.unknown(PSI), own.residuals
-    nothing = model.with_prior(PSI, _SMALL * psi.mean, _SMALL * model.plausible)
-    predicted = _predicted(model, samples, names, first, given)
-    alone = _predicted(nothing, samples, names, first, None)
+    psi, test = model.unknown(PSI), _test(model, own, target)
+    given = _rows(target, own.parameterization, model).add(_about(psi.mean, psi.sigma))
+    nothing = _about(_SMALL * psi.mean, _SMALL * model.plausible)
+    predicted, alone = (
+        _predicted(model, samples, own.residuals, first, each) for each in (given, nothing)
+    )
     errors = []
-    for name, rest in names.items():
+    for name, rest in own.residuals.items():
         found, other = (_sizes(each, name, first) for each in (predicted, alone))
         if not len(found):
             continue
         sigmas = next(m.sensors[name].scale for m in predicted.models if name in m.sensors)
-        factor, unit = _unit(name)
-        errors.append(
-            SensorError(
-                name,
-                unit,
-                len(found),
-                factor * _rms(found),
-                factor * float(found.max()),
-                factor * float(np.linalg.norm(sigmas)),
-                factor * _rms(other),
-                _rms(rest.value),
-            )
-        )
+        factor, unit = _UNITS[SENSORS[name].quantity.unit]
+        sizes = (_rms(found), float(found.max()), float(np.linalg.norm(sigmas)), _rms(other))
+        rms, largest, noise, alone_rms = (factor * size for size in sizes)
+        in_sigma = _rms(rest.value)
+        errors.append(SensorError(name, unit, len(found), rms, largest, noise, alone_rms, in_sigma))
     start, end = samples.blocks[first].start, samples.blocks[-1].end
-    test, said = _test(model, own, target), (*own.doubts, *said, *own.warnings)
+    said = (*own.doubts, *said, *own.warnings)
     return Validation(start, end, own.momentum, tuple(errors), test, said)
 
 
@@ -251,11 +244,9 @@ def _rows(target: TargetPrior, form: Parameterization, model: Model) -> Gaussian
     return Gaussian.of_rows({PSI: 10}, np.column_stack([rows.A, rows.b]))
 
 
-def _vague(model: Model) -> Gaussian:
-    """Return ψ before the first sample."""
-    psi = model.unknown(PSI)
-    rows = np.column_stack([np.diag(1 / psi.sigma), psi.mean / psi.sigma])
-    return Gaussian.of_rows({PSI: 10}, rows)
+def _about(psi: NDArray[np.float64], sigma: NDArray[np.float64]) -> Gaussian:
+    """Return a target with ψ ± σ (10,)."""
+    return Gaussian.of_rows({PSI: 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
 
 
 def _test(model: Model, own: Identification, target: TargetPrior) -> TargetTest:
@@ -271,39 +262,29 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> TargetTest:
     freedom = int(ranks[0] + ranks[1] - ranks[2])
     if not freedom:
         return TargetTest(0.0, 0, np.inf)
-    given = both[0].add(_vague(model))
-    psi = given.solve()
+    vague = _about(model.unknown(PSI).mean, model.unknown(PSI).sigma)
+    psi = both[0].add(vague).solve()
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
-    variance = sum(mass @ each.add(_vague(model)).covariance() @ mass for each in both)
+    variance = sum(mass @ each.add(vague).covariance() @ mass for each in both)
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
     return TargetTest(together.rho2, freedom, float(np.sqrt(needed * variance)))
 
 
 def _predicted(
-    model: Model, log: LogState, names: Collection[str], first: int, given: Gaussian | None
+    model: Model, log: LogState, names: Collection[str], first: int, target: Gaussian
 ) -> Rolled:
-    """Return a log as predicted from its first blocks.
-
-    Args:
-        model: the unknowns, with what is known about target and momentum.
-        log: the log, with joints.
-        names: the base's sensors.
-        first: number of the first predicted block.
-        given: the target; None for that of the model.
-
-    """
-    rows = [] if given is None else [given]
-    psi = model.unknown(PSI).mean if given is None else given.solve()
+    """Return a log as predicted, from a block on, from the samples of some sensors before it."""
     blocks = [
-        block
-        if k < first
-        else replace(
+        replace(
             block,
-            samples=block.samples.updated({n: block.samples[n].where(slice(0)) for n in names}),
+            samples=block.samples.updated(
+                {n: block.samples[n].where(slice(None if k < first else 0)) for n in names}
+            ),
         )
         for k, block in enumerate(log.blocks)
     ]
-    found = fit(model, [replace(log, blocks=tuple(blocks))], rows=rows, values={PSI: psi})
+    cut = replace(log, blocks=tuple(blocks))
+    found = fit(model, [cut], rows=[target], values={PSI: target.solve()})
     return roll(model, replace(found.logs[0], blocks=log.blocks), found.values)
 
 
@@ -316,12 +297,6 @@ def _sizes(rolled: Rolled, name: str, first: int) -> NDArray[np.float64]:
         if name in rest
     ]
     return np.concatenate([np.empty(0), *found])
-
-
-def _unit(sensor: str) -> tuple[float, str]:
-    """Return the unit in which a sensor's errors are shown, and its size."""
-    unit = SENSORS[sensor].quantity.unit
-    return _UNITS.get(unit, (1.0, unit))
 
 
 def _rms(sizes: NDArray[np.float64]) -> float:
