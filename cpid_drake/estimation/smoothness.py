@@ -85,9 +85,24 @@ def smoothness_of(
     """
     samples = [JointSamples.of(block, suite) for block in blocks]
     usual = float(np.median([block.length for block in blocks]))
+    weights = [np.ones(each.values.shape) for each in samples]
+    before = 0
+    while True:  # outliers look like a rough motion or like noise, until they are known
+        pieces = _best_pieces(samples, usual, weights)
+        evidence = _Evidence(samples, pieces / usual, weights)
+        smoothness, is_changed = evidence.robust()
+        if not is_changed or pieces <= before:
+            return smoothness, evidence.weights
+        weights, before = evidence.weights, pieces
+
+
+def _best_pieces(
+    samples: Sequence["JointSamples"], usual: float, weights: list[NDArray[np.float64]]
+) -> int:
+    """Return the number of pieces in a block of the usual length [s] that has most evidence."""
     best, least, in_vain = PIECES[0], np.inf, 0
     for pieces in PIECES:
-        evidence = _Evidence(samples, pieces / usual)
+        evidence = _Evidence(samples, pieces / usual, weights)
         value = float(evidence.values(evidence.best()[:, None]).sum())
         if value < least - _WORTH:
             best, least, in_vain = pieces, value, 0
@@ -95,7 +110,7 @@ def smoothness_of(
             in_vain += 1
         if in_vain == _PATIENCE:
             break
-    return _Evidence(samples, FINER * best / usual).robust()
+    return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,31 +256,33 @@ class _Design:
 class _Evidence:
     """The evidence of all blocks of a log, by joint; blocks of one design share their algebra."""
 
-    def __init__(self, samples: Sequence[JointSamples], rate: float) -> None:
+    def __init__(
+        self, samples: Sequence[JointSamples], rate: float, weights: list[NDArray[np.float64]]
+    ) -> None:
         self.samples, self.J = samples, samples[0].count
         self.pieces = [max(1, round(rate * (each.end - each.start))) for each in samples]
-        self.weights = [np.ones(each.values.shape) for each in samples]
+        self.weights = [each.copy() for each in weights]
         groups = defaultdict(list)
-        for k, each in enumerate(samples):
-            groups[each.key()].append(k)
+        for k, (each, w) in enumerate(zip(samples, weights, strict=True)):
+            for j in range(self.J):
+                groups[each.key(), w[:, j].tobytes()].append((k, j))
         self.designs: list[tuple[_Design, NDArray[np.intp], NDArray[np.intp]]] = []
         self.rate = rate
         for group in groups.values():
-            self._add(group, np.arange(self.J))
+            self._add(group)
 
-    def _add(self, group: list[int], joints: NDArray[np.intp]) -> None:
-        """Add the evidence of some joints in blocks of one design, with their present weights."""
-        first = group[0]
-        w = self.weights[first][:, joints[0]]
+    def _add(self, group: list[tuple[int, int]]) -> None:
+        """Add the evidence of some blocks and joints of one design, with their present weights."""
+        (first, joint), (blocks, joints) = group[0], np.array(group).T
+        w = self.weights[first][:, joint]
         A, P = self._design(first), self.samples[first].penalty(self.pieces[first])
-        y = np.hstack([self.samples[k].values[:, joints] for k in group])
+        y = np.stack([self.samples[k].values[:, j] for k, j in group], axis=1)
         try:
             log_volume = self.samples[first].log_volume(self.pieces[first])
             design = _Design(w[:, None] * A, P, w[:, None] * y, log_volume)
         except np.linalg.LinAlgError:  # too few samples say nothing about smoothness
             return
-        blocks = np.repeat(group, len(joints))
-        self.designs.append((design, blocks, np.tile(joints, len(group))))
+        self.designs.append((design, blocks, joints))
 
     def _design(self, k: int) -> NDArray[np.float64]:
         """Return the rows of the samples of a block."""
@@ -286,6 +303,8 @@ class _Evidence:
         """Return −2 log(evidence) (J, G) at u = log λ (J, G), up to a constant."""
         S, count, volume = self._sums(u)
         freedom = DECLARED + count
+        weights = sum(np.sum(np.log(each), axis=0) for each in self.weights)
+        volume -= 2 * np.asarray(weights)[:, None]
         return np.asarray(freedom * np.log((DECLARED + S) / freedom) + volume)
 
     def best(self) -> NDArray[np.float64]:
@@ -301,15 +320,18 @@ class _Evidence:
             u = np.take_along_axis(at, k, 1)[:, 0] + step * shift
         return np.asarray(u)
 
-    def robust(self) -> tuple[Smoothness, list[NDArray[np.float64]]]:
-        """Return the best smoothness, with samples that are far off weighted less, and weights."""
+    def robust(self) -> tuple[Smoothness, bool]:
+        """Return the best smoothness, with outliers weighted less, and whether a weight changed."""
+        is_changed = False
         for _ in range(_REWEIGHTINGS):
             u = self.best()
             S, count, _ = self._sums(u[:, None])
             noise = np.sqrt((DECLARED + S) / (DECLARED + count))[:, 0]
             if not self._reweight(u, noise):
                 break
-        return Smoothness(self.rate, np.exp(u / 2) * noise, np.maximum(noise, 1.0)), self.weights
+            is_changed = True
+        jerk, rate = np.exp(u / 2) * noise, FINER * self.rate
+        return Smoothness(rate, jerk, np.maximum(noise, 1.0)), is_changed
 
     def _reweight(self, u: NDArray[np.float64], noise: NDArray[np.float64]) -> bool:
         """Weight the samples by their residuals; return whether a weight changed."""
@@ -332,5 +354,5 @@ class _Evidence:
                     changed += [(int(k), int(each)) for each in joints[same & (blocks == k)]]
         self.designs = kept
         for block, joint in changed:
-            self._add([block], np.array([joint]))
+            self._add([(block, joint)])
         return bool(changed)

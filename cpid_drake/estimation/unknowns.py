@@ -26,7 +26,7 @@ from cpid_drake.estimation.likelihood.priors import (
 from cpid_drake.sensing.sensors import Gyro
 from cpid_drake.sensing.suite import SensorSuite
 
-WIDE = 10.0
+WIDE = 1e3
 """σ of a target of which nothing is known, in sizes of a target like the spacecraft."""
 
 PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"

@@ -126,6 +126,14 @@ def test_a_drawn_jerk_and_its_noise_are_found():
     np.testing.assert_allclose(smoothness.noise, 1, rtol=0.1)
 
 
+@pytest.mark.parametrize("rate", [20.0, 100.0])
+def test_exact_encoders_are_not_called_noisy(rate):
+    """The splines are as fine as the motion asks for; too coarse ones leave 100 σ at 20 Hz."""
+    suite = SensorSuite(encoders=JointSensor(rate, 1e-3 * SIGMA))
+    samples = log(rate=rate, noise=1e-3, rates=False)
+    assert (smooth_joints(blocks_of(samples), suite)[0].noise < 3).all()
+
+
 def test_gaps_are_bridged_without_ringing():
     """Few samples, larger noise, gaps: errors as large as their σ, accelerations as true ones."""
     suite = SensorSuite(encoders=JointSensor(5.0, SIGMA))
