@@ -74,14 +74,14 @@ def fit_with_events(
         return found, []
     now, wide = found, found
     for last in [False] * (ROUNDS - 1) + [True]:
-        logs = [_opened(model, log, range(len(log.blocks) - 1)) for log in now.logs]
+        logs = [opened(model, log, range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values)
         changes = _changes(model, wide, question, rows)
         if last or not any(changes):
             break
         cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
         now = replace(wide, logs=cut)
-    logs = [_opened(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
+    logs = [opened(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
     events = [
         Event(log.name, float(log.blocks[k].end), max(b.length for b in log.blocks[k : k + 2]))
         for log, each in zip(logs, changes, strict=True)
@@ -100,9 +100,9 @@ def _changes(
         rolled = roll(model, log, found.values)
         for first in range(0, len(ends), TOGETHER):
             judged = ends[first : first + TOGETHER]
-            opened = _opened(model, log, {*log.links, *judged})
-            carried = sweep(model, opened, rolled, found.values, carry=judged)
-            compared = _compared(model, opened, found, carried.gaussian, judged, question, rows)
+            wide = opened(model, log, {*log.links, *judged})
+            carried = sweep(model, wide, rolled, found.values, carry=judged)
+            compared = _compared(model, wide, found, carried.gaussian, judged, question, rows)
             best += [k for k in judged if _name(k, log) in compared.best]
         result.append(best)
     return result
@@ -127,7 +127,7 @@ def _compared(
     return question.answer(total, values, candidates, held)
 
 
-def _opened(model: Model, log: LogState, ends: Sequence[int] | set[int] | range) -> LogState:
+def opened(model: Model, log: LogState, ends: Sequence[int] | set[int] | range) -> LogState:
     """Return a log that is open at the ends of some blocks, and closed at all others."""
     jumps = {k: log.jumps.get(k, np.zeros(12)) for k in sorted(ends)}
     return replace(log, links=dict.fromkeys(jumps, farthest(model)), jumps=jumps)

@@ -164,10 +164,15 @@ def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.floa
 
     """
     size = np.sqrt(np.mean(rest**2, axis=1))
-    if not len(size):
-        return size
-    spread = max(float(np.median(size)) / _MEDIAN.get(rest.shape[1], 0.888), noise)
-    return np.asarray(np.minimum(1.0, FAR * spread / np.maximum(size, 1e-12)) ** 2)
+    return np.asarray(
+        np.minimum(1.0, FAR * max(spread(rest), noise) / np.maximum(size, 1e-12)) ** 2
+    )
+
+
+def spread(rest: NDArray[np.float64]) -> float:
+    """Return the σ of residuals (M, d), whatever less than half of them are; 0 without any."""
+    size = np.sqrt(np.mean(rest**2, axis=1))
+    return float(np.median(size)) / _MEDIAN.get(rest.shape[1], 0.888) if len(size) else 0.0
 
 
 def correlation_time(rest: NDArray[np.float64]) -> float:

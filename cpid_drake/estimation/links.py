@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.events import HELD, farthest
-from cpid_drake.estimation.evidence import compare
+from cpid_drake.estimation.evidence import Comparison, compare
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.sweep import EXACT
 from cpid_drake.estimation.unknowns import PSI, Model
+
+ODDS = 1 / 40
+"""A change is expected at the start of one of so many blocks."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +54,20 @@ def linked(model: Model, gaussian: Gaussian, link: Link) -> Gaussian:
 
 def judged(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> tuple[Link, ...]:
     """Return the links with the probabilities and sizes that the evidence shows."""
-    candidates = {link.name: farthest(model) for link in links}
-    held = {} if model.tree.normal_B is None else dict.fromkeys(candidates, HELD)
-    found = compare(gaussian, candidates, [PSI], held)
+    if not links:
+        return ()
+    found = compared(model, gaussian, [link.name for link in links])
     return tuple(
         replace(each, probability=found.probability[each.name], size=found.sizes.get(each.name, 0))
         for each in links
     )
+
+
+def compared(model: Model, gaussian: Gaussian, names: Sequence[str]) -> Comparison:
+    """Return the comparison of changes that are unknowns of these names."""
+    held = {} if model.tree.normal_B is None else dict.fromkeys(names, HELD)
+    odds = dict.fromkeys(names, ODDS)
+    return compare(gaussian, dict.fromkeys(names, farthest(model)), [PSI], held, odds)
 
 
 def _prior_sigma(model: Model, link: Link) -> NDArray[np.float64]:
@@ -71,6 +81,8 @@ def _prior_sigma(model: Model, link: Link) -> NDArray[np.float64]:
 
 def with_links(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> Gaussian:
     """Return what is known if the links are as large as their evidence shows."""
+    if not links:
+        return gaussian
     sigma = np.concatenate([_prior_sigma(model, link) for link in links])
     rows = np.column_stack([np.diag(1 / sigma), np.zeros(len(sigma))])
     return gaussian.add(Gaussian.of_rows({link.name: 12 for link in links}, rows))

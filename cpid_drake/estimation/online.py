@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.events import fit_with_events
-from cpid_drake.estimation.evidence import NAMED, Question
-from cpid_drake.estimation.fit import Fit, fit, prior_of
+from cpid_drake.estimation.events import opened
+from cpid_drake.estimation.evidence import NAMED
+from cpid_drake.estimation.fit import Fit, fit, prior_of, spread
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.links import closed, judged
+from cpid_drake.estimation.links import closed, compared, judged
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online_block import (
     BOUNDARY,
@@ -40,7 +40,7 @@ from cpid_drake.estimation.online_block import (
 )
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.sensing.measurements import Measurements
 
 WELL_KNOWN = 1e-3
@@ -49,7 +49,7 @@ WELL_KNOWN = 1e-3
 LINEAR = 3 * WELL_KNOWN
 """Relative change of the system's inertia after which the first blocks were not linear."""
 
-LONGEST = 16
+LONGEST = 8
 """So many blocks are stored at most: then a block is taken as linear about what is known."""
 
 KEPT = 4
@@ -71,7 +71,7 @@ class OnlineState:
 
     Attributes:
         window: stored blocks, until the target is well known.
-        next_fit: length of the window at which it is fitted [s].
+        next_fit: number of blocks at which the window is fitted.
         known: what is known at the end of the last block; None while blocks are stored.
         first: the latest fit of the window; None before the first.
         settled: times at which the momentum changed [s], of links that are no unknowns any more.
@@ -79,13 +79,14 @@ class OnlineState:
             sensor.
         bridged: length of the pieces that nothing explains [s].
         start: of the first block that is fitted [s].
+        is_free: whether the momentum has changed before the first block that is fitted.
         about: (10,) ψ about which the first blocks are linear; None while blocks are stored.
         recent: the last blocks, each with the state before it.
 
     """
 
     window: tuple[Block, ...] = ()
-    next_fit: float = 0.0
+    next_fit: int = 0
     known: Known | None = None
     first: Fit | None = None
     settled: tuple[float, ...] = ()
@@ -93,6 +94,7 @@ class OnlineState:
     rejected: Mapping[str, int] = field(default_factory=dict)
     bridged: float = 0.0
     start: float = np.nan
+    is_free: bool = False
     about: NDArray[np.float64] | None = None
     recent: tuple["Recent", ...] = ()
 
@@ -108,6 +110,11 @@ class OnlineState:
         if self.known is not None:
             return self.known.log.noise
         return {} if self.first is None else self.first.logs[0].noise
+
+    @property
+    def converged(self) -> bool:
+        """Whether the estimate is the best fit of the stored blocks."""
+        return self.first is None or self.first.converged
 
     @property
     def length(self) -> float:
@@ -164,7 +171,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     if state.known is None:
         return _grown(model, replace(state, window=(*state.window, block)))
     recent = (*state.recent, Recent(replace(state, recent=()), block))[-KEPT - 1 :]
-    after, is_explained = _after(model, recent[-1], isjudged=True)
+    after, is_explained = _after(model, recent[-1], is_judged=True)
     cut = _beside_changes(recent, after)
     if not (is_explained or recent[-1].is_cut):
         cut = {*cut, len(recent) - 1}
@@ -173,7 +180,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         again, after = [], recent[min(cut)].before
         for each in recent[min(cut) :]:
             again.append(replace(each, before=after))
-            after, _ = _after(model, again[-1], isjudged=False)
+            after, _ = _after(model, again[-1], is_judged=False)
         recent = (*recent[: min(cut)], *again)
         known = after.known
         assert known is not None
@@ -208,7 +215,7 @@ def finish(model: Model, state: OnlineState) -> OnlineState:
         return state
     if state.first is not None and len(state.first.logs[0].blocks) == len(state.window):
         return state
-    return _grown(model, replace(state, next_fit=0.0))
+    return _grown(model, replace(state, next_fit=0))
 
 
 def _counted(state: OnlineState, block: Block) -> OnlineState:
@@ -230,26 +237,61 @@ def _beside_changes(recent: Sequence[Recent], after: OnlineState) -> set[int]:
 
 
 def _grown(model: Model, state: OnlineState) -> OnlineState:
-    """Return the state with a longer window, fitted if it is long enough."""
+    """Return the state with a longer window, fitted if it is long enough.
+
+    If something changed, the window begins anew after the block that follows the change; if the
+    longest window cannot be fitted, with its later half. The momentum is unknown then.
+    """
     window = state.window
-    length, is_full = window[-1].end - window[0].start, len(window) >= LONGEST
-    if length < state.next_fit and not is_full:
+    is_full = len(window) >= LONGEST
+    if len(window) < state.next_fit and not is_full:
         return state
-    state = replace(state, next_fit=2 * length)
+    state = replace(state, next_fit=2 * len(window))
     try:
         found = fit(model, [LogState.of_blocks(model, window, NAME)])
-        found, events = fit_with_events(model, found, Question({}, {}))
-        is_known = found.converged and inertia_error(model, found) < WELL_KNOWN
+        changes = _changes(model, found)
     except (InputError, np.linalg.LinAlgError):
-        return replace(state, window=window[len(window) // 2 :]) if is_full else state
-    times = tuple(event.time for event in events)
-    state = replace(state, first=found, settled=times, processed={}, rejected=_far(found))
+        return _restarted(state, [len(window) // 2 - 1]) if is_full else state
+    if found.converged and changes:
+        return _restarted(state, changes)
+    if is_full and not found.converged:
+        return _restarted(state, [len(window) // 2 - 1])
+    state = replace(state, first=found, processed={}, rejected=_far(found), start=np.nan)
     for block in window:
         state = _counted(state, block)
+    is_known = found.converged and inertia_error(model, found) < WELL_KNOWN
     if not (is_known or is_full):
         return state
     about = found.values[PSI]
     return replace(state, window=(), known=_begun(model, found), first=None, about=about)
+
+
+def _restarted(state: OnlineState, changes: Sequence[int]) -> OnlineState:
+    """Return the state with the blocks of the window after those beside the last change."""
+    window = state.window
+    first = [k for k in changes if k - 1 not in changes]  # one change can open several ends
+    settled = (*state.settled, *(window[k].end for k in first))
+    later = window[changes[-1] + 2 :]
+    return replace(state, window=later, next_fit=0, settled=settled, first=None, is_free=True)
+
+
+def _changes(model: Model, found: Fit) -> list[int]:
+    """Return the blocks of a window at whose ends something changed.
+
+    A change makes residuals that look like noise with a long memory; the noise here is that of most
+    samples.
+    """
+    (log,), (rolled,) = found.logs, found.rolled
+    ends = range(len(log.blocks) - 1)
+    if not ends:
+        return []
+    noise = {n: max(1.0, spread(rest)) for n, rest in rolled.all_residuals().items()}
+    quiet = opened(model, replace(log, noise=noise), ends)
+    carried = sweep(model, quiet, rolled, found.values, carry=ends).gaussian
+    total = prior_of(model, [quiet], found.values, ()).add(carried)
+    names = [name for name in total.places if name.startswith("link ")]
+    acting = compared(model, total, names).probability
+    return [k for k, name in zip(ends, names, strict=True) if acting[name] >= NAMED]
 
 
 def _far(found: Fit) -> dict[str, int]:
@@ -285,10 +327,11 @@ def _begun(model: Model, found: Fit) -> Known:
     return Known(found.values, last, gaussian, (), track)
 
 
-def _after(model: Model, each: Recent, *, isjudged: bool) -> tuple[OnlineState, bool]:
+def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState, bool]:
     """Return the state after a block, and whether noise explains all of it.
 
-    A part of a cut block that noise does not explain is bridged by its joints alone.
+    A whole block that noise does not explain is not used; a part of a cut one is bridged by its
+    joints alone.
     """
     state, parts = _counted(each.before, each.block), [each.block]
     if each.is_cut and len(each.block.samples.encoders) > 1:
@@ -300,17 +343,19 @@ def _after(model: Model, each: Recent, *, isjudged: bool) -> tuple[OnlineState, 
         known, rejected = state.known, dict[str, int]()
         assert known is not None
         try:
-            found = solved(model, known, part, isjudged=isjudged)
+            found = solved(model, known, part, is_judged=is_judged)
             is_likely, rejected = found.is_likely, found.rejected
         except (InputError, np.linalg.LinAlgError):
             is_likely = False
+        if not (is_likely or each.is_cut):
+            return state, False
         if not is_likely:
             is_explained = False
             joints = {name: part.samples[name] for name in OF_JOINTS}
             alone = replace(part, samples=replace(part.samples, samples=joints))
             rejected = {n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS}
             state = replace(state, bridged=state.bridged + part.length)
-            found = solved(model, known, alone, isjudged=False)
+            found = solved(model, known, alone, is_judged=False, is_linked=False)
         total = Counter(state.rejected) + Counter(rejected)
         state = replace(state, known=found.known(model), rejected=total)
     return state, is_explained
@@ -338,8 +383,7 @@ def inertia_error(model: Model, found: Fit) -> float:
     It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can turn.
     """
     log, psi = found.logs[0], found.values[PSI]
-    zero = {f"{MOMENTUM}|{log.name}": -found.values[f"{MOMENTUM}|{log.name}"]}
-    covariance = found.gaussian.condition(zero).marginal([PSI]).covariance()
+    covariance = found.gaussian.marginal([PSI]).covariance()
     B = _by_inertia(model, log, psi)
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
 

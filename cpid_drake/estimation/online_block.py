@@ -9,8 +9,8 @@ from scipy.linalg import solve_triangular
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.fit import CLOSE, weights_of
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.joints import JointPart, joined, joint_part, opened, triangles
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
+from cpid_drake.estimation.joints import joined, joint_part, opened, triangles
+from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.links import Link, judged, linked, with_links
 from cpid_drake.estimation.log_state import LogState
@@ -93,7 +93,9 @@ class Solved:
         return {name: int(np.sum(w < 1)) for name, w in self.log.weights[0].items()}
 
 
-def solved(model: Model, known: Known, block: Block, *, isjudged: bool) -> Solved:
+def solved(
+    model: Model, known: Known, block: Block, *, is_judged: bool, is_linked: bool = True
+) -> Solved:
     """Return a block's solution, with a link at its start: a judged one, or an open one.
 
     It is linearized anew until χ² at the solution is what the last linearization predicts.
@@ -106,8 +108,10 @@ def solved(model: Model, known: Known, block: Block, *, isjudged: bool) -> Solve
     walking, sigma = walking_columns(model)
     if len(walking):
         gaussian = _changed(gaussian, n + walking, sigma * np.sqrt(block.length))
-    links = (*known.links, Link(block.start))
-    gaussian = linked(model, gaussian, links[-1])
+    links = known.links
+    if is_linked:
+        links = (*links, Link(block.start))
+        gaussian = linked(model, gaussian, links[-1])
     part, track = tracked(track, joint_part(block, model.suite, known.log.smoothness))
     nodes = [2 if gyro.bias_growth else 1 for gyro in model.gyros]
     bias = np.repeat(known.log.bias[0], nodes, axis=0)
@@ -119,7 +123,7 @@ def solved(model: Model, known: Known, block: Block, *, isjudged: bool) -> Solve
     names = [unknown.key(NAME) for unknown in model.table]
     for _ in range(MOST_LINEARIZATIONS):
         swept = _swept(model, log, rolled, values, gaussian)
-        if isjudged:
+        if is_judged:
             links = judged(model, swept.gaussian, links)
         g = _mean(with_links(model, swept.gaussian, links))
         change = {name: g[place] for name, place in swept.gaussian.places.items()}

@@ -106,9 +106,12 @@ def identification_of_state(
     Args:
         model: the unknowns.
         state: after the last block.
-        momentum: the total momentum at the start.
+        momentum: the total momentum at the start; it is unknown after a change before the target
+            was known.
 
     """
+    if state.is_free:
+        momentum = TotalMomentum.unknown()
     values, gaussian = state.values, state.gaussian(model)
     if values is None or gaussian is None:
         values = model.start([LOG])
@@ -126,6 +129,7 @@ def identification_of_state(
         sum(state.processed.get(n, 0) - state.rejected.get(n, 0) for n in present),
         NAME,
         sensors=model.suite,
+        converged=state.converged,
         rejected={name: count for name, count in state.rejected.items() if count},
         momentum_changes=MomentumChanges(len(state.events), max(state.events, default=np.nan)),
         warnings=(*noise_warnings(noise), *_warnings(state)),
