@@ -114,7 +114,7 @@ def solved(
         gaussian = linked(model, gaussian, links[-1])
     part, track = tracked(track, joint_part(block, model.suite, known.log.smoothness))
     nodes = [2 if gyro.bias_growth else 1 for gyro in model.gyros]
-    bias = np.repeat(known.log.bias[0], nodes, axis=0)
+    bias = np.repeat(known.log.bias[0], np.array(nodes, int), axis=0)
     log = replace(known.log, blocks=(block,), joints=(part,), bias=(bias,))
     values, rolled = known.values, roll(model, log, known.values)
     here = _Boundary.at_start(model, log)
@@ -233,5 +233,5 @@ def tracked(track: NDArray[np.float64], part: JointPart) -> tuple[JointPart, NDA
 
 def last_bias(model: Model, bias: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the bias (G, 3) of each gyro at the end of a block."""
-    nodes = np.cumsum([2 if gyro.bias_growth else 1 for gyro in model.gyros])
-    return bias[nodes - 1]
+    nodes = np.cumsum([0, *(2 if gyro.bias_growth else 1 for gyro in model.gyros)])
+    return bias[nodes[1:] - 1]

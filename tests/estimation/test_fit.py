@@ -8,13 +8,11 @@ from block_cases import fired, make_case
 from scipy.signal import lfilter
 from sensing_cases import MOMENTUM, coarse_suite, true_psi
 
-from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import compare
 from cpid_drake.estimation.fit import correlation_time, fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.online import OnlineState, step
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.sensing.measurements import Measurements, Samples
@@ -219,38 +217,6 @@ def test_nothing_happened_in_a_clean_log(case):
         found, events = fit_with_events(closed.model, closed)
         assert found is closed
         assert events == []
-
-
-def online(case, samples, suite=SUITE):
-    model = Model(case.craft.tree, suite)
-    state = OnlineState()
-    for block in blocks_of(BlockQueue.of(suite), [samples]):
-        state = step(model, state, block)
-    return model, state
-
-
-@pytest.mark.parametrize("bias_walk", [0.1, 50.0])
-def test_online_is_the_fit_of_all_samples(case, bias_walk):
-    suite = replace(SUITE, gyro=replace(SUITE.gyro, bias_random_walk=bias_walk))
-    samples = add_noise(suite, case.samples, 2)
-    model, state = online(case, samples, suite)
-    found = fit(model, [LogState.of(model, samples)])
-    psi, covariance = target(found.gaussian, found.values, at_rest=True)
-    again, same = target(state.gaussian(model), state.values, at_rest=True)
-    sigma = np.sqrt(np.diag(covariance))
-    assert np.abs((again - psi) / sigma).max() < 0.3
-    np.testing.assert_allclose(np.sqrt(np.diag(same)), sigma, rtol=0.05)
-    assert state.events == ()
-
-
-@pytest.mark.parametrize("size", [1.0, 0.01])
-def test_online_a_firing_is_found_and_the_target_remains_right(case, size):
-    firing = Firing(4.37, size * np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
-    model, state = online(case, add_noise(SUITE, fired(case, firing), 3))
-    assert state.known is not None
-    assert len(state.events) == 1
-    assert abs(state.events[0] - 4.37) < 0.5
-    assert nees(case, *target(state.gaussian(model), state.values)) < 30
 
 
 @pytest.mark.slow

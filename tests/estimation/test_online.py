@@ -1,0 +1,171 @@
+"""The fit online: equal to the fit of all samples, changes of any size, and bounded work."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from block_cases import fired, make_case
+from sensing_cases import coarse_suite, true_psi
+
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.block import BlockQueue, blocks_of
+from cpid_drake.estimation.events import farthest
+from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.links import Link, closed, judged
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
+from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.identification.estimate import at_momentum
+from cpid_drake.identification.online import identification_of_state
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.noise import add_noise
+from cpid_drake.studies.trials import Firing
+
+SUITE = coarse_suite()
+MOMENTUM = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory, skewed_target):
+    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, None, 6.0)
+
+
+@pytest.fixture(scope="module")
+def model(case):
+    return Model(case.craft.tree, SUITE)
+
+
+def target(gaussian, values, log="online", momentum=None):
+    """Return ψ and its covariance."""
+    found = at_momentum(gaussian, values, momentum or TotalMomentum.zero(), log).marginal([PSI])
+    return values[PSI] + found.solve(), found.covariance()
+
+
+def nees(case, psi, covariance):
+    error = psi - true_psi(case.craft, case.target)
+    return error @ np.linalg.solve(covariance, error)
+
+
+@pytest.mark.parametrize("bias_walk", [0.1, 50.0])
+def test_it_is_the_fit_of_all_samples(case, bias_walk):
+    suite = replace(SUITE, gyro=replace(SUITE.gyro, bias_random_walk=bias_walk))
+    model, samples = Model(case.craft.tree, suite), add_noise(suite, case.samples, 2)
+    state = run(model, [samples])
+    found = fit(model, [LogState.of(model, samples)])
+    psi, covariance = target(found.gaussian, found.values, "log")
+    again, same = target(state.gaussian(model), state.values)
+    sigma = np.sqrt(np.diag(covariance))
+    assert np.abs((again - psi) / sigma).max() < 0.3
+    np.testing.assert_allclose(np.sqrt(np.diag(same)), sigma, rtol=0.05)
+    assert state.events == ()
+
+
+@pytest.mark.parametrize(("size", "time"), [(1.0, 4.37), (0.01, 4.0), (0.01, 4.37), (0.001, 4.37)])
+def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
+    """A fit that does not know of it is confidently wrong."""
+    samples = add_noise(SUITE, fired(case, Firing(time, size * MOMENTUM)), 3)
+    state = run(model, [samples])
+    assert state.known is not None
+    assert nees(case, *target(state.gaussian(model), state.values)) < 30
+    if size < 0.01:
+        return
+    assert len(state.events) == 1
+    assert abs(state.events[0] - time) < 0.5
+    if size == 0.01:
+        deaf = fit(model, [LogState.of(model, samples)])
+        assert nees(case, *target(deaf.gaussian, deaf.values, "log")) > 60
+
+
+def test_after_a_change_at_the_beginning_the_momentum_is_not_what_was_given(case, model):
+    """The fit begins anew after it, with an unknown momentum."""
+    state = run(model, [add_noise(SUITE, fired(case, Firing(0.6, MOMENTUM)), 2)])
+    found = identification_of_state(model, state, TotalMomentum.zero())
+    assert found.momentum == "unknown"
+    assert found.momentum_changes.count == 1
+    unknown = TotalMomentum.unknown()
+    assert nees(case, *target(state.gaussian(model), state.values, momentum=unknown)) < 30
+    moved = found.momentum_estimate
+    sigma = np.sqrt(np.diag(moved.covariance))
+    assert (np.abs(moved.value) > 5 * sigma).any()
+
+
+def test_a_sensor_that_fails_is_not_used_any_more(case, model):
+    """A gyro that shows noise of 100 σ from 4 s on: its pieces are bridged, and the check fails."""
+    samples = add_noise(SUITE, case.samples, 1)
+    gyro, rng = samples["gyro"], np.random.default_rng(5)
+    size = 100 * float(np.std(gyro.value - case.samples["gyro"].value))
+    value = gyro.value + size * (gyro.time > 4.0)[:, None] * rng.normal(size=gyro.value.shape)
+    state = run(model, [samples.updated({"gyro": Samples(gyro.time, value)})])
+    assert nees(case, *target(state.gaussian(model), state.values)) < 30
+    assert identification_of_state(model, state, TotalMomentum.zero()).unexplained > 0.2
+
+
+def test_stored_blocks_are_few(case, model):
+    """At rest nothing becomes known, and the blocks are solved one after the other all the same."""
+    (first, *_), state = blocks_of(BlockQueue.of(SUITE), [case.samples]), OnlineState()
+    still = {n: np.broadcast_to(s.value[0], s.value.shape) for n, s in first.samples.items()}
+    still["gyro"] = np.zeros_like(still["gyro"])
+    sizes = []
+    for k in range(LONGEST + 2):
+        later = {n: Samples(first.samples[n].time + k * first.length, v) for n, v in still.items()}
+        samples = add_noise(SUITE, first.samples.updated(later), k)
+        times = {"start": first.start + k * first.length, "end": first.end + k * first.length}
+        state = step(model, state, replace(first, samples=samples, **times))
+        sizes.append(len(state.window))
+    assert max(sizes) < LONGEST
+    assert state.known is not None
+    found = identification_of_state(model, state, TotalMomentum.zero())
+    assert np.isnan(found.parameters).all()
+
+
+# -- links -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def linked_gaussian(model):
+    """Return rows about ψ and a change, and the change."""
+    link = Link(1.0)
+    rng = np.random.default_rng(0)
+    unit = np.concatenate([model.plausible, 1e-3 * farthest(model)])
+    rows = np.column_stack([rng.normal(size=(40, 22)) / unit, rng.normal(size=40)])
+    prior = np.column_stack([np.zeros((12, 10)), np.diag(1 / farthest(model)), np.zeros(12)])
+    gaussian = Gaussian.of_rows({PSI: 10, link.name: 12}, np.vstack([rows, prior]))
+    return gaussian, link
+
+
+def test_a_change_that_does_not_act_is_zero(model, linked_gaussian):
+    gaussian, link = linked_gaussian
+    found = closed(model, gaussian, replace(link, probability=0.0))
+    expected = gaussian.condition({link.name: 0.0})
+    np.testing.assert_allclose(found.solve(), expected.solve(), rtol=1e-6)
+    np.testing.assert_allclose(found.covariance(), expected.covariance(), rtol=1e-6)
+
+
+def test_a_change_that_acts_is_free(model, linked_gaussian):
+    gaussian, link = linked_gaussian
+    found = closed(model, gaussian, replace(link, probability=1.0, size=1.0))
+    expected = gaussian.marginal([PSI])
+    np.testing.assert_allclose(found.solve(), expected.solve(), rtol=1e-4)
+    np.testing.assert_allclose(found.covariance(), expected.covariance(), rtol=1e-4)
+
+
+def test_a_doubtful_change_widens_the_interval(model, linked_gaussian):
+    """It lies between that without the change and that with it."""
+    gaussian, link = linked_gaussian
+    widths = []
+    for probability, size in ((0.0, 1.0), (0.5, 1e-3), (1.0, 1.0)):
+        at = replace(link, probability=probability, size=size)
+        widths.append(np.sqrt(np.diag(closed(model, gaussian, at).covariance())))
+    assert (widths[0] < widths[1]).all()
+    assert (widths[1] < widths[2]).all()
+
+
+def test_evidence_judges_a_change(model, linked_gaussian):
+    """Rows of noise show none; rows of a change ten times as large as its σ show it."""
+    gaussian, link = linked_gaussian
+    (none,) = judged(model, gaussian, [link])
+    assert none.probability < 0.1
+    step_ = np.concatenate([np.zeros(10), 1e-2 * farthest(model)])
+    (acts,) = judged(model, gaussian.moved(-step_), [link])
+    assert acts.probability > 0.99
