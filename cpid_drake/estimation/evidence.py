@@ -37,7 +37,7 @@ MOST = 12
 """Number of candidates of which all sets are compared; each has the largest evidence beside those
 before it."""
 
-UNLIKELY = 1e-3
+UNLIKELY = 0.02
 """Odds of a candidate beside those before it, below which no more are compared."""
 
 _NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average

@@ -63,10 +63,12 @@ def solution_of(
     if not model.has_guess:
         prior = next(unknown for unknown in model.table if unknown.name == PSI)
         information = information - np.diag(prior.sigma**-2.0)
+    sigma = np.sqrt(np.diag(target.covariance()))
+    least = np.sign(psi) * np.maximum(np.abs(psi) - 2 * sigma, 0.0)  # its size as far as known
     return solution_of_information(
         psi,
         information,
-        plausible_sizes(psi, model.plausible),
+        plausible_sizes(least, model.plausible),
         residual_sum=residual_sum,
         row_count=row_count,
     )
