@@ -48,6 +48,8 @@ def converge(
 
     """
     result, data = evidence.found, evidence.data
+    named = evidence.request.momentum
+    momentum = None if named is None else TotalMomentum.named(named)
     parts = [samples.time for _, samples in evidence.excerpt.measurements.items()]
     end = max(float(time[-1]) for time in parts if time.size)
     count = ESTIMATORS[result.estimator].reports
@@ -70,7 +72,7 @@ def converge(
                     estimator=result.estimator,
                     rows=result.rows,
                     sensors=evidence.sensors,
-                    momentum=TotalMomentum.named(result.momentum),
+                    momentum=momentum,
                     known_bodies=evidence.known_bodies,
                     prior=evidence.prior,
                     planar=result.table is not None,

@@ -99,10 +99,8 @@ def _effect_records(effects: Iterable[EffectEstimate]) -> list[EffectRecord]:
 def _undeclared_record(undeclared: UndeclaredErrors) -> UndeclaredRecord:
     return UndeclaredRecord(
         _effect_records(undeclared.effects),
-        undeclared.gain,
+        undeclared.suspected,
         dict(undeclared.alone),
-        undeclared.shift,
-        undeclared.is_explained,
         undeclared.held_out,
         undeclared.is_proposed,
         undeclared.declaration,

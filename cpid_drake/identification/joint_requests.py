@@ -67,7 +67,7 @@ def identify_files(
     warnings = [f"{name}: {text}" for name, log in zip(names, logs) for text in log.warnings]
     found = replace(found, rejected=dict(rejected), warnings=(*warnings, *found.warnings))
     command = request.command(paths[1:])
-    sources = [log.source(found.momentum, command) for log in logs]
+    sources = [log.source(command) for log in logs]
     result = result_of(found, request.spacecraft, sources, spacecraft.mass)
     ignored = tuple(dict.fromkeys(name for log in logs for name in log.file.ignored))
     return JointEvidence(tuple(requests), found, result, ignored)

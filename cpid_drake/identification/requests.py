@@ -166,14 +166,14 @@ class OpenLog:
             rejected["rows"] = self.file.problems.count
         return rejected
 
-    def source(self, momentum: str, command: str) -> Source:
+    def source(self, command: str) -> Source:
         """Return the record of the log for a result file."""
         request, (start, end) = self.request, self.interval()
         return Source(
             telemetry=request.telemetry,
             sha256=file_hash(request.telemetry),
             sensors=request.sensors,
-            momentum=momentum,
+            momentum=request.momentum,
             topics=dict(request.topics),
             leave_out_bad=request.leave_out_bad,
             columns=request.columns,
@@ -221,7 +221,7 @@ def identify_file(
         )
     rejected = dict(Counter(found.rejected) + log.rejected)
     found = replace(found, rejected=rejected, warnings=(*log.warnings, *found.warnings))
-    source = log.source(found.momentum, request.command())
+    source = log.source(request.command())
     result = result_of(found, request.spacecraft, [source], spacecraft.mass)
     ignored = log.file.ignored
     return Evidence(

@@ -54,7 +54,8 @@ class Source:
         telemetry: the file or the folder of a bag.
         sha256: hash of the file's content; None for a folder.
         sensors: name of a preset or a YAML file; None if nothing was known about the sensors.
-        momentum: name of the total momentum, one of `MOMENTUM_NAMES`.
+        momentum: name of the total momentum, one of `MOMENTUM_NAMES`, as the caller has given it;
+            None if it was to be found out.
         topics: topics of a bag, by kind.
         leave_out_bad: whether rows with a problem were left out.
         command: the command line that repeats the identification.
@@ -72,7 +73,7 @@ class Source:
     telemetry: str
     sha256: str | None
     sensors: str | None
-    momentum: str
+    momentum: str | None
     topics: dict[str, str]
     leave_out_bad: bool
     command: str
@@ -178,22 +179,18 @@ class UndeclaredRecord:
     """The errors that the samples show beyond the declared ones; see `effects.UndeclaredErrors`.
 
     Attributes:
-        effects: their estimates.
-        gain: gain of the log marginal likelihood by all of them.
-        gains: the same for each candidate alone, by name.
-        shift: change of the target by them, in σ of the result.
-        explained: whether noise explains what these errors leave.
-        held_out: prediction of samples that were not used; None if it was not possible.
+        effects: estimates of those that act.
+        suspected: probability of every other candidate to act.
+        gains: gain of the log evidence by each candidate alone, by name.
+        held_out: prediction of samples that did not choose them; None if it was not possible.
         proposed: whether the errors are proposed: the prediction does not contradict them.
         declaration: what to add to the sensors' file, as YAML.
 
     """
 
     effects: list[EffectRecord]
-    gain: float
+    suspected: Mapping[str, Probability]
     gains: Mapping[str, float]
-    shift: Annotated[float, Ge(0)]
-    explained: bool
     held_out: HeldOut | None
     proposed: bool
     declaration: list[str]
@@ -384,7 +381,7 @@ def _parse(data: bytes, where: str) -> IdentificationResult:
         if tuple(given) != right:
             raise InputError(f"{where}: {key} must be {', '.join(right)}")
     for source in result.sources():
-        if source.momentum not in MOMENTUM_NAMES:
+        if source.momentum not in (None, *MOMENTUM_NAMES):
             names = ", ".join(MOMENTUM_NAMES)
             raise InputError(f"{where}: source.momentum must be one of {names}")
     if result.feasible is not None:

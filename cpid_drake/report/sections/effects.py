@@ -26,19 +26,17 @@ def effects_section(result: IdentificationResult) -> Section:
 
 def undeclared_section(undeclared: UndeclaredRecord) -> Section:
     """Return the section about errors that the samples show and the sensors do not declare."""
-    texts = [
-        "The sensors' file does not declare these constants, but together they explain the samples "
-        f"best: they change the target by {undeclared.shift:.3g} σ."
-    ]
-    if not undeclared.explained:
-        texts.append("They do not explain all that the samples show.")
+    texts = ["The sensors' file does not declare these constants, but the samples show them."]
     if undeclared.held_out is not None:
         words = undeclared.held_out.describe()
         texts.append(f"{words[0].upper()}{words[1:]}.")
     if undeclared.proposed:
-        texts.append(f"To declare them, add to the file: {'; '.join(undeclared.declaration)}.")
+        texts.append(
+            "The result includes them. To declare them, add to the file: "
+            f"{'; '.join(undeclared.declaration)}."
+        )
     else:
-        texts.append("They are not proposed as the cause, because they do not predict better.")
+        texts.append("They are not proposed, because they do not predict the rest better.")
     gains = sorted(undeclared.gains.items(), key=lambda each: -each[1])[:SHOWN]
     rows: list[list[Cell | str]] = [[name, Cell(f"{gain:.1f}", gain)] for name, gain in gains]
     return Section(
@@ -46,7 +44,7 @@ def undeclared_section(undeclared: UndeclaredRecord) -> Section:
         texts=texts,
         tables=[
             _estimates(undeclared.effects, "undeclared.effects"),
-            Table(["", "gain"], rows, note="Gain of the log likelihood by each of them alone."),
+            Table(["", "gain"], rows, note="Gain of the log evidence by each of them alone."),
         ],
     )
 

@@ -15,7 +15,7 @@ def request_section(result: IdentificationResult) -> Section:
         facts.append(("Time window", f"{source.start:.6g} to {source.end:.6g} s"))
     if sources:
         facts.append(("Sensors", sources[0].sensors or "not given"))
-        facts.append(("Total momentum", sources[0].momentum))
+        facts.append(("Total momentum", sources[0].momentum or "not given"))
         facts += [("Prior", sources[0].prior)] if sources[0].prior else []
     facts += [
         ("Spacecraft", craft.model),
