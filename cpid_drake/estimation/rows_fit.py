@@ -213,16 +213,22 @@ class LogRows:
             every, time, value = 1, np.concatenate([part.time for part in self._first]), first
         return [(Samples(time, value[:, k]), every, first[:, k]) for k in (linear, angular)]
 
-    def noise(self) -> RowNoise:
-        """Return the errors of the weighted rows, from the residuals at their best unknowns."""
+    def noise(self, *, is_zero: bool = False) -> RowNoise:
+        """Return the errors of the weighted rows, from the residuals at their best unknowns.
+
+        Args:
+            is_zero: whether the momentum is zero; else it is free.
+
+        """
+        first = self.extra if is_zero else 0
         root = triangle(np.vstack(self._halves))
         size = float(np.sum(root[:, -1] ** 2))
         least = max(ROUNDING**2 * size / max(self.row_count, 1), 1e-300)
         noise = RowNoise(least)
         for _ in range(_ROUNDS):
-            rows, used = self._compressed(noise)
-            x = Gaussian.of_rows(self._sizes, rows).solve()
-            unit = np.append(x, -1.0)
+            rows, used = self._compressed(noise, first=first)
+            x = Gaussian.of_rows({TARGET: rows.shape[1] - 1}, rows).solve()
+            unit = np.concatenate([np.zeros(first), x, [-1.0]])
             free = self.row_count - used
             if free < 1:
                 return noise
@@ -255,10 +261,6 @@ class LogRows:
         sums = np.add.reduceat(scores, np.arange(0, len(scores), length), axis=0)
         scatter = larger * self.sample_count / len(scores) * sums.T @ sums
         return np.array([scatter, scatter / 2, scatter / 2])
-
-    @property
-    def _sizes(self) -> dict[str, int]:
-        return {MOMENTUM: self.extra, TARGET: len(self.unknowns)}
 
     def gaussians(
         self, noise: RowNoise, *, is_zero: bool = False

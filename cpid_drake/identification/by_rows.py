@@ -222,6 +222,8 @@ def _identified(
 
     rows = rows_of(family)
     noise = rows.noise()
+    if is_open and not noise.is_known:  # too few rows for a free momentum
+        noise = rows.noise(is_zero=True)
     tester = (rows, noise)
     if is_tested and not family.momentum_size and has_place:
         other = rows_of(STANDARD_ROWS)
