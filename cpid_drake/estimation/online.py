@@ -26,6 +26,7 @@ from cpid_drake.estimation.events import opened
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.fit import Fit, fit, prior_of, spread
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.links import closed, compared, judged
 from cpid_drake.estimation.log_state import LogState
@@ -40,7 +41,7 @@ from cpid_drake.estimation.online_block import (
 )
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.sensing.measurements import Measurements
 
 WELL_KNOWN = 1e-3
@@ -50,7 +51,7 @@ LINEAR = 3 * WELL_KNOWN
 """Relative change of the system's inertia after which the first blocks were not linear."""
 
 LONGEST = 8
-"""So many blocks are stored at most: then a block is taken as linear about what is known."""
+"""So many blocks are stored at most: then a target that is known at all is well enough known."""
 
 KEPT = 4
 """A change at the start of a block remains an unknown until so many blocks have followed."""
@@ -170,6 +171,15 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     """
     if state.known is None:
         return _grown(model, replace(state, window=(*state.window, block)))
+    try:
+        return _continued(model, state, block)
+    except (InputError, np.linalg.LinAlgError):  # nothing that is known predicts a motion
+        settled = (*state.settled, block.start)
+        return OnlineState((block,), settled=settled, is_free=True)
+
+
+def _continued(model: Model, state: OnlineState, block: Block) -> OnlineState:
+    """Return the state after one more block, from what is known before it."""
     recent = (*state.recent, Recent(replace(state, recent=()), block))[-KEPT - 1 :]
     after, is_explained = _after(model, recent[-1], is_judged=True)
     cut = _beside_changes(recent, after)
@@ -239,29 +249,31 @@ def _beside_changes(recent: Sequence[Recent], after: OnlineState) -> set[int]:
 def _grown(model: Model, state: OnlineState) -> OnlineState:
     """Return the state with a longer window, fitted if it is long enough.
 
-    If something changed, the window begins anew after the block that follows the change; if the
-    longest window cannot be fitted, with its later half. The momentum is unknown then.
+    If something changed, the window begins anew after the block that follows the change; the
+    momentum is unknown then. If the longest window does not determine the target, it goes on with
+    its later half.
     """
     window = state.window
     is_full = len(window) >= LONGEST
     if len(window) < state.next_fit and not is_full:
         return state
     state = replace(state, next_fit=2 * len(window))
+    later = replace(state, window=window[len(window) // 2 :]) if is_full else state
     try:
         found = fit(model, [LogState.of_blocks(model, window, NAME)])
         changes = _changes(model, found)
+        error = inertia_error(model, found)
     except (InputError, np.linalg.LinAlgError):
-        return _restarted(state, [len(window) // 2 - 1]) if is_full else state
-    if found.converged and changes:
+        return later
+    if not found.converged:
+        return replace(later, first=found, is_free=is_full or state.is_free)
+    if changes:
         return _restarted(state, changes)
-    if is_full and not found.converged:
-        return _restarted(state, [len(window) // 2 - 1])
     state = replace(state, first=found, processed={}, rejected=_far(found), start=np.nan)
     for block in window:
         state = _counted(state, block)
-    is_known = found.converged and inertia_error(model, found) < WELL_KNOWN
-    if not (is_known or is_full):
-        return state
+    if error > (KNOWN if is_full else WELL_KNOWN):
+        return replace(state, window=later.window)
     about = found.values[PSI]
     return replace(state, window=(), known=_begun(model, found), first=None, about=about)
 
@@ -380,10 +392,12 @@ def _settled(model: Model, state: OnlineState, oldest: float) -> OnlineState:
 def inertia_error(model: Model, found: Fit) -> float:
     """Return the relative error of the system's inertia about its centre of mass.
 
-    It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can turn.
+    It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can turn. Errors of
+    the known bodies, which stay uncertain for ever, are not in it.
     """
     log, psi = found.logs[0], found.values[PSI]
-    covariance = found.gaussian.marginal([PSI]).covariance()
+    exact = {BODIES: 0.0} if BODIES in found.values else {}
+    covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()
     B = _by_inertia(model, log, psi)
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
 

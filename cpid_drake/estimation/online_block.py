@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.fit import CLOSE, weights_of
 from cpid_drake.estimation.gaussian import Gaussian
@@ -26,6 +27,9 @@ BOUNDARY = "boundary"
 
 MOST_LINEARIZATIONS = 6
 """A block is linearized so many times at most."""
+
+HALVINGS = 6
+"""A step to an impossible target is halved so many times."""
 
 UNLIKELY = 6.0
 """Noise does not explain a block whose χ² is above its expectation by so many σ."""
@@ -120,17 +124,13 @@ def solved(
     here = _Boundary.at_start(model, log)
     before = replace(here, joints=known.log.joints[0].coefficients[-ORDER:])
     gaussian = _moved(gaussian, before.step_to(here))
-    names = [unknown.key(NAME) for unknown in model.table]
     for _ in range(MOST_LINEARIZATIONS):
         swept = _swept(model, log, rolled, values, gaussian)
         if is_judged:
             links = judged(model, swept.gaussian, links)
         g = _mean(with_links(model, swept.gaussian, links))
-        change = {name: g[place] for name, place in swept.gaussian.places.items()}
-        better = back(model, log, swept, change)
-        values = {name: values[name] + change[name] for name in names}
-        ahead = roll(model, better, values)
-        table = np.concatenate([change[name] for name in names])
+        g, better, values, ahead = _stepped(model, log, swept, values, g)
+        table = g[: sum(unknown.size for unknown in model.table)]
         there = _Boundary.at_start(model, better)
         gaussian = _moved(gaussian, here.step_to(there), table)
         jumps = np.concatenate([np.zeros(n + len(table)), g[len(table) :]])
@@ -142,6 +142,21 @@ def solved(
         if abs(excess) < CLOSE and is_settled:
             break
     return Solved(values, log, rolled, after, links, track)
+
+
+def _stepped(
+    model: Model, log: LogState, swept: Swept, values: Values, g: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], LogState, Values, Rolled]:
+    """Return a step g, or the part of it for which a motion can be predicted, and its end."""
+    for _ in range(HALVINGS):
+        change = {name: g[place] for name, place in swept.gaussian.places.items()}
+        better = back(model, log, swept, change)
+        there = {name: value + change[name] for name, value in values.items()}
+        try:
+            return g, better, there, roll(model, better, there)
+        except InputError:
+            g = g / 2
+    raise InputError("no motion can be predicted near what is known")
 
 
 @dataclass(frozen=True, eq=False)

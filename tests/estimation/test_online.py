@@ -18,7 +18,7 @@ from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.estimate import at_momentum
 from cpid_drake.identification.online import identification_of_state
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.studies.trials import Firing
 
@@ -102,22 +102,21 @@ def test_a_sensor_that_fails_is_not_used_any_more(case, model):
 
 
 def test_stored_blocks_are_few(case, model):
-    """At rest nothing becomes known, and blocks are solved one after the other all the same."""
-    (first, *_), state = blocks_of(BlockQueue.of(SUITE), [case.samples]), OnlineState()
-    names = SUITE.present()
-    still = {
-        n: np.broadcast_to(first.samples[n].value[0], first.samples[n].value.shape) for n in names
-    }
-    still["gyro"] = np.zeros_like(still["gyro"])
-    sizes = []
-    for k in range(LONGEST + 2):
-        later = {n: Samples(first.samples[n].time + k * first.length, v) for n, v in still.items()}
-        samples = add_noise(SUITE, first.samples.updated(later), k)
-        times = {"start": first.start + k * first.length, "end": first.end + k * first.length}
-        state = step(model, state, replace(first, samples=samples, **times))
+    """At rest nothing becomes known, and nothing is called a change."""
+    still = {}
+    for name, errors in SUITE.present().items():
+        time = np.arange(0, LONGEST + 2.5, 1 / errors.rate)
+        value = 0 if name == "gyro" else case.samples[name].value[0]
+        shape = (len(time), case.samples[name].value.shape[1])
+        still[name] = Samples(time, np.broadcast_to(value, shape))
+    samples = add_noise(SUITE, Measurements(case.samples.joint_names, still), 0)
+    state, sizes = OnlineState(), []
+    for block in blocks_of(BlockQueue.of(SUITE), [samples]):
+        state = step(model, state, block)
         sizes.append(len(state.window))
     assert max(sizes) < LONGEST
-    assert state.known is not None
+    assert not state.is_free
+    assert state.events == ()
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert np.isnan(found.parameters).all()
 
