@@ -12,8 +12,8 @@ not explain is bridged by its joints alone.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -25,13 +25,11 @@ from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import opened
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.fit import Fit, fit, prior_of, spread
-from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.links import closed, compared, judged
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online_block import (
-    BOUNDARY,
     NAME,
     Known,
     at_end,
@@ -39,7 +37,7 @@ from cpid_drake.estimation.online_block import (
     solved,
     tracked,
 )
-from cpid_drake.estimation.roll import Values
+from cpid_drake.estimation.online_state import OnlineState, Recent
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.sensing.measurements import Measurements
@@ -64,96 +62,6 @@ PARTS = 3
 
 OF_JOINTS = ("encoders", "joint_rates", "thrust")
 """What is used of a part of a block that noise does not explain."""
-
-
-@dataclass(frozen=True, eq=False)
-class OnlineState:
-    """The state of the online fit.
-
-    Attributes:
-        window: stored blocks, until the target is well known.
-        next_fit: number of blocks at which the window is fitted.
-        known: what is known at the end of the last block; None while blocks are stored.
-        first: the latest fit of the window; None before the first.
-        settled: times at which the momentum changed [s], of links that are no unknowns any more.
-        processed, rejected: number of samples, and of those that weigh less or not at all, by
-            sensor.
-        bridged: length of the pieces that nothing explains [s].
-        start: of the first block that is fitted [s].
-        is_free: whether the momentum has changed before the first block that is fitted.
-        about: (10,) ψ about which the first blocks are linear; None while blocks are stored.
-        recent: the last blocks, each with the state before it.
-
-    """
-
-    window: tuple[Block, ...] = ()
-    next_fit: int = 0
-    known: Known | None = None
-    first: Fit | None = None
-    settled: tuple[float, ...] = ()
-    processed: Mapping[str, int] = field(default_factory=dict)
-    rejected: Mapping[str, int] = field(default_factory=dict)
-    bridged: float = 0.0
-    start: float = np.nan
-    is_free: bool = False
-    about: NDArray[np.float64] | None = None
-    recent: tuple["Recent", ...] = ()
-
-    @property
-    def events(self) -> tuple[float, ...]:
-        """Times at which the momentum changed [s]."""
-        links = () if self.known is None else self.known.links
-        return (*self.settled, *(link.time for link in links if link.probability >= NAMED))
-
-    @property
-    def noise(self) -> dict[str, float]:
-        """Factors of the sensors' declared σ."""
-        if self.known is not None:
-            return self.known.log.noise
-        return {} if self.first is None else self.first.logs[0].noise
-
-    @property
-    def converged(self) -> bool:
-        """Whether the estimate is the best fit of the stored blocks."""
-        return self.first is None or self.first.converged
-
-    @property
-    def length(self) -> float:
-        """Length of the log [s]."""
-        blocks = self.window if self.known is None else self.known.log.blocks
-        return blocks[-1].end - self.start if blocks else 0.0
-
-    def gaussian(self, model: Model) -> Gaussian | None:
-        """Return what is known of all unknowns but the block's, about `values`; None if nothing."""
-        if self.known is None:
-            return None if self.first is None else self.first.gaussian
-        found = self.known.gaussian
-        for link in self.known.links:
-            found = closed(model, found, link)
-        return found.marginal(name for name in found.places if name != BOUNDARY)
-
-    @property
-    def values(self) -> Values | None:
-        """The values of all unknowns; None before the first fit."""
-        if self.known is not None:
-            return self.known.values
-        return None if self.first is None else self.first.values
-
-
-@dataclass(frozen=True, eq=False)
-class Recent:
-    """A block that is solved once more if something changed beside it.
-
-    Attributes:
-        before: the state before it.
-        block: the block.
-        is_cut: whether it is solved in two halves.
-
-    """
-
-    before: OnlineState
-    block: Block
-    is_cut: bool = False
 
 
 def step(model: Model, state: OnlineState, block: Block) -> OnlineState:

@@ -12,13 +12,9 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.online import (
-    LINEAR,
-    OnlineState,
-    distance_from_start,
-    run,
-)
+from cpid_drake.estimation.online import LINEAR, distance_from_start, run
 from cpid_drake.estimation.online_block import NAME as LOG
+from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.checks import noise_warnings
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of

@@ -37,7 +37,8 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.estimation.block import BlockQueue, blocks_of
-from cpid_drake.estimation.online import OnlineState, step
+from cpid_drake.estimation.online import step
+from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensing.measurements import ideal_measurements
 from cpid_drake.sensing.noise import add_noise

@@ -14,7 +14,8 @@ from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.links import Link, closed, judged
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
+from cpid_drake.estimation.online import LONGEST, run, step
+from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.estimate import at_momentum
 from cpid_drake.identification.online import identification_of_state

@@ -1,0 +1,106 @@
+"""The state of the online fit: a value; see `online`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.evidence import NAMED
+from cpid_drake.estimation.fit import Fit
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.links import closed
+from cpid_drake.estimation.online_block import BOUNDARY, Known
+from cpid_drake.estimation.roll import Values
+from cpid_drake.estimation.unknowns import Model
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineState:
+    """The state of the online fit.
+
+    Attributes:
+        window: stored blocks, until the target is well known.
+        next_fit: number of blocks at which the window is fitted.
+        known: what is known at the end of the last block; None while blocks are stored.
+        first: the latest fit of the window; None before the first.
+        settled: times at which the momentum changed [s], of links that are no unknowns any more.
+        processed, rejected: number of samples, and of those that weigh less or not at all, by
+            sensor.
+        bridged: length of the pieces that nothing explains [s].
+        start: of the first block that is fitted [s].
+        is_free: whether the momentum has changed before the first block that is fitted.
+        about: (10,) ψ about which the first blocks are linear; None while blocks are stored.
+        recent: the last blocks, each with the state before it.
+
+    """
+
+    window: tuple[Block, ...] = ()
+    next_fit: int = 0
+    known: Known | None = None
+    first: Fit | None = None
+    settled: tuple[float, ...] = ()
+    processed: Mapping[str, int] = field(default_factory=dict)
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    bridged: float = 0.0
+    start: float = np.nan
+    is_free: bool = False
+    about: NDArray[np.float64] | None = None
+    recent: tuple["Recent", ...] = ()
+
+    @property
+    def events(self) -> tuple[float, ...]:
+        """Times at which the momentum changed [s]."""
+        links = () if self.known is None else self.known.links
+        return (*self.settled, *(link.time for link in links if link.probability >= NAMED))
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """Factors of the sensors' declared σ."""
+        if self.known is not None:
+            return self.known.log.noise
+        return {} if self.first is None else self.first.logs[0].noise
+
+    @property
+    def converged(self) -> bool:
+        """Whether the estimate is the best fit of the stored blocks."""
+        return self.first is None or self.first.converged
+
+    @property
+    def length(self) -> float:
+        """Length of the log [s]."""
+        blocks = self.window if self.known is None else self.known.log.blocks
+        return blocks[-1].end - self.start if blocks else 0.0
+
+    def gaussian(self, model: Model) -> Gaussian | None:
+        """Return what is known of all unknowns but the block's, about `values`; None if nothing."""
+        if self.known is None:
+            return None if self.first is None else self.first.gaussian
+        found = self.known.gaussian
+        for link in self.known.links:
+            found = closed(model, found, link)
+        return found.marginal(name for name in found.places if name != BOUNDARY)
+
+    @property
+    def values(self) -> Values | None:
+        """The values of all unknowns; None before the first fit."""
+        if self.known is not None:
+            return self.known.values
+        return None if self.first is None else self.first.values
+
+
+@dataclass(frozen=True, eq=False)
+class Recent:
+    """A block that is solved once more if something changed beside it.
+
+    Attributes:
+        before: the state before it.
+        block: the block.
+        is_cut: whether it is solved in two halves.
+
+    """
+
+    before: OnlineState
+    block: Block
+    is_cut: bool = False
