@@ -23,7 +23,7 @@ from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, Model
 
-CLOSE = 0.01
+CLOSE = 1e-3
 """The fit ends when a step would reduce χ² by less than this."""
 
 MOST_SWEEPS = 30

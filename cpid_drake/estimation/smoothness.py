@@ -42,7 +42,7 @@ FINER = 2
 FAR = 4.0
 """A sample that is off by r > `FAR` σ has the weight FAR/r (Huber 1964)."""
 
-DECLARED = 30.0
+DECLARED = 10.0
 """The declared σ of a sensor counts as much as so many samples."""
 
 _LEGENDRE = np.polynomial.legendre.leggauss(3)  # exact for the square of a quadratic

@@ -108,7 +108,7 @@ def undeclared_errors(
     )
     return UndeclaredErrors(
         effects,
-        {n: p for n, p in compared.probability.items() if n in errors and n not in named},
+        {n: p for n, p in compared.probability.items() if p and n in errors and n not in named},
         _declarations(found.model.suite, effects),
         tuple(sorted(((n, compared.alone[n]) for n in errors), key=lambda each: -each[1])),
         _held_out(found, question, named, rows) if named else None,

@@ -35,5 +35,5 @@ def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_t
     assert (np.diag(noisy.covariance) > np.diag(quiet.covariance)).all()
     error = noisy.parameters - skewed_target.to_vector()
     assert error @ np.linalg.solve(noisy.covariance, error) < 35
-    assert not any("times the sensors' noise" in warning for warning in quiet.warnings)
-    assert any("times the sensors' noise" in warning for warning in noisy.warnings)
+    assert not any("times the given σ was assumed" in warning for warning in quiet.warnings)
+    assert any("times the given σ was assumed" in warning for warning in noisy.warnings)
