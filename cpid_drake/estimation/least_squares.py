@@ -18,13 +18,6 @@ KNOWN = 0.1
 """Largest σ of a determined combination of unknowns, as a share of its plausible size."""
 
 
-ABOVE_NOISE = 10.0
-"""Least ratio of the information about a combination of unknowns to the part of it that is noise.
-
-Noise in the regressors reduces an estimate by the inverse of this ratio: here by at most a tenth.
-"""
-
-
 @dataclass(frozen=True)
 class LeastSquaresSolution:
     """The least-squares solution of A x = b in n unknowns, and measures of its quality.
@@ -68,25 +61,6 @@ class LeastSquaresSolution:
         return self.rank == self.estimate.size
 
 
-def widened(solution: LeastSquaresSolution, added: NDArray[np.float64]) -> LeastSquaresSolution:
-    """Return a solution whose errors have further, independent parts.
-
-    Args:
-        solution: of any rank.
-        added: (n, n) covariance of these parts.
-
-    """
-    sizes, axes = np.linalg.eigh(added / solution.unit / solution.unit[:, None])
-    root = solution.unit[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
-    known = solution.information @ root
-    less = known @ np.linalg.solve(np.eye(len(root)) + root.T @ known, known.T)
-    return replace(
-        solution,
-        covariance=solution.covariance + root @ root.T,
-        information=solution.information - less,
-    )
-
-
 def among_ten(solution: LeastSquaresSolution, places: NDArray[np.intp]) -> LeastSquaresSolution:
     """Return the solution of some of the target's ten unknowns as one of all ten.
 
@@ -125,7 +99,6 @@ def solve_compressed(
     left_out: float,
     row_count: int,
     rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
-    noise: NDArray[np.float64] | None = None,
 ) -> LeastSquaresSolution:
     """Solve rows that may be an orthogonal compression of more rows.
 
@@ -134,7 +107,6 @@ def solve_compressed(
         left_out: the part of the residual sum of squares that the compressed rows do not contain.
         row_count: number of rows before compression.
         rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
-        noise: (n, n) expectation of δAᵀ δA for the errors δA of the rows; default: zero.
 
     """
     n = A.shape[1]
@@ -146,9 +118,6 @@ def solve_compressed(
         A, b = np.vstack([A, np.zeros((n - len(A), n))]), np.append(b, np.zeros(n - len(b)))
     U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
     seen = (s > rank_tolerance * s[0]) & (s[0] > 0)
-    if noise is not None:
-        errors = np.einsum("ki,ij,kj->k", Vt, noise / scale / scale[:, None], Vt)
-        seen &= s**2 > ABOVE_NOISE * errors
     rank = int(seen.sum())
     y = Vt[seen].T @ ((U.T @ b)[seen] / s[seen])
     unobservable = Vt[~seen]

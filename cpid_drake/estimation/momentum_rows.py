@@ -104,15 +104,3 @@ def row_derivatives(
     moved = changed(telemetry, np.repeat(step * np.eye(q), N, axis=0))
     difference = momentum_rows(tree, moved, family, momentum).reshape(q, *rows.shape) - rows
     return np.asarray(difference.reshape(q, N, -1, rows.shape[1]) / step)
-
-
-def row_jacobian(
-    telemetry: Telemetry,
-    tree: KinematicTree,
-    family: RowFamily,
-    momentum: TotalMomentum,
-    solution: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the derivative (N, rows, quantities) of A x − b w.r.t. the quantities of `changed`."""
-    derivatives = row_derivatives(telemetry, tree, family, momentum)
-    return np.moveaxis(derivatives @ np.append(solution, -1.0), 0, -1)
