@@ -63,6 +63,9 @@ SMALL = 1e-3
 INTEGRATION = 1e-5
 """Residuals below this share of the momentum do not contradict zero: integration leaves as much."""
 
+SIZES = (1e-3, 1.0, 2.0, 4.0, 8.0)
+"""Prior σ of a momentum that is not given, in σ of its free estimate; the first is zero."""
+
 DISAGREE = (
     "two halves of the samples have different targets: the spacecraft, a frame, a sign or a clock "
     "is not as assumed, or forces acted"
@@ -240,6 +243,8 @@ def _identified(
             warnings.append(ESTIMATED)
             is_zero = False
     whole = rows.gaussians(noise, is_zero=is_zero)
+    if is_zero and momentum is None and rows.extra and noise.is_known:
+        whole = (_averaged(whole[0], rows.gaussians(noise)[0]), *whole[1:])
     found = _estimate(spacecraft, family, rows, noise, whole, suite)
     name_of = "zero" if is_zero else "unknown" if momentum is None else momentum.name
     found = replace(
@@ -260,6 +265,42 @@ def _contradicts_zero(rows: LogRows, noise: RowNoise) -> bool:
         return False
     gain = zero.least_cost - free.least_cost
     return bool(chdtrc(rows.extra, max(gain, 0.0)) < CONTRADICTED)
+
+
+def _averaged(zero: Gaussian, free: Gaussian) -> Gaussian:
+    """Return the target, averaged over sizes of a momentum of which zero is one.
+
+    The samples may agree with zero and with a momentum that changes the target by more than the
+    errors under zero. Each size is a prior σ of the momentum, in σ of its estimate, and counts by
+    its evidence. Source: Hoeting et al. 1999, "Bayesian model averaging: a tutorial".
+    """
+    names = np.flatnonzero(np.any(zero.R, axis=0))  # the target's unknowns that have an effect
+    k = free.places[MOMENTUM].stop
+    columns = np.append(np.arange(k), k + names)
+    if rank_of(zero) < len(names) or rank_of(free) < len(columns):
+        return zero
+    inverse = np.linalg.pinv(free.R[:, columns])
+    sigma = np.sqrt(np.sum(inverse[:k] ** 2, axis=1))
+    parts = []
+    for size in SIZES:
+        rows = np.column_stack([free.R, free.z])[:, np.append(columns, -1)]
+        prior = np.zeros((k, rows.shape[1]))
+        prior[:, :k] = np.diag(1 / (size * sigma))
+        each = Gaussian.of_rows({MOMENTUM: k, TARGET: len(names)}, np.vstack([rows, prior]))
+        evidence = each.log_evidence - np.sum(np.log(size * sigma))
+        target = each.marginal([TARGET])
+        parts.append((evidence, target.solve(), target.covariance()))
+    log = np.array([part[0] for part in parts])
+    weights = np.exp(log - log.max()) / np.sum(np.exp(log - log.max()))
+    mean = sum(w * x for w, (_, x, _) in zip(weights, parts, strict=True))
+    covariance = sum(
+        w * (C + np.outer(x - mean, x - mean)) for w, (_, x, C) in zip(weights, parts, strict=True)
+    )
+    own = np.sqrt(np.diag(covariance))
+    root = np.linalg.inv(np.linalg.cholesky(covariance / own / own[:, None])) / own
+    table = np.zeros((len(names), 11))
+    table[:, names], table[:, -1] = root, root @ mean
+    return Gaussian.of_rows({TARGET: 10}, table)
 
 
 def _estimate(
