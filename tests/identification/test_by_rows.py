@@ -265,3 +265,17 @@ class TestPrior:
         both = identify_by_rows(craft, first | second, STANDARD_ROWS, sensors=suite)
         assert np.all(np.abs(found.parameters - both.parameters) < 0.1 * sigmas(both))
         np.testing.assert_allclose(sigmas(found), sigmas(both), rtol=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [0.0, 3e-5, 1e-4])
+def test_a_momentum_too_small_to_be_seen_is_within_the_covariance(
+    craft, suite, noisy, skewed_target, size
+):
+    """A target with zero momentum is known better than the momentum: it would be 12 σ off."""
+    count, total = 6, 0.0
+    for seed in range(count):
+        log = {"": noisy(seed, size * MOMENTUM)}
+        found = identify_by_rows(craft, log, RELATIVE_ROWS, sensors=suite)
+        total += nees(found, skewed_target)
+    assert total < chi2.ppf(0.999, 10 * count)
