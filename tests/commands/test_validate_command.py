@@ -44,7 +44,8 @@ def refusal(outcome) -> str:
 
 @pytest.mark.slow
 def test_the_right_target_predicts_another_log(cpid):
-    code, stdout, stderr = cpid("validate", "result.json", "second.csv", "--json", "v.json")
+    known = ("result.json", "second.csv", "--momentum", "zero", "--json", "v.json")
+    code, stdout, stderr = cpid("validate", *known)
     assert (code, stderr) == (0, "")
     assert stdout.startswith("valid: the log agrees with this target")
     assert "A target 1.3 % heavier would be noticed" in stdout
@@ -56,7 +57,7 @@ def test_the_right_target_predicts_another_log(cpid):
     assert errors["attitude"]["unit"] == "deg"
     assert all(error["in_sigma"] < 2 for error in errors.values())
     assert errors["attitude"]["rms"] < 0.05 * errors["attitude"]["without_target"]
-    assert cpid("validate", "result.json", "second.csv", "--json", "v.json", "--quiet")[0] == 0
+    assert cpid("validate", *known, "--quiet")[:2] == (0, "")
 
 
 def test_a_wrong_target_is_noticed(cpid):
