@@ -74,11 +74,13 @@ def after(measurements: Measurements, start: float, end: float) -> Measurements:
     return Measurements(measurements.joint_names, parts)
 
 
-def first_sample(measurements: Measurements, quantity: Quantity) -> NDArray[np.float64] | None:
-    """Return the first sample of all sensors of a quantity; None if there is none."""
+def first_sample(
+    measurements: Measurements, quantity: Quantity
+) -> tuple[float, NDArray[np.float64]] | None:
+    """Return time and value of the first sample of a quantity; None if there is none."""
     samples = [measurements[sensor.name] for sensor in sensors_of(quantity)]
     first = min((s for s in samples if len(s)), key=lambda each: each.time[0], default=None)
-    return None if first is None else first.value[0]
+    return None if first is None else (float(first.time[0]), first.value[0])
 
 
 @dataclass(frozen=True, eq=False)

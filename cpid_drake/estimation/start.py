@@ -50,18 +50,23 @@ def start_of(
         block, joints = log.blocks[0], log.joints[0].evaluate(np.array([log.blocks[0].start]))
         dynamics = relative_dynamics(model.tree, joints[:, 0], joints[:, 1])
         try:
-            dynamics.mobility(psi)
+            inverse = dynamics.mobility(psi)[0]
         except InputError:
             psi = model.start([""])[PSI]
-        q_WB = first_sample(block.samples, ATTITUDE)
-        assert q_WB is not None
+            inverse = dynamics.mobility(psi)[0]
+        first = first_sample(block.samples, ATTITUDE)
+        assert first is not None
+        time, q_WB = first
         attitude = Rotation.from_quat(q_WB, scalar_first=True)
+        w = inverse @ (attitude.inv().apply(L) - dynamics.momentum_at_rest(psi)[0])
+        attitude = attitude * Rotation.from_rotvec(-(time - block.start) * w)
         normal_B = model.tree.normal_B
         if normal_B is not None:
+            q_WB = attitude.as_quat(scalar_first=True)
             attitude = Rotation.from_rotvec(tilt(q_WB[None], normal_B)[0]) * attitude
             L = L * NORMAL_W
-        p_WB = first_sample(block.samples, POSITION)
-        com = attitude.apply(dynamics.com(psi)[0]) + (0.0 if p_WB is None else p_WB)
+        place = first_sample(block.samples, POSITION)
+        com = attitude.apply(dynamics.com(psi)[0]) + (0.0 if place is None else place[1])
         state = TrajectoryState(psi, attitude, com, np.zeros(3), L, log.bias[0])
         started.append(replace(log, start=state))
         values[f"{MOMENTUM}|{log.name}"] = np.concatenate([L, np.zeros(3)])

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from block_cases import make_case
-from sensing_cases import MOMENTUM, coarse_suite
+from scipy.spatial.transform import Rotation
+from sensing_cases import MOMENTUM, coarse_suite, small_craft
 
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.start import start_of
@@ -15,6 +17,34 @@ SUITES = {
     "gyro": coarse_suite(),
     "attitude": coarse_suite(gyro=None, attitude=AttitudeSensor(20.0, 5.0, 5.0)),
 }
+
+
+def test_a_late_first_attitude_is_predicted_back(tmp_path, skewed_target):
+    """The base turns by 0.1 rad before the star tracker sees it."""
+    case = make_case(tmp_path, skewed_target, SUITES["gyro"], MOMENTUM, 3.0)
+    attitude = case.samples.attitude
+    late = case.samples.updated({"attitude": attitude.where(attitude.time > 0.3)})
+    model = Model(case.craft.tree, case.suite)
+    _, (log,) = start_of(model, [LogState.of(model, late)])
+    turn = (log.start.attitude * case.state(0.0).attitude.inv()).magnitude()
+    q = late.attitude.value[0]
+    unseen = Rotation.from_quat(q, scalar_first=True) * case.state(0.0).attitude.inv()
+    assert unseen.magnitude() > 0.1
+    assert turn < 0.2 * unseen.magnitude()
+
+
+def test_a_target_that_is_much_larger_than_the_spacecraft_is_no_surprise(tmp_path):
+    """Five times the mass and ten times the radius of gyration: the order of size is right."""
+    craft = small_craft(tmp_path)
+    radius = 10 * np.sqrt(sum(np.trace(b.I_BBcm) for b in craft.tree.bodies) / 2 / craft.mass)
+    mass = 5 * craft.mass
+    target = InertialParameters(
+        mass, radius * np.array([0.8, 0.3, -0.2]), mass * radius**2 * np.diag([0.9, 1.1, 0.7])
+    )
+    case = make_case(tmp_path, target, SUITES["gyro"], None, 4.0)
+    model = Model(case.craft.tree, case.suite)
+    values, _ = start_of(model, [LogState.of(model, case.samples)])
+    np.testing.assert_allclose(values[PSI][[4, 7, 9]] / case.psi[[4, 7, 9]], 1.0, atol=0.9)
 
 
 @pytest.mark.parametrize("name", SUITES)
