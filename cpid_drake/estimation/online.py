@@ -251,7 +251,7 @@ def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState,
     """Return the state after a block, and whether noise explains all of it.
 
     A whole block that noise does not explain is not used; a part of a cut one is bridged by its
-    joints alone.
+    joints alone. So is a gap of the encoders: what is guessed of the joints is not linear.
     """
     state, parts = _counted(each.before, each.block), [each.block]
     if each.is_cut and len(each.block.samples.encoders) > 1:
@@ -262,22 +262,26 @@ def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState,
     for part in parts:
         known, rejected = state.known, dict[str, int]()
         assert known is not None
+        is_gap = not len(part.samples.encoders)
+        is_likely = False
         try:
-            found = solved(model, known, part, is_judged=is_judged)
-            is_likely, rejected = found.is_likely, found.rejected
+            if not is_gap:
+                found = solved(model, known, part, is_judged=is_judged)
+                is_likely, rejected = found.is_likely, found.rejected
         except (InputError, np.linalg.LinAlgError):
-            is_likely = False
-        if not (is_likely or each.is_cut):
+            pass
+        if not (is_likely or is_gap or each.is_cut):
             return state, False
         if not is_likely:
-            is_explained = False
             joints = {name: part.samples[name] for name in OF_JOINTS}
             alone = replace(part, samples=replace(part.samples, samples=joints))
             rejected = {n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS}
-            state = replace(state, bridged=state.bridged + part.length)
             found = solved(model, known, alone, is_judged=False, is_linked=False)
+        if not (is_gap or is_likely):
+            is_explained = False
+            state = replace(state, bridged=state.bridged + part.length)
         total = Counter(state.rejected) + Counter(rejected)
-        state = replace(state, known=found.known(model), rejected=total)
+        state = replace(state, rejected=total, known=replace(found.known(model), is_lost=is_gap))
     return state, is_explained
 
 

@@ -8,6 +8,7 @@ from scipy.linalg import solve_triangular
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.events import farthest
 from cpid_drake.estimation.fit import CLOSE, weights_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import joined, joint_part, opened, triangles
@@ -45,6 +46,7 @@ class Known:
         gaussian: about what is at the boundary and all unknowns, and of the links themselves.
         links: at the starts of the last blocks.
         track: (J, ORDER, ORDER + 1) rows about the joints, by their own sensors alone.
+        is_lost: whether the base is not known any more, because the joints were not.
 
     """
 
@@ -53,6 +55,7 @@ class Known:
     gaussian: Gaussian
     links: tuple[Link, ...]
     track: NDArray[np.float64]
+    is_lost: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +116,9 @@ def solved(
     if len(walking):
         gaussian = _changed(gaussian, n + walking, sigma * np.sqrt(block.length))
     links = known.links
-    if is_linked:
+    if known.is_lost:
+        gaussian = _changed(gaussian, np.arange(12), farthest(model))
+    elif is_linked:
         links = (*links, Link(block.start))
         gaussian = linked(model, gaussian, links[-1])
     part, track = tracked(track, joint_part(block, model.suite, known.log.smoothness))
