@@ -79,15 +79,6 @@ def test_errors_are_as_the_covariance_and_the_bound_say(case, fits, name):
         assert ratio[-1] < 1.4
 
 
-def test_the_recursive_fit_is_nearly_as_good(fits):
-    """On the same samples its estimate differs by a small part of σ."""
-    distances = [
-        distance(one.parameters, other.parameters, one.covariance)
-        for one, other in zip(*fits.values())
-    ]
-    assert np.sqrt(np.mean(np.square(distances)) / 10) < 0.1  # σ
-
-
 def test_without_noise_it_finds_the_truth(case):
     assert np.sqrt(nees(case, fitted(case, case.samples))) < 0.3  # σ: what the splines miss
 

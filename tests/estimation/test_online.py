@@ -57,7 +57,7 @@ def test_it_is_the_fit_of_all_samples(case, bias_walk):
     psi, covariance = target(found.gaussian, found.values, "log")
     again, same = target(state.gaussian(model), state.values)
     sigma = np.sqrt(np.diag(covariance))
-    assert np.abs((again - psi) / sigma).max() < 0.3
+    assert np.abs((again - psi) / sigma).max() < 0.1
     np.testing.assert_allclose(np.sqrt(np.diag(same)), sigma, rtol=0.05)
     assert state.events == ()
 
