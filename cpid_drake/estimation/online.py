@@ -25,6 +25,7 @@ from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import opened
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.fit import Fit, fit, prior_of, spread
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.links import closed, compared, judged
@@ -44,9 +45,6 @@ from cpid_drake.sensing.measurements import Measurements
 
 WELL_KNOWN = 1e-3
 """Relative error of the system's inertia from which a block is linear about the target."""
-
-LINEAR = 3 * WELL_KNOWN
-"""Relative change of the system's inertia after which the first blocks were not linear."""
 
 LONGEST = 8
 """So many blocks are stored at most: then a target that is known at all is well enough known."""
@@ -170,7 +168,7 @@ def _grown(model: Model, state: OnlineState) -> OnlineState:
     try:
         found = fit(model, [LogState.of_blocks(model, window, NAME)])
         changes = _changes(model, found)
-        error = inertia_error(model, found)
+        error = _inertia_error(model, found.logs[0], found.gaussian, found.values[PSI])
     except (InputError, np.linalg.LinAlgError):
         return later
     if not found.converged:
@@ -301,29 +299,33 @@ def _settled(model: Model, state: OnlineState, oldest: float) -> OnlineState:
     return replace(state, known=replace(known, gaussian=gaussian, links=links), settled=settled)
 
 
-def inertia_error(model: Model, found: Fit) -> float:
+def change_beyond_linear(model: Model, state: OnlineState) -> float:
+    """Return the relative change d of the system's inertia since the first block that is linear.
+
+    It is 0 while blocks are stored, and if its second-order effect d² is below the error of the
+    inertia.
+    """
+    gaussian = state.gaussian(model)
+    if state.known is None or state.about is None or gaussian is None:
+        return 0.0
+    log, psi = state.known.log, state.known.values[PSI]
+    B = _by_inertia(model, log, psi)
+    change = float(np.linalg.norm(B @ (psi - state.about)) / len(B) ** 0.25)
+    return change if change**2 > _inertia_error(model, log, gaussian, psi) else 0.0
+
+
+def _inertia_error(
+    model: Model, log: LogState, gaussian: Gaussian, psi: NDArray[np.float64]
+) -> float:
     """Return the relative error of the system's inertia about its centre of mass.
 
     It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can turn. Errors of
     the known bodies, which stay uncertain for ever, are not in it.
     """
-    log, psi = found.logs[0], found.values[PSI]
-    exact = {BODIES: 0.0} if BODIES in found.values else {}
-    covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()
+    exact = {BODIES: 0.0} if BODIES in gaussian.places else {}
+    covariance = gaussian.condition(exact).marginal([PSI]).covariance()
     B = _by_inertia(model, log, psi)
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
-
-
-def distance_from_start(model: Model, state: OnlineState) -> float:
-    """Return the relative change of the system's inertia since the first block that is linear.
-
-    It is 0 while blocks are stored; see `inertia_error`.
-    """
-    if state.known is None or state.about is None:
-        return 0.0
-    psi = state.known.values[PSI]
-    B = _by_inertia(model, state.known.log, psi)
-    return float(np.linalg.norm(B @ (psi - state.about)) / len(B) ** 0.25)
 
 
 def _by_inertia(model: Model, log: LogState, psi: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.online import LINEAR, distance_from_start, run
+from cpid_drake.estimation.online import change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import PSI, Model
@@ -118,7 +118,7 @@ def identification_of_state(
         gaussian = at_momentum(gaussian, values, momentum, LOG)
         noise = state.noise
     present = model.suite.present()
-    distance = distance_from_start(model, state)
+    change = change_beyond_linear(model, state)
     return Identification(
         relative_parameterization(model.mass),
         solution_of(model, values, gaussian),
@@ -129,7 +129,7 @@ def identification_of_state(
         rejected={name: count for name, count in state.rejected.items() if count},
         momentum_changes=MomentumChanges(len(state.events), max(state.events, default=np.nan)),
         warnings=(*noise_warnings(noise), *_warnings(state)),
-        doubts=() if distance < LINEAR else (NOT_LINEAR.format(100 * distance),),
+        doubts=(NOT_LINEAR.format(100 * change),) if change else (),
         momentum=momentum.name,
         noise=noise,
         unexplained=state.bridged / state.length if state.length else 0.0,
