@@ -97,10 +97,12 @@ def fit(
         values, logs = start_of(model, logs, values)
     now = _point(model, logs, values, rows)
     damping, growth, converged, sweeps = _FIRST_DAMPING, 2.0, False, 0
-    total = prior_of(model, logs, values, rows)
+    total, swept = prior_of(model, logs, values, rows), list[Swept]()
     while sweeps < MOST_SWEEPS and not converged:
         if sweeps:
-            logs = [reweighted(model, log, r) for log, r in zip(now.logs, now.rolled, strict=True)]
+            parts = zip(now.logs, now.rolled, swept, strict=True)
+            logs = [reweighted(model, log, r, each.absorbed) for log, r, each in parts]
+            swept.clear()  # a long log has room for one sweep
             now = replace(now, logs=logs, cost=_cost(model, logs, now.rolled, now.values, rows))
         swept = [
             sweep(model, log, r, now.values) for log, r in zip(now.logs, now.rolled, strict=True)
@@ -128,8 +130,16 @@ def fit(
     return Fit(model, now.values, now.logs, now.rolled, total, now.cost, sweeps, converged)
 
 
-def reweighted(model: Model, log: LogState, rolled: Rolled) -> LogState:
-    """Return a log with the weights and noise factors that its residuals show."""
+def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, float]) -> LogState:
+    """Return a log with the weights and noise factors that its residuals show.
+
+    Args:
+        model: the unknowns.
+        log: before.
+        rolled: its prediction.
+        absorbed: see `Swept`.
+
+    """
     weights, noise = [dict(each) for each in log.weights], dict(log.noise)
     residuals = rolled.all_residuals()
     count = sum(rest.size for rest in residuals.values())
@@ -138,7 +148,8 @@ def reweighted(model: Model, log: LogState, rolled: Rolled) -> LogState:
         w = weights_of(rest)
         near = rest[w == 1.0]  # what is far off says nothing about the noise
         tau = _correlation(near)
-        freedom = near.size * max(1 - free / count, 0.1) / tau
+        lost = free / count + absorbed.get(name, 0.0) / rest.size
+        freedom = near.size * max(1 - lost, 0.1) / tau
         square = (DECLARED + float(np.sum(near**2)) / tau) / (DECLARED + freedom)
         noise[name] = max(1.0, float(np.sqrt(square * tau)))
         ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]

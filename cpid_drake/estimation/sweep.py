@@ -94,12 +94,14 @@ class Swept:
         gaussian: of the log's, the hardware's and the target's unknowns, about the present values.
         boundary: (n, n + …) rows of what is known at the end of the last block.
         steps: what `back` needs, in the order of the sweep.
+        absorbed: how many of a sensor's residuals the blocks' own unknowns absorb, by sensor.
 
     """
 
     gaussian: Gaussian
     boundary: NDArray[np.float64]
     steps: list[_Change | _Block]
+    absorbed: dict[str, float]
 
 
 def sweep(
@@ -126,7 +128,7 @@ def sweep(
     n = boundary_size(model)
     walking, walk_sigma = walking_columns(model)
     steps: list[_Change | _Block] = []
-    rho2, links = 0.0, list[int]()
+    rho2, links, absorbed = 0.0, list[int](), dict[str, float]()
 
     def opened(
         columns: NDArray[np.intp], sigma: NDArray[np.float64], now: NDArray[np.float64], kind: str
@@ -140,9 +142,10 @@ def sweep(
         if part.motion.joints.is_kicked and k:
             columns = np.arange(n - ORDER * model.joint_count, n)[ORDER - 1 :: ORDER]
             carried = opened(columns, np.full(len(columns), KICK), kick_of(log, k), "kick")
-        block, carried, rest = _eliminated(model, log, k, rolled, carried)
+        block, carried, rest, own = _eliminated(model, log, k, rolled, carried)
         steps.append(block)
         rho2 += rest
+        absorbed |= {name: absorbed.get(name, 0.0) + value for name, value in own.items()}
         if k < len(log.walks) and len(walking):
             sigma = walk_sigma * np.sqrt(log.blocks[k].length)
             carried = opened(n + walking, sigma, log.walks[k], "walk")
@@ -155,7 +158,7 @@ def sweep(
     sizes = {u.key(log.name): u.size for u in model.table}
     sizes |= {f"link {k}|{log.name}": 12 for k in links}
     gaussian = Gaussian.of_rows(sizes, carried[n:, n:], rho2)
-    return Swept(gaussian, carried[:n], steps)
+    return Swept(gaussian, carried[:n], steps, absorbed)
 
 
 def known_at_start(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
@@ -227,8 +230,11 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
 
 def _eliminated(
     model: Model, log: LogState, k: int, rolled: Rolled, carried: NDArray[np.float64]
-) -> tuple[_Block, NDArray[np.float64], float]:
-    """Return block k without what ends with it, the rows known at its end, and what remains."""
+) -> tuple[_Block, NDArray[np.float64], float, dict[str, float]]:
+    """Return block k without what ends with it, the rows known at its end, and what remains.
+
+    The last value is how many residuals of each sensor the unknowns absorb that end with the block.
+    """
     part, trajectory = rolled.models[k], rolled.trajectories[k]
     J, end = part.jacobian(trajectory)
     links, rest = part.links(trajectory.state)
@@ -263,8 +269,11 @@ def _eliminated(
     gone = np.setdiff1d(np.arange(first), ends)
     T = triangle(rows[:, np.concatenate([gone, keep, [rows.shape[1] - 1]])])
     g, kept = len(gone), len(keep)
+    leverage = np.sum(solve_triangular(T[:g, :g], rows[b:, gone].T, trans="T") ** 2, axis=0)
+    ends = np.cumsum([each.size for each in residuals.values()])
+    own = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
     block = _Block(part, gone, keep, T[:g].copy(), end, transitions)
-    return block, T[g : g + kept, g:], float(np.sum(T[g + kept :, -1] ** 2))
+    return block, T[g : g + kept, g:], float(np.sum(T[g + kept :, -1] ** 2)), own
 
 
 def with_change(

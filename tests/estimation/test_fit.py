@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from sensing_cases import MOMENTUM, coarse_suite, true_psi
 
 from cpid_drake.estimation.events import fit_with_events
-from cpid_drake.estimation.evidence import compare
+from cpid_drake.estimation.evidence import Question, compare
 from cpid_drake.estimation.fit import correlation_time, fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
@@ -21,6 +21,8 @@ from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, Vector
 from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite()
+
+AT_REST = Question({}, {f"{OF_LOG}|log": np.zeros(6)})
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +76,17 @@ def test_no_sensor_is_better_than_declared(found):
     rest = found.rolled[0].all_residuals()
     assert min(np.sqrt(np.mean(each**2)) for each in rest.values()) < 0.95
     assert min(found.logs[0].noise.values()) == 1.0
+
+
+def test_noise_that_the_joints_absorb_is_counted(case):
+    """Three times a gyro's noise, with poor encoders: residuals alone say 2.6 times."""
+    declared = replace(SUITE, encoders=JointSensor(20.0, 3e-4))
+    real = replace(declared, gyro=replace(SUITE.gyro, angle_random_walk=0.015))
+    model, factors = Model(case.craft.tree, declared), []
+    for seed in range(2):
+        samples = add_noise(real, case.samples, seed)
+        factors.append(fit(model, [LogState.of(model, samples)]).logs[0].noise["gyro"])
+    assert 2.67 < np.mean(factors) < 3.2
 
 
 def test_errors_of_the_model_are_no_noise_if_they_are_small(case):
@@ -202,7 +215,7 @@ def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target, duration, 
     case = make_case(tmp_path, skewed_target, SUITE, None, duration)
     firing = Firing(time, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
     closed = fitted(case, samples=fired(case, firing))
-    found, events = fit_with_events(closed.model, closed)
+    found, events = fit_with_events(closed.model, closed, AT_REST)
     assert found.converged
     assert 1 <= len(events) <= 2
     assert min(abs(event.time - time) for event in events) < 0.3
@@ -214,7 +227,7 @@ def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target, duration, 
 def test_nothing_happened_in_a_clean_log(case):
     for seed in range(2):
         closed = fitted(case, seed)
-        found, events = fit_with_events(closed.model, closed)
+        found, events = fit_with_events(closed.model, closed, AT_REST)
         assert found is closed
         assert events == []
 

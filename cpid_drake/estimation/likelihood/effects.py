@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
@@ -272,8 +271,10 @@ class JointErrors(Effect):
 
     def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the information of the block's own joint sensors."""
-        joints = self._joints
-        return np.asarray(block_diag(*joints.rows)), joints.rest.ravel()
+        J, r, K = self._joints.rows.shape
+        rows, each = np.zeros((J, r, J, K)), np.arange(J)
+        rows[each, :, each] = self._joints.rows
+        return rows.reshape(J * r, J * K), self._joints.rest.ravel()
 
 
 class KnownBodies(Effect):

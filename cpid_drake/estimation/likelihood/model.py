@@ -215,7 +215,7 @@ class BlockModel:
         N = len(self.motion.nodes)
         direct = self._change_by_thrust(trajectory, change)
         ends, change.w[:N] = self.motion.pose_change(trajectory, change.w[:N], change.attitude)
-        xi, last = ends[:, :3], ends[-1]
+        xi, last = ends[:, :3], ends[-1].copy()  # a view would keep all of it
         if direct is not None:
             change, pushed = self._pushed(trajectory, change, xi)
             last[3:] += direct[N - 1]
