@@ -128,9 +128,9 @@ def test_a_drawn_jerk_and_its_noise_are_found():
 
 @pytest.mark.parametrize("rate", [20.0, 100.0])
 def test_exact_encoders_are_not_called_noisy(rate):
-    """The splines are as fine as the motion asks for; too coarse ones leave 100 σ at 20 Hz."""
-    suite = SensorSuite(encoders=JointSensor(rate, 1e-3 * SIGMA))
-    samples = log(rate=rate, noise=1e-3, rates=False)
+    """The splines are as fine as the motion asks for; too coarse ones leave 10 σ at 20 Hz."""
+    suite = SensorSuite(encoders=JointSensor(rate, 1e-2 * SIGMA))
+    samples = log(rate=rate, noise=1e-2, rates=False)
     assert (smooth_joints(blocks_of(samples), suite)[0].noise < 3).all()
 
 
