@@ -180,8 +180,7 @@ def _grown(model: Model, state: OnlineState) -> OnlineState:
         state = _counted(state, block)
     if error > (KNOWN if is_full else WELL_KNOWN):
         return replace(state, window=later.window)
-    about = found.values[PSI]
-    return replace(state, window=(), known=_begun(model, found), first=None, about=about)
+    return replace(state, window=(), known=_begun(model, found), first=None)
 
 
 def _restarted(state: OnlineState, changes: Sequence[int]) -> OnlineState:
@@ -242,7 +241,8 @@ def _begun(model: Model, found: Fit) -> Known:
         jumps={},
     )
     gaussian = at_end(model, replace(swept, gaussian=total))
-    return Known(found.values, last, gaussian, (), track)
+    about = {u.name: found.values[u.name] for u in model.table if u.scope != "log"}
+    return Known(found.values, last, gaussian, (), track, about)
 
 
 def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState, bool]:
@@ -306,11 +306,11 @@ def change_beyond_linear(model: Model, state: OnlineState) -> float:
     inertia.
     """
     gaussian = state.gaussian(model)
-    if state.known is None or state.about is None or gaussian is None:
+    if state.known is None or gaussian is None:
         return 0.0
     log, psi = state.known.log, state.known.values[PSI]
     B = _by_inertia(model, log, psi)
-    change = float(np.linalg.norm(B @ (psi - state.about)) / len(B) ** 0.25)
+    change = float(np.linalg.norm(B @ (psi - state.known.about[PSI])) / len(B) ** 0.25)
     return change if change**2 > _inertia_error(model, log, gaussian, psi) else 0.0
 
 

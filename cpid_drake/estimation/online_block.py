@@ -46,6 +46,7 @@ class Known:
         gaussian: about what is at the boundary and all unknowns, and of the links themselves.
         links: at the starts of the last blocks.
         track: (J, ORDER, ORDER + 1) rows about the joints, by their own sensors alone.
+        about: values of the target and the hardware about which all rows are linear.
         is_lost: whether the base is not known any more, because the joints were not.
 
     """
@@ -55,6 +56,7 @@ class Known:
     gaussian: Gaussian
     links: tuple[Link, ...]
     track: NDArray[np.float64]
+    about: Values
     is_lost: bool = False
 
 
@@ -67,6 +69,7 @@ class Solved:
         gaussian: about what is at the end of the block and all unknowns, and of the links.
         links: with that at the start of the block as the last one.
         track: rows about the joints at the end.
+        about: see `Known`.
 
     """
 
@@ -76,13 +79,14 @@ class Solved:
     gaussian: Gaussian
     links: tuple[Link, ...]
     track: NDArray[np.float64]
+    about: Values
 
     def known(self, model: Model) -> Known:
         """Return what is known at the end."""
         end = self.rolled.models[0].motion.end(self.rolled.trajectories[0])
         bias = (last_bias(model, self.log.bias[0]),)
         log = replace(self.log, start=end, bias=bias, weights=({},))
-        return Known(self.values, log, self.gaussian, self.links, self.track)
+        return Known(self.values, log, self.gaussian, self.links, self.track, self.about)
 
     @property
     def is_likely(self) -> bool:
@@ -130,7 +134,7 @@ def solved(
     before = replace(here, joints=known.log.joints[0].coefficients[-ORDER:])
     gaussian = _moved(gaussian, before.step_to(here))
     for _ in range(MOST_LINEARIZATIONS):
-        swept = _swept(model, log, rolled, values, gaussian)
+        swept = _swept(model, log, _linear(model, known, log, rolled, values), values, gaussian)
         if is_judged:
             links = judged(model, swept.gaussian, links)
         g = _mean(with_links(model, swept.gaussian, links))
@@ -146,7 +150,19 @@ def solved(
         log, rolled, here = weighted, ahead, there
         if abs(excess) < CLOSE and is_settled:
             break
-    return Solved(values, log, rolled, after, links, track)
+    return Solved(values, log, rolled, after, links, track, known.about)
+
+
+def _linear(model: Model, known: Known, log: LogState, rolled: Rolled, values: Values) -> Rolled:
+    """Return a prediction with the derivatives at the first values of target and hardware.
+
+    What no motion tells, such as where C is in the target, would else seem to be known: derivatives
+    at other values in every block contradict each other. Source: Huang, Mourikis and
+    Roumeliotis 2010 (first-estimates Jacobians).
+    """
+    if not any(unknown.scope == "hardware" for unknown in model.table):
+        return rolled
+    return replace(roll(model, log, values | known.about), residuals=rolled.residuals)
 
 
 def _stepped(

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.evidence import NAMED
@@ -31,7 +30,6 @@ class OnlineState:
         bridged: length of the pieces that nothing explains [s].
         start: of the first block that is fitted [s].
         is_free: whether the momentum has changed before the first block that is fitted.
-        about: (10,) ψ about which the first blocks are linear; None while blocks are stored.
         recent: the last blocks, each with the state before it.
 
     """
@@ -46,7 +44,6 @@ class OnlineState:
     bridged: float = 0.0
     start: float = np.nan
     is_free: bool = False
-    about: NDArray[np.float64] | None = None
     recent: tuple["Recent", ...] = ()
 
     @property

@@ -98,7 +98,8 @@ def test_after_a_change_at_the_beginning_the_momentum_is_not_what_was_given(case
 def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     """By a fifth of the target: not if it is what it was."""
     state = run(model, [add_noise(SUITE, case.samples, 1)])
-    other = replace(state, about=1.2 * state.about)
+    about = {PSI: 1.2 * state.known.about[PSI]}
+    other = replace(state, known=replace(state.known, about=about))
     found = [identification_of_state(model, s, TotalMomentum.zero()) for s in (state, other)]
     assert not found[0].doubts
     assert any("not linear about the target" in doubt for doubt in found[1].doubts)
