@@ -8,6 +8,7 @@ from block_cases import fired, make_case
 from sensing_cases import coarse_suite, true_psi
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.events import farthest
 from cpid_drake.estimation.fit import fit
@@ -16,7 +17,7 @@ from cpid_drake.estimation.links import Link, closed, judged
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import LONGEST, run, step
 from cpid_drake.estimation.online_state import OnlineState
-from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.identification.estimate import at_momentum
 from cpid_drake.identification.online import identification_of_state
 from cpid_drake.sensing.measurements import Measurements, Samples
@@ -103,6 +104,15 @@ def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     found = [identification_of_state(model, s, TotalMomentum.zero()) for s in (state, other)]
     assert not found[0].doubts
     assert any("not linear about the target" in doubt for doubt in found[1].doubts)
+
+
+def test_what_no_motion_tells_stays_unknown(case):
+    """Where C is in the target; derivatives at other values in every block would tell it."""
+    model = Model(case.craft.tree, SUITE, BodyUncertainty(grasp_mm=5.0))
+    state = run(model, [add_noise(SUITE, case.samples, 1)])
+    assert state.known is not None
+    grasp = state.gaussian(model).marginal([BODIES]).covariance()
+    assert (np.sqrt(np.diag(grasp)) > 0.99).all()
 
 
 def test_a_sensor_that_fails_is_not_used_any_more(case, model):
