@@ -175,7 +175,8 @@ def _grown(model: Model, state: OnlineState) -> OnlineState:
         return replace(later, first=found, is_free=is_full or state.is_free)
     if changes:
         return _restarted(state, changes)
-    state = replace(state, first=found, processed={}, rejected=_far(found), start=np.nan)
+    state = replace(state, first=found, processed={}, rejected=_far(found), lags={}, start=np.nan)
+    state = state.with_residuals(found.rolled[0].all_residuals())
     for block in window:
         state = _counted(state, block)
     if error > (KNOWN if is_full else WELL_KNOWN):
@@ -280,6 +281,7 @@ def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState,
             state = replace(state, bridged=state.bridged + part.length)
         total = Counter(state.rejected) + Counter(rejected)
         state = replace(state, rejected=total, known=replace(found.known(model), is_lost=is_gap))
+        state = state.with_residuals(found.rolled.residuals[0])
     return state, is_explained
 
 

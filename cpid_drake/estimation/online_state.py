@@ -1,9 +1,10 @@
 """The state of the online fit: a value; see `online`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.evidence import NAMED
@@ -13,6 +14,7 @@ from cpid_drake.estimation.links import closed
 from cpid_drake.estimation.online_block import BOUNDARY, Known
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.whiteness import LagSums
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +29,7 @@ class OnlineState:
         settled: times at which the momentum changed [s], of links that are no unknowns any more.
         processed, rejected: number of samples, and of those that weigh less or not at all, by
             sensor.
+        lags: sums over the residuals of every sensor and over products of neighbours.
         bridged: length of the pieces that nothing explains [s].
         start: of the first block that is fitted [s].
         is_free: whether the momentum has changed before the first block that is fitted.
@@ -41,6 +44,7 @@ class OnlineState:
     settled: tuple[float, ...] = ()
     processed: Mapping[str, int] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
+    lags: Mapping[str, LagSums] = field(default_factory=dict)
     bridged: float = 0.0
     start: float = np.nan
     is_free: bool = False
@@ -51,6 +55,11 @@ class OnlineState:
         """Times at which the momentum changed [s]."""
         links = () if self.known is None else self.known.links
         return (*self.settled, *(link.time for link in links if link.probability >= NAMED))
+
+    def with_residuals(self, residuals: Mapping[str, NDArray[np.float64]]) -> "OnlineState":
+        """Return the state after more residuals of each sensor."""
+        added = {n: self.lags.get(n, LagSums()).added(rest) for n, rest in residuals.items()}
+        return replace(self, lags={**self.lags, **added})
 
     @property
     def noise(self) -> dict[str, float]:

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.special import chdtri
 
 from cpid_drake.dynamics.parameterizations import parameter_scale
-from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.problem import MOST_NOISE
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensing.sensors import SENSORS
@@ -92,9 +91,9 @@ def _of_the_fit(found: Identification) -> Iterator[str]:
 
 def _of_the_noise(found: Identification) -> Iterator[str]:
     """Yield failed checks of sensors whose residuals are not their noise."""
-    tests = {name: whiteness(series.neighbours) for name, series in found.residuals.items()}
+    tests = found.tests
     larger = {name: factor for name, factor in found.noise.items() if factor > MOST_NOISE}
-    coloured = [n for n, test in tests.items() if found.noise and (test.fails or not test.is_white)]
+    coloured = [name for name, test in tests.items() if test.fails or not test.is_white]
     noisier: dict[str, list[str]] = {}
     for name, factor in larger.items():
         if name not in coloured:

@@ -103,6 +103,7 @@ def fit_target(
     found, compared, gaussian = answer.found, answer.compared, answer.gaussian
     progress("comparing")
     series = _residuals(found)
+    tests = {name: whiteness(each.value) for name, each in series.items()}
     names = [log.name for log in logs]
     likely = max(compared.probability.get(f"{MOMENTUM}|{name}", 0.0) for name in names)
     is_free = likely >= NAMED or (momentum is not None and momentum.is_unknown)
@@ -131,7 +132,8 @@ def fit_target(
         NAME,
         sensors=suite,
         converged=found.converged,
-        whiteness=least_white(whiteness(each.value) for each in series.values()),
+        whiteness=least_white(tests.values()),
+        tests=tests if len(logs) == 1 else {},
         residuals=series if len(logs) == 1 else {},
         rejected={name: count for name, (count, _) in left_out.items() if count},
         momentum_changes=MomentumChanges(

@@ -16,6 +16,7 @@ from cpid_drake.estimation.online import change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.whiteness import least_white
 from cpid_drake.identification.checks import noise_warnings
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
 from cpid_drake.identification.fitted import needs_of_fit
@@ -119,6 +120,7 @@ def identification_of_state(
         noise = state.noise
     present = model.suite.present()
     change = change_beyond_linear(model, state)
+    tests = {name: sums.whiteness for name, sums in state.lags.items()}
     return Identification(
         relative_parameterization(model.mass),
         solution_of(model, values, gaussian),
@@ -126,6 +128,8 @@ def identification_of_state(
         NAME,
         sensors=model.suite,
         converged=state.converged,
+        whiteness=least_white(tests.values()),
+        tests=tests,
         rejected={name: count for name, count in state.rejected.items() if count},
         momentum_changes=MomentumChanges(len(state.events), max(state.events, default=np.nan)),
         warnings=(*noise_warnings(noise), *_warnings(state)),

@@ -151,6 +151,7 @@ class Identification:
         converged: whether an iterative estimator reached its solution.
         whiteness: whiteness of the residuals, of the least white sensor if there are several; None
             if there are no residuals.
+        tests: whiteness of the residuals of each sensor.
         residuals: residuals by sensor, or by "linear" and "angular" for rows.
         rejected: number of samples that could not be used, by sensor; sensors without such samples
             are omitted.
@@ -184,6 +185,7 @@ class Identification:
     sensors: SensorSuite | None = None
     converged: bool = True
     whiteness: Whiteness | None = None
+    tests: Mapping[str, Whiteness] = field(default_factory=dict)
     residuals: Mapping[str, ResidualSeries] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
     momentum_changes: MomentumChanges | None = None
