@@ -28,8 +28,11 @@ PARTS = 4
 ROUNDS = 2
 """All ends are judged so many times: of whole blocks, then with parts beside the changes."""
 
-TOGETHER = 40
+TOGETHER = 12
 """Number of ends that are judged at once."""
+
+LATER = 8
+"""So many blocks after these ends are used to judge them."""
 
 FARTHEST = (0.5, 1.0, 1.0)
 """σ of a change of attitude [rad], of the centre of mass [m] and of its velocity [m/s]."""
@@ -96,15 +99,26 @@ def _changes(
     """Return of each log the blocks at whose ends something changed."""
     result = []
     for log in found.logs:
-        ends, best = list(range(len(log.blocks) - 1)), list[int]()
+        best, start, before = list[int](), 0, None
         rolled = roll(model, log, found.values)
-        for first in range(0, len(ends), TOGETHER):
-            judged = ends[first : first + TOGETHER]
-            wide = opened(model, log, {*log.links, *judged})
-            carried = sweep(model, wide, rolled, found.values, carry=judged)
-            compared = _compared(model, wide, found, carried.gaussian, judged, question, rows)
-            best += [k for k in judged if _name(k, log) in compared.best]
-        result.append(best)
+        for begin in range(0, len(log.blocks) - 1, TOGETHER):
+            first = begin
+            while first and rolled.models[first].motion.joints.is_kicked:
+                first -= 1
+            if first > start:
+                parts = log.part(start, first), rolled.part(start, first)
+                before = sweep(model, *parts, found.values, before=before).rows
+            start = first
+            end = min(first + TOGETHER + LATER + 1, len(log.blocks))
+            ends = range(min(TOGETHER, end - first - 1))
+            wide = log.part(first, end)
+            wide = opened(model, wide, {*wide.links, *ends})
+            carried = sweep(
+                model, wide, rolled.part(first, end), found.values, carry=ends, before=before
+            )
+            compared = _compared(model, wide, found, carried.gaussian, ends, question, rows)
+            best += [first + k for k in ends if _name(k, log) in compared.best]
+        result.append(sorted(set(best)))
     return result
 
 

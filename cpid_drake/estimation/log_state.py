@@ -1,7 +1,7 @@
 """A log cut into blocks, and the present values of what belongs to this log alone."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,19 @@ class LogState:
         """
         stream = [samples] if isinstance(samples, Measurements) else samples
         return cls.of_blocks(model, blocks_of(BlockQueue.of(model.suite), stream), name)
+
+    def part(self, first: int, end: int) -> "LogState":
+        """Return the blocks from `first` up to `end`; its start is that of the whole log."""
+        return replace(
+            self,
+            blocks=self.blocks[first:end],
+            joints=self.joints[first:end],
+            bias=self.bias[first:end],
+            walks=self.walks[first : end - 1],
+            weights=self.weights[first:end],
+            links={k - first: s for k, s in self.links.items() if first <= k < end - 1},
+            jumps={k - first: u for k, u in self.jumps.items() if first <= k < end - 1},
+        )
 
     def weighted(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return residuals (M, ...) of a sensor in block k, with weights and noise factor."""

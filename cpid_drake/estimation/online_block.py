@@ -222,9 +222,7 @@ def _swept(
 
 def at_end(model: Model, swept: Swept) -> Gaussian:
     """Return what is known at the end of a block."""
-    n, gaussian = boundary_size(model), swept.gaussian
-    below = np.column_stack([np.zeros((gaussian.size, n)), gaussian.R, gaussian.z])
-    return Gaussian.of_rows({BOUNDARY: n, **gaussian.sizes}, np.vstack([swept.boundary, below]))
+    return Gaussian.of_rows({BOUNDARY: boundary_size(model), **swept.gaussian.sizes}, swept.rows)
 
 
 def _moved(gaussian: Gaussian, *steps: NDArray[np.float64]) -> Gaussian:

@@ -37,6 +37,15 @@ class Rolled:
     start: float
     by_psi: NDArray[np.float64]
 
+    def part(self, first: int, end: int) -> "Rolled":
+        """Return the prediction of the blocks from `first` up to `end`."""
+        return replace(
+            self,
+            models=self.models[first:end],
+            trajectories=self.trajectories[first:end],
+            residuals=self.residuals[first:end],
+        )
+
     def cost(self, log: LogState) -> float:
         """Return the sum of squares of all rows of a log."""
         return self.start + self.cost_inside(log)

@@ -103,6 +103,13 @@ class Swept:
     steps: list[_Change | _Block]
     absorbed: dict[str, float]
 
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """Rows of all that is known at the end of the last block."""
+        n, found = len(self.boundary), self.gaussian
+        below = np.column_stack([np.zeros((found.size, n)), found.R, found.z])
+        return np.vstack([self.boundary, below])
+
 
 def sweep(
     model: Model,

@@ -221,19 +221,11 @@ def _first(
     found: Fit, log: LogState, rolled: Rolled, k: int
 ) -> tuple[LogState, Rolled, dict[str, NDArray[np.float64]]]:
     """Return the first k blocks of a log, their prediction, and the values at their end."""
-    ends = range(k - 1)
-    part = replace(
-        log,
-        blocks=log.blocks[:k],
-        walks=log.walks[: k - 1],
-        links={n: log.links[n] for n in ends if n in log.links},
-        jumps={n: log.jumps[n] for n in ends if n in log.jumps},
-    )
     values, later = dict(found.values), np.sum(log.walks[k - 1 :], axis=0)
     for unknown in found.model.walking:
         step, later = np.split(later, [unknown.size])
         values[unknown.key(log.name)] = values[unknown.key(log.name)] - step
-    return part, replace(rolled, models=rolled.models[:k]), values
+    return log.part(0, k), rolled.part(0, k), values
 
 
 def _evidence(gaussian: Gaussian, found: Fit, question: Question, free: Sequence[str]) -> float:
