@@ -19,9 +19,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.dynamics.parameterizations import tensor_to_vector
 from cpid_drake.dynamics.rotations import cross, rotate, rotate_by_quaternion
-from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
 from cpid_drake.dynamics.telemetry import Telemetry
 
 NORMAL_W = np.array([0.0, 0.0, 1.0])
@@ -65,26 +63,6 @@ def unknowns_in_plane(axis: int) -> NDArray[np.intp]:
     """
     across = [1 + k for k in range(3) if k != axis]
     return np.array([0, *across, (4, 7, 9)[axis]])
-
-
-def round_body(psi: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """Return a rigid body (10,) of the same motion in the plane, round about its centre of mass.
-
-    The unknowns that have no effect on the motion are chosen; the moment of inertia about the
-    centre of mass is changed if it is not positive.
-
-    Args:
-        psi: (10,) standard or relative vector with a positive mass.
-        axis: number of C's axis that is the table's normal.
-
-    """
-    about = unknowns_in_plane(axis)[-1]
-    com = psi[1:4] / psi[0]
-    com[axis] = 0.0
-    central = max(psi[about] - psi[0] * com @ com, 1e-3 * abs(psi[about]), 1e-12 * psi[0])
-    body = np.concatenate([psi[:1], psi[0] * com, np.zeros(6)])
-    body[4:] = tensor_to_vector(central * np.eye(3) + point_mass_inertia(psi[0], com))
-    return body
 
 
 def tilt(quaternion_WB: ArrayLike, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:

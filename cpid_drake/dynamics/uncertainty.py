@@ -15,9 +15,6 @@ from cpid_drake.resources import resolve_model
 
 Size = Annotated[float, Ge(0)]
 
-SHORTEST_LINK = 0.2
-"""Length to which errors of length are compared [m]."""
-
 # The errors of a balanced wheel: its mass, its centre of mass along the axis, and the stretches of
 # its second moment along the axis and across it.
 _BALANCED = np.array([1, 1, 0, 0, 1, 1, 0, 0, 0, 0])
@@ -61,16 +58,6 @@ class BodyUncertainty:
     def is_zero(self) -> bool:
         """Whether the spacecraft is known exactly."""
         return not any(vars(self).values())
-
-    @property
-    def curvature(self) -> float:
-        """Effects of second order in the errors, as a share of those of first order.
-
-        It is the largest relative error; errors of length are divided by `SHORTEST_LINK`.
-        """
-        lengths = self.com, 1e-3 * self.joint_position_mm, 1e-3 * self.grasp_mm
-        angles = 1e-3 * self.joint_axis_mrad, 1e-3 * self.grasp_mrad
-        return max(self.mass, self.inertia, *angles, max(lengths) / SHORTEST_LINK)
 
     @property
     def sigmas(self) -> NDArray[np.float64]:

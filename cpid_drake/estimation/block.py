@@ -49,11 +49,6 @@ class Block:
         """Length of the block [s]."""
         return self.end - self.start
 
-    def halves(self) -> tuple["Block", "Block"]:
-        """Return two blocks of half the length."""
-        middle = (self.start + self.end) / 2
-        return self.part(self.start, middle), self.part(middle, self.end)
-
     def part(self, start: float, end: float) -> "Block":
         """Return a part of the block."""
         is_kicked = self.is_kicked and start == self.start

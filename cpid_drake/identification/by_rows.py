@@ -250,7 +250,6 @@ def _identified(
     found = replace(
         found,
         momentum=name_of,
-        contradicts_zero=contradicts,
         warnings=tuple(warnings),
         doubts=(*doubts, *found.doubts),
     )

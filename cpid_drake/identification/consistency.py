@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
@@ -129,8 +128,3 @@ def _plausible(found: "Identification", tree: KinematicTree) -> tuple[float, flo
     mass = found.parameters[0]
     share = mass / tree.mass
     return (float(mass) if 1e-3 < share < 1e3 else tree.mass), size
-
-
-def narrowed_names(consistency: Consistency) -> list[str]:
-    """Return the names of the parameters whose interval is narrower than the free one."""
-    return [PARAMETER_NAMES[k] for k in np.flatnonzero(consistency.narrowed)]

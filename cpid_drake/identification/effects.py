@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 
 from cpid_drake.estimation.intervals import quantile_95
 
-SIGNIFICANT = 4.0
-"""Size of an entry in units of its σ from which the words mention it."""
-
 LEARNED = 0.5
 """Share of the prior σ below which the samples have determined an entry."""
 
@@ -55,11 +52,6 @@ class EffectEstimate:
     sigma: NDArray[np.float64]
     prior_sigma: float
     log: str = ""
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether an entry differs from zero by much more than its σ."""
-        return bool((np.abs(self.value) > SIGNIFICANT * self.sigma).any())
 
     @property
     def is_learned(self) -> bool:

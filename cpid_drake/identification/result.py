@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import Parameterization
@@ -80,16 +79,6 @@ class MomentumEstimate:
 
     value: NDArray[np.float64]
     covariance: NDArray[np.float64]
-
-    @property
-    def probability_of_zero(self) -> float:
-        """Probability of an estimate at least as far from zero if the momentum is zero."""
-        scale = np.sqrt(np.diag(self.covariance))
-        if not (np.isfinite(scale).all() and (scale > 0).all()):
-            return 1.0
-        unit = self.value / scale
-        distance = unit @ np.linalg.pinv(self.covariance / scale / scale[:, None]) @ unit
-        return float(chdtrc(len(self.value), distance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,11 +154,7 @@ class Identification:
             "sensor of log".
         unexplained: share of the log whose samples were not used because nothing explains them.
         momentum_estimate: the estimate of an unknown momentum; None without one.
-        contradicts_zero: whether the samples contradict the assumed momentum of zero; None if this
-            was not tested.
         joint: the separate estimates, if several logs or a prior were used; else None.
-        shared: (10, c) error of the unknowns for errors of one σ that all logs of the spacecraft
-            share: those of its bodies and the constant errors of its sensors; None without any.
         effects: estimates of the constant errors that the sensors declare.
         consistency: what rigid bodies can have of the estimate; None if it was not computed.
         undeclared: errors beyond these that the samples show; None if they were not looked for.
@@ -196,11 +181,9 @@ class Identification:
     noise: Mapping[str, float] = field(default_factory=dict)
     unexplained: float = 0.0
     momentum_estimate: MomentumEstimate | None = None
-    contradicts_zero: bool | None = None
     table: TableSetting | None = None
     consistency: Consistency | None = None
     joint: JointEstimate | None = None
-    shared: NDArray[np.float64] | None = None
     effects: tuple[EffectEstimate, ...] = ()
     undeclared: UndeclaredErrors | None = None
 

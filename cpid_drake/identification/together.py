@@ -128,7 +128,6 @@ def _summed(logs: Sequence[Part]) -> Identification:
         momentum=max((each.momentum for each in found), key=("zero", "known", "unknown").index),
         misfit=1.0,
         momentum_estimate=None,
-        contradicts_zero=None,
     )
 
 

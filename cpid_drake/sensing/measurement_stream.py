@@ -13,9 +13,6 @@ from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
 CHUNK_SECONDS = 60.0
 """Default length of a chunk [s]: long against its overhead, short against the memory."""
 
-SETTLING = 1.0
-"""Time after a change of the thrust in which the arm may vibrate [s]."""
-
 
 class MeasurementStream(Protocol):
     """The samples of a log in order of time, a chunk at a time.
@@ -180,22 +177,6 @@ def time_interval(measurements: Measurements) -> tuple[float, float] | None:
     if not times:
         return None
     return float(min(time[0] for time in times)), float(max(time[-1] for time in times))
-
-
-def longest_steady(measurements: Measurements) -> Measurements:
-    """Return the samples of the longest time in which the thrust does not change.
-
-    After a change of the thrust, the motion has `SETTLING` seconds to become smooth again. Without
-    a log of thrust these are all samples.
-    """
-    interval, changes = time_interval(measurements), measurements.thrust_changes
-    if interval is None or not len(changes):
-        return measurements
-    changes = changes[(changes > interval[0] - SETTLING) & (changes < interval[1])]
-    starts = np.append(interval[0], changes + SETTLING)
-    ends = np.append(changes, interval[1])
-    longest = int(np.argmax(ends - starts))
-    return measurements.between(starts[longest], ends[longest])
 
 
 def head_of(stream: MeasurementStream, most: int) -> tuple[Measurements | None, bool]:

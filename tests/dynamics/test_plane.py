@@ -14,8 +14,7 @@ from cpid_drake.dynamics.base_motion import (
     known_dynamics,
 )
 from cpid_drake.dynamics.momentum import total_momentum
-from cpid_drake.dynamics.parameterizations import standard_to_pseudo_inertia
-from cpid_drake.dynamics.plane import freedom, in_plane, mean_normal, round_body, tilt
+from cpid_drake.dynamics.plane import freedom, in_plane, mean_normal, tilt
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 
 TIMES = np.arange(0.0, DURATION, 0.1)
@@ -98,15 +97,6 @@ def test_the_mean_normal_of_a_base_that_is_mounted_askew(truth):
     normal = mean_normal(turned.as_quat(scalar_first=True))
     np.testing.assert_allclose(normal, askew.inv().apply([0, 0, 1]), atol=1e-12)
     np.testing.assert_allclose(tilt(turned.as_quat(scalar_first=True), normal), 0, atol=1e-9)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_round_body_has_the_same_motion_in_the_plane(axis):
-    psi = TARGET.to_standard_vector()
-    body = round_body(psi, axis)
-    assert np.linalg.eigvalsh(standard_to_pseudo_inertia(body))[0] > 0
-    kept = [0, *(1 + k for k in range(3) if k != axis), (4, 7, 9)[axis]]
-    np.testing.assert_allclose(body[kept], psi[kept], rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,6 @@ from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.measurement_stream import stream_of
 from cpid_drake.sensing.measurements import THRUST, Samples, ideal_measurements
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.noise_colour import noise_factors
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.studies.trials import draw, ideal_samples, make_case
 
@@ -166,7 +165,6 @@ def test_a_burn_is_no_noise():
     """A gyro sees the slope of the angular velocity jump, at all frequencies."""
     burn = BurnConfig(4.0, 1.0, np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6]))
     flight = Flight("exciting_motion", "flight", [burn])
-    assert noise_factors(flight.log, flight.suite) == {}
     found = flight.identify(flight.log)
     assert found.doubts == ()
     [text] = found.warnings  # three seconds before the burn have too few positions
@@ -176,11 +174,10 @@ def test_a_burn_is_no_noise():
 
 @pytest.mark.slow
 def test_many_pulses_are_no_noise():
-    """They leave no quiet pieces of the log, but their log tells where the thrust is steady."""
+    """Fifteen in six seconds: the thrust is never steady for long."""
     force, point = np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6])
     pulses = [BurnConfig(1.0 + 0.4 * k, 0.05, force, point) for k in range(15)]
     flight = Flight("exciting_motion", "flight", pulses)
-    assert noise_factors(flight.log, flight.suite)["gyro"] > 1.2
     found = flight.identify(flight.log)
     assert not any("noise" in text for text in (*found.warnings, *found.doubts))
     assert np.abs(flight.errors(found)).max() < 3.5

@@ -18,7 +18,7 @@ from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.least_squares import solution_of_information
 from cpid_drake.identification.checks import checked
-from cpid_drake.identification.result import Identification, MomentumEstimate
+from cpid_drake.identification.result import Identification
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 
@@ -86,13 +86,6 @@ class TestMomentum:
         samples = measured(craft, motion, skewed_target, suite, momentum_W=momentum_W)
         found = identify(craft, add_noise(suite, samples, seed=3), sensors=suite, rows="eq18")
         assert any("eq18 cannot estimate it" in d for d in found.doubts) == (momentum_W is not None)
-
-    def test_the_probability_of_zero_is_that_of_chi_squared(self):
-        covariance = np.diag([4.0, 9.0])
-        # χ² with two degrees of freedom: P = exp(-χ²/2)
-        estimate = MomentumEstimate(np.array([2.0, -6.0]), covariance)
-        assert estimate.probability_of_zero == pytest.approx(np.exp(-(1 + 4) / 2))
-        assert MomentumEstimate(np.zeros(2), covariance).probability_of_zero == 1.0
 
 
 class TestBodies:

@@ -10,8 +10,6 @@ from sensing_cases import small_craft
 from cpid_drake.dynamics.base_motion import base_twist, known_dynamics, target_spatial_inertia
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, total_momentum
-from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.spacecraft.plant_dynamics import PlantRelativeDynamics
 
 
 @pytest.fixture(scope="module")
@@ -123,22 +121,6 @@ def test_momentum_is_the_derivative_of_the_centre_of_mass(servicer, paper_target
     expected = mass * (places[0] - places[1]) / (2 * step)
     P, _ = total_momentum(servicer.tree, paper_target, telemetry)
     np.testing.assert_allclose(P, expected, rtol=0, atol=1e-6 * np.abs(P).max())
-
-
-@pytest.mark.parametrize("which", ["servicer", "craft"])
-def test_drake_sees_the_same_known_bodies(which, request):
-    """`PlantRelativeDynamics` one configuration at a time, several rates at once."""
-    craft, rng = request.getfixturevalue(which), np.random.default_rng(76)
-    bodies, J = PlantRelativeDynamics(craft), len(craft.joint_names)
-    for _ in range(4):
-        q, qdot = rng.normal(size=J), rng.normal(size=(3, J))
-        drake, ours = bodies(q, qdot), relative_dynamics(craft.tree, np.tile(q, (3, 1)), qdot)
-        assert drake.mass == pytest.approx(ours.mass, rel=1e-14)
-        for name in ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot"):
-            mine = getattr(ours, name)
-            his = np.broadcast_to(getattr(drake, name), mine.shape)
-            atol = 1e-12 * max(np.abs(mine).max(), 1.0)
-            np.testing.assert_allclose(his, mine, rtol=0, atol=atol, err_msg=name)
 
 
 def test_target_inertia_is_drakes(skewed_target):

@@ -15,7 +15,6 @@ from cpid_drake.sensing.measurement_stream import (
     chunks,
     head_of,
     joined,
-    longest_steady,
     stream_of,
     time_interval,
 )
@@ -70,11 +69,6 @@ def test_thrust_holds_from_chunk_to_chunk(seconds):
         start, end = time_interval(part)
         inside = times[(times >= start) & (times <= end)]
         np.testing.assert_array_equal(part.thrust.held_at(inside), burns.held_at(inside))
-    steady = longest_steady(whole)
-    first, last = time_interval(steady)
-    assert first >= 3.0
-    assert last <= 6.5
-    assert len(steady.gyro) > 100
     cut = whole.between(1.5, 3.0)
     np.testing.assert_array_equal(cut.thrust.time, [1.5, 2.0])
     np.testing.assert_array_equal(cut.thrust.value[:, 0], [1.0, 2.0])

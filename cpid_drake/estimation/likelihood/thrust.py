@@ -256,12 +256,3 @@ def block_thrust(
     if not (log.value[inside].any() or log.held_at(nodes[0]).any()):
         return None
     return BlockThrust(log, nodes, times, grid, interpolation, orbit)
-
-
-def impulses(log: Samples, start: float, elapsed: float) -> tuple[float, float]:
-    """Return the integrals of the magnitudes of torque [N·m·s] and force [N·s] over a time [s]."""
-    inside = log.time[(log.time > start) & (log.time < start + elapsed)]
-    edges = np.concatenate([[start], inside, [start + elapsed]])
-    sizes = np.linalg.norm(log.held_at(edges[:-1]).reshape(-1, 2, 3), axis=2)
-    torque, force = np.diff(edges) @ sizes
-    return float(torque), float(force)

@@ -69,7 +69,7 @@ class TravelFit:
 
     Attributes:
         mass_share, mass_share_sigma: μ and its standard deviation.
-        point_B, point_sigma: (3,) the point d from B's origin in B [m]; zero if it is not free.
+        point_B: (3,) the point d from B's origin in B [m]; zero if it is not free.
         residuals: (N, 3) in W [m].
         travel: root mean square of the motion that a constant velocity does not explain [m].
         reach: largest distance of the capture point from B's origin [m].
@@ -80,7 +80,6 @@ class TravelFit:
     mass_share: float
     mass_share_sigma: float
     point_B: NDArray[np.float64]
-    point_sigma: NDArray[np.float64]
     residuals: NDArray[np.float64]
     travel: float
     reach: float
@@ -192,12 +191,10 @@ class TravelModel:
             A = np.hstack([A, extra])
         y = (travel.position + rotate(R_WB, self._known)).reshape(-1)
         estimate, sigma = _least_squares(A, y)
-        free = slice(4, 7)
         return TravelFit(
             float(estimate[0]),
             float(sigma[0]),
-            estimate[free] if free_point else np.zeros(3),
-            sigma[free] if free_point else np.zeros(3),
+            estimate[4:7] if free_point else np.zeros(3),
             (y - A @ estimate).reshape(-1, 3),
             _rms(drift),
             float(np.linalg.norm(self._capture, axis=1).max()),

@@ -6,7 +6,7 @@ empty map changes nothing.
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Gt
@@ -45,11 +45,6 @@ _SCALES = {
 def scale_of(unit: str) -> float:
     """Return the size of a unit in SI units and radians."""
     return _SCALES[unit.removesuffix("/s")]
-
-
-def is_angular(unit: str) -> bool:
-    """Return whether a unit is one of angles or of angular rates."""
-    return unit in get_args(Angle) or unit in get_args(AngularRate)
 
 
 Vector = Annotated[NDArray[np.float64], Numbers(3)]
