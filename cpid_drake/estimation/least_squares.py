@@ -152,7 +152,6 @@ def solution_of_information(
     information: NDArray[np.float64],
     scale: NDArray[np.float64],
     *,
-    consider: NDArray[np.float64] | None = None,
     residual_sum: float = np.nan,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
@@ -164,8 +163,6 @@ def solution_of_information(
         scale: (n,) plausible sizes: a combination of unknowns is treated as undetermined if its σ
             exceeds a tenth of its size, because noise in the regressors has the same effect as
             information.
-        consider: (n, n) covariance to add for uncertain quantities that the estimator treated as
-            exact.
         residual_sum: sum of the squared residuals of the whitened rows.
         row_count: number of whitened rows.
 
@@ -180,7 +177,6 @@ def solution_of_information(
         sizes,
         axes[:, ::-1],
         sizes > 1 / KNOWN,
-        consider=consider,
         residual_sum=residual_sum,
         row_count=row_count,
     )
@@ -194,15 +190,13 @@ def solution_of_combinations(
     axes: NDArray[np.float64],
     seen: NDArray[np.bool_],
     *,
-    consider: NDArray[np.float64] | None = None,
     residual_sum: float = np.nan,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
     """Return a solution from independent combinations of the scaled unknowns.
 
     Args:
-        estimate, information, scale, consider, residual_sum, row_count: see
-            `solution_of_information`.
+        estimate, information, scale, residual_sum, row_count: see `solution_of_information`.
         sizes: (n,) the inverse σ of each combination, descending.
         axes: (n, n) the combinations, as orthonormal columns in unknowns divided by `scale`.
         seen: (n,) whether each combination is determined.
@@ -216,8 +210,6 @@ def solution_of_combinations(
     # The others have their plausible size as σ; entries that are known contain little of them.
     root = scale[:, None] * axes[:, ~seen] / np.sqrt(sizes[~seen] ** 2 + 1.0)
     covariance += root @ root.T
-    if consider is not None:
-        covariance = covariance + consider
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     full = rank == len(scale)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -20,8 +20,8 @@ from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
 from cpid_drake.estimation.likelihood.priors import (
     FASTEST_DRIFT,
     FASTEST_TUMBLE,
+    plausible_psi,
     psi_scale,
-    vague_prior,
 )
 from cpid_drake.sensing.sensors import Gyro
 from cpid_drake.sensing.suite import SensorSuite
@@ -108,7 +108,7 @@ class Model:
             walk = error.walk / error.sigma
             scope: Scope = "hardware" if has else "log"
             table.append(Unknown(error.name, error.size, zero, one, scope, walk))
-        mean = vague_prior(mass, inertia).psi
+        mean = plausible_psi(mass, inertia)
         table.append(Unknown(PSI, 10, mean, WIDE * self.plausible, "target"))
         if self.known_bodies is not None:
             c = self.known_bodies.count(self.tree.wheels, self.joint_count)

@@ -13,7 +13,7 @@ from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import KNOWN, LeastSquaresSolution
-from cpid_drake.estimation.likelihood.priors import psi_scale, vague_prior
+from cpid_drake.estimation.likelihood.priors import plausible_psi, psi_scale
 from cpid_drake.estimation.rows_fit import TARGET, solution_of
 from cpid_drake.estimation.whiteness import least_white
 from cpid_drake.identification.agreement import with_agreement
@@ -77,13 +77,12 @@ def plausible(
     """Return a plausible target's unknowns (10,), and their plausible sizes."""
     still = np.zeros((1, len(spacecraft.joint_names)))
     known = relative_dynamics(spacecraft.tree, still, still)
-    vague = vague_prior(known.mass, known.I_K[0])
+    psi = plausible_psi(known.mass, known.I_K[0])
     size = psi_scale(known.mass, known.I_K[0])
     if form.name == "relative":
-        return vague.psi, size
-    mass = vague.psi[0]
-    inertia = np.full(3, vague.psi[4])
-    x = form.from_parameters(np.concatenate([[mass], np.zeros(3), inertia, np.zeros(3)]))
+        return psi, size
+    inertia = np.full(3, psi[4])
+    x = form.from_parameters(np.concatenate([psi[:1], np.zeros(3), inertia, np.zeros(3)]))
     if form.name == "standard":
         return x, 2 * size
     # 1/m of a light target has no plausible size.

@@ -18,26 +18,11 @@ THRUST_SCALE = "thrust_scale"
 COMPLIANCE = "compliance"
 """Name of the compliance of the grasp about the axes of C."""
 
-FIXED = ("zero",)
-"""Kinds whose nominal value is that of the block's model: they change the known bodies' motion."""
-
 STRETCH = "translational_compliance"
 """Name of the compliance of the grasp along the axes of C."""
 
 OF_GRASP = (COMPLIANCE, STRETCH)
 """Kinds whose nominal value is zero."""
-
-NOT_MOVED = (*FIXED, *OF_GRASP)
-"""Kinds whose nominal value does not move within a block."""
-
-LINEAR_ZERO = 1e-4
-"""Change of a joint's zero for which the model is linear: its square is below noise [rad or m]."""
-
-NEAR_ZERO = 1.5e-3
-"""Change of a joint's zero that moves a target by a quarter of its σ at most [rad or m]."""
-
-LINEAR = 0.1
-"""Change of a constant error, in units of its σ, for which the model is linear."""
 
 
 @dataclass(frozen=True)
@@ -148,12 +133,6 @@ class Constants:
         """Return the constant errors of a suite, for a spacecraft with so many joints."""
         return cls(constant_errors(suite, joint_count))
 
-    @property
-    def steady_count(self) -> int:
-        """Number of entries after the last error that walks."""
-        walks = [self._places[e.name].stop for e in self.errors.values() if e.walk]
-        return self.size - max(walks, default=0)
-
     def value(self, constants: NDArray[np.float64], name: str) -> NDArray[np.float64] | None:
         """Return one error [SI units, rad], from the vector (k,); None if there is no such one."""
         if name not in self.errors:
@@ -165,25 +144,6 @@ class Constants:
         zeros = [e for e in self.errors.values() if e.kind == "zero"]
         values = (error.sigma * constants[self._places[error.name]] for error in zeros)
         return sum(values, start=np.zeros(1))
-
-    def agree(self, first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
-        """Return whether a model about the first values (k,) holds for the second, too."""
-        is_near = (np.abs(second - first) < LINEAR).all()
-        return bool(is_near and self.change_of_zeros(first, second) < LINEAR_ZERO)
-
-    def change_of_zeros(self, first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-        """Return the largest change of a joint's zero between two vectors (k,) [rad or m]."""
-        return float(np.abs(self.joint_zeros(second) - self.joint_zeros(first)).max())
-
-    def with_zeros(
-        self, constants: NDArray[np.float64], other: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the vector (k,) with the joints' zeros of another one."""
-        result = constants.copy()
-        for error in self.errors.values():
-            if error.kind in FIXED:
-                result[self._places[error.name]] = other[self._places[error.name]]
-        return result
 
     def place(self, name: str) -> slice:
         """Return the place of an error in the vector."""
