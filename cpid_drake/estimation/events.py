@@ -48,13 +48,11 @@ class Event:
     Attributes:
         log: name of the log.
         time: the end of the block at which it was found [s].
-        resolution: length of the blocks beside it [s].
 
     """
 
     log: str
     time: float
-    resolution: float
 
 
 def fit_with_events(
@@ -86,7 +84,7 @@ def fit_with_events(
         now = replace(wide, logs=cut)
     logs = [opened(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
     events = [
-        Event(log.name, float(log.blocks[k].end), max(b.length for b in log.blocks[k : k + 2]))
+        Event(log.name, float(log.blocks[k].end))
         for log, each in zip(logs, changes, strict=True)
         for k in each
     ]

@@ -45,17 +45,12 @@ class SourceRows:
         return cls(A, A @ values)
 
     @classmethod
-    def of_solution(cls, solution: LeastSquaresSolution, variance: float = 1.0) -> "SourceRows":
+    def of_solution(cls, solution: LeastSquaresSolution) -> "SourceRows":
         """Return the rows of the determined combinations of a solution.
 
         The covariance of the solution is used. If the solution does not determine all unknowns, its
         information is used instead, divided by the factor by which the covariance of the determined
         unknowns is larger than the inverse of the information.
-
-        Args:
-            solution: the solution.
-            variance: this factor, for a solution that determines no single unknown.
-
         """
         unit, n = solution.unit, len(solution.unit)
         if solution.is_observable and np.isfinite(solution.covariance).all():
@@ -74,7 +69,7 @@ class SourceRows:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(solution.covariance) / (np.diag(covariance) * unit**2)
         ratio = ratio[np.isfinite(ratio) & np.isfinite(solution.estimate)]
-        A = A / np.sqrt(ratio.max() if len(ratio) else variance)
+        A = A / np.sqrt(ratio.max() if len(ratio) else 1.0)
         return cls(A, A @ solution.values)
 
     def limited(self, scale: NDArray[np.float64], smallest: float) -> "SourceRows":

@@ -19,9 +19,6 @@ from cpid_drake.sensing.sensors import SENSORS
 SEEN = 1.1
 """Factor of the noise from which a warning says so."""
 
-SEEN = 1.1
-"""Factor of the noise from which a warning says so."""
-
 MOST_UNEXPLAINED = 0.1
 """Share of the samples that nothing explains, above which a check fails."""
 

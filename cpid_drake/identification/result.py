@@ -147,7 +147,7 @@ class Identification:
         momentum_changes: changes of momentum that an online estimator detected; None for estimators
             that detect none.
         warnings: sentences for the reader.
-        doubts: reasons not to trust the estimate; see `cpid_drake.identification.trust`.
+        doubts: reasons not to trust the estimate; see `cpid_drake.identification.checks`.
         momentum: the total momentum that was assumed: "zero", "unknown" or "known".
         misfit: size of the residuals relative to the assumed noise, or 1 if the noise explains it.
         noise: factors by which the noise of sensors is larger than given; for several logs by

@@ -123,7 +123,7 @@ class MotionBatch(BaseMotion):
     def _identity(self) -> csr_array:
         return csr_array(eye_array(len(self.nodes)))
 
-    def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> BatchTrajectory:
+    def trajectory(self, state: TrajectoryState) -> BatchTrajectory:
         """Integrate the attitude of all motions; see `BaseMotion.trajectory`.
 
         Raises:

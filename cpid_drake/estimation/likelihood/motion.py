@@ -161,13 +161,11 @@ class BaseMotion:
         samples = self.joints.evaluate(times)
         return np.stack([samples[:, 0] - self.zeros, samples[:, 1]], axis=1)
 
-    def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> Trajectory:
+    def trajectory(self, state: TrajectoryState) -> Trajectory:
         """Integrate the base's attitude over the grid.
 
         Args:
             state: the unknowns.
-            near: the trajectory at which the iteration starts if there is momentum; default:
-                constant attitude.
 
         Raises:
             InputError: the system's inertia is not positive definite for this target.
@@ -175,7 +173,7 @@ class BaseMotion:
         """
         dynamics, N = self.instants.dynamics, len(self.nodes)
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
-        R = state.attitude.as_matrix() if near is None else near.R[:N]
+        R = state.attitude.as_matrix()
         L = self._undisturbed(state)
         at_nodes = L if L.ndim == 1 else L[:N]
         J = None if self.orbit is None else self.grid.dynamics.inertia(state.psi)
