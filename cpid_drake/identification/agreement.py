@@ -69,7 +69,13 @@ def with_agreement(
         for name in names
     )
     estimate = JointEstimate(separate, None, chi_squared, freedom, probability)
-    doubts, warnings = [], list(result.warnings)
+    doubts = []
+    warnings = [
+        f"{name} determines nothing about the target, and was not used"
+        for name in names
+        if len(names) > 1 and not solutions[name].rank
+    ]
+    warnings += result.warnings
     if probability < CONTRADICTED:
         worst = max(names, key=lambda name: tests[name][0] / max(tests[name][1], 1))
         who = f"{worst} disagrees most with the others"

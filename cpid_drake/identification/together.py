@@ -134,12 +134,7 @@ def _of_each(logs: Sequence[Part], what: str) -> list[str]:
     """Return the doubts or warnings of each log, with its name unless all have the same warning."""
     told = [(log.name, text) for log in logs for text in getattr(log.found, what)]
     number = Counter(text for _, text in told)
-    useless = [log.name for log in logs if not log.found.solution.rank]
-    return [
-        f"{name} determines nothing about the target, and was not used"
-        for name in useless
-        if what == "warnings" and len(logs) > 1
-    ] + list(
+    return list(
         dict.fromkeys(
             text
             if len(logs) == 1 or (what == "warnings" and number[text] == len(logs))

@@ -83,7 +83,8 @@ class TestSeveralLogs:
         alone = identify(craft, logs["log 0"], sensors=suite, estimator=joint.estimator)
         assert np.all(sigmas(joint) < sigmas(alone))
         assert joint.sample_count == sum(log.sample_count for log in joint.joint.logs)
-        np.testing.assert_allclose(joint.joint.logs[0].parameters, alone.parameters)
+        own = joint.joint.logs[0].parameters
+        assert np.all(np.abs(own - alone.parameters) < 0.1 * sigmas(alone))
 
     def test_logs_of_one_target_agree(self, joint):
         assert joint.joint.probability > 1e-3
@@ -96,16 +97,29 @@ class TestSeveralLogs:
         np.testing.assert_allclose(again.covariance, joint.covariance, rtol=1e-4, atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    "estimator", ["least_squares", pytest.param("trajectory_fit", marks=pytest.mark.slow)]
-)
-def test_one_log_twice_has_twice_the_information(craft, suite, logs, estimator):
-    log = logs["log 0"]
-    alone = identify(craft, log, sensors=suite, estimator=estimator)
-    twice = identify_together(craft, {"a": log, "b": log}, sensors=suite, estimator=estimator)
+def test_one_log_twice_has_twice_the_information(craft, suite, logs):
+    log, options = logs["log 0"], {"sensors": suite, "estimator": "least_squares"}
+    alone = identify(craft, log, **options)
+    twice = identify_together(craft, {"a": log, "b": log}, **options)
     assert np.all(np.abs(twice.parameters - alone.parameters) < 0.1 * sigmas(alone))
     np.testing.assert_allclose(sigmas(twice), sigmas(alone) / np.sqrt(2), rtol=0.02)
     assert twice.joint.chi_squared < 1e-6
+
+
+@pytest.fixture(scope="module")
+def pair(craft, suite, skewed_target):
+    """One motion with two draws of the noise."""
+    samples = measured(craft, Sines.drawn(4, 101, DURATION, 0.6), skewed_target, suite)
+    return {name: add_noise(suite, samples, seed) for seed, name in enumerate("ab")}
+
+
+@pytest.mark.slow
+def test_the_noise_of_a_motion_that_is_repeated_averages(craft, suite, pair):
+    options = {"sensors": suite, "momentum": TotalMomentum.zero()}
+    alone = sigmas(identify(craft, pair["a"], **options))
+    twice = identify_together(craft, pair, **options)
+    np.testing.assert_allclose(sigmas(twice), alone / np.sqrt(2), rtol=0.15)
+    assert twice.joint.probability > 1e-3
 
 
 def test_errors_of_the_spacecraft_limit_logs_together(craft, skewed_target):
@@ -143,15 +157,15 @@ def test_a_target_that_slipped_by_less_than_the_grasp_is_known_is_noticed(
 
 
 @pytest.mark.slow
-def test_errors_of_a_sensor_that_no_log_determines_do_not_average(craft, logs):
+def test_errors_of_a_sensor_that_no_log_determines_do_not_average(craft, pair):
     """Zeros of the joints are errors of cz, and not of the mass."""
-    log, plain = logs["log 0"], coarse_suite()
+    plain = coarse_suite()
     zeros = coarse_suite(encoders=replace(plain["encoders"], zero_mrad=1.0))
     options = {"sensors": zeros, "momentum": TotalMomentum.zero()}
-    alone = sigmas(identify(craft, log, **options))
-    twice = sigmas(identify_together(craft, {"a": log, "b": log}, **options))
+    alone = sigmas(identify(craft, pair["a"], **options))
+    twice = sigmas(identify_together(craft, pair, **options))
     assert twice[3] > 0.95 * alone[3]
-    assert twice[0] == pytest.approx(alone[0] / np.sqrt(2), rel=0.05)
+    assert twice[0] == pytest.approx(alone[0] / np.sqrt(2), rel=0.15)
 
 
 @pytest.mark.slow
@@ -282,11 +296,12 @@ class TestPrior:
 
     @pytest.mark.slow
     def test_an_earlier_result_counts_like_its_log(self, craft, suite, logs, skewed_target):
-        first = identify(craft, logs["log 0"], sensors=suite)
+        options = {"sensors": suite, "momentum": TotalMomentum.zero()}
+        first = identify(craft, logs["log 0"], **options)
         prior = TargetPrior("earlier", first.parameters, first.covariance)
-        found = identify(craft, logs["log 2"], sensors=suite, prior=prior)
+        found = identify(craft, logs["log 2"], prior=prior, **options)
         both = {name: logs[name] for name in ("log 0", "log 2")}
-        joint = identify_together(craft, both, sensors=suite)
+        joint = identify_together(craft, both, **options)
         assert np.all(np.abs(found.parameters - joint.parameters) < 0.2 * sigmas(joint))
         np.testing.assert_allclose(sigmas(found), sigmas(joint), rtol=0.05)
 
