@@ -106,12 +106,19 @@ def undeclared_errors(
         for name in named
         if name in compared.values
     )
+    is_one = len(found.logs) == 1
+    alone = ((_shown(name, is_one), compared.alone[name]) for name in errors)
+    others = {n: p for n, p in compared.probability.items() if p and n in errors and n not in named}
+    held_out = _held_out(found, question, named, rows) if named else None
+    if held_out is not None:
+        proposed = tuple(_shown(name, is_one) for name in held_out.proposed)
+        held_out = replace(held_out, proposed=proposed)
     return UndeclaredErrors(
         effects,
-        {n: p for n, p in compared.probability.items() if p and n in errors and n not in named},
+        {_shown(name, is_one): p for name, p in others.items()},
         _declarations(found.model.suite, effects),
-        tuple(sorted(((n, compared.alone[n]) for n in errors), key=lambda each: -each[1])),
-        _held_out(found, question, named, rows) if named else None,
+        tuple(sorted(alone, key=lambda each: -each[1])),
+        held_out,
     )
 
 
@@ -189,6 +196,12 @@ def _errors(found: Fit) -> dict[str, ConstantError]:
         if unknown.name in errors
         for log in found.logs
     }
+
+
+def _shown(name: str, is_one: bool) -> str:
+    """Return the name of an error of a log, for people."""
+    error, _, log = name.partition("|")
+    return f"{error} of {log}" if log and not is_one else error
 
 
 def _unit(error: ConstantError) -> float:
