@@ -19,8 +19,9 @@ from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import ConstantError
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled
+from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.identification.effects import LEARNED, EffectEstimate, HeldOut, UndeclaredErrors
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import SENSORS
@@ -149,7 +150,11 @@ def words(undeclared: UndeclaredErrors) -> tuple[tuple[str, ...], tuple[str, ...
 
 
 def larger_than_declared(
-    found: Fit, compared: Comparison, gaussian: Gaussian, effects: Sequence[EffectEstimate]
+    model: Model,
+    values: Values,
+    gaussian: Gaussian,
+    effects: Sequence[EffectEstimate],
+    compared: Comparison | None = None,
 ) -> tuple[str, ...]:
     """Return the failed check of errors that are too large for their declared or plausible σ.
 
@@ -158,24 +163,27 @@ def larger_than_declared(
     not determine well, and errors that walk, are left out.
 
     Args:
-        found: the fit.
-        compared: the comparison of candidates.
-        gaussian: of all other unknowns, about the fit's values.
+        model: the unknowns.
+        values: of all unknowns.
+        gaussian: of the declared errors, about the values.
         effects: the estimates of declared errors and of those that act.
+        compared: the comparison of candidates; None without any.
 
     """
-    walking = {unknown.key(log.name) for unknown in found.model.walking for log in found.logs}
-    steady = [n for n in _errors(found) if n in gaussian.places and n not in walking]
-    both = gaussian.marginal(steady)
-    m = np.concatenate([np.empty(0), *(found.values[name] for name in steady)]) + both.solve()
+    errors = model.constants.errors
+    steady = {name for name, error in errors.items() if not error.walk}
+    names = [name for name in gaussian.places if name.partition("|")[0] in steady]
+    both = gaussian.marginal(names)
+    m = np.concatenate([np.empty(0), *(values[name] for name in names)]) + both.solve()
     sizes, axes = np.linalg.eigh(np.eye(both.size) - both.covariance())
     seen = sizes > 1 - LEARNED**2
     chi_squared, freedom = float(np.sum((axes[:, seen].T @ m) ** 2 / sizes[seen])), int(seen.sum())
-    for name in set(compared.values) & set(_errors(found)):
-        size = 1 - compared.sigma[name] ** 2
-        seen = size > 1 - LEARNED**2
-        chi_squared += float(np.sum(compared.values[name][seen] ** 2 / size[seen]))
-        freedom += int(seen.sum())
+    for name in () if compared is None else compared.values:
+        if name.partition("|")[0] in errors:
+            size = 1 - compared.sigma[name] ** 2
+            seen = size > 1 - LEARNED**2
+            chi_squared += float(np.sum(compared.values[name][seen] ** 2 / size[seen]))
+            freedom += int(seen.sum())
     if not freedom or chdtrc(freedom, chi_squared) > IMPROBABLE:
         return ()
     largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)

@@ -121,7 +121,7 @@ def fit_target(
     both = (*effects, *undeclared.effects)
     doubts = (
         *doubts,
-        *larger_than_declared(found, compared, gaussian, both),
+        *larger_than_declared(model, found.values, gaussian, both, compared),
         *_contradicted(answer),
     )
     left_out, used = _counts(found)

@@ -120,6 +120,7 @@ def identification_of_state(
         noise = state.noise
     present = model.suite.present()
     change = change_beyond_linear(model, state)
+    effects = effects_of(model, values, gaussian, LOG)
     tests = {name: sums.whiteness for name, sums in state.lags.items()}
     return Identification(
         relative_parameterization(model.mass),
@@ -138,7 +139,7 @@ def identification_of_state(
         noise=noise,
         unexplained=state.bridged / state.length if state.length else 0.0,
         momentum_estimate=momentum_of(model, values, gaussian, LOG),
-        effects=effects_of(model, values, gaussian, LOG),
+        effects=effects,
     )
 
 
