@@ -13,6 +13,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
+from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import (
@@ -116,6 +117,12 @@ class Case:
 def joints_of(block: Block, suite: SensorSuite) -> JointPart:
     """Return the joint motion in a block by its own samples."""
     return smooth_joints([block], suite)[1][0]
+
+
+def residuals_of(model: BlockModel, state: TrajectoryState) -> np.ndarray:
+    """Return measured minus predicted (m,) of a block in units of σ, sensor after sensor."""
+    trajectory = model.motion.trajectory(state)
+    return np.concatenate([s.residuals(trajectory).ravel() for s in model.sensors.values()])
 
 
 def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case:

@@ -3,10 +3,7 @@
 Every quantity is in units of its σ, so its prior is a standard normal distribution.
 """
 
-from dataclasses import replace
-
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
@@ -22,7 +19,7 @@ from cpid_drake.estimation.likelihood.effects import (
     joint_changes,
     write_change,
 )
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 
 
 class Constant(Effect):
@@ -37,11 +34,6 @@ class Constant(Effect):
     def __init__(self, motion: BaseMotion, error: ConstantError) -> None:
         self.name, self.size, self.sigma = error.name, error.size, error.sigma
         self._motion = motion
-
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """See `Effect`."""
-        constants = self._motion.constants.moved(state.constants, self.name, step)
-        return replace(state, constants=constants)
 
 
 class Acceleration(Constant):
@@ -76,10 +68,6 @@ class JointZeros(Constant):
     The model of a block is linear in them, about their nominal value at its start.
     """
 
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """See `Effect`."""
-        return state
-
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""
         by_q, _ = joint_changes(self._motion, trajectory)
@@ -89,10 +77,6 @@ class JointZeros(Constant):
 
 class Compliance(Constant):
     """The compliance of the grasp about the axes of C; the model is linear in it, about zero."""
-
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """See `Effect`."""
-        return state
 
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""

@@ -148,11 +148,3 @@ class Constants:
     def place(self, name: str) -> slice:
         """Return the place of an error in the vector."""
         return self._places[name]
-
-    def moved(
-        self, constants: NDArray[np.float64], name: str, step: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the vector after a step of one error, in units of its σ."""
-        result = constants.copy()
-        result[self._places[name]] += step
-        return result

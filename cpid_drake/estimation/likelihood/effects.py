@@ -1,17 +1,15 @@
 """Effects: the unknown or uncertain quantities on which the base's motion and the readings depend.
 
 Each effect has some columns of the Jacobian. It adds the derivatives of the motion, or of readings,
-with respect to its quantities; it changes the state by a step; and it says how sure it is before
-the first sample. To model a further effect, write a class like these and add it to
-`model.BlockModel`.
+with respect to its quantities, and connects its quantities within a block. To model a further
+effect, write a class like these and add it to `model.BlockModel`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
 from cpid_drake.dynamics.rotations import cross, skew
@@ -104,10 +102,6 @@ class Effect:
     ) -> None:
         """Add to rows (M, 3, n) the derivatives of a sensor's readings at unchanged motion."""
 
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """Return the state after a step (n,)."""
-        return state
-
     def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return rows (m, n) and right-hand side (m,) that connect this block's quantities."""
         return np.zeros((0, self.size)), np.zeros(0)
@@ -132,10 +126,6 @@ class Target(Effect):
         change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
         change.inverse_mass[0] = -(dynamics.mass**-2)
 
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """See `Effect`."""
-        return replace(state, psi=state.psi + step)
-
 
 class Start(Effect):
     """Attitude of the base (3) and place of the system's centre of mass (3) at the start, in W."""
@@ -145,11 +135,6 @@ class Start(Effect):
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""
         change.attitude[:, :3] = change.p_Wcm[:, 3:] = np.eye(3)
-
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """See `Effect`."""
-        attitude = Rotation.from_rotvec(step[:3]) * state.attitude
-        return replace(state, attitude=attitude, p_Wcm=state.p_Wcm + step[3:])
 
 
 class Momentum(Effect):
@@ -161,10 +146,6 @@ class Momentum(Effect):
         """See `Effect`."""
         change.w[:, :, :3] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
         change.v_Wcm[:, 3:] = np.eye(3)
-
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """See `Effect`."""
-        return replace(state, L=state.L + step[:3], v_Wcm=state.v_Wcm + step[3:])
 
 
 class GyroBias(Effect):
@@ -209,12 +190,6 @@ class GyroBias(Effect):
         """See `Effect`."""
         if sensor == self._sensor:
             rows += np.kron(self.weights(times), np.eye(3)).reshape(len(times), 3, -1)
-
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """See `Effect`."""
-        bias = state.bias.copy()
-        bias[self.rows] += step.reshape(-1, 3)
-        return replace(state, bias=bias)
 
     def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the prior of the random walk from the first node to the last."""

@@ -52,7 +52,6 @@ class BlockModel:
         sensors: models of the sensors that have samples, by name.
         effects: the effects with unknowns, the target last, by name.
         columns: columns of each effect in the Jacobian; those of the known bodies are last.
-        size: number of unknowns.
         turned: columns of what depends at the end on all that turns the base: the attitude; in an
             orbit also L; with thrust also L, centre of mass and its velocity.
 
@@ -74,8 +73,7 @@ class BlockModel:
         constants = constants or Constants.of(suite, joints.coefficients.shape[1])
         needed = [measurements[name].time for name, model in classes.items() if model.at_instants]
         times, thrust = np.concatenate([np.empty(0), *needed]), measurements.thrust
-        self.nominal = np.zeros(constants.size) if nominal is None else nominal
-        zeros = constants.joint_zeros(self.nominal)
+        zeros = constants.joint_zeros(np.zeros(constants.size) if nominal is None else nominal)
         self.motion = BaseMotion(tree, joints, times, step, constants, suite.orbit, thrust, zeros)
         biases = gyro_biases(suite, joints.start, joints.end)
         self.sensors: dict[str, SensorModel] = {}
@@ -89,7 +87,6 @@ class BlockModel:
         joint_errors, target = JointErrors(self.motion), Target(self.motion)
         self.effects: list[Effect] = [Start(), Momentum(), *biases.values(), joint_errors]
         self.effects += [*constant_effects(self.motion), target]
-        self.size = sum(effect.size for effect in self.effects)
         self._everything = list(self.effects)
         if known_bodies is not None:
             self._everything.append(KnownBodies(self.motion, known_bodies))
@@ -136,17 +133,6 @@ class BlockModel:
         if "torque" in errors:
             result.append((self.columns["torque"], L, errors["torque"].sigma * elapsed * one))
         return result
-
-    def moved(self, state: TrajectoryState, step: NDArray[np.float64]) -> TrajectoryState:
-        """Return the state after a step (size,) of the unknowns."""
-        for effect in self.effects:
-            state = effect.moved(state, step[self.columns[effect.name]])
-        return state
-
-    def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return measured minus predicted (m,) in units of σ, sensor after sensor."""
-        parts = [sensor.residuals(trajectory).ravel() for sensor in self.sensors.values()]
-        return np.concatenate([np.empty(0), *parts])
 
     def jacobian(self, trajectory: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the derivatives (m, n) of the predictions in units of σ, and those of `turned`.

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import added_sensors, joints_of, make_case, rich_suite
+from block_cases import added_sensors, joints_of, make_case, residuals_of, rich_suite
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, true_telemetry
 
@@ -74,7 +74,7 @@ def with_values(solver_or_model, **values):
     vector = np.zeros(constants.size)
     for name, value in values.items():
         name = name.replace("__", ".")
-        vector = constants.moved(vector, name, np.asarray(value) / constants.errors[name].sigma)
+        vector[constants.place(name)] = np.asarray(value) / constants.errors[name].sigma
     return vector
 
 
@@ -94,7 +94,7 @@ def exact_block(case, telemetry_at, suite):
 def largest_residual(case, samples, joints, constants):
     model = BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP)
     state = replace(case.state(START), bias=np.zeros((3, 3)), constants=constants)
-    return np.abs(model.residuals(model.motion.trajectory(state))).max()
+    return np.abs(residuals_of(model, state)).max()
 
 
 def truth(case, times):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import added_sensors, joints_of, make_case, rich_suite
+from block_cases import added_sensors, joints_of, make_case, residuals_of, rich_suite
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM
 
@@ -12,6 +12,7 @@ from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.roll import jumped
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.measurements import Samples
 
@@ -46,8 +47,18 @@ def state(case):
     return replace(case.state(START), bias=bias)
 
 
-def residuals(model, state):
-    return model.residuals(model.motion.trajectory(state))
+def moved(model, state, name, step):
+    """Return the state after a step of one effect's quantities."""
+    if name == "psi":
+        return replace(state, psi=state.psi + step)
+    if name == "start":
+        return jumped(state, np.append(step, np.zeros(6)))
+    if name == "momentum":
+        return jumped(state, np.append(np.zeros(6), step))
+    [bias] = [effect for effect in model.effects if effect.name == name]
+    value = state.bias.copy()
+    value[bias.rows] += step.reshape(-1, 3)
+    return replace(state, bias=value)
 
 
 def assert_column(exact, ahead, behind, step, tolerance, name):
@@ -74,15 +85,18 @@ def test_derivatives_by_what_changes_the_state(case, block, state, orbit):
         samples = samples.updated(shown)
         model = BlockModel(case.craft.tree, joints, samples, suite, UNCERTAINTY, STEP)
     exact, _ = model.jacobian(model.motion.trajectory(state))
-    assert exact.shape == (residuals(model, state).size, model.columns["bodies"].stop)
+    assert exact.shape == (residuals_of(model, state).size, model.columns["bodies"].stop)
     steps = {"start": 1e-5, "momentum": 1e-3, "psi": 1e-3}
     for name, columns in model.columns.items():
         if name in ("joints", "bodies"):
             continue
+        size = columns.stop - columns.start
         for k in range(columns.start, columns.stop):
             step = steps.get(name, 1e-6)
-            change = step * np.eye(model.size)[k]
-            ahead, behind = (residuals(model, model.moved(state, s * change)) for s in (1, -1))
+            change = step * np.eye(size)[k - columns.start]
+            ahead, behind = (
+                residuals_of(model, moved(model, state, name, s * change)) for s in (1, -1)
+            )
             # The coupling by momentum is integrated by the trapezoidal rule.
             is_exact = case.momentum_W is None and orbit is None
             tolerance = 1e-6 if is_exact else 3e-5

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import added_sensors, joints_of, make_case, rich_suite, trial_of
+from block_cases import added_sensors, joints_of, make_case, residuals_of, rich_suite, trial_of
 from sensing_cases import MOMENTUM
 
 from cpid_drake import identify
@@ -90,8 +90,7 @@ def test_the_predictions_are_the_simulated_readings(case):
 def worst_residual(case, samples, state=None):
     """Return the largest residual [σ] of a block about the true state."""
     model = model_of(case, samples)
-    trajectory = model.motion.trajectory(state or truth(case, START))
-    return np.abs(model.residuals(trajectory)).max()
+    return np.abs(residuals_of(model, state or truth(case, START))).max()
 
 
 def test_the_end_of_a_block_is_the_true_state(case):
@@ -131,8 +130,7 @@ def test_derivatives_by_the_known_bodies(case):
             other = moved(size, which)
             psi = relative_parameterization(other.mass).from_parameters(phi)
             changed = model_of(case, tree=other)
-            trajectory = changed.motion.trajectory(replace(state, psi=psi))
-            readings.append(changed.residuals(trajectory))
+            readings.append(residuals_of(changed, replace(state, psi=psi)))
         column = -(readings[0] - readings[1]) / (2 * step)
         # The change of a gravity gradient with the known bodies is not in the model.
         share = 5e-3 if case.suite.orbit is None else 3e-2
