@@ -39,7 +39,6 @@ class Consistency:
         intervals: (10, 2) the part of each 95 % interval that a rigid body can have; for parameters
             that are not determined, their extreme values over all rigid bodies that agree with what
             is known. NaN if no rigid body agrees; infinite without a bound.
-        narrowed: whether each 95 % interval contained values that no rigid body can have (10,).
         size: largest distance of a part of the target from C that the bounds assume [m].
         is_possible: whether any rigid body agrees with the estimate within its uncertainty.
 
@@ -47,7 +46,6 @@ class Consistency:
 
     parameters: NDArray[np.float64]
     intervals: NDArray[np.float64]
-    narrowed: NDArray[np.bool_]
     size: float
     is_possible: bool
 
@@ -91,7 +89,7 @@ def consistency_of(found: "Identification", tree: KinematicTree) -> Consistency 
         return None
     if distance > bodies.radius:
         nothing = np.full((10, 2), np.nan)
-        return Consistency(np.full(10, np.nan), nothing, np.zeros(10, dtype=bool), size, False)
+        return Consistency(np.full(10, np.nan), nothing, size, False)
     bounds = bodies.bounds()
     if bounds is None:
         return None
@@ -113,11 +111,10 @@ def _narrowed(
     slack = _ROUNDING * np.array([mass, *3 * [size], *6 * [mass * size**2]])
     low = np.where(bounds[:, 0] > free[:, 0] + slack, bounds[:, 0], free[:, 0])
     high = np.where(bounds[:, 1] < free[:, 1] - slack, bounds[:, 1], free[:, 1])
-    narrowed = known & ((low > free[:, 0]) | (high < free[:, 1]))
     # No body may have a value of the interval and be in the confidence region of all unknowns.
     empty = low > high
     low, high = np.where(empty, bounds[:, 0], low), np.where(empty, bounds[:, 1], high)
-    return Consistency(nearest, np.stack([low, high], axis=1), narrowed, size, True)
+    return Consistency(nearest, np.stack([low, high], axis=1), size, True)
 
 
 def _plausible(found: "Identification", tree: KinematicTree) -> tuple[float, float]:

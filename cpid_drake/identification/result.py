@@ -61,7 +61,7 @@ class ResidualSeries:
 
 @dataclass(frozen=True)
 class MomentumChanges:
-    """Number of changes of momentum that an online estimator detected, and time of the last [s]."""
+    """Number of changes of momentum that the samples show, and time of the last [s]."""
 
     count: int
     last_time: float
@@ -144,8 +144,8 @@ class Identification:
         residuals: residuals by sensor, or by "linear" and "angular" for rows.
         rejected: number of samples that could not be used, by sensor; sensors without such samples
             are omitted.
-        momentum_changes: changes of momentum that an online estimator detected; None for estimators
-            that detect none.
+        momentum_changes: changes of momentum that the samples show; None for estimators that look
+            for none.
         warnings: sentences for the reader.
         doubts: reasons not to trust the estimate; see `cpid_drake.identification.checks`.
         momentum: the total momentum that was assumed: "zero", "unknown" or "known".

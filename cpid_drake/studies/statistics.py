@@ -31,8 +31,8 @@ class Accuracy:
         coverage_all: the share over all ten parameters together.
         within_one_percent: share of trials with an error below 1 % (of m, 0.5 m, trace of I).
         infeasible: number of trials whose spatial inertia is not physically consistent.
-        detected: share of trials in which an online estimator detected the change of momentum, and
-            its largest delay [s]; None for other estimators.
+        detected: share of trials in which the estimator detected the change of momentum, and its
+            largest delay [s]; None for estimators that look for none.
 
     """
 

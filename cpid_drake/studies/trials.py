@@ -117,7 +117,7 @@ class Outcome:
         covariance: (10, 10) that the estimator reports.
         feasible: whether the estimated spatial inertia is physically consistent.
         problem: the reason of a failure; empty without one.
-        momentum_changes: changes of momentum that an online estimator detected.
+        momentum_changes: changes of momentum that the samples show.
 
     """
 
