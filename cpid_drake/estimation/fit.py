@@ -2,7 +2,7 @@
 
 Levenberg-Marquardt on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
 biases and joint motion move together. Samples that are far off weigh less, and each sensor has a
-noise factor of 1 or more; both come from the residuals, once for every accepted step. A prior, or
+noise factor of 1 or more; both come from the residuals, once steps are small. A prior, or
 another result, is one more Gaussian in the sum.
 
 Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (weights).
@@ -25,6 +25,10 @@ from cpid_drake.estimation.unknowns import MOMENTUM, Model
 
 CLOSE = 1e-3
 """The fit ends when a step would reduce χ² by less than this."""
+
+SETTLED = 0.1
+"""Weights and noise come from the residuals once a step reduces χ² by less than this share: far
+from the minimum, what the values have not explained yet would look like noise."""
 
 MOST_SWEEPS = 30
 """The fit ends without an answer after so many sweeps."""
@@ -96,10 +100,10 @@ def fit(
     if values is None or any(log.start is None for log in logs):
         values, logs = start_of(model, logs, values)
     now = _point(model, logs, values, rows)
-    damping, growth, converged, sweeps = _FIRST_DAMPING, 2.0, False, 0
+    damping, growth, converged, settled, sweeps = _FIRST_DAMPING, 2.0, False, False, 0
     total, swept = prior_of(model, logs, values, rows), list[Swept]()
     while sweeps < MOST_SWEEPS and not converged:
-        if sweeps:
+        if settled:
             parts = zip(now.logs, now.rolled, swept, strict=True)
             logs = [reweighted(model, log, r, each.absorbed) for log, r, each in parts]
             swept.clear()  # a long log has room for one sweep
@@ -125,8 +129,9 @@ def fit(
             break
         damping, growth = damping * max(0.1, 1 - (2 * min(gain, 1.0) - 1) ** 3), 2.0
         damping = max(damping, 1e-12)
+        converged = settled and fall < CLOSE  # with weights that are those of the residuals
+        settled = fall < SETTLED * now.cost
         now, total = tried, total.moved(step)
-        converged = fall < CLOSE and sweeps > 1  # the first weights are those of the start
     return Fit(model, now.values, now.logs, now.rolled, total, now.cost, sweeps, converged)
 
 

@@ -18,6 +18,7 @@ from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.whiteness import least_white
 from cpid_drake.identification.checks import noise_warnings
+from cpid_drake.identification.comparison import larger_than_declared
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
 from cpid_drake.identification.fitted import needs_of_fit
 from cpid_drake.identification.problem import Estimator, Problem
@@ -134,7 +135,10 @@ def identification_of_state(
         rejected={name: count for name, count in state.rejected.items() if count},
         momentum_changes=MomentumChanges(len(state.events), max(state.events, default=np.nan)),
         warnings=(*noise_warnings(noise), *_warnings(state)),
-        doubts=(NOT_LINEAR.format(100 * change),) if change else (),
+        doubts=(
+            *((NOT_LINEAR.format(100 * change),) if change else ()),
+            *larger_than_declared(model, values, gaussian, effects),
+        ),
         momentum=momentum.name,
         noise=noise,
         unexplained=state.bridged / state.length if state.length else 0.0,
