@@ -30,6 +30,9 @@ from cpid_drake.sensing.noise_estimation import noise_level
 _MOST = 1000
 """Largest number of positions that are compared."""
 
+_GAP = 3.0
+"""Ratio to the usual step of samples above which a step is a gap, which no spline bridges."""
+
 _FEWEST = 20
 
 _ROUNDING = 1e-6
@@ -116,7 +119,8 @@ class TravelFit:
 def base_travel(measurements: Measurements) -> BaseTravel | None:
     """Return the base's positions with attitudes and joint positions, while no thruster fires.
 
-    Attitudes and joint positions between samples come from cubic splines.
+    Attitudes and joint positions between samples come from cubic splines; positions in a gap of
+    these samples are left out.
 
     Args:
         measurements: screened samples with all joints of the spacecraft, in its order.
@@ -131,7 +135,10 @@ def base_travel(measurements: Measurements) -> BaseTravel | None:
         return None
     first = max(attitude.time[0], encoders.time[0])
     last = min(attitude.time[-1], encoders.time[-1])
-    chosen = np.flatnonzero((position.time >= first) & (position.time <= last))
+    inside = (position.time >= first) & (position.time <= last)
+    for samples in (attitude, encoders):
+        inside &= ~_in_gap(samples.time, position.time)
+    chosen = np.flatnonzero(inside)
     chosen = chosen[:: -(-chosen.size // _MOST) or 1]
     if chosen.size < _FEWEST:
         return None
@@ -271,6 +278,14 @@ def _least_squares(
     weights = np.where(known, inverse * noise, 1e6 * (noise + np.abs(y).max(initial=0.0)))
     sigma = np.sqrt(np.sum((Vt.T * weights) ** 2, axis=1)) / norms
     return estimate, sigma
+
+
+def _in_gap(time: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether some times are between samples that are farther apart than most."""
+    steps = np.diff(time)
+    return np.asarray(steps > _GAP * np.median(steps))[
+        np.searchsorted(time[1:-1], at, side="right")
+    ]
 
 
 def _at(samples: Samples, times: NDArray[np.float64]) -> NDArray[np.float64]:

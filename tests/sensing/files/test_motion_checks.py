@@ -107,6 +107,21 @@ def test_a_log_in_the_right_conventions_passes(craft, log):
     assert (found.errors, found.warnings, found.unchecked) == ([], [], [])
 
 
+def test_gaps_are_not_bridged(craft):
+    """A spline through a gap of a second would make up a motion."""
+    log = measured(craft, Sines.drawn(4, 3, 10.0), TARGET, SUITE)
+    lost = {
+        name: log[name].where(abs(log[name].time - middle) > 0.7)
+        for name, middle in (("attitude", 3.0), ("encoders", 7.0))
+    }
+    whole, found = base_travel(log), base_travel(log.updated(lost))
+    same = np.searchsorted(whole.time, found.time)
+    assert 0.6 * len(whole.time) < len(found.time) < 0.8 * len(whole.time)
+    np.testing.assert_allclose(found.time, whole.time[same], atol=1e-9)
+    np.testing.assert_allclose(found.q, whole.q[same], atol=1e-3)
+    np.testing.assert_allclose(found.R_WB, whole.R_WB[same], atol=1e-3)
+
+
 def heavier(name, factor):
     def change(tree):
         bodies = (replace(b, mass=factor * b.mass) if b.name == name else b for b in tree.bodies)
