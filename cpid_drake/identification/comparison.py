@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from cpid_drake.estimation.evidence import Comparison, Question
+from cpid_drake.estimation.evidence import NAMED, Comparison, Question
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import ConstantError
@@ -51,6 +51,26 @@ IMPROBABLE = 1e-6
 
 FITTED = 2 / 3
 """Share of a log that proposes errors; the rest judges them."""
+
+
+def contradicted(
+    gaussian: Gaussian, values: Values, question: Question, sigma: NDArray[np.float64]
+) -> tuple[str, ...]:
+    """Return the names of the given unknowns that the samples contradict.
+
+    Args:
+        gaussian: of all unknowns about their values.
+        values: of the unknowns.
+        question: with what is given.
+        sigma: σ of the entries of a given unknown, if it were not given.
+
+    """
+    if not question.given:
+        return ()
+    about = {name: value - question.given.get(name, 0.0) for name, value in values.items()}
+    candidates = question.candidates | dict.fromkeys(question.given, sigma)
+    compared = Question(candidates, {}).answer(gaussian, about)
+    return tuple(name for name in question.given if compared.probability[name] >= NAMED)
 
 
 def with_plausible(sensors: SensorSuite, *, has_thrust: bool = False) -> SensorSuite:

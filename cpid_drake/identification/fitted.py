@@ -23,6 +23,7 @@ from cpid_drake.identification.agreement import with_agreement
 from cpid_drake.identification.checks import noise_warnings
 from cpid_drake.identification.comparison import (
     SUSPECTED,
+    contradicted,
     larger_than_declared,
     undeclared_errors,
     with_plausible,
@@ -55,6 +56,7 @@ class Answer:
         question: what was compared.
         compared: the comparison.
         events: changes of the momentum.
+        contradicted: logs whose given momentum the samples contradict; it is unknown then.
 
     """
 
@@ -63,6 +65,7 @@ class Answer:
     question: Question
     compared: Comparison
     events: tuple[Event, ...]
+    contradicted: tuple[str, ...]
 
     @property
     def gaussian(self) -> Gaussian:
@@ -107,6 +110,7 @@ def fit_target(
     names = [log.name for log in logs]
     likely = max(compared.probability.get(f"{MOMENTUM}|{name}", 0.0) for name in names)
     is_free = likely >= NAMED or (momentum is not None and momentum.is_unknown)
+    is_free = is_free or len(answer.contradicted) == len(names)
     noise = {name: f for log in found.logs for name, f in _factors(log, names).items()}
     warnings = (*warnings, *noise_warnings(noise), *_of_events(answer))
     if likely >= NAMED:
@@ -120,9 +124,9 @@ def fit_target(
     more_warnings, doubts = words(undeclared)
     both = (*effects, *undeclared.effects)
     doubts = (
+        *(f"{n}: {NOT_ZERO}" if len(names) > 1 else NOT_ZERO for n in answer.contradicted),
         *doubts,
         *larger_than_declared(model, found.values, gaussian, both, compared),
-        *_contradicted(answer),
     )
     left_out, used = _counts(found)
     result = Identification(
@@ -199,28 +203,20 @@ def _answer(
             rows = (Gaussian.of_rows({PSI: 10}, np.column_stack([told.A, told.b])),)
         found = fit(model, logs, rows=rows, values=values)
         values, logs = found.values, found.logs
-    found, events = fit_with_events(model, found, question, rows)
-    return Answer(
-        found, rows, question, question.answer(found.gaussian, found.values), tuple(events)
-    )
+    sigma = model.unknown(MOMENTUM).sigma
+    wrong = contradicted(found.gaussian, found.values, question, sigma)
+    found, events = fit_with_events(model, found, _without(question, wrong), rows)
+    wrong = contradicted(found.gaussian, found.values, question, sigma)  # beside the changes
+    question = _without(question, wrong)
+    compared = question.answer(found.gaussian, found.values)
+    logs_of = tuple(name.partition("|")[2] for name in wrong)
+    return Answer(found, rows, question, compared, tuple(events), logs_of)
 
 
-def _contradicted(answer: Answer) -> tuple[str, ...]:
-    """Return the failed check if the samples contradict a given momentum."""
-    given, found = answer.question.given, answer.found
-    if not given:
-        return ()
-    free = {name: found.gaussian.sizes[name] for name in given}
-    sigma = {u.name: u.sigma for u in found.model.table}[MOMENTUM]
-    shifted = {name: found.values[name] - given.get(name, 0.0) for name in found.values}
-    asked = replace(
-        answer.question,
-        given={},
-        candidates=answer.question.candidates | dict.fromkeys(free, sigma),
-    )
-    compared = asked.answer(found.gaussian, shifted)
-    named = [name.partition("|")[2] for name in free if compared.probability[name] >= NAMED]
-    return tuple(f"{log}: {NOT_ZERO}" if len(free) > 1 else NOT_ZERO for log in named)
+def _without(question: Question, wrong: Sequence[str]) -> Question:
+    """Return the question without given values that are wrong."""
+    given = {name: value for name, value in question.given.items() if name not in wrong}
+    return replace(question, given=given)
 
 
 def _name(momentum: TotalMomentum | None) -> str:

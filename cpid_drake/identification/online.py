@@ -11,17 +11,18 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.online import change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
-from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white
 from cpid_drake.identification.checks import noise_warnings
-from cpid_drake.identification.comparison import larger_than_declared
+from cpid_drake.identification.comparison import contradicted, larger_than_declared
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
 from cpid_drake.identification.fitted import needs_of_fit
-from cpid_drake.identification.problem import Estimator, Problem
+from cpid_drake.identification.problem import NOT_ZERO, Estimator, Problem
 from cpid_drake.identification.result import Identification, MomentumChanges
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.sensing.suite import SensorSuite
@@ -108,6 +109,7 @@ def identification_of_state(
             was known.
 
     """
+    wrong: tuple[str, ...] = ()
     if state.is_free:
         momentum = TotalMomentum.unknown()
     values, gaussian = state.values, state.gaussian(model)
@@ -117,7 +119,15 @@ def identification_of_state(
         rows = np.column_stack([np.diag(1 / target.sigma), np.zeros(10)])
         gaussian, noise = Gaussian.of_rows({PSI: 10}, rows), dict[str, float]()
     else:
-        gaussian = at_momentum(gaussian, values, momentum, LOG)
+        given = (
+            {}
+            if momentum.is_unknown
+            else {f"{MOMENTUM}|{LOG}": np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W])}
+        )
+        sigma = model.unknown(MOMENTUM).sigma
+        wrong = contradicted(gaussian, values, Question({}, given), sigma)
+        if not wrong:
+            gaussian = at_momentum(gaussian, values, momentum, LOG)
         noise = state.noise
     present = model.suite.present()
     change = change_beyond_linear(model, state)
@@ -136,6 +146,7 @@ def identification_of_state(
         momentum_changes=MomentumChanges(len(state.events), max(state.events, default=np.nan)),
         warnings=(*noise_warnings(noise), *_warnings(state)),
         doubts=(
+            *((NOT_ZERO,) if wrong else ()),
             *((NOT_LINEAR.format(100 * change),) if change else ()),
             *larger_than_declared(model, values, gaussian, effects),
         ),

