@@ -198,11 +198,11 @@ def larger_than_declared(
     sizes, axes = np.linalg.eigh(np.eye(both.size) - both.covariance())
     seen = sizes > 1 - LEARNED**2
     chi_squared, freedom = float(np.sum((axes[:, seen].T @ m) ** 2 / sizes[seen])), int(seen.sum())
-    for name in () if compared is None else compared.values:
-        if name.partition("|")[0] in errors:
+    for name, value in ({} if compared is None else compared.values).items():
+        if compared is not None and name.partition("|")[0] in errors:
             size = 1 - compared.sigma[name] ** 2
             seen = size > 1 - LEARNED**2
-            chi_squared += float(np.sum(compared.values[name][seen] ** 2 / size[seen]))
+            chi_squared += float(np.sum(value[seen] ** 2 / size[seen]))
             freedom += int(seen.sum())
     if not freedom or chdtrc(freedom, chi_squared) > IMPROBABLE:
         return ()
