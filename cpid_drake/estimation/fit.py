@@ -27,8 +27,8 @@ CLOSE = 1e-3
 """The fit ends when a step would reduce χ² by less than this."""
 
 SETTLED = 0.1
-"""Weights and noise come from the residuals once a step reduces χ² by less than this share: far
-from the minimum, what the values have not explained yet would look like noise."""
+"""Weights and noise come from the residuals once a step reduces χ² by less than this share, or
+by less than this for each residual: what values far from the minimum do not explain is no noise."""
 
 MOST_SWEEPS = 30
 """The fit ends without an answer after so many sweeps."""
@@ -130,7 +130,7 @@ def fit(
         damping, growth = damping * max(0.1, 1 - (2 * min(gain, 1.0) - 1) ** 3), 2.0
         damping = max(damping, 1e-12)
         converged = settled and fall < CLOSE  # with weights that are those of the residuals
-        settled = fall < SETTLED * now.cost
+        settled = fall < SETTLED * max(now.cost, sum(r.count for r in now.rolled))
         now, total = tried, total.moved(step)
     return Fit(model, now.values, now.logs, now.rolled, total, now.cost, sweeps, converged)
 

@@ -46,6 +46,11 @@ class Rolled:
             residuals=self.residuals[first:end],
         )
 
+    @property
+    def count(self) -> int:
+        """Number of all residuals."""
+        return sum(rest.size for block in self.residuals for rest in block.values())
+
     def cost(self, log: LogState) -> float:
         """Return the sum of squares of all rows of a log."""
         return self.start + self.cost_inside(log)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import chain, islice
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.plane import levelled
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -56,6 +56,7 @@ LONGEST_WHOLE = 60.0
 def smooth(
     measurements: Measurements,
     suite: SensorSuite,
+    times: ArrayLike | None = None,
     *,
     with_position: bool = True,
     within: tuple[float, float] | None = None,
@@ -63,16 +64,14 @@ def smooth(
 ) -> SmoothedMotion:
     """Return the motion at common times, smoothed from samples of different rates.
 
-    There are ten times per second.
-
     Args:
         measurements: samples of the sensors; attitude, position and encoders are required. Samples
             of sensors that the suite lacks are left out. Of registered sensors, only those of
             joints are used.
         suite: the sensors' errors.
+        times: (N,) [s]; default: ten per second in the interval in which all sensors have samples.
         with_position: whether to compute the base's position and velocity, else they are zero.
-        within: the interval [start, end) in which the times must be [s]; default: that in which all
-            sensors have samples.
+        within: if no times are given, the interval [start, end) in which they must be [s].
         normal_B: (3,) normal in B of a table, whose tilt and height are then not smoothed but zero;
             None for a spacecraft that floats freely.
 
@@ -92,12 +91,13 @@ def smooth(
             raise InputError(f"smoothing needs at least 4 samples of {name}, not {len(samples)}")
     start = max(s.time[0] for s in (measurements.encoders, *needed.values()))
     end = min(s.time[-1] for s in (measurements.encoders, *needed.values()))
-    if within is not None:
+    if times is None and within is not None:
         first, last = max(start, within[0]), min(end, within[1])
         times = np.arange(np.ceil(first * 10), np.ceil(last * 10)) / 10
         times = times[(times >= first) & (times <= last)]
-    else:
+    elif times is None:
         times = np.linspace(start, end, max(int(np.ceil((end - start) * 10)), 3) + 1)
+    times = np.asarray(times, dtype=float)
     if not (len(times) and times[0] >= start - 1e-9 and times[-1] <= end + 1e-9):
         raise InputError(f"all sensors have samples from {start:g} to {end:g} s only")
 
