@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.constant_effects import constant_effects
+from cpid_drake.estimation.likelihood.constant_effects import Constant
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
     GyroBias,
@@ -144,7 +144,8 @@ class InformationModel:
     def _effects(self, motions: MotionBatch) -> list[Effect]:
         """Return all effects."""
         biases = gyro_biases(self.suite, 0.0, self.times[-1]).values()
-        effects: list[Effect] = [Start(), *biases, *constant_effects(motions)]
+        constants = [Constant(motions, name) for name in motions.constants.errors]
+        effects: list[Effect] = [Start(), *biases, *constants]
         if self.momentum.is_unknown:
             effects.append(Momentum())
         effects.append(Target(motions))

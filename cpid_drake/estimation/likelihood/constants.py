@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.sensing.sensors import ARCSECOND, SensorErrors
+from cpid_drake.sensing.sensors import ARCSECOND
 from cpid_drake.sensing.suite import SensorSuite
 
 THRUST_SCALE = "thrust_scale"
@@ -58,35 +58,24 @@ class ConstantError:
         return self.name.rpartition(".")[2]
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """A kind of constant error: its name, the field with its σ, and the field's unit in SI units.
-
-    `size` is the number of entries; 0 for one per joint.
-    """
-
-    name: str
-    field: str
-    size: int
-    unit: str
-    scale: float
-
-
-_KINDS = (
-    _Kind("delay", "delay_ms", 1, "ms", 1e-3),
-    _Kind("mounting", "mounting_arcsec", 3, "arcsec", ARCSECOND),
-    _Kind("scale", "scale_ppm", 3, "ppm", 1e-6),
-    _Kind("misalignment", "misalignment_arcsec", 6, "arcsec", ARCSECOND),
-    _Kind("lever_arm", "lever_arm_mm", 3, "mm", 1e-3),
-    _Kind("zero", "zero_mrad", 0, "mrad", 1e-3),
-)
+_KINDS = {
+    "delay": ("delay_ms", 1, "ms", 1e-3),
+    "mounting": ("mounting_arcsec", 3, "arcsec", ARCSECOND),
+    "scale": ("scale_ppm", 3, "ppm", 1e-6),
+    "misalignment": ("misalignment_arcsec", 6, "arcsec", ARCSECOND),
+    "lever_arm": ("lever_arm_mm", 3, "mm", 1e-3),
+    "zero": ("zero_mrad", 0, "mrad", 1e-3),
+}
+"""The field with the σ of each kind, its number of entries (0: one per joint), unit and scale."""
 
 
 def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError, ...]:
     """Return the constant errors with σ > 0 of a suite, for a spacecraft with so many joints."""
-    found = [*_of_forces(suite)]
+    found = _of_forces(suite)
     for sensor, errors in suite.present().items():
-        found += [_of_sensor(sensor, kind, errors, joint_count) for kind in _KINDS]
+        for kind, (field, size, unit, scale) in _KINDS.items():
+            name, sigma = f"{sensor}.{kind}", scale * getattr(errors, field, 0.0)
+            found.append(ConstantError(name, size or joint_count, sigma, unit, scale))
     return tuple(error for error in found if error.sigma > 0)
 
 
@@ -101,13 +90,6 @@ def _of_forces(suite: SensorSuite) -> list[ConstantError]:
         ConstantError(COMPLIANCE, 3, 1e-6 * size.compliance_urad, "µrad/(N·m)", 1e-6),
         ConstantError(STRETCH, 3, 1e-6 * size.translational_compliance_um, "µm/N", 1e-6),
     ]
-
-
-def _of_sensor(sensor: str, kind: _Kind, errors: SensorErrors, joint_count: int) -> ConstantError:
-    sigma = kind.scale * getattr(errors, kind.field, 0.0)
-    return ConstantError(
-        f"{sensor}.{kind.name}", kind.size or joint_count, sigma, kind.unit, kind.scale
-    )
 
 
 class Constants:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.plane import HELD, NORMAL_W
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.constant_effects import Compliance, constant_effects
-from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.constant_effects import Constant
+from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
     GyroBias,
@@ -86,7 +86,7 @@ class BlockModel:
             first += count
         joint_errors, target = JointErrors(self.motion), Target(self.motion)
         self.effects: list[Effect] = [Start(), Momentum(), *biases.values(), joint_errors]
-        self.effects += [*constant_effects(self.motion), target]
+        self.effects += [*(Constant(self.motion, name) for name in constants.errors), target]
         self._everything = list(self.effects)
         if known_bodies is not None:
             self._everything.append(KnownBodies(self.motion, known_bodies))
@@ -172,7 +172,7 @@ class BlockModel:
             Nothing and zero without such a grasp.
 
         """
-        flexible = [effect for effect in self.effects if isinstance(effect, Compliance)]
+        flexible = [e for e in self.effects if isinstance(e, Constant) and e.kind in OF_GRASP]
         readings, end = dict[str, NDArray[np.float64]](), np.zeros(12)
         if not flexible:
             return readings, end
