@@ -21,7 +21,7 @@ from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.smoothness import DECLARED, FAR
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
-from cpid_drake.estimation.unknowns import MOMENTUM, Model
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 
 CLOSE = 1e-3
 """The fit ends when a step would reduce χ² by less than this."""
@@ -115,9 +115,9 @@ def fit(
         total = prior_of(model, now.logs, now.values, rows)
         for each in swept:
             total = total.add(each.gaussian)
-        scale = np.linalg.norm(total.R, axis=0)
+        held = {PSI: undetermined(model, now.values[PSI], total)[0]}
         for _ in range(_REJECTED):
-            step = total.solve(np.sqrt(damping) * scale)
+            step = total.solve(np.sqrt(damping), held)
             fall = now.cost - total.cost(step)
             tried = _stepped(model, now, swept, total, step, rows)
             gain = -1.0 if tried is None else (now.cost - tried.cost) / max(fall, 1e-300)

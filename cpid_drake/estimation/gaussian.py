@@ -115,21 +115,31 @@ class Gaussian:
         """The sum of squares at the mean."""
         return self.cost(self.solve())
 
-    def solve(self, damping: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    def solve(
+        self, damping: float = 0.0, held: Mapping[str, NDArray[np.float64]] | None = None
+    ) -> NDArray[np.float64]:
         """Return the mean (n,), with zero along what nothing determines.
 
         Args:
-            damping: (n,) further weights that hold each entry near zero; default: none.
+            damping: further weight that holds each entry near zero, as a share of its own weight.
+            held: by unknown, independent combinations (k, size) of its entries that are zero.
 
         """
-        A, b = self.R, self.z
-        if damping is not None:
-            A, b = np.vstack([A, np.diag(damping)]), np.append(b, np.zeros(len(damping)))
+        basis = np.eye(self.size)
+        for name, rows in (held or {}).items():
+            axes = np.linalg.svd(rows)[2]  # the last ones change no combination
+            basis[self.places[name], self.places[name]] = axes.T * (
+                np.arange(len(axes)) >= len(rows)
+            )
+        basis = basis[:, basis.any(axis=0)]
+        A, b = self.R @ basis, self.z
         scale = np.linalg.norm(A, axis=0)
+        if damping:
+            A, b = np.vstack([A, np.diag(damping * scale)]), np.append(b, np.zeros(len(scale)))
         scale[scale == 0] = 1.0
         U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
         known = s > _NEGLIGIBLE * s.max(initial=0.0)
-        return np.asarray(Vt[known].T @ ((U.T @ b)[known] / s[known]) / scale)
+        return np.asarray(basis @ (Vt[known].T @ ((U.T @ b)[known] / s[known]) / scale))
 
     def covariance(self) -> NDArray[np.float64]:
         """Return the covariance (n, n); all directions must be determined.

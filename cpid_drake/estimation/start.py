@@ -16,10 +16,11 @@ from cpid_drake.dynamics.plane import NORMAL_W, tilt
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, first_sample
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Quantity, sensors_of
 
@@ -27,7 +28,6 @@ _INSTANTS = 10  # in a block
 _DEGREE = 5  # of the polynomials through the samples of a block
 _FEWEST = 4  # samples of a block for a polynomial
 _REWEIGHTINGS = 4  # the noise of the rows comes from their own residuals
-_CAUTION = 3.0  # the rows' errors are no white noise
 
 
 def start_of(
@@ -86,18 +86,18 @@ def _balanced(
         block[:, :10], block[:, 10 + 3 * k : 13 + 3 * k] = rows[:, :10], rows[:, 10:13]
         block[:, -1] = rows[:, 13]
         first += len(rows)
-    target = next(unknown for unknown in model.table if unknown.name == PSI)
+    target = model.unknown(PSI)
+    sizes = {PSI: 10} | {log.name: 3 for log in logs}
+    sigma = np.concatenate([target.sigma, np.full(3 * len(logs), model.L_sigma)])
     mean = np.concatenate([target.mean, np.zeros(3 * len(logs))])
-    scale = np.concatenate([target.sigma / 10, np.full(3 * len(logs), model.L_sigma)])
-    x = mean
-    if len(A):
-        noise = 0.02 * float(np.std(A[:, -1])) + 1e-12
-        for _ in range(_REWEIGHTINGS):
-            rows = np.vstack([A[:, :-1] * scale / noise, np.eye(n)])
-            right = np.append((A[:, -1] - A[:, :-1] @ mean) / noise, np.zeros(n))
-            x = mean + scale * np.linalg.lstsq(rows, right, rcond=None)[0]
-            rms = float(np.sqrt(np.mean((A[:, :-1] @ x - A[:, -1]) ** 2)))
-            noise = _CAUTION * max(rms, 1e-9 * model.L_sigma)
+    prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(1 / sigma), np.zeros(n)]))
+    A[:, -1] -= A[:, :-1] @ mean
+    noise, found = 0.02 * float(np.std(A[:, -1])) + 1e-12 if len(A) else 1.0, prior
+    for _ in range(_REWEIGHTINGS if len(A) else 0):
+        found = prior.add(Gaussian.of_rows(sizes, A / noise))
+        rms = float(np.sqrt(np.mean((A[:, :-1] @ found.solve() - A[:, -1]) ** 2)))
+        noise = max(rms, 1e-9 * model.L_sigma)
+    x = mean + found.solve(held={PSI: undetermined(model, target.mean, found)[0]})
     return x[:10], np.split(x[10:], len(logs))
 
 

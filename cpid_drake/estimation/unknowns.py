@@ -16,11 +16,14 @@ from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
 from cpid_drake.estimation.likelihood.priors import (
     FASTEST_DRIFT,
     FASTEST_TUMBLE,
     plausible_psi,
+    plausible_sizes,
     psi_scale,
 )
 from cpid_drake.sensing.sensors import Gyro
@@ -167,6 +170,29 @@ class Model:
     def start(self, logs: list[str]) -> dict[str, NDArray[np.float64]]:
         """Return the mean of all unknowns of some logs before the first sample."""
         return {u.key(log): u.mean.copy() for u in self.table for log in logs}
+
+
+def undetermined(
+    model: Model, psi: NDArray[np.float64], gaussian: Gaussian
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the combinations (k, 10) of ψ that are not determined, and plausible sizes (10,).
+
+    The σ of each is more than `KNOWN` of its size. A fit does not move them: they are what a
+    target has before the first sample, and no noise makes an impossible body of them.
+
+    Args:
+        model: the unknowns.
+        psi: (10,) value of the target.
+        gaussian: of all unknowns about their values.
+
+    """
+    target = gaussian.marginal([PSI])
+    psi = psi + target.solve()
+    sigma = np.sqrt(np.diag(target.covariance()))
+    least = np.sign(psi) * np.maximum(np.abs(psi) - 2 * sigma, 0.0)  # its size as far as known
+    sizes = plausible_sizes(least, model.plausible)
+    _, s, Vt = np.linalg.svd(target.R * sizes)
+    return Vt[s < 1 / KNOWN] / sizes, sizes
 
 
 def psi_about(

@@ -9,9 +9,8 @@ import numpy as np
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution, solution_of_information
-from cpid_drake.estimation.likelihood.priors import plausible_sizes
 from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.result import MomentumEstimate
 
@@ -58,17 +57,16 @@ def solution_of(
 
     """
     target = gaussian.marginal([PSI])
-    psi = values[PSI] + target.solve()
+    held, sizes = undetermined(model, values[PSI], gaussian)
+    psi = values[PSI] + target.solve(held={PSI: held})
     information = target.R.T @ target.R
     if not model.has_guess:
         prior = next(unknown for unknown in model.table if unknown.name == PSI)
         information = information - np.diag(prior.sigma**-2.0)
-    sigma = np.sqrt(np.diag(target.covariance()))
-    least = np.sign(psi) * np.maximum(np.abs(psi) - 2 * sigma, 0.0)  # its size as far as known
     return solution_of_information(
         psi,
         information,
-        plausible_sizes(least, model.plausible),
+        sizes,
         residual_sum=residual_sum,
         row_count=row_count,
     )

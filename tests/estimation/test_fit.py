@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from block_cases import fired, make_case
 from scipy.signal import lfilter
-from sensing_cases import MOMENTUM, coarse_suite, true_psi
+from scipy.stats import chi2
+from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question, compare
@@ -14,7 +15,7 @@ from cpid_drake.estimation.fit import correlation_time, fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
-from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.unknowns import PSI, Model, undetermined
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
@@ -191,6 +192,26 @@ def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target
     assert found.sweeps <= 25
     np.testing.assert_allclose(found.logs[0].smoothness.noise, 3.0, rtol=0.3)
     assert nees(case, *target(found.gaussian, found.values)) < 30
+
+
+def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target):
+    """One joint moves: noise would take the rest far from any rigid body, to one that blocks."""
+    craft, motion = small_craft(tmp_path), Sines.drawn(4, seed=101, duration=6.0, size=0.6)
+    motion.amplitude[:, :3] = 0.0
+    suite = replace(SUITE, gyro=None)
+    samples = add_noise(suite, measured(craft, motion, skewed_target, suite), 2)
+    model = Model(craft.tree, suite)
+    found = fit(model, [LogState.of(model, samples)])
+    assert found.converged
+    psi = found.values[PSI]
+    rows, sizes = undetermined(model, psi, found.gaussian)
+    assert 0 < len(rows) < 10
+    np.testing.assert_allclose(rows @ psi, rows @ model.unknown(PSI).mean, atol=0.2)
+    seen = np.linalg.svd(rows * sizes)[2][len(rows) :] / sizes
+    covariance = found.gaussian.marginal([PSI]).covariance()
+    error = seen @ (psi - true_psi(craft, skewed_target))
+    chi_squared = error @ np.linalg.solve(seen @ covariance @ seen.T, error)
+    assert chi_squared < chi2.ppf(0.999, len(seen))
 
 
 @pytest.mark.slow

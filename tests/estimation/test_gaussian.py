@@ -80,9 +80,22 @@ def test_evidence_is_the_probability_of_the_data():
     np.testing.assert_allclose(np.diff(found), np.diff(expected))
 
 
+def test_a_held_combination_keeps_its_value_and_the_others_are_as_if_it_were_given():
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(9, 6))
+    gaussian = Gaussian.of_rows({"a": 2, "x": 3}, rows)
+    H = rng.normal(size=(1, 3))
+    x = gaussian.solve(held={"x": H})
+    heavy = np.vstack([rows, 1e9 * np.concatenate([np.zeros(2), H[0], [0.0]])])
+    expected = np.linalg.lstsq(heavy[:, :-1], heavy[:, -1], rcond=None)[0]
+    np.testing.assert_allclose(x, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(gaussian.solve(held={"x": np.eye(3)})[2:], 0.0)
+
+
 def test_damping_holds_what_nothing_determines(rows):
     gaussian = Gaussian.of_rows({"x": 2}, np.array([[1.0, 1.0, 2.0]]))
     np.testing.assert_allclose(gaussian.solve(), [1.0, 1.0])
-    np.testing.assert_allclose(gaussian.solve(np.array([1e-6, 1e6])), [2.0, 0.0], atol=1e-6)
+    damped = gaussian.add(Gaussian.of_rows({"x": 2}, np.array([[0.0, 1.0, 3.0]]))).solve(1.0)
+    np.testing.assert_allclose(damped, np.linalg.solve([[2.0, 1.0], [1.0, 4.0]], [2.0, 5.0]))
     with pytest.raises(np.linalg.LinAlgError):
         Gaussian.of_rows({"x": 2}, np.array([[1.0, 0.0, 2.0]])).covariance()
