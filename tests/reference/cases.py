@@ -279,8 +279,10 @@ def hidden(folder: Path) -> Rows:
     rows, fixed = {}, {"seeds": 2, "online": 0, "is_spoiled": True, "why": CAUGHT}
     for key, words in HIDDEN.items():
         true = with_effect(key, 3.0)
-        row = monte_carlo(f"{key} of 3 σ, hidden", "exciting_motion", folder, true=true, **fixed)
-        rows[f"hidden_{key}"] = row | {"named": bool(re.search(words, row["message"].lower()))}
+        what = f"{key} of 3 σ, hidden"
+        rows[f"hidden_{key}"] = monte_carlo(
+            what, "exciting_motion", folder, true=true, words=words, **fixed
+        )
     return rows
 
 
@@ -343,8 +345,8 @@ def spoiled(folder: Path) -> Rows:
         np.savez(log, **spoil(load(log)))
         options = ["--momentum", "zero"] if name == "tumble_forgotten" else []
         trial = cli_trial(world, folder, log, "--sensors", sensors, *options)
-        row = row_of(f"{scenario}, {sensors}, {name}", [trial], is_spoiled=True, why=CAUGHT)
-        rows[f"spoiled_{name}"] = row | {"named": bool(re.search(words, trial.text.lower()))}
+        what = f"{scenario}, {sensors}, {name}"
+        rows[f"spoiled_{name}"] = row_of(what, [trial], is_spoiled=True, why=CAUGHT, words=words)
     return rows
 
 

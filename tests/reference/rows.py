@@ -1,6 +1,7 @@
 """Rows of the reference table: identifications of known targets, compared with the truth."""
 
 import json
+import re
 import resource
 import subprocess
 import sys
@@ -182,7 +183,8 @@ def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Tria
 
 # fmt: off
 def row_of(what: str, trials: Sequence[Trial], *, bound: Array | None = None,
-           figures: dict | None = None, why: str = "", is_spoiled: bool = False) -> dict:
+           figures: dict | None = None, why: str = "", is_spoiled: bool = False,
+           words: str = "") -> dict:
     # fmt: on
     """Return a row of the table.
 
@@ -193,6 +195,7 @@ def row_of(what: str, trials: Sequence[Trial], *, bound: Array | None = None,
         figures: further numbers by name, each {"value", and "at_most" or "within" (relative)}.
         why: the tolerances and their reason; default: those of the same draws.
         is_spoiled: whether a refusal or a failed check is as good as a right answer.
+        words: expression that the messages of every run contain if they name the cause.
 
     """
     good = [t for t in trials if t.known.any()]
@@ -204,6 +207,7 @@ def row_of(what: str, trials: Sequence[Trial], *, bound: Array | None = None,
         ratio = np.sqrt(np.nanmean([(t.error / bound) ** 2 for t in good], axis=0))
         over = {"worst": np.nanmax(ratio), "rms": np.sqrt(np.nanmean(ratio**2))}
     first = (good or trials or [Trial(0)])[0]
+    named = {"named": all(bool(re.search(words, t.text.lower())) for t in trials)}
     return {
         "what": what,
         "runs": len(trials),
@@ -221,10 +225,11 @@ def row_of(what: str, trials: Sequence[Trial], *, bound: Array | None = None,
         "figures": figures or {},
         "error": [*first.error],
         "sigma": [*first.sigma],
-        "message": next((" ".join(t.text.split())[:200] for t in trials if t.code), ""),
+        "message": next((" ".join(t.text.split())[:200] for t in trials if t.code or words), ""),
         "seconds": np.mean([t.seconds for t in trials]) if trials else None,
         "tolerance": why or (f"{PAIRED}; {BAND}" if len(trials) > 1 else PAIRED),
         "is_spoiled": is_spoiled,
+        **(named if words else {}),
     }
 
 
@@ -252,11 +257,11 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
                 seeds: int = 3, *, online: int = 1, bound: bool = False, uncertain: bool = False,
                 change: Callable[[World], World] = lambda world: world,
                 true: SensorSuite | None = None, is_spoiled: bool = False, why: str = "",
-                **options) -> dict:  # fmt: skip
+                words: str = "", **options) -> dict:  # fmt: skip
     """Return the row of a scenario with the noise of several seeds.
 
     Args:
-        what, is_spoiled, why: see `row_of`; the number of seeds is added to `what`.
+        what, is_spoiled, why, words: see `row_of`; the number of seeds is added to `what`.
         name: of the shipped scenario.
         folder: for logs.
         sensors: those that the estimator knows: a preset or a suite.
@@ -288,4 +293,4 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
         summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
         limit = np.array(summary["results"][0]["crlb"], dtype=float)
     what = f"{what}, {seeds} seeds"
-    return row_of(what, trials, bound=limit, is_spoiled=is_spoiled, why=why)
+    return row_of(what, trials, bound=limit, is_spoiled=is_spoiled, why=why, words=words)
