@@ -27,8 +27,8 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.unknowns import MOMENTUM, Model
 
-SIZES = 10.0 ** -np.arange(7)
-"""Sizes of an error that are compared, as shares of its σ."""
+SIZES = 10.0 ** np.arange(1, -7, -1)
+"""Sizes of an error that are compared, in units of its σ."""
 
 NAMED = 0.9
 """Probability from which a candidate is said to act."""

@@ -200,9 +200,9 @@ def larger_than_declared(
     chi_squared, freedom = float(np.sum((axes[:, seen].T @ m) ** 2 / sizes[seen])), int(seen.sum())
     for name, value in ({} if compared is None else compared.values).items():
         if compared is not None and name.partition("|")[0] in errors:
-            size = 1 - compared.sigma[name] ** 2
-            seen = size > 1 - LEARNED**2
-            chi_squared += float(np.sum(value[seen] ** 2 / size[seen]))
+            m, size = value / compared.sizes[name], (compared.sigma[name] / compared.sizes[name])
+            seen = size < LEARNED
+            chi_squared += float(np.sum(m[seen] ** 2 / (1 - size[seen] ** 2)))
             freedom += int(seen.sum())
     if not freedom or chdtrc(freedom, chi_squared) > IMPROBABLE:
         return ()
