@@ -12,7 +12,7 @@ from cpid_drake.resources import resolve_model
 
 if TYPE_CHECKING:
     from cpid_drake.dynamics.inertia import InertialParameters
-    from cpid_drake.identification.result_files import IdentificationResult
+    from cpid_drake.identification.result import Identification
 
 
 def export(
@@ -61,6 +61,8 @@ def export(
     spacecraft = None
     if with_spacecraft:
         source = found.spacecraft
+        if source is None:
+            raise InputError(f"{result}: the result does not name its spacecraft")
         spacecraft = Spacecraft(
             source.model,
             base=source.base,
@@ -79,7 +81,7 @@ def export(
         log.print(f"{file}: written; Drake reads the same parameters from it")
 
 
-def _parameters(found: "IdentificationResult", raw: bool, where: Path) -> "InertialParameters":
+def _parameters(found: "Identification", raw: bool, where: Path) -> "InertialParameters":
     """Return the parameters to export.
 
     Raises:
@@ -96,9 +98,9 @@ def _parameters(found: "IdentificationResult", raw: bool, where: Path) -> "Inert
             f"{found.rank} of 10); rotate the target about more axes and identify again"
         )
     if not raw:
-        if found.target is None:
-            raise InputError(f"{where}: nothing to export: 'feasible' is null")
-        return found.target
+        if found.consistent is None:
+            raise InputError(f"{where}: nothing to export: no rigid body is near the estimate")
+        return found.consistent
     parameters = InertialParameters.from_vector(found.parameters)
     problems = parameters.infeasibilities()
     if problems:

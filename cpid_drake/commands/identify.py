@@ -68,7 +68,7 @@ def identify(
             if len(requests) == 1
             else identify_files(requests, status.update)
         )
-        result = evidence.result
+        result = evidence.found
         if json_file is not None:
             write_result(json_file, result)
         if report is not None:
@@ -85,9 +85,9 @@ def identify(
     for warning in result.warnings:
         console.print(f"warning: {warning}")
     if not quiet:
-        options.print_lines(describe(evidence.found, result, options.line_width()))
+        options.print_lines(describe(result, options.line_width()))
     if diagnose:
-        undeclared = evidence.found.undeclared
+        undeclared = result.undeclared
         nothing = [
             "  --diagnose needs --sensors without --known-bodies, a fit, and logs that determine "
             "all that can act on the motion"
@@ -95,4 +95,4 @@ def identify(
         options.print_lines([*(nothing if undeclared is None else undeclared.lines())])
     if result.doubts:
         return NOT_TRUSTWORTHY
-    return 0 if evidence.found.is_complete else NOT_ALL_KNOWN
+    return 0 if result.is_complete else NOT_ALL_KNOWN

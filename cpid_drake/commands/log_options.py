@@ -135,7 +135,7 @@ class LogOptions:
         has_sensors = self.sensors is not None or self.known_bodies is not None
         estimator = options.check_method(self.estimator, self.rows, assumed, has_sensors)
         from cpid_drake.identification.requests import Request
-        from cpid_drake.identification.result_files import SpacecraftReference
+        from cpid_drake.identification.result import SpacecraftReference
 
         return Request(
             telemetry,

@@ -90,7 +90,9 @@ def validate(
     from cpid_drake.identification.validation import validate
 
     found = read_result(result)
-    used = found.sources()
+    used = found.sources
+    if found.spacecraft is None:
+        raise InputError(f"{result}: the result does not name its spacecraft")
     options.check_inputs(telemetry, found.spacecraft.model, sensors, columns)
     if any(source.sha256 and source.sha256 == file_hash(telemetry) for source in used):
         raise InputError(f"{telemetry}: the result was identified from this log; give another one")

@@ -107,7 +107,7 @@ def _replay_log(request: "Request", console: Console) -> tuple[str, str]:
         status.update("drawing")
         title = Path(request.telemetry).name
         page = replay_html(evidence.spacecraft, motion_of(evidence), estimates, title=title)
-    for warning in evidence.result.warnings:
+    for warning in evidence.found.warnings:
         options.log_console().print(f"warning: {warning}")
     return page, estimate_text(evidence.found)
 

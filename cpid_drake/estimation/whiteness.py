@@ -22,7 +22,7 @@ class Whiteness:
 
     Attributes:
         lag_one: correlation of neighbours, −1 to 1; for white residuals within ± `band`.
-        band: 3.3 σ of `lag_one`: 99.9 % of white residuals are within it.
+        band: 3.3 σ of `lag_one`: 99.9 % of white residuals are within it; 1 of too few samples.
         correlation_time: number of samples that together have the information of one independent
             sample; 1 if white.
         count: number of samples.
@@ -76,7 +76,7 @@ def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
     count = len(residuals)
     rho, channels = autocorrelation(residuals) if count else (np.zeros(0), 0)
     if count < 4 or not channels:
-        return Whiteness(0.0, np.inf, 1.0, count, 0.0)
+        return Whiteness(0.0, 1.0, 1.0, count, 0.0)
     pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     time = 2 * float(pairs[:end].sum()) - 1
@@ -142,7 +142,7 @@ class LagSums:
     def whiteness(self) -> Whiteness:
         """The whiteness of all residuals so far."""
         if self.pairs < 4 or self.square == 0:
-            return Whiteness(0.0, np.inf, 1.0, self.count, 0.0)
+            return Whiteness(0.0, 1.0, 1.0, self.count, 0.0)
         lag_one = float(np.clip(self.product / self.pairs * self.count / self.square, -1, 1))
         band = BAND / np.sqrt(self.pairs * self.channels)
         time = min((1 + lag_one) / max(1 - lag_one, 1e-9), self.count)

@@ -10,13 +10,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
-from cpid_drake.identification.result import Identification, JointEstimate, SeparateEstimate
+from cpid_drake.identification.result import Check, JointEstimate, SeparateEstimate
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 
 CONTRADICTED = 1e-4
@@ -27,14 +28,14 @@ DOMINATED = 0.5
 
 
 def with_agreement(
-    result: Identification,
+    result: SolvedIdentification,
     vague: Gaussian,
     own: Mapping[str, Gaussian],
     target: str,
     solution: Callable[[Gaussian], LeastSquaresSolution],
     logs: Mapping[str, tuple[int, tuple[str, ...]]],
     prior: tuple[TargetPrior, Gaussian] | None = None,
-) -> Identification:
+) -> SolvedIdentification:
     """Return an identification with the separate estimates, and whether they agree.
 
     Args:
@@ -69,48 +70,52 @@ def with_agreement(
         for name in names
     )
     estimate = JointEstimate(separate, None, chi_squared, freedom, probability)
-    doubts = []
+    checks = []
     warnings = [
         f"{name} determines nothing about the target, and was not used"
         for name in names
         if len(names) > 1 and not solutions[name].rank
     ]
     warnings += result.warnings
-    if probability < CONTRADICTED:
+    if freedom:
         worst = max(names, key=lambda name: tests[name][0] / max(tests[name][1], 1))
         who = f"{worst} disagrees most with the others"
         if len(names) == 2:
             who = f"{names[0]} and {names[1]} contradict each other"
-        doubts.append(
+        sentence = (
             f"the logs do not have the same target (probability {probability:.1g}): {who}"
             f"{_difference(result, solutions[worst], others_say[worst])}"
         )
+        limit = float(chdtri(freedom, CONTRADICTED))
+        checks.append(Check.of("agreement of the logs", sentence, chi_squared, limit))
     if prior is not None:
         told, rows = prior
         both = one.add(rows)
         rank = int(np.linalg.matrix_rank(rows.R / np.linalg.norm(rows.R, axis=0).clip(1e-300)))
         with_prior = solution(both)
         vague_and_prior = vague.add(rows)
-        agrees = _probability(both.least_cost - one.least_cost, rank + joint.rank - with_prior.rank)
+        chi_squared, freedom = both.least_cost - one.least_cost, rank + joint.rank - with_prior.rank
+        agrees = _probability(chi_squared, freedom)
         dominated = _dominated(result, joint, with_prior)
         alone = SeparateEstimate(
             told.name, told.parameters, told.intervals, rank, 0, agrees, told.doubts
         )
         estimate = replace(estimate, prior=alone, dominated=dominated)
         warnings.append(_of_prior(told, dominated))
-        doubts += [f"{told.name}: {doubt}" for doubt in told.doubts]
-        if agrees < CONTRADICTED:
+        checks += [Check("prior", f"{told.name}: {sentence}") for sentence in told.doubts]
+        if freedom > 0:
             what = "the log" if len(names) == 1 else "the logs"
-            difference = _difference(result, solution(vague_and_prior), joint)
-            doubts.append(
+            sentence = (
                 f"{told.name} and {what} contradict each other (probability {agrees:.1g})"
-                f"{difference}"
+                f"{_difference(result, solution(vague_and_prior), joint)}"
             )
+            limit = float(chdtri(freedom, CONTRADICTED))
+            checks.append(Check.of("agreement with the prior", sentence, chi_squared, limit))
     return replace(
         result,
         joint=estimate,
         warnings=tuple(warnings),
-        doubts=(*doubts, *result.doubts),
+        checks=(*checks, *result.checks),
     )
 
 
@@ -139,7 +144,7 @@ def _probability(chi_squared: float, freedom: int) -> float:
 
 
 def _separate(
-    result: Identification,
+    result: SolvedIdentification,
     name: str,
     solution: LeastSquaresSolution,
     probability: float,
@@ -160,7 +165,7 @@ def _separate(
 
 
 def _dominated(
-    result: Identification, logs: LeastSquaresSolution, both: LeastSquaresSolution
+    result: SolvedIdentification, logs: LeastSquaresSolution, both: LeastSquaresSolution
 ) -> tuple[str, ...]:
     """Return the parameters that the prior determines more than the logs do."""
     without, variance = (
@@ -175,7 +180,7 @@ def _dominated(
 
 
 def _difference(
-    result: Identification, one: LeastSquaresSolution, other: LeastSquaresSolution
+    result: SolvedIdentification, one: LeastSquaresSolution, other: LeastSquaresSolution
 ) -> str:
     """Return the parameter in which two estimates differ most, in words."""
     pair = [replace(result, solution=each) for each in (one, other)]

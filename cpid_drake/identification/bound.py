@@ -16,7 +16,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.estimate import at_momentum, solution_of
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -63,4 +63,6 @@ def cramer_rao_bound(
     known = known.moved(known.solve())  # the vague prior prefers another target than the true one
     parameterization = relative_parameterization(model.mass)
     solution = solution_of(model, values, known)
-    return Identification(parameterization, solution, 0, "trajectory_fit").covariance
+    return SolvedIdentification(
+        parameterization, solution, sample_count=0, estimator="trajectory_fit"
+    ).covariance

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri
 
 from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -39,12 +39,9 @@ from cpid_drake.identification.problem import (
     Estimator,
     Problem,
 )
-from cpid_drake.identification.result import (
-    Identification,
-    MomentumEstimate,
-    ResidualSeries,
-)
+from cpid_drake.identification.result import Check, MomentumEstimate
 from cpid_drake.identification.sample_noise import sample_sigmas
+from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.together import Part, combined, plausible
 from cpid_drake.sensing.measurements import Measurements
@@ -70,7 +67,7 @@ DISAGREE = (
     "two halves of the samples have different targets: the spacecraft, a frame, a sign or a clock "
     "is not as assumed, or forces acted"
 )
-"""The doubt about these targets."""
+"""The failed check of these targets."""
 
 _FEW_ROWS = 20  # fewer rows show no correlation in time
 
@@ -82,11 +79,11 @@ def identify_by_rows(
     momentum: TotalMomentum | None = None,
     sensors: SensorSuite | None = None,
     prior: TargetPrior | None = None,
-) -> Identification:
+) -> SolvedIdentification:
     """Identify a target by least squares on momentum rows.
 
     Exact states and complete samples without declared sensors are used as they are; other samples
-    are smoothed to common times first. The result has its own failed checks in `doubts`; those of
+    are smoothed to common times first. The result has its own failed checks; those of
     `checks.checked` are not applied yet.
 
     Args:
@@ -232,13 +229,13 @@ def _identified(
         other = rows_of(STANDARD_ROWS)
         tester = other, other.noise()
     contradicts = _contradicts_zero(*tester) if is_open and tester[0].extra else None
-    doubts, is_zero = list[str](), is_open
+    checks, is_zero = list[Check](), is_open
     if contradicts:
         free_target = rows.gaussians(noise)[0].marginal([TARGET])
         if not rows.extra:
-            doubts.append(NOT_ESTIMATED.format(family.name))
+            checks.append(Check("momentum", NOT_ESTIMATED.format(family.name)))
         elif momentum is not None or not rank_of(free_target):
-            doubts.append(NOT_ZERO)
+            checks.append(Check("momentum", NOT_ZERO))
         else:
             warnings.append(ESTIMATED)
             is_zero = False
@@ -251,7 +248,7 @@ def _identified(
         found,
         momentum=name_of,
         warnings=tuple(warnings),
-        doubts=(*doubts, *found.doubts),
+        checks=(*checks, *found.checks),
     )
     return Part(name, found, whole[0].marginal([TARGET]))
 
@@ -309,7 +306,7 @@ def _estimate(
     noise: RowNoise,
     gaussians: Sequence[Gaussian],
     suite: SensorSuite | None,
-) -> Identification:
+) -> SolvedIdentification:
     """Return the estimate of a log from Gaussians of all of its rows and of its halves."""
     whole, *halves = gaussians
     form = family.parameterization(spacecraft.mass)
@@ -333,7 +330,11 @@ def _estimate(
     misfit = min(to_errors, to_rows / SMALL)
     is_complete = solution.rank == len(spacecraft.tree.unknowns)
     is_judged = is_complete and noise.is_known and to_rows > SMALL
-    differs = is_judged and disagreement(halves)[2] < CONTRADICTED
+    checks: tuple[Check, ...] = ()
+    if is_judged:
+        chi_squared, freedom, chance = disagreement(halves)
+        limit = float(chdtri(freedom, CONTRADICTED)) if freedom else None
+        checks = (Check.of("halves", DISAGREE, chi_squared, limit, chance >= CONTRADICTED),)
     residuals, white = {}, None
     if is_complete and count > _FEW_ROWS:
         names = {"linear": family.linear_unit, "angular": "N·m·s"}
@@ -349,16 +350,16 @@ def _estimate(
     if momenta and rank_of(whole) == len(places):
         inverse = np.linalg.pinv(whole.R[:, places])[: rows.extra]
         estimate = MomentumEstimate(free, inverse @ inverse.T)
-    return Identification(
+    return SolvedIdentification(
         form,
         solution,
-        rows.sample_count,
-        LEAST_SQUARES.name,
+        sample_count=rows.sample_count,
+        estimator=LEAST_SQUARES.name,
         rows=family.name,
         sensors=suite,
         whiteness=white,
         residuals=residuals,
-        doubts=(DISAGREE,) if differs else (),
+        checks=checks,
         misfit=misfit if misfit > MOST_NOISE else 1.0,
         momentum_estimate=estimate,
     )
@@ -369,7 +370,7 @@ def _of_problems(
     momentum: TotalMomentum | None,
     prior: TargetPrior | None,
     progress: Callable[[str], None],
-) -> Identification:
+) -> SolvedIdentification:
     """Return the estimate by the rows of some logs."""
     first = next(iter(problems.values()))
     assert first.family is not None

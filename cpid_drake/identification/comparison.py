@@ -12,7 +12,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtri
 
 from cpid_drake.estimation.evidence import NAMED, Comparison, Question
 from cpid_drake.estimation.fit import Fit, prior_of
@@ -23,6 +23,7 @@ from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.identification.effects import LEARNED, EffectEstimate, HeldOut, UndeclaredErrors
+from cpid_drake.identification.result import Check
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
@@ -143,9 +144,9 @@ def undeclared_errors(
     )
 
 
-def words(undeclared: UndeclaredErrors) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def words(undeclared: UndeclaredErrors) -> tuple[tuple[str, ...], tuple[Check, ...]]:
     """Return the warnings and failed checks that follow from errors nobody has declared."""
-    warnings, doubts = [], []
+    warnings, checks = [], []
     if undeclared.is_proposed:
         warnings.append(
             f"the samples show what the sensors do not declare: {undeclared.describe()}; the "
@@ -154,11 +155,13 @@ def words(undeclared: UndeclaredErrors) -> tuple[tuple[str, ...], tuple[str, ...
             "`cpid list` shows"
         )
     elif undeclared.effects:
-        doubts.append(
+        sentence = (
             "the samples show what the sensors do not declare, and the cause is not known: "
             f"{undeclared.describe()}, which would explain them, does not predict the end of the "
             "log better"
         )
+        gain = None if undeclared.held_out is None else undeclared.held_out.gain
+        checks.append(Check("undeclared errors", sentence, gain))
     likely = {name: p for name, p in undeclared.suspected.items() if p > SUSPECTED}
     if likely:
         named = [f"{name} (probability {p:.2g})" for name, p in likely.items()]
@@ -166,7 +169,7 @@ def words(undeclared: UndeclaredErrors) -> tuple[tuple[str, ...], tuple[str, ...
             "the samples may show an error that the sensors do not declare: "
             f"{' or '.join(named)}; the intervals include it"
         )
-    return tuple(warnings), tuple(doubts)
+    return tuple(warnings), tuple(checks)
 
 
 def larger_than_declared(
@@ -175,8 +178,8 @@ def larger_than_declared(
     gaussian: Gaussian,
     effects: Sequence[EffectEstimate],
     compared: Comparison | None = None,
-) -> tuple[str, ...]:
-    """Return the failed check of errors that are too large for their declared or plausible σ.
+) -> tuple[Check, ...]:
+    """Return the check of errors that are too large for their declared or plausible σ.
 
     Before the first sample the errors m, in units of their σ, have the covariance 1, after the last
     one V. The estimate of m therefore has the covariance 1 − V. Combinations that the samples do
@@ -204,15 +207,19 @@ def larger_than_declared(
             seen = size < LEARNED
             chi_squared += float(np.sum(m[seen] ** 2 / (1 - size[seen] ** 2)))
             freedom += int(seen.sum())
-    if not freedom or chdtrc(freedom, chi_squared) > IMPROBABLE:
+    if not freedom:
         return ()
+    limit, name = float(chdtri(freedom, IMPROBABLE)), "declared sizes"
+    if chi_squared < limit:
+        return (Check(name, "", chi_squared, limit, passed=True),)
     largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
-    return (
+    sentence = (
         "the errors of the sensors, or the forces, are about "
         f"{np.sqrt(chi_squared / freedom):.2g} times as large as their declared sigma, such as: "
         f"{largest.summary()}, with a sigma of {largest.prior_sigma:.3g} {largest.unit}; declare "
-        "what the hardware can have, or look for another cause",
+        "what the hardware can have, or look for another cause"
     )
+    return (Check(name, sentence, chi_squared, limit),)
 
 
 def _errors(found: Fit) -> dict[str, ConstantError]:

@@ -6,20 +6,18 @@ shown. It contains the true value as often as the whole interval, because the tr
 possible. Bounds of parameters that the samples do not determine assume a size of the target.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
 from cpid_drake.estimation.source_rows import SourceRows
-
-if TYPE_CHECKING:
-    from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import Consistency
+from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.target_prior import Combinations
 
 OUTSIDE = 1e-4
 """Probability that the true unknowns are outside of the confidence region."""
@@ -30,43 +28,33 @@ REACH = 3.0
 _ROUNDING = 1e-6  # of a limit, as a share of the plausible size
 
 
-@dataclass(frozen=True, eq=False)
-class Consistency:
-    """What rigid bodies can have of an estimate.
-
-    Attributes:
-        parameters: (10,) the nearest rigid body; NaN where the samples determine nothing.
-        intervals: (10, 2) the part of each 95 % interval that a rigid body can have; for parameters
-            that are not determined, their extreme values over all rigid bodies that agree with what
-            is known. NaN if no rigid body agrees; infinite without a bound.
-        size: largest distance of a part of the target from C that the bounds assume [m].
-        is_possible: whether any rigid body agrees with the estimate within its uncertainty.
-
-    """
-
-    parameters: NDArray[np.float64]
-    intervals: NDArray[np.float64]
-    size: float
-    is_possible: bool
-
-    def assumption(self) -> str:
-        """Return the assumption behind the bounds of what is not determined, in words."""
-        return (
-            f"bounds over all rigid bodies no part of which is farther than {self.size:.2g} m from "
-            f"C ({REACH:g} times the spacecraft's radius of gyration)"
-        )
-
-
-def consistency_of(found: "Identification", tree: KinematicTree) -> Consistency | None:
-    """Return what rigid bodies can have of an identification.
-
-    None if nothing is known, or if the solver fails.
+def with_consistency(found: SolvedIdentification, tree: KinematicTree) -> SolvedIdentification:
+    """Return an identification with its nearest rigid body, and with what rigid bodies can have.
 
     Args:
         found: the identification.
         tree: the known spacecraft.
 
     """
+    solution, form = found.solution, found.parameterization
+    nearest = None if found.consistent is None else found.consistent.to_vector()
+    bodies = _bodies(found, tree)
+    consistency = None if bodies is None else _consistency_of(found, bodies)
+    if nearest is None and bodies is not None and consistency is not None:
+        nearest = np.full(10, np.nan)
+        if consistency.is_possible:
+            nearest = np.where(
+                np.isfinite(found.parameters), form.to_parameters(bodies.nearest()), np.nan
+            )
+    combinations = None
+    if solution.rank and not found.is_observable:
+        rows = SourceRows.of_solution(solution)
+        combinations = Combinations(form.name, solution.values, rows.A.T @ rows.A, tree.mass)
+    return replace(found, nearest=nearest, consistency=consistency, combinations=combinations)
+
+
+def _bodies(found: SolvedIdentification, tree: KinematicTree) -> RigidBodySet | None:
+    """Return the rigid bodies that agree with an identification; None if nothing is known."""
     solution = found.solution
     if not solution.rank or not np.isfinite(solution.values).all():
         return None
@@ -76,48 +64,39 @@ def consistency_of(found: "Identification", tree: KinematicTree) -> Consistency 
         if freedom < 1:
             return None
         radius = solution.rank * float(fdtri(solution.rank, freedom, 1 - OUTSIDE))
-    rows = SourceRows.of_solution(found.solution)
+    rows = SourceRows.of_solution(solution)
     if not (np.isfinite(rows.A).all() and np.isfinite(rows.b).all()):
         return None
     mass, size = _plausible(found, tree)
-    bodies = RigidBodySet(
-        rows, float(np.sqrt(radius)), found.parameterization.name, tree.mass, mass, size
-    )
-    known = np.isfinite(found.parameters)
+    name = found.parameterization.name
+    return RigidBodySet(rows, float(np.sqrt(radius)), name, tree.mass, mass, size)
+
+
+def _consistency_of(found: SolvedIdentification, bodies: RigidBodySet) -> Consistency | None:
+    """Return the physically consistent part of the intervals; None if the solver fails."""
     distance = bodies.distance()
-    if np.isnan(distance):  # the solver failed
+    if np.isnan(distance):
         return None
     if distance > bodies.radius:
-        nothing = np.full((10, 2), np.nan)
-        return Consistency(np.full(10, np.nan), nothing, size, False)
+        return Consistency(np.full((10, 2), np.nan), bodies.size, is_possible=False)
     bounds = bodies.bounds()
     if bounds is None:
         return None
-    nearest = found.parameterization.to_parameters(bodies.nearest())
-    return _narrowed(found, np.where(known, nearest, np.nan), bounds, mass, size)
-
-
-def _narrowed(
-    found: "Identification",
-    nearest: NDArray[np.float64],
-    bounds: NDArray[np.float64],
-    mass: float,
-    size: float,
-) -> Consistency:
-    """Return the intersection of intervals and bounds."""
     known = np.isfinite(found.parameters)
     free = np.where(known[:, None], found.intervals, [-np.inf, np.inf])
     free = np.where(np.isnan(free), [-np.inf, np.inf], free)
+    mass, size = bodies.mass, bodies.size
     slack = _ROUNDING * np.array([mass, *3 * [size], *6 * [mass * size**2]])
     low = np.where(bounds[:, 0] > free[:, 0] + slack, bounds[:, 0], free[:, 0])
     high = np.where(bounds[:, 1] < free[:, 1] - slack, bounds[:, 1], free[:, 1])
     # No body may have a value of the interval and be in the confidence region of all unknowns.
     empty = low > high
     low, high = np.where(empty, bounds[:, 0], low), np.where(empty, bounds[:, 1], high)
-    return Consistency(nearest, np.stack([low, high], axis=1), size, True)
+    intervals = np.stack([low, high], axis=1)
+    return Consistency(np.where(np.isfinite(intervals), intervals, np.nan), size, is_possible=True)
 
 
-def _plausible(found: "Identification", tree: KinematicTree) -> tuple[float, float]:
+def _plausible(found: SolvedIdentification, tree: KinematicTree) -> tuple[float, float]:
     """Return a plausible mass [kg] and size [m] of the target."""
     still = np.zeros((1, sum(body.joint >= 0 for body in tree.bodies)))
     known = relative_dynamics(tree, still, still)

@@ -8,12 +8,13 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.input_files.validation import Numbers
 
 LEARNED = 0.5
 """Share of the prior σ below which the samples have determined an entry."""
 
 _ROUNDING = 1e-3  # share of the interval below which a value is a rounding error
-_SHOWN = 8
+SHOWN = 8
 """Number of candidates in a comparison."""
 
 _WORDS = {
@@ -48,8 +49,8 @@ class EffectEstimate:
 
     name: str
     unit: str
-    value: NDArray[np.float64]
-    sigma: NDArray[np.float64]
+    value: Annotated[NDArray[np.float64], Numbers()]
+    sigma: Annotated[NDArray[np.float64], Numbers()]
     prior_sigma: float
     log: str = ""
 
@@ -60,24 +61,23 @@ class EffectEstimate:
 
     def describe(self) -> str:
         """Return the estimate in words, with 95 % intervals."""
-        sensor, _, kind = self.name.rpartition(".")
         half = quantile_95() * self.sigma
         numbers = ", ".join(f"{shown(v, h):.3g} ± {h:.2g}" for v, h in zip(self.value, half))
         text = f"{numbers} {self.unit}" if len(self.value) == 1 else f"({numbers}) {self.unit}"
-        return _WORDS[kind].format(text, sensor=sensor) + self._where
+        return self._words(text)
 
     def summary(self) -> str:
         """Return the size of the estimate in words: one number, even if there are several."""
         if len(self.value) == 1:
             return self.describe()
-        sensor, _, kind = self.name.rpartition(".")
         largest = int(np.argmax(np.abs(self.value) / self.sigma))
         text = f"up to {abs(self.value[largest]):.3g} {self.unit}"
-        return _WORDS[kind].format(text, sensor=sensor) + self._where
+        return self._words(text)
 
-    @property
-    def _where(self) -> str:
-        return f" during {self.log}" if self.log else ""
+    def _words(self, size: str) -> str:
+        sensor, _, kind = self.name.rpartition(".")
+        where = f" during {self.log}" if self.log else ""
+        return _WORDS.get(kind, f"{self.name}: {{}}").format(size, sensor=sensor) + where
 
 
 def shown(value: float, half: float) -> float:
@@ -155,7 +155,7 @@ class UndeclaredErrors:
     def lines(self) -> list[str]:
         """Return the comparison of all candidates, and the proposal, as lines of text."""
         result = ["  errors that the sensors do not declare, each alone: gain of log evidence"]
-        result += [f"    {name:24}{gain:10.1f}" for name, gain in self.alone[:_SHOWN]]
+        result += [f"    {name:24}{gain:10.1f}" for name, gain in self.alone[:SHOWN]]
         if not self.effects:
             return [*result, "  none explains the samples better: nothing to declare"]
         result += ["  these act:", *(f"    {effect.describe()}" for effect in self.effects)]

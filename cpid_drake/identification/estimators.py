@@ -1,7 +1,7 @@
 """The registry of estimators. The command line, reports and studies read it.
 
 To add an estimator, write a function from the `problem.Problem` of each log to a
-`result.Identification`, and put its record here; see `problem.Estimator`.
+`solved.SolvedIdentification`, and put its record here; see `problem.Estimator`.
 """
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily, row_family

@@ -31,12 +31,8 @@ from cpid_drake.identification.comparison import (
 )
 from cpid_drake.identification.estimate import effects_of, momentum_of, solution_of
 from cpid_drake.identification.problem import ESTIMATED, NOT_ZERO, Estimator, Problem
-from cpid_drake.identification.result import (
-    Identification,
-    MomentumChanges,
-    MomentumEstimate,
-    ResidualSeries,
-)
+from cpid_drake.identification.result import Check, MomentumEstimate
+from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 
 NAME = "trajectory_fit"
@@ -79,7 +75,7 @@ def fit_target(
     momentum: TotalMomentum | None,
     prior: TargetPrior | None = None,
     progress: Callable[[str], None] = lambda step: None,
-) -> Identification:
+) -> SolvedIdentification:
     """Fit one target, and all that is not known besides, to all samples of some logs.
 
     Args:
@@ -121,30 +117,29 @@ def fit_target(
     effects = tuple(
         effect for name in names for effect in effects_of(model, found.values, gaussian, name)
     )
-    more_warnings, doubts = words(undeclared)
+    more_warnings, checks = words(undeclared)
     both = (*effects, *undeclared.effects)
-    doubts = (
-        *(f"{n}: {NOT_ZERO}" if len(names) > 1 else NOT_ZERO for n in answer.contradicted),
-        *doubts,
+    wrong = (f"{n}: {NOT_ZERO}" if len(names) > 1 else NOT_ZERO for n in answer.contradicted)
+    checks = (
+        *(Check("momentum", sentence) for sentence in wrong),
+        *checks,
         *larger_than_declared(model, found.values, gaussian, both, compared),
     )
     left_out, used = _counts(found)
-    result = Identification(
+    result = SolvedIdentification(
         relative_parameterization(model.mass),
         solution_of(model, found.values, gaussian, residual_sum=found.cost, row_count=used),
-        used,
-        NAME,
+        sample_count=used,
+        estimator=NAME,
         sensors=suite,
         converged=found.converged,
         whiteness=least_white(tests.values()),
         tests=tests if len(logs) == 1 else {},
         residuals=series if len(logs) == 1 else {},
         rejected={name: count for name, (count, _) in left_out.items() if count},
-        momentum_changes=MomentumChanges(
-            len(answer.events), max((e.time for e in answer.events), default=np.nan)
-        ),
+        momentum_changes=tuple(sorted(event.time for event in answer.events)),
         warnings=(*warnings, *more_warnings),
-        doubts=doubts,
+        checks=checks,
         momentum="unknown" if is_free else _name(momentum),
         noise=noise,
         unexplained=max((count / max(n, 1) for count, n in left_out.values()), default=0.0),
@@ -157,7 +152,9 @@ def fit_target(
     return _tested(result, answer, prior)
 
 
-def _tested(result: Identification, answer: Answer, prior: TargetPrior | None) -> Identification:
+def _tested(
+    result: SolvedIdentification, answer: Answer, prior: TargetPrior | None
+) -> SolvedIdentification:
     """Return an identification with the test whether logs and prior have the same target."""
     found, question = answer.found, answer.question
     values = dict.fromkeys((n for n in question.candidates if n not in answer.compared.best), 0.0)

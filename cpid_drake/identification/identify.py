@@ -13,13 +13,14 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import CheckedLog, check_log, log_of_states
 from cpid_drake.identification.checks import checked
-from cpid_drake.identification.consistency import consistency_of
+from cpid_drake.identification.consistency import with_consistency
 from cpid_drake.identification.conventions import convention_of
 from cpid_drake.identification.estimators import choose_method
 from cpid_drake.identification.planar import in_capture_frame, in_frame, normal_in_base
 from cpid_drake.identification.problem import Estimator, Problem
 from cpid_drake.identification.requirements import require_sensors
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import Check
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.table_setting import TableSetting, frame_of, is_oblique
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.processes import one_thread
@@ -50,7 +51,7 @@ def identify(
     known_bodies: BodyUncertainty | None = None,
     prior: TargetPrior | None = None,
     planar: bool | None = None,
-) -> Identification:
+) -> SolvedIdentification:
     """Identify the target held by a spacecraft.
 
     Args:
@@ -109,7 +110,7 @@ def identify_together(
     prior: TargetPrior | None = None,
     planar: bool | None = None,
     progress: Callable[[str], None] = lambda step: None,
-) -> Identification:
+) -> SolvedIdentification:
     """Identify one target from several logs of the same spacecraft.
 
     Each log has its own start, momentum, forces and biases; all logs share the errors of sensors
@@ -171,13 +172,14 @@ def identify_together(
         found = in_capture_frame(found, R_CF)
     elif spacecraft.tree.normal_B is not None:
         found = replace(found, table=TableSetting(table))
-    found = replace(found, consistency=consistency_of(found, spacecraft.tree))
+    found = with_consistency(found, spacecraft.tree)
     found = checked(_with_logs(found, logged, record, known_bodies))
     if len(logs) == 1 and found.doubts and not log.doubts:
         convention = convention_of(spacecraft.tree, log.head, sensors)
         if convention is not None:
-            first, *rest = found.doubts
-            found = replace(found, doubts=(f"{first}; most likely, {convention}", *rest))
+            first, *rest = found.checks  # the first failed
+            first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")
+            found = replace(found, checks=(first, *rest))
     return found
 
 
@@ -209,13 +211,13 @@ def _placed(
 
 
 def _with_logs(
-    found: Identification,
+    found: SolvedIdentification,
     logs: Mapping[str, CheckedLog],
     record: Estimator,
     known_bodies: BodyUncertainty | None,
-) -> Identification:
+) -> SolvedIdentification:
     """Return an identification with what the checks of its logs say."""
-    warnings, doubts, rejected = [], [], Counter(found.rejected)
+    warnings, checks, rejected = [], [], Counter(found.rejected)
     for name, log in logs.items():
         where = f"{name}: " if len(logs) > 1 else ""
         said = [*log.warnings, *map("not checked: {}".format, log.unchecked)]
@@ -227,7 +229,7 @@ def _with_logs(
         if log.has_thrust and not record.uses_thrust:
             failed.append(THRUST_NOT_USED.format(f"{log.first_burn:.4g}", record.name))
         warnings += [where + text for text in said]
-        doubts += [where + text for text in failed]
+        checks += [Check("log", where + text) for text in failed]
         rejected.update(log.rejected)
     if known_bodies is not None and not record.uses_known_bodies:
         warnings.append(
@@ -237,6 +239,6 @@ def _with_logs(
     return replace(
         found,
         warnings=(*dict.fromkeys(warnings), *found.warnings),
-        doubts=(*doubts, *found.doubts),
+        checks=(*checks, *found.checks),
         rejected={name: count for name, count in rejected.items() if count},
     )

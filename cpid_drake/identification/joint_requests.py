@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cpid_drake.errors import InputError
-from cpid_drake.identification.description import result_of
 from cpid_drake.identification.identify import identify_together
 from cpid_drake.identification.requests import Request, file_hash, open_log, opened_inputs
-from cpid_drake.identification.result import Identification
-from cpid_drake.identification.result_files import IdentificationResult
+from cpid_drake.identification.solved import SolvedIdentification
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,14 +18,12 @@ class JointEvidence:
     Attributes:
         requests: the requests, which differ in the telemetry only.
         found: the joint identification.
-        result: the same in the form of a result file.
         ignored: columns of the files with unknown names.
 
     """
 
     requests: tuple[Request, ...]
-    found: Identification
-    result: IdentificationResult
+    found: SolvedIdentification
     ignored: tuple[str, ...]
 
 
@@ -65,12 +61,16 @@ def identify_files(
     )
     rejected = sum((log.rejected for log in logs), Counter(found.rejected))
     warnings = [f"{name}: {text}" for name, log in zip(names, logs) for text in log.warnings]
-    found = replace(found, rejected=dict(rejected), warnings=(*warnings, *found.warnings))
     command = request.command(paths[1:])
-    sources = [log.source(command) for log in logs]
-    result = result_of(found, request.spacecraft, sources, spacecraft.mass)
+    found = replace(
+        found,
+        rejected=dict(rejected),
+        warnings=(*warnings, *found.warnings),
+        spacecraft=request.spacecraft,
+        sources=tuple(log.source(command) for log in logs),
+    )
     ignored = tuple(dict.fromkeys(name for log in logs for name in log.file.ignored))
-    return JointEvidence(tuple(requests), found, result, ignored)
+    return JointEvidence(tuple(requests), found, ignored)
 
 
 def _check_different(paths: Sequence[str]) -> None:

@@ -23,7 +23,8 @@ from cpid_drake.identification.comparison import contradicted, larger_than_decla
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
 from cpid_drake.identification.fitted import needs_of_fit
 from cpid_drake.identification.problem import NOT_ZERO, Estimator, Problem
-from cpid_drake.identification.result import Identification, MomentumChanges
+from cpid_drake.identification.result import Check
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -99,7 +100,7 @@ def check_guess(guess: InertialParameters, sigma: float) -> None:
 
 def identification_of_state(
     model: Model, state: OnlineState, momentum: TotalMomentum
-) -> Identification:
+) -> SolvedIdentification:
     """Return what is known after the last block.
 
     Args:
@@ -133,21 +134,21 @@ def identification_of_state(
     change = change_beyond_linear(model, state)
     effects = effects_of(model, values, gaussian, LOG)
     tests = {name: sums.whiteness for name, sums in state.lags.items()}
-    return Identification(
+    return SolvedIdentification(
         relative_parameterization(model.mass),
         solution_of(model, values, gaussian),
-        sum(state.processed.get(n, 0) - state.rejected.get(n, 0) for n in present),
-        NAME,
+        sample_count=sum(state.processed.get(n, 0) - state.rejected.get(n, 0) for n in present),
+        estimator=NAME,
         sensors=model.suite,
         converged=state.converged,
         whiteness=least_white(tests.values()),
         tests=tests,
         rejected={name: count for name, count in state.rejected.items() if count},
-        momentum_changes=MomentumChanges(len(state.events), max(state.events, default=np.nan)),
+        momentum_changes=tuple(sorted(state.events)),
         warnings=(*noise_warnings(noise), *_warnings(state)),
-        doubts=(
-            *((NOT_ZERO,) if wrong else ()),
-            *((NOT_LINEAR.format(100 * change),) if change else ()),
+        checks=(
+            *((Check("momentum", NOT_ZERO),) if wrong else ()),
+            *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
             *larger_than_declared(model, values, gaussian, effects),
         ),
         momentum=momentum.name,
@@ -177,7 +178,7 @@ def estimate_online(
     momentum: TotalMomentum | None,
     prior: TargetPrior | None = None,
     progress: Callable[[str], None] = lambda step: None,
-) -> Identification:
+) -> SolvedIdentification:
     """Run the fit online over all samples, in order of time.
 
     Args:

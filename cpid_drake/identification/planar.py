@@ -17,7 +17,7 @@ from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.rows import eq18_to_world
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.table_setting import PLACES, TableSetting
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import sensor_noise
@@ -82,7 +82,9 @@ def in_frame(spacecraft: Spacecraft, R_CF: NDArray[np.float64]) -> Spacecraft:
     return other
 
 
-def in_capture_frame(found: Identification, R_CF: NDArray[np.float64]) -> Identification:
+def in_capture_frame(
+    found: SolvedIdentification, R_CF: NDArray[np.float64]
+) -> SolvedIdentification:
     """Return an identification in a frame F, whose z axis is the table's normal, in C.
 
     Of the ten parameters in C only the mass is known, unless F is C; the others of the four are

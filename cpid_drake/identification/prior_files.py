@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.errors import InputError
-from cpid_drake.identification.result_files import IdentificationResult, read_result
-from cpid_drake.identification.target_prior import Combinations, TargetPrior
+from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result_files import read_result
+from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.input_files.validation import Numbers, load_yaml
 from cpid_drake.resources import NOT_A_FILE
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -63,7 +64,7 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
 
 
 def prior_of_result(
-    result: IdentificationResult, where: str, spacecraft: Spacecraft, capture_frame: str
+    result: Identification, where: str, spacecraft: Spacecraft, capture_frame: str
 ) -> TargetPrior:
     """Return what a result tells about its target.
 
@@ -77,10 +78,11 @@ def prior_of_result(
             determines combinations of parameters only; it determines nothing.
 
     """
-    if result.spacecraft.capture_frame != capture_frame:
+    frame = None if result.spacecraft is None else result.spacecraft.capture_frame
+    if frame != capture_frame:
         raise InputError(
-            f"{where}: the prior is in the capture frame {result.spacecraft.capture_frame}, the "
-            f"log's capture frame is {capture_frame}: identify with the same frame"
+            f"{where}: the prior is in the capture frame {frame}, the log's capture frame is "
+            f"{capture_frame}: identify with the same frame"
         )
     found, name = result.combinations, f"the prior {Path(where).name}"
     if found is not None:
@@ -89,12 +91,11 @@ def prior_of_result(
                 f"{where}: the prior determines combinations of parameters for a spacecraft of "
                 f"{found.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"
             )
-        known = Combinations(found.unknowns, found.values, found.information)
-        return TargetPrior(name, result.parameters, result.covariance, known, tuple(result.doubts))
+        return TargetPrior(name, result.parameters, result.covariance, found, result.doubts)
     parameters = np.where(np.isfinite(np.diag(result.covariance)), result.parameters, np.nan)
     if not np.isfinite(parameters).any():
         raise InputError(f"{where}: the prior determines no parameter")
-    return TargetPrior(name, parameters, result.covariance, None, tuple(result.doubts))
+    return TargetPrior(name, parameters, result.covariance, None, result.doubts)
 
 
 def _of_config(config: PriorConfig, where: str) -> TargetPrior:

@@ -8,7 +8,7 @@ from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.sensing.measurement_stream import MeasurementStream, stream_of
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
@@ -32,13 +32,13 @@ NOT_ZERO = (
     "the samples contradict a total momentum of zero, which may bias the estimate: identify with "
     "--momentum unknown"
 )
-"""The doubt if the momentum is not zero and has not been estimated."""
+"""The failed check if the momentum is not zero and has not been estimated."""
 
 NOT_ESTIMATED = (
     "the samples contradict a total momentum of zero, and {} cannot estimate it: identify with "
     "--momentum unknown and another estimator, such as least_squares with --rows standard"
 )
-"""The doubt if the momentum is not zero and the estimator cannot estimate it."""
+"""The failed check if the momentum is not zero and the estimator cannot estimate it."""
 
 MOST_NOISE = 3.0
 """Ratio of the noise to the given one above which a check fails."""
@@ -120,7 +120,7 @@ class Estimator:
     good_for: str
     estimate: Callable[
         [Mapping[str, Problem], TotalMomentum | None, "TargetPrior | None", Callable[[str], None]],
-        Identification,
+        SolvedIdentification,
     ]
     needs: Callable[[RowFamily | None, TotalMomentum], tuple[tuple[str, ...], ...]]
     default_rows: Callable[[Mapping[str, int]], str] | None = None

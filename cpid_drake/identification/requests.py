@@ -14,13 +14,12 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty, read_uncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import LONGEST_HEAD
-from cpid_drake.identification.description import result_of
 from cpid_drake.identification.former_names import FORMER_NAMES
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior_files import load_prior
 from cpid_drake.identification.requirements import left_out_warning
-from cpid_drake.identification.result import Identification
-from cpid_drake.identification.result_files import IdentificationResult, Source, SpacecraftReference
+from cpid_drake.identification.result import Identification, Source, SpacecraftReference
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.resources import resolve_model, version_of
 from cpid_drake.sensing.files.telemetry_files import TelemetryStream, open_telemetry
@@ -112,7 +111,6 @@ class Evidence:
         data: the samples in the window; a stream if they are many. Their time starts at the first.
         sensors: the sensors that were given, if any.
         found: the identification.
-        result: the same in the form of a result file.
         ignored: columns of the file with unknown names.
         prior: the prior that was used; None without one.
         known_bodies: uncertainty of the spacecraft; None if it is exact.
@@ -123,8 +121,7 @@ class Evidence:
     spacecraft: Spacecraft
     data: Measurements | MeasurementStream
     sensors: SensorSuite | None
-    found: Identification
-    result: IdentificationResult
+    found: SolvedIdentification
     ignored: tuple[str, ...]
     prior: TargetPrior | None = None
     known_bodies: BodyUncertainty | None = None
@@ -219,10 +216,13 @@ def identify_file(
             planar=request.planar,
             prior=inputs.prior,
         )
-    rejected = dict(Counter(found.rejected) + log.rejected)
-    found = replace(found, rejected=rejected, warnings=(*log.warnings, *found.warnings))
-    source = log.source(request.command())
-    result = result_of(found, request.spacecraft, [source], spacecraft.mass)
+    found = replace(
+        found,
+        rejected=dict(Counter(found.rejected) + log.rejected),
+        warnings=(*log.warnings, *found.warnings),
+        spacecraft=request.spacecraft,
+        sources=(log.source(request.command()),),
+    )
     ignored = log.file.ignored
     return Evidence(
         request,
@@ -230,7 +230,6 @@ def identify_file(
         log.data,
         inputs.sensors,
         found,
-        result,
         ignored,
         inputs.prior,
         inputs.known_bodies,
@@ -283,7 +282,7 @@ def opened_inputs(request: Request, progress: Callable[[str], None]) -> Inputs:
     return Inputs(spacecraft, momentum, sensors, bodies, prior)
 
 
-def request_of_result(result: IdentificationResult, where: str) -> Request:
+def request_of_result(result: Identification, where: str) -> Request:
     """Return the request that a result file records.
 
     The telemetry is expected at its recorded place, or beside the result file.
@@ -296,9 +295,9 @@ def request_of_result(result: IdentificationResult, where: str) -> Request:
         InputError: the file names no telemetry, or the telemetry is missing or has changed.
 
     """
-    source = result.source
-    if source is None:
-        raise InputError("the result does not name its telemetry")
+    if len(result.sources) != 1 or result.spacecraft is None:
+        raise InputError("the result does not name its telemetry and its spacecraft")
+    [source] = result.sources
     folder = Path(where).parent
     telemetry = _unchanged(source.telemetry, source.sha256, folder)
     columns = None

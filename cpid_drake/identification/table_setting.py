@@ -1,6 +1,7 @@
 """What an identification on a table can show: four numbers of the target, in C."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.plane import parallel_axis
 from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.input_files.validation import Numbers
 
 PLACES = {0: (0, 2, 3, 4), 1: (0, 1, 3, 5), 2: (0, 1, 2, 6)}
 """Places in π of what can be known, by the number of C's axis that is the table's normal."""
@@ -31,10 +33,10 @@ class TableSetting:
 
     """
 
-    normal_C: NDArray[np.float64] | None
-    axes_C: NDArray[np.float64] | None = None
-    values: NDArray[np.float64] | None = None
-    covariance: NDArray[np.float64] | None = None
+    normal_C: Annotated[NDArray[np.float64], Numbers(3)] | None
+    axes_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None
+    values: Annotated[NDArray[np.float64], Numbers(4, unknown=True)] | None = None
+    covariance: Annotated[NDArray[np.float64], Numbers(4, 4, unknown=True)] | None = None
 
     @property
     def size(self) -> int:

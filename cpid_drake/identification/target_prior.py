@@ -1,14 +1,17 @@
 """What is known about a target before a log: from its design, or from an earlier identification."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.estimation.source_rows import SourceRows
+from cpid_drake.input_files.validation import Numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +22,15 @@ class Combinations:
         unknowns: name of the parameterization of the unknowns.
         values: (10,) unknowns; those of undetermined combinations are arbitrary.
         information: (10, 10) inverse covariance, zero for undetermined combinations.
+        known_mass: mass of the spacecraft without the target [kg], on which relative unknowns
+            depend.
 
     """
 
     unknowns: str
-    values: NDArray[np.float64]
-    information: NDArray[np.float64]
+    values: Annotated[NDArray[np.float64], Numbers(10)]
+    information: Annotated[NDArray[np.float64], Numbers(10, 10)]
+    known_mass: Annotated[float, Gt(0)]
 
 
 @dataclass(frozen=True, eq=False)

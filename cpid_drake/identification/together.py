@@ -17,7 +17,8 @@ from cpid_drake.estimation.likelihood.priors import plausible_psi, psi_scale
 from cpid_drake.estimation.rows_fit import TARGET, solution_of
 from cpid_drake.estimation.whiteness import least_white
 from cpid_drake.identification.agreement import with_agreement
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import Check
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
@@ -31,13 +32,13 @@ class Part:
     """One log: its name in messages, its estimate alone, and its Gaussian of the target."""
 
     name: str
-    found: Identification
+    found: SolvedIdentification
     target: Gaussian
 
 
 def combined(
     spacecraft: "Spacecraft", logs: Sequence[Part], prior: TargetPrior | None = None
-) -> Identification:
+) -> SolvedIdentification:
     """Return the estimate of one target from all logs and the prior, and whether they agree.
 
     Raises:
@@ -58,7 +59,7 @@ def combined(
     found = replace(
         found,
         warnings=tuple(_of_each(logs, "warnings")),
-        doubts=tuple(_of_each(logs, "doubts")),
+        checks=tuple(Check("one log", text) for text in _of_each(logs, "doubts")),
     )
     return with_agreement(
         found,
@@ -114,7 +115,7 @@ def _with_prior(
     return told, solution, False
 
 
-def _summed(logs: Sequence[Part]) -> Identification:
+def _summed(logs: Sequence[Part]) -> SolvedIdentification:
     """Return an identification with the counts of all logs; of several, without what is of one."""
     found = [log.found for log in logs]
     if len(found) == 1:
@@ -131,7 +132,7 @@ def _summed(logs: Sequence[Part]) -> Identification:
 
 
 def _of_each(logs: Sequence[Part], what: str) -> list[str]:
-    """Return the doubts or warnings of each log, with its name unless all have the same warning."""
+    """Return failed checks or warnings of each log, with its name unless all have the same."""
     told = [(log.name, text) for log in logs for text in getattr(log.found, what)]
     number = Counter(text for _, text in told)
     return list(

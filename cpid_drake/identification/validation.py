@@ -26,7 +26,7 @@ from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.problem import NOISE_ESTIMATED
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import Combinations, TargetPrior
 from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurement_stream import MeasurementStream
@@ -249,12 +249,12 @@ def _about(psi: NDArray[np.float64], sigma: NDArray[np.float64]) -> Gaussian:
     return Gaussian.of_rows({PSI: 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
 
 
-def _test(model: Model, own: Identification, target: TargetPrior) -> TargetTest:
+def _test(model: Model, own: SolvedIdentification, target: TargetPrior) -> TargetTest:
     """Return the test of a target by a log's own estimate."""
     if not own.converged:
         return TargetTest(np.inf, 10, np.inf)
     form, known = own.parameterization, own.solution
-    combinations = Combinations(form.name, known.values, known.information)
+    combinations = Combinations(form.name, known.values, known.information, model.mass)
     log = TargetPrior("the log", own.parameters, own.covariance, combinations)
     both = [_rows(each, form, model) for each in (target, log)]
     together = both[0].add(both[1])

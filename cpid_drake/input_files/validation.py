@@ -300,14 +300,14 @@ def _section(schema: type, place: list[int | str]) -> tuple[str, type]:
             kind = get_type_hints(choices[0])[str(part)]
             key += f".{part}"
         elif not choices:
-            kind = get_args(kind)[-1]
+            kind = next(each for each in reversed(get_args(kind)) if each is not Ellipsis)
             key += f"[{part}]" if isinstance(part, int) else f".{part}"
     return key.strip("."), (_dataclasses(kind) or [kind])[0]
 
 
 def _dataclasses(kind: type) -> list[type]:
     """Return the dataclasses of which a value of this type can be."""
-    if get_origin(kind) in (list, dict):
+    if get_origin(kind) in (list, dict, tuple):
         return []
     return [
         each

@@ -46,7 +46,7 @@ class Kind:
 
 
 PAGE = Kind("an HTML page", (".html", ".htm"), b"<!doctype html")
-RESULT = Kind("a result of `cpid identify`", (".json",), b"{", (b'"covariance"', b'"samples_used"'))
+RESULT = Kind("a result of `cpid identify`", (".json",), b"{", (b'"covariance"', b'"estimator"'))
 VALIDATION = Kind(
     "a validation of `cpid validate`", (".json",), b"{", (b'"in_sigma"', b'"without_target"')
 )

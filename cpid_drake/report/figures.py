@@ -15,7 +15,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.dynamics.spatial_inertia import second_moment
 from cpid_drake.estimation.whiteness import autocorrelation
 from cpid_drake.identification.convergence import Convergence
-from cpid_drake.identification.result import Identification, ResidualSeries
+from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.report.findings import IdentifiedLog
 from cpid_drake.report.pictures import Picture, together
 from cpid_drake.report.style import COLORS, INK, label_axes
@@ -47,7 +47,7 @@ def convergence_pictures(
     ]
 
 
-def residual_pictures(found: Identification) -> list[Picture]:
+def residual_pictures(found: SolvedIdentification) -> list[Picture]:
     """Return pictures of the residuals over time, and of their autocorrelation."""
     pictures = []
     for name, samples in found.residuals.items():
@@ -111,15 +111,15 @@ def write_figures(
 ) -> list[Path]:
     """Write the figures as PNG and SVG files into an existing folder; return the files."""
     evidence, convergence = log.evidence, log.convergence
-    result, found = evidence.result, evidence.found
+    found = evidence.found
     pictures = [
         together("convergence", convergence_pictures(convergence, truth), 2),
         together("residuals", residual_pictures(found), 2),
-        singular_value_picture(found.solution.singular_values),
+        singular_value_picture(found.singular_values),
         together("base-motion", motion_pictures(evidence.excerpt.measurements), 2),
     ]
-    if result.target is not None:
-        pictures.append(together("ellipsoid", ellipsoid_pictures(result.target, truth), 3))
+    if found.consistent is not None:
+        pictures.append(together("ellipsoid", ellipsoid_pictures(found.consistent, truth), 3))
     return [
         picture.save(folder, ending)
         for picture in pictures

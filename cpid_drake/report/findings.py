@@ -9,7 +9,8 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.convergence import Convergence, converge
 from cpid_drake.identification.joint_requests import JointEvidence
 from cpid_drake.identification.requests import Evidence, identify_file, request_of_result
-from cpid_drake.identification.result_files import IdentificationResult, read_result, result_text
+from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result_files import read_result, result_text
 
 Progress = Callable[[str], None]
 """A function that is called before every step with a short description of it."""
@@ -41,7 +42,7 @@ class Findings:
 
     """
 
-    result: IdentificationResult
+    result: Identification
     text: str
     log: IdentifiedLog | None
     missing: str = ""
@@ -59,10 +60,10 @@ class Findings:
 def findings_of(evidence: Evidence | JointEvidence, progress: Progress = no_progress) -> Findings:
     """Return the contents of a report on logs that have just been identified."""
     if isinstance(evidence, JointEvidence):
-        text = result_text(evidence.result, evidence.requests[0].telemetry)
-        return Findings(evidence.result, text, None)
-    text = result_text(evidence.result, evidence.request.telemetry)
-    return Findings(evidence.result, text, IdentifiedLog(evidence, converge(evidence, progress)))
+        text = result_text(evidence.found, evidence.requests[0].telemetry)
+        return Findings(evidence.found, text, None)
+    text = result_text(evidence.found, evidence.request.telemetry)
+    return Findings(evidence.found, text, IdentifiedLog(evidence, converge(evidence, progress)))
 
 
 def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Findings:

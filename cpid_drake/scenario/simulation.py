@@ -20,7 +20,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.identify import THRUST_NOT_USED
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import Check, Identification
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import checked_estimator
 from cpid_drake.scenario.external_forces import ExternalForces, add_external_forces
@@ -144,13 +144,13 @@ class Simulation:
         return simulator.get_context().Clone(), states
 
     def identification(self, root_context: Context) -> Identification:
-        """Return the identification in a run's Context, with doubts about it; see `checks`."""
+        """Return the identification in a run's Context, with its checks; see `checks`."""
         context = self.identifier.GetMyContextFromRoot(root_context)
         found = checked(self.identifier.identification(context))
         if self.forces.thrusters is None or isinstance(self.identifier, SensorIdentifier):
             return found
         text = THRUST_NOT_USED.format(f"{self.forces.thrust.time[0]:.4g}", found.estimator)
-        return replace(found, doubts=(text, *found.doubts))
+        return replace(found, checks=(Check("thrust", text), *found.checks))
 
     def telemetry(self, root_context: Context) -> Telemetry:
         """Return the logged motion of a run."""

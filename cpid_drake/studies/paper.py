@@ -14,7 +14,7 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation, make_simulation
@@ -79,7 +79,7 @@ class PaperStudy:
     truth: InertialParameters
     telemetry: Telemetry
     samples: Telemetry
-    exact: Identification
+    exact: SolvedIdentification
     rounded: tuple[RoundedCase, ...]
     share: VelocityShare
     livelier: LivelierMotion | None
@@ -153,7 +153,7 @@ def run_paper_study(
     telemetry = simulation.telemetry(context)
     config = scenario.identification
 
-    def identified(data: Telemetry) -> Identification:
+    def identified(data: Telemetry) -> SolvedIdentification:
         momentum = TotalMomentum(is_unknown=config.unknown_momentum)
         return identify(spacecraft, data, rows=scenario.online_rows, momentum=momentum)
 
@@ -181,7 +181,7 @@ def run_paper_study(
     for n in range(1, len(samples) + 1):
         found = identified(samples.select(slice(0, n)))
         error = max_relative_error(found.parameters, truth)
-        by_count.append(SampleCase(n, found.solution.rank, error))
+        by_count.append(SampleCase(n, found.rank, error))
 
     P, L = total_momentum(spacecraft.tree, truth, telemetry)
     P_6, L_6 = total_momentum(spacecraft.tree, truth, samples.rounded(PAPER_DIGITS))
@@ -234,7 +234,7 @@ def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
 def summarize(study: PaperStudy, wall_seconds: float) -> dict:
     """Return the study's numbers for `summary.json`; missing values are None."""
 
-    def table_1(found: Identification) -> dict:
+    def table_1(found: SolvedIdentification) -> dict:
         mass, *rest = nulls(found.parameters)
         return {
             "mass": mass,

@@ -131,7 +131,7 @@ def _detection(case: Case, outcomes: list[Outcome]) -> tuple[float, float] | Non
     changes = [o.momentum_changes for o in outcomes if o.momentum_changes is not None]
     if len(changes) < len(outcomes):
         return None
-    seen = [change.last_time for change in changes if change.count]
+    seen = [max(times) for times in changes if times]
     delay = np.nan
     changed = [event.time for event in case.firings]
     if not case.logs_thrust:

@@ -22,7 +22,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.identification.bound import cramer_rao_bound
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.result import Identification, MomentumChanges
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.processes import shared_work
 from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
 from cpid_drake.sensing.burns import Burn, log_of_burns
@@ -117,7 +117,7 @@ class Outcome:
         covariance: (10, 10) that the estimator reports.
         feasible: whether the estimated spatial inertia is physically consistent.
         problem: the reason of a failure; empty without one.
-        momentum_changes: changes of momentum that the samples show.
+        momentum_changes: times of changes of momentum [s] that the samples show.
 
     """
 
@@ -125,7 +125,7 @@ class Outcome:
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.full((10, 10), np.nan))
     feasible: bool = True
     problem: str = ""
-    momentum_changes: MomentumChanges | None = None
+    momentum_changes: tuple[float, ...] | None = None
 
 
 def make_case(
@@ -374,7 +374,7 @@ def _trial(
     return outcomes
 
 
-def _outcome(result: Identification) -> Outcome:
+def _outcome(result: SolvedIdentification) -> Outcome:
     if not result.converged:
         return Outcome(problem=f"{result.estimator} did not converge")
     if not result.is_observable:

@@ -31,7 +31,7 @@ from cpid_drake.estimation.square_root import (
     updated_information,
 )
 from cpid_drake.identification.by_rows import LEAST_SQUARES
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.ports import add_connected
@@ -47,10 +47,10 @@ class Identifier(LeafSystem):
     """
 
     @abstractmethod
-    def _solve(self, context: Context) -> Identification:
+    def _solve(self, context: Context) -> SolvedIdentification:
         """Return the identification as a function of the state alone."""
 
-    def identification(self, context: Context) -> Identification:
+    def identification(self, context: Context) -> SolvedIdentification:
         """Return the identification of this system's context."""
         return self._solution.Eval(context)
 
@@ -67,7 +67,9 @@ class Identifier(LeafSystem):
         )
         state_only = {self.cache_entry_ticket(self._solution.cache_index())}
 
-        def declare(name: str, size: int, value: Callable[[Identification], ArrayLike]) -> None:
+        def declare(
+            name: str, size: int, value: Callable[[SolvedIdentification], ArrayLike]
+        ) -> None:
             def calc(context: Context, output: BasicVector) -> None:
                 output.SetFromVector(value(self.identification(context)))
 
@@ -89,7 +91,7 @@ class Identifier(LeafSystem):
         declare("diagnostics", len(DIAGNOSTICS), _diagnostics)
 
 
-def _diagnostics(found: Identification) -> list[float]:
+def _diagnostics(found: SolvedIdentification) -> list[float]:
     solution = found.solution
     return [found.sample_count, solution.rank, solution.condition_number, solution.residual_rms]
 
@@ -258,17 +260,17 @@ class MomentumIdentifier(Identifier):
         root = context.get_discrete_state(self._root_index).value()
         return root.reshape(self._size, self._size)
 
-    def _solve(self, context: Context) -> Identification:
+    def _solve(self, context: Context) -> SolvedIdentification:
         root = self._root(context)
         samples, row_count = context.get_discrete_state(self._count_index).value()
         solution = solve_information(
             root, int(row_count), eliminated=self._extra, rank_tolerance=self._rank_tolerance
         )
-        return Identification(
+        return SolvedIdentification(
             self._parameterization,
             among_ten(solution, self._spacecraft.tree.unknowns),
-            int(samples),
-            LEAST_SQUARES.name,
+            sample_count=int(samples),
+            estimator=LEAST_SQUARES.name,
             rows=self._family.name,
         )
 

@@ -25,7 +25,7 @@ from cpid_drake.estimation.block import BlockQueue, after
 from cpid_drake.estimation.online import finish, step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.identification.online import identification_of_state, model_of
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
 from cpid_drake.sensing.screening import ScreeningMemory, screen
@@ -289,7 +289,7 @@ class SensorIdentifier(Identifier):
         return min(screening.newest, max(complete, screening.newest - LONGEST_DELAY))
 
     @one_thread
-    def _solve(self, context: Context) -> Identification:
+    def _solve(self, context: Context) -> SolvedIdentification:
         return identification_of_state(self._model, self._memory(context).online, self._momentum)
 
     def _calc_filter_diagnostics(self, context: Context, output: BasicVector) -> None:

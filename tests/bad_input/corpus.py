@@ -579,16 +579,16 @@ SENSORS = {
 
 
 def result(**changes: object) -> str:
-    numbers = TARGET.to_vector().tolist()
-    ten = {"mass": numbers[0], "com": numbers[1:4], "inertia": numbers[4:]}
-    document = ten | {
+    ten = TARGET.to_vector().tolist()
+    document = {
+        "format": 2,
+        "parameters": ten,
         "covariance": np.eye(10).tolist(),
-        "feasible": ten,
+        "intervals": [[value - 2, value + 2] for value in ten],
+        "nearest": ten,
         "rank": 10,
-        "condition": 30.0,
-        "samples_used": 20,
-        "samples_rejected": 0,
-        "warnings": [],
+        "singular_values": 10 * [1.0],
+        "sample_count": 20,
         "estimator": "least_squares",
         "rows": "standard",
         "spacecraft": {"model": "/arm.urdf", "base": "bus", "capture_frame": "hand"},
@@ -600,23 +600,24 @@ RESULTS = {
     "empty": ("", "not JSON", "line 1"),
     "deep": ("[" * 100_000, "nested too deeply"),
     "key_twice": ('{"mass": 1, "mass": 2}', "'mass' is given twice"),
-    "no_mass": (result(mass=...), "mass is missing"),
-    "nan": (result(mass=float("nan")), "NaN"),
+    "no_parameters": (result(parameters=...), "parameters is missing"),
+    "of_another_version": (result(format=...), "not a result of this version of cpid-drake"),
+    "nan": (result(parameters=10 * [float("nan")]), "NaN"),
     "beyond_floats": (result().replace("20.0", "1e400", 1), "1e400"),
     "long_integer": (result().replace("20.0", "9" * 5000, 1), "r.json"),
-    "text": (result(mass="20 kg"), "mass must be a number, not '20 kg'"),
-    "short_com": (result(com=[1, 2]), "com must be a list of 3"),
+    "text": (result(condition="20 kg"), "condition must be a number, not '20 kg'"),
+    "short": (result(parameters=[1, 2]), "parameters must be a list of 10 numbers"),
     "covariance_9": (result(covariance=np.eye(9).tolist()), "covariance must be a list of 10x10"),
     "rank_11": (result(rank=11), "rank must be a whole number <= 10, not 11"),
     "negative_mass": (
-        result(feasible={"mass": -1, "com": [0, 0, 0], "inertia": [1, 1, 1, 0, 0, 0]}),
-        "feasible: no rigid body",
+        result(nearest=[-1, 0, 0, 0, 1, 1, 1, 0, 0, 0]),
+        "nearest: no rigid body",
     ),
     "no_frame": (result(spacecraft={"model": "a", "base": "b"}), "spacecraft.capture_frame"),
 }
 EXPORTS = {
-    "unknown": (result(mass=None), "do not determine m"),
-    "not_feasible": (result(feasible=None), "'feasible' is null"),
+    "unknown": (result(parameters=[None, *TARGET.to_vector()[1:]]), "do not determine m"),
+    "not_feasible": (result(nearest=None), "no rigid body is near the estimate"),
 }
 
 # -- all ------------------------------------------------------------------------------------------

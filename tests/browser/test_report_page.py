@@ -10,7 +10,8 @@ import pytest
 
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.requests import Request, identify_file
-from cpid_drake.identification.result_files import SpacecraftReference, result_text
+from cpid_drake.identification.result import SpacecraftReference
+from cpid_drake.identification.result_files import result_text
 from cpid_drake.report.findings import findings_of
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.resources import models_directory

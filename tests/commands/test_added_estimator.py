@@ -75,8 +75,8 @@ def test_what_is_added_identifies_a_log(run_cpid, options):
             == 0
         )
         found.append(json.loads(Path("found.txt").read_text()))
-    assert found[0]["mass"] != found[1]["mass"]
-    assert found[1]["mass"] == pytest.approx(8.5, rel=0.05)
+    assert found[0]["parameters"] != found[1]["parameters"]
+    assert found[1]["parameters"][0] == pytest.approx(8.5, rel=0.05)
     assert options[1] in (found[1]["estimator"], found[1]["rows"])
 
 

@@ -93,7 +93,7 @@ def found(outcome, target):
     assert code == 0, stderr
     result = json.loads(Path("found.json").read_text())
     covariance = np.array(result["covariance"])
-    error = [result["mass"], *result["com"], *result["inertia"]] - target.to_vector()
+    error = result["parameters"] - target.to_vector()
     assert error @ np.linalg.solve(covariance, error) < 30  # χ² with 10 degrees of freedom
     return np.sqrt(np.diag(covariance))
 

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, Spacecraft
-from cpid_drake.identification.result_files import (
-    FeasibleEstimate,
-    IdentificationResult,
-    SpacecraftReference,
-    write_result,
-)
+from cpid_drake.identification.result import Identification, SpacecraftReference
+from cpid_drake.identification.result_files import write_result
 from cpid_drake.resources import models_directory
 
 MODEL = models_directory() / "dual_arm_servicer" / "dual_arm_servicer.urdf"
@@ -22,20 +18,15 @@ ESTIMATE = np.array([60.001, 0.5, -0.12, 0.08, 8.0, 11.0, 6.0, -0.7, 0.4, 0.9])
 def result(skewed_target, tmp_path):
     """Return a function that writes `r.json`, with some keys changed."""
 
-    true = skewed_target.to_vector()
-
     def write(**changes):
-        found = IdentificationResult(
-            mass=ESTIMATE[0],
-            com=ESTIMATE[1:4],
-            inertia=ESTIMATE[4:],
+        found = Identification(
+            parameters=ESTIMATE,
             covariance=np.eye(10),
-            feasible=FeasibleEstimate(true[0], true[1:4], true[4:]),
+            intervals=ESTIMATE[:, None] + np.array([-1.96, 1.96]),
+            nearest=skewed_target.to_vector(),
             rank=10,
-            condition=30.0,
-            samples_used=20,
-            samples_rejected=0,
-            warnings=[],
+            singular_values=np.ones(10),
+            sample_count=20,
             estimator="least_squares",
             rows="standard",
             spacecraft=SpacecraftReference(str(MODEL), "bus", "capture_point"),
@@ -88,7 +79,7 @@ def test_the_feasible_target_alone(cpid, result, tmp_path):
 
 def test_failed_checks_are_allowed_by_an_option_of_their_own(cpid, result, refusal):
     """Leave to replace a file is no leave to export an answer that is not trustworthy."""
-    result(doubts=["the residuals are too large"])
+    result(checks=[{"name": "misfit", "sentence": "the residuals are too large"}])
     options = ("r.json", "--format", "urdf", "--out", "t.urdf")
     for force in ((), ("--force",)):
         assert "--allow-failed-checks exports it all the same" in refusal(*options, *force)
@@ -113,18 +104,20 @@ def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
 
 
 def test_what_the_data_leave_open_is_said(refusal, result):
-    result(feasible=None, inertia=[8, 11, None, 0, 0, None], rank=8)
+    result(nearest=None, parameters=[*ESTIMATE[:6], None, 0, 0, None], rank=8)
     for raw in ((), ("--raw",)):
         message = refusal("r.json", "--format", "urdf", "--out", "t.urdf", *raw)
         assert message.startswith(
             "r.json: nothing to export: the data do not determine Izz, Iyz (rank 8 of 10); "
         )
-    result(feasible=None)
-    assert "'feasible' is null" in refusal("r.json", "--format", "urdf", "--out", "t.urdf")
+    result(nearest=None)
+    assert "no rigid body is near the estimate" in refusal(
+        "r.json", "--format", "urdf", "--out", "t.urdf"
+    )
 
 
 def test_an_estimate_that_no_body_has_is_not_exported_raw(cpid, refusal, result):
-    result(inertia=[8, 15, 6, 0, 0, 0])
+    result(parameters=[*ESTIMATE[:4], 8, 15, 6, 0, 0, 0])
     message = refusal("r.json", "--format", "urdf", "--out", "t.urdf", "--raw")
     assert "violate the triangle inequality" in message
     assert "leave --raw out to export the nearest physically consistent one" in message

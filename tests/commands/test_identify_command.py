@@ -9,6 +9,7 @@ from scipy.stats import t as student
 
 from cpid_drake import InertialParameters, read_telemetry, write_telemetry
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.identification.description import principal_axes
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.resources import models_directory
 
@@ -64,20 +65,21 @@ class TestSample:
 
     def test_json_holds_what_was_found_and_what_is_printed(self, result):
         stdout, found = result
-        values = np.array([found["mass"], *found["com"], *found["inertia"]])
+        values = np.array(found["parameters"])
         sigma = np.sqrt(np.diag(found["covariance"]))
         assert np.all(np.abs(values - BAG.to_vector()) < 4 * sigma)
-        intervals = np.array(found["interval_95"])
+        intervals = np.array(found["intervals"])
         np.testing.assert_allclose(intervals.mean(axis=1), values, rtol=1e-12, atol=1e-15)
         np.testing.assert_allclose(np.diff(intervals).ravel() / 2, 1.96 * sigma, rtol=1e-3)
-        assert found["feasible"]["mass"] == pytest.approx(8.5, rel=0.01)
+        assert found["nearest"][0] == pytest.approx(8.5, rel=0.01)
         assert found["rank"] == 10
         assert 1 < found["condition"] < 1000
-        assert found["samples_used"] == 4004
-        assert found["samples_rejected"] == 0
+        assert found["sample_count"] == 4004
+        assert found["rejected"] == {}
         assert found["warnings"] == []
-        moments, axes = np.array(found["principal_moments"]), np.array(found["principal_axes"])
-        tensor = read_result("found.json").target.I_TTcm_C
+        assert all(check["passed"] for check in found["checks"])
+        target = read_result("found.json").consistent
+        (moments, axes), tensor = principal_axes(target), target.I_TTcm_C
         np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor, atol=1e-15)
         assert np.linalg.det(axes) == pytest.approx(1.0)
         lines = {line.split()[0]: line for line in stdout.splitlines() if line.strip()}
@@ -106,8 +108,8 @@ class TestUncertainSpacecraft:
         assert np.all(uncertain > exact)
         assert np.all(uncertain[1:4] > 0.003)
         assert np.all(uncertain[1:4] < 0.02)
-        assert found["source"]["known_bodies"] == self.OPTION
-        assert "--known-bodies" in found["source"]["command"]
+        assert found["sources"][0]["known_bodies"] == self.OPTION
+        assert "--known-bodies" in found["sources"][0]["command"]
 
     def test_rows_do_not_include_it(self, cpid):
         options = ("--known-bodies", "com=0.01", "--estimator", "least_squares")
@@ -137,14 +139,14 @@ class TestIdentify:
         assert "no motion explains the positions closely" in line
         found = read_result("r.json")
         np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-9)
-        assert found.source.telemetry == str(exact)
+        assert found.sources[0].telemetry == str(exact)
 
     def test_intervals_of_few_samples_are_students(self, cpid, zero_momentum_motion, skewed_target):
         """24 rows less ten unknowns are 14 degrees of freedom: 2.14 σ to each side, not 1.96."""
         write_telemetry("few.csv", zero_momentum_motion(skewed_target, 4, 4).rounded(4))
         assert cpid("identify", "few.csv", *SERVICER, "--json", "r.json", "--quiet")[0] == 0
         found = json.loads(Path("r.json").read_text())
-        half = np.diff(found["interval_95"]).ravel() / 2
+        half = np.diff(found["intervals"]).ravel() / 2
         sigma = np.sqrt(np.diag(found["covariance"]))
         np.testing.assert_allclose(half / sigma, student.interval(0.95, 24 - 10)[1], rtol=1e-6)
 
@@ -155,15 +157,15 @@ class TestIdentify:
         assert "turn the target about three axes" in stdout
         found = read_result("r.json")
         assert found.rank == 9
-        assert found.feasible is None
+        assert found.consistent is None
         assert found.parameters[0] == pytest.approx(60.0)
         assert np.isnan(found.parameters[4:]).all()
 
     def test_only_times_asked_for_are_used(self, cpid, exact):
         cpid("identify", exact, *SERVICER, "--from", "10", "--to", "29", "--json", "r.json")
         found = read_result("r.json")
-        assert found.samples_used == 20
-        assert (found.source.start, found.source.end) == (10.0, 29.0)
+        assert found.sample_count == 20
+        assert (found.sources[0].start, found.sources[0].end) == (10.0, 29.0)
 
     def test_seconds_since_1970_make_no_difference(self, cpid, exact):
         lines = exact.read_text().splitlines()
@@ -187,7 +189,7 @@ class TestIdentify:
         )
         assert code == 0
         assert "not used     1 of rows" in stdout
-        assert read_result("r.json").samples_rejected == 1
+        assert read_result("r.json").rejected == {"rows": 1}
 
     def test_columns_that_mean_nothing_are_named(self, cpid, exact):
         lines = exact.read_text().splitlines()

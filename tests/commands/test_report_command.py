@@ -62,7 +62,9 @@ def test_a_result_s_report_is_that_of_its_identification(cpid, result, folder):
     code, stdout, stderr = cpid("report", result, "--out", "again.html", "--quiet")
     assert (code, stdout, stderr) == (0, "", "")
     shown = numbers(folder / "again.html")
-    assert json.loads(shown["result.mass"]) == json.loads(result.read_text())["mass"]
+    assert (
+        json.loads(shown["result.parameters.0"]) == json.loads(result.read_text())["parameters"][0]
+    )
     assert shown == numbers(folder / "identified.html")
 
 

@@ -61,12 +61,11 @@ class TestLogs:
         assert "The logs agree with probability" in stdout
         assert "first.csv   rank 10" in stdout
         result = read_result("both.json")
-        assert result.source is None
-        assert [source.telemetry for source in result.sources()] == list(halves)
-        assert result.sources()[0].command.startswith("cpid identify first.csv second.csv --space")
-        assert result.samples_used == sum(log.samples_used for log in result.joint.logs)
-        own = [np.ptp(log.interval_95, axis=1) for log in result.joint.logs]
-        assert np.all(np.ptp(result.interval_95, axis=1) < np.minimum(*own))
+        assert [source.telemetry for source in result.sources] == list(halves)
+        assert result.sources[0].command.startswith("cpid identify first.csv second.csv --space")
+        assert result.sample_count == sum(log.sample_count for log in result.joint.logs)
+        own = [np.ptp(log.intervals, axis=1) for log in result.joint.logs]
+        assert np.all(np.ptp(result.intervals, axis=1) < np.minimum(*own))
         page = Path("both.html").read_text()
         for word in ("second.csv", "together", "Agreement"):
             assert word in page
@@ -110,8 +109,8 @@ class TestPrior:
         both, after = read_result("2.json"), read_result("3.json")
         sigma = np.sqrt(np.diag(both.covariance))
         assert np.all(np.abs(after.parameters - both.parameters) < 0.2 * sigma)
-        assert after.source.prior == "1.json"
-        assert "--prior 1.json" in after.source.command
+        assert after.sources[0].prior == "1.json"
+        assert "--prior 1.json" in after.sources[0].command
 
     def test_a_result_of_rank_nine_is_a_prior(self, cpid, two_samples):
         first, second = two_samples
@@ -120,7 +119,7 @@ class TestPrior:
         assert np.linalg.matrix_rank(combinations.information, hermitian=True) == 9
         options = ("--prior", "1.json", "--json", "2.json", "--quiet")
         assert cpid("identify", second, *SERVICER, *options)[0] == 0
-        assert read_result("2.json").mass == pytest.approx(60.0, rel=1e-5)
+        assert read_result("2.json").parameters[0] == pytest.approx(60.0, rel=1e-5)
 
     @pytest.mark.parametrize(
         ("text", "words"),

@@ -133,7 +133,7 @@ def test_the_printed_command_identifies_from_the_run(folder, short, capsys):
     assert words[-2:] == ["--momentum", "unknown"]
     assert cpid(*words[1:], "--quiet", "--json", folder / "result.json") == 0
     mass, found = (
-        read_json(folder / "result.json")["mass"],
+        read_json(folder / "result.json")["parameters"][0],
         read_json(folder / "a run" / "run.json"),
     )
     sigma = found["online_identification"]["sigma"]["m"]

@@ -62,8 +62,8 @@ def test_the_right_target_predicts_another_log(cpid):
 
 def test_a_wrong_target_is_noticed(cpid):
     result = read_result("result.json")
-    com = result.com + np.array([0.01, 0.0, 0.0])
-    write_result("wrong.json", replace(result, com=com, feasible=None))
+    moved = result.parameters + 0.01 * np.eye(10)[1]
+    write_result("wrong.json", replace(result, parameters=moved, nearest=None))
     code, stdout, _ = cpid("validate", "wrong.json", "second.csv")
     assert code == 4
     assert stdout.startswith("not valid: ")
@@ -71,8 +71,8 @@ def test_a_wrong_target_is_noticed(cpid):
 
 def test_a_mass_wrong_by_forty_sigma_is_noticed(cpid):
     result = read_result("result.json")
-    mass = result.mass + 40 * float(np.sqrt(result.covariance[0, 0]))
-    write_result("wrong.json", replace(result, mass=mass, feasible=None))
+    heavier = result.parameters + 40 * np.sqrt(result.covariance[0, 0]) * np.eye(10)[0]
+    write_result("wrong.json", replace(result, parameters=heavier, nearest=None))
     code, stdout, _ = cpid("validate", "wrong.json", "second.csv", "--json", "v.json")
     assert code == 4
     assert stdout.startswith("not valid: the log's own estimate differs")

@@ -77,7 +77,7 @@ def test_errors_are_as_the_covariance_and_the_bound_say(case, fits, name):
     root, largest = np.linalg.inv(np.linalg.cholesky(bound)), []
     for found in fits[name]:
         assert found.converged
-        assert (found.misfit, found.momentum_changes.count) == (1.0, 0)
+        assert (found.misfit, len(found.momentum_changes)) == (1.0, 0)
         ratio = np.linalg.eigvalsh(root @ found.covariance @ root.T)
         assert ratio[0] > 0.7
         largest.append(ratio[-1])
@@ -169,7 +169,7 @@ def test_an_outlier_is_left_out(case, samples, name, size, time):
     fewer = every.where(np.arange(len(every)) != which)
     for changed in (Samples(every.time, value), fewer):
         fits.append(fitted(case, samples.updated({name: changed}), estimator="recursive_fit"))
-        assert fits[-1].momentum_changes.count == 0
+        assert len(fits[-1].momentum_changes) == 0
     one, other = fits
     assert distance(one.parameters, other.parameters, other.covariance) < 0.1  # σ
 
@@ -183,14 +183,14 @@ def test_a_gap_of_a_sensor_is_no_change(case, samples, name, start, end):
     time = samples[name].time
     gap = samples.updated({name: samples[name].where((time < start) | (time > end))})
     found = fitted(case, gap, estimator="recursive_fit")
-    assert found.momentum_changes.count == 0
+    assert len(found.momentum_changes) == 0
     assert nees(case, found) < chi2.isf(1e-4, 10)
 
 
 def test_encoders_slower_than_the_suite_says_make_no_gaps(case, samples):
     sparse = samples.updated({"encoders": samples.encoders.where(slice(0, None, 5))})
     found = fitted(case, sparse, estimator="recursive_fit")
-    assert found.momentum_changes.count == 0
+    assert len(found.momentum_changes) == 0
     assert nees(case, found) < chi2.isf(1e-4, 10)
 
 
@@ -202,8 +202,8 @@ def test_a_firing_is_found(tmp_path, skewed_target, time, duration):
     case = make_case(tmp_path, skewed_target, SUITE, duration=6.0)
     perfect = fired(case, Firing(time, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]), duration))
     found = fitted(case, add_noise(SUITE, perfect, 2), estimator="recursive_fit")
-    assert found.momentum_changes.count == 1
-    assert -0.5 < found.momentum_changes.last_time - time < 1.0
+    assert len(found.momentum_changes) == 1
+    assert -0.5 < max(found.momentum_changes) - time < 1.0
     assert nees(case, found) < chi2.isf(1e-4, 10)
 
 
@@ -216,7 +216,7 @@ def test_a_good_part_after_a_hopeless_beginning_is_found(tmp_path, skewed_target
     value[time < 5.0] = value[time < 5.0][:, [0, 2, 1, 3]]
     spoiled = log.updated({"encoders": Samples(time, value)})
     found = fitted(case, spoiled, estimator="recursive_fit")
-    assert found.momentum_changes.count >= 1
+    assert len(found.momentum_changes) >= 1
     assert nees(case, found) < chi2.isf(1e-4, 10)
 
 
@@ -243,7 +243,7 @@ def test_rest_before_the_motion_is_forgotten(case, skewed_target):
     still = fitted(case, log.between(0.0, 4.0), estimator="recursive_fit")
     assert np.isnan(still.parameters).all()
     found = fitted(case, log, estimator="recursive_fit")
-    assert found.momentum_changes.count == 0
+    assert len(found.momentum_changes) == 0
     assert nees(case, found) < chi2.isf(1e-4, 10)
 
 

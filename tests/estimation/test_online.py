@@ -88,7 +88,7 @@ def test_after_a_change_at_the_beginning_the_momentum_is_not_what_was_given(case
     state = run(model, [add_noise(SUITE, fired(case, Firing(0.6, MOMENTUM)), 2)])
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert found.momentum == "unknown"
-    assert found.momentum_changes.count == 1
+    assert len(found.momentum_changes) == 1
     unknown = TotalMomentum.unknown()
     assert nees(case, *target(state.gaussian(model), state.values, momentum=unknown)) < 30
     moved = found.momentum_estimate

@@ -1,7 +1,5 @@
 """No impossible number is shown with an interval, whatever the rank of the estimate."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from planar_cases import KNOWN, TARGET, planar_craft
@@ -9,18 +7,12 @@ from planar_cases import KNOWN, TARGET, planar_craft
 from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
 from cpid_drake.estimation.least_squares import among_ten, solution_of_information
 from cpid_drake.identification.checks import checked
-from cpid_drake.identification.consistency import consistency_of
-from cpid_drake.identification.description import describe, result_of
-from cpid_drake.identification.result import Identification
-from cpid_drake.identification.result_files import (
-    Source,
-    SpacecraftReference,
-)
+from cpid_drake.identification.consistency import with_consistency
+from cpid_drake.identification.description import describe
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.sensing.suite import SensorSuite
 
 PLACES = np.array([0, 1, 2, 9])
-SOURCE = Source("log.csv", None, None, "zero", {}, False, "cpid identify", 0.0, 1.0, "1")
-REFERENCE = SpacecraftReference("craft.urdf", "base", "grip")
 
 
 @pytest.fixture(scope="module")
@@ -28,19 +20,18 @@ def tree(tmp_path_factory):
     return planar_craft(tmp_path_factory.mktemp("planar")).on_table().tree
 
 
-def in_plane(m, hx, hy, J33, sigma, tree) -> Identification:
+def in_plane(m, hx, hy, J33, sigma, tree) -> SolvedIdentification:
     """Return an identification of the four standard unknowns of motion in the plane."""
     information = np.diag(np.asarray(sigma, dtype=float) ** -2.0)
     x = np.array([m, hx, hy, J33])
     four = solution_of_information(x, information, 1e6 * np.ones(4), row_count=100)
-    found = Identification(
-        STANDARD, among_ten(four, PLACES), 100, "least_squares", sensors=SensorSuite()
-    )
-    return replace(found, consistency=consistency_of(found, tree))
+    ten = among_ten(four, PLACES)
+    known = {"sample_count": 100, "estimator": "least_squares", "sensors": SensorSuite()}
+    return with_consistency(SolvedIdentification(STANDARD, ten, **known), tree)
 
 
-def text_of(found: Identification) -> str:
-    return "\n".join(describe(found, result_of(found, REFERENCE, [SOURCE])))
+def text_of(found: SolvedIdentification) -> str:
+    return "\n".join(describe(found))
 
 
 def test_an_interval_shows_only_what_a_rigid_body_can_have(tree):
@@ -60,7 +51,7 @@ def test_a_negative_estimate_within_its_uncertainty_has_a_possible_interval(tree
     low, high = found.consistency.intervals[6]
     assert low == 0
     assert 0 < high < 0.03
-    assert found.consistency.parameters[6] == pytest.approx(0, abs=1e-4)
+    assert found.nearest[6] == pytest.approx(0, abs=1e-4)
     assert checked(found).is_trustworthy
 
 

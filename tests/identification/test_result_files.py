@@ -1,7 +1,7 @@
 """Result files: what is written is read back, and a file that is wrong anywhere is refused."""
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -9,58 +9,83 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cpid_drake import InputError
-from cpid_drake.identification.result_files import (
-    FeasibleEstimate,
-    IdentificationResult,
+from cpid_drake.estimation.whiteness import Whiteness
+from cpid_drake.identification.effects import EffectEstimate, HeldOut, UndeclaredErrors
+from cpid_drake.identification.result import (
+    Check,
+    Consistency,
+    Identification,
+    JointEstimate,
+    MomentumEstimate,
+    SeparateEstimate,
     Source,
     SpacecraftReference,
-    WhitenessRecord,
-    read_result,
-    write_result,
 )
+from cpid_drake.identification.result_files import read_result, write_result
+from cpid_drake.identification.table_setting import TableSetting
+from cpid_drake.identification.target_prior import Combinations
 
 
 @pytest.fixture
-def result(skewed_target) -> IdentificationResult:
+def result(skewed_target) -> Identification:
+    """Return a result with a value in every branch of the tree."""
     rng = np.random.default_rng(5)
     root = rng.normal(size=(10, 10))
     true = skewed_target.to_vector()
-    parameters = true + 1e-3 * rng.normal(size=10)
-    return IdentificationResult(
-        mass=parameters[0],
-        com=parameters[1:4],
-        inertia=parameters[4:],
+    half = np.array([-1.0, 2.0])
+    unknown = np.where(np.arange(10) == 4, np.nan, true)
+    delay = EffectEstimate("gyro.delay", "ms", np.array([5.0]), np.array([0.1]), 20.0, "log.csv")
+    alone = SeparateEstimate("log.csv", unknown, unknown[:, None] + half, 9, 20, 0.5, ("noise",))
+    return Identification(
+        parameters=true + 1e-3 * rng.normal(size=10),
         covariance=root @ root.T,
-        feasible=FeasibleEstimate(true[0], true[1:4], true[4:]),
+        intervals=true[:, None] + half,
         rank=10,
+        singular_values=np.sort(rng.uniform(size=10))[::-1],
         condition=29.4,
-        samples_used=20,
-        samples_rejected=1,
-        warnings=["σ of Ixx is large"],
+        not_observable="Ixx",
+        nearest=true,
+        consistency=Consistency(unknown[:, None] + half, 1.5, is_possible=True),
+        combinations=Combinations("relative", true, root @ root.T, 200.0),
+        sample_count=20,
+        rejected={"gyro": 1},
         estimator="least_squares",
         rows="standard",
+        momentum="unknown",
+        momentum_estimate=MomentumEstimate(true[:3], np.eye(3)),
+        momentum_changes=(1.5, 2.25),
+        whiteness=Whiteness(0.25, 0.1, 3.5, 400, 0.9),
+        effects=(delay,),
+        undeclared=UndeclaredErrors(
+            (delay,),
+            {"gyro.scale": 0.2},
+            (("gyro", "delay_ms", 20.0),),
+            (("gyro.delay", 12.5),),
+            HeldOut(3.0, ("gyro.delay",), 4.0),
+        ),
+        table=TableSetting(np.array([0.0, 0.0, 1.0]), np.eye(3), unknown[3:7], np.eye(4)),
+        joint=JointEstimate((alone,), alone, 3.0, 2, 0.2, ("m",)),
+        checks=(
+            Check("misfit", "the fit misses the samples", 4.0, 3.0),
+            Check.of("noise", "the noise is larger", 1.0, 3.0),
+        ),
+        warnings=("σ of Ixx is large",),
         spacecraft=SpacecraftReference(
             "package://mine/mine.urdf", "bus", "arm::gripper", {"mine": "/models"}
         ),
-        interval_95=skewed_target.to_vector()[:, None] + np.array([-1.0, 2.0]),
-        infeasibilities=["the mass is not positive"],
-        principal_moments=np.array([1.0, 2.0, 2.5]),
-        principal_axes=np.linalg.qr(root[:3, :3])[0],
-        not_observable="Ixx",
-        singular_values=np.sort(rng.uniform(size=10))[::-1],
-        residual_whiteness=WhitenessRecord(0.25, False, 3.5),
-        samples_rejected_by_sensor={"gyro": 1},
-        source=Source(
-            telemetry="log.csv",
-            sha256="ab12",
-            sensors=None,
-            momentum="unknown",
-            topics={"imu": "/imu"},
-            leave_out_bad=True,
-            command="cpid identify log.csv",
-            start=1.5,
-            end=20.25,
-            cpid_drake="0.1.0",
+        sources=(
+            Source(
+                telemetry="log.csv",
+                sha256="ab12",
+                sensors=None,
+                momentum="unknown",
+                topics={"imu": "/imu"},
+                leave_out_bad=True,
+                command="cpid identify log.csv",
+                start=1.5,
+                end=20.25,
+                cpid_drake="0.1.0",
+            ),
         ),
     )
 
@@ -102,22 +127,24 @@ def test_what_is_written_is_read_back_to_the_last_digit(result, tmp_path):
     assert_same(result, read_result(tmp_path / "r.json"))
 
 
-DETAILS = (
-    *("interval_95", "infeasibilities", "principal_moments", "principal_axes", "not_observable"),
-    *("singular_values", "residual_whiteness", "samples_rejected_by_sensor", "source", "names"),
-    "units",
-)
+def test_no_branch_of_the_tree_is_left_out_of_this_test(result):
+    values = [getattr(result, key.name) for key in fields(result)]
+    assert all(isinstance(value, np.ndarray) or value not in (None, (), "") for value in values)
+
+
+def test_a_failed_check_is_a_doubt(result):
+    assert result.doubts == ("the fit misses the samples",)
+    assert [check.passed for check in result.checks] == [False, True]
+    assert result.checks[1].sentence == ""
 
 
 def test_details_may_be_left_out(document, result, tmp_path):
     """A file of another program: the result has no more than the file."""
-    for key in DETAILS:
-        del document[key]
-    (tmp_path / "r.json").write_text(json.dumps(document))
+    bare = {key: document[key] for key in (*REQUIRED, "format")}
+    (tmp_path / "r.json").write_text(json.dumps(bare))
     bare = read_result(tmp_path / "r.json")
-    assert bare.source is None
-    assert bare.interval_95 is None
-    assert bare.samples_rejected_by_sensor == {}
+    assert (bare.sources, bare.spacecraft, bare.consistent) == ((), None, None)
+    assert bare.rejected == {}
     np.testing.assert_array_equal(bare.parameters, result.parameters)
 
 
@@ -145,20 +172,35 @@ def test_a_folder_that_is_not_there_is_named(result, tmp_path):
 
 NAMES = {"model": "m", "base": "b", "capture_frame": "c"}
 REQUIRED = (
-    *("mass", "com", "inertia", "covariance", "feasible", "rank", "condition", "samples_used"),
-    *("samples_rejected", "warnings", "estimator", "rows", "spacecraft"),
+    *("parameters", "covariance", "intervals", "rank", "singular_values", "sample_count"),
+    "estimator",
 )
+
+
+@pytest.mark.parametrize("version", [None, 1, 3])
+def test_a_file_of_another_version_is_refused_in_one_line(refusal, document, version):
+    document["format"] = version
+    said = refusal(document)
+    assert said.startswith("not a result of this version of cpid-drake")
+    assert said.endswith("identify from the log again")
+    del document["format"]
+    assert refusal(document) == said
 
 
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("mass", "100", "mass must be a number, not '100'"),
-        ("com", [1, 2], "com must be a list of 3 numbers, not [1, 2]"),
+        ("condition", "100", "condition must be a number, not '100'"),
+        ("parameters", [1, 2], "parameters must be a list of 10 numbers, not [1, 2]"),
         ("covariance", 10 * [9 * [0]], "covariance must be a list of 10x10 numbers"),
         ("rank", 11, "rank must be a whole number <= 10, not 11"),
         ("rank", True, "rank must be a whole number, not true"),
-        ("samples_used", -1, "samples_used must be a whole number >= 0, not -1"),
+        ("sample_count", -1, "sample_count must be a whole number >= 0, not -1"),
+        ("solution", 1, "unknown key 'solution'"),
+        ("checks", [{"name": "a"}], "checks[0].sentence is missing"),
+        ("checks", [{"nam": "a"}], "unknown key 'checks[0].nam'; did you mean 'name'?"),
+        ("joint", {"logs": [{"rank": -1}]}, "joint.logs[0].rank must be a whole number >= 0"),
+        ("momentum_changes", ["a"], "momentum_changes[0] must be a number, not 'a'"),
         ("warnings", [1], "warnings[0] must be text, not 1"),
         ("estimator", "\ud800", "'\\ud800' is half of a character, which is not text"),
         ("spacecraft", {"model": "m"}, "spacecraft.base is missing"),
@@ -176,17 +218,15 @@ def test_a_value_of_another_kind_is_named(refusal, document, key, value, words):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("start", "values", "words"),
     [
-        ({"mass": None}, "feasible.mass must be a number, not null"),
-        ({"mass": -1.0}, "feasible: no rigid body has these: the mass -1 kg is not positive"),
-        ({"inertia": [1, 1, 3, 0, 0, 0]}, "feasible: no rigid body has these: principal moments"),
-        ({"inertia": 6 * [1e308]}, "feasible: 1e+308 is too large for a rigid body"),
-        ({"volume": 2}, "unknown key 'feasible.volume'"),
+        (0, [-1.0], "nearest: no rigid body has these: the mass -1 kg is not positive"),
+        (4, [1, 1, 3, 0, 0, 0], "nearest: no rigid body has these: principal moments"),
+        (4, 6 * [1e308], "nearest: 1e+308 is too large for a rigid body"),
     ],
 )
-def test_feasible_must_be_what_it_says(refusal, document, change, words):
-    document["feasible"] |= change
+def test_the_nearest_body_must_be_one(refusal, document, start, values, words):
+    document["nearest"][start : start + len(values)] = values
     assert refusal(document).startswith(words)
 
 

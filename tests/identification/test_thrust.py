@@ -67,7 +67,7 @@ def found(flight):
 def test_the_target_and_the_scale_are_found(flight, found):
     """Nothing is doubted, no change of momentum is found, and kicks of thrusters are no noise."""
     assert found.doubts == ()
-    assert found.momentum_changes.count == 0
+    assert len(found.momentum_changes) == 0
     assert found.misfit == 1.0
     assert found.warnings == ()
     assert np.abs(flight.errors(found)).max() < 3.5
@@ -127,7 +127,7 @@ def test_a_log_of_the_wrong_sign_is_noticed(flight):
     log = flight.log.thrust
     turned = flight.log.updated({THRUST: Samples(log.time, -log.value)})
     found = flight.identify(turned)
-    assert found.momentum_changes.count or found.doubts
+    assert len(found.momentum_changes) or found.doubts
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_a_gap_of_the_encoders_in_a_burn_leaves_the_momentum_open(flight):
     again = flight.identify(gap, momentum=TotalMomentum.zero())
     assert np.abs(flight.errors(again)).max() < 4
     assert again.misfit == 1.0
-    assert again.momentum_changes.count == 0
+    assert len(again.momentum_changes) == 0
 
 
 @pytest.mark.slow
@@ -146,7 +146,7 @@ def test_wheels_are_unloaded_by_a_logged_torque():
     burn = BurnConfig(4.0, 3.0, torque_B=np.array([0.5, -0.3, 0.4]))
     flight = Flight("single_arm_wheels", "flight", [burn])
     found = flight.identify(flight.log)
-    assert found.momentum_changes.count == 0
+    assert len(found.momentum_changes) == 0
     assert found.misfit == 1.0
     assert np.abs(flight.errors(found)).max() < 3.5
 
@@ -243,5 +243,5 @@ def test_thrusters_on_a_table(tmp_path, seed):
     log = add_noise(suite, ideal.updated({THRUST: log_of_burns([burn])}), seed)
     found = identify(craft, log, sensors=suite, planar=True)
     assert found.doubts == ()
-    assert found.momentum_changes.count == 0
+    assert len(found.momentum_changes) == 0
     assert np.abs(planar_errors(found)).max() < 3.5

@@ -18,7 +18,7 @@ from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.least_squares import solution_of_information
 from cpid_drake.identification.checks import checked
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 
@@ -91,14 +91,14 @@ class TestMomentum:
 class TestBodies:
     """Only estimates that some rigid body may have pass."""
 
-    def found(self, parameters, sigmas) -> Identification:
+    def found(self, parameters, sigmas) -> SolvedIdentification:
         """Return an identification with independent errors of its relative unknowns."""
         form = relative_parameterization(400.0)
         psi = form.from_parameters(np.array(parameters, dtype=float))
         jacobian = form.jacobian(psi)
         information = jacobian.T @ np.diag(np.array(sigmas, dtype=float) ** -2.0) @ jacobian
         solution = solution_of_information(psi, information, 1e6 * np.ones(10))
-        return Identification(form, solution, 100, "trajectory_fit")
+        return SolvedIdentification(form, solution, sample_count=100, estimator="trajectory_fit")
 
     @pytest.mark.parametrize(
         ("moments", "sigma", "is_trusted"),
@@ -125,7 +125,7 @@ class TestBodies:
             psi = form.from_parameters(np.array([50, 0, 0, 0, *moments, 0, 0, 0], dtype=float))
             sigma = np.array([1.0, *3 * [0.1], 0.1, 1e9, 1e9, 0.1, 1e9, 0.1])
             found = solution_of_information(psi, np.diag(sigma**-2.0), 1e6 * np.ones(10))
-            found = Identification(form, found, 100, "trajectory_fit")
+            found = SolvedIdentification(form, found, sample_count=100, estimator="trajectory_fit")
             assert found.solution.rank == 7
             assert checked(found).is_trustworthy == is_trusted
 

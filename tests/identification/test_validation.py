@@ -133,7 +133,7 @@ def test_only_the_combinations_that_are_known_are_tested(craft, suite, log, skew
     noisy = add_noise(suite, log, seed=1)
     found = []
     for known in (information, information * ~is_one * ~is_one[:, None]):
-        values = Combinations("relative", psi * np.where(is_one, 1.1, 1.0), known)
+        values = Combinations("relative", psi * np.where(is_one, 1.1, 1.0), known, craft.mass)
         found.append(checked(craft, TargetPrior("p", *nothing, values), noisy, suite))
     assert [each.is_target_right for each in found] == [False, True]
 

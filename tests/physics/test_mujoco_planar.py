@@ -83,10 +83,10 @@ def test_the_four_of_mujocos_planar_joint_are_identified(log, tmp_path, monkeypa
     assert "can be known; the others have no effect" in text
     assert "three axes" not in text
     found = json.loads(result.read_text())
-    values = np.array([found["mass"], *found["com"], *found["inertia"]], dtype=float)
+    values = np.array(found["parameters"], dtype=float)
     np.testing.assert_allclose(values[KNOWN], TARGET.to_vector()[KNOWN], rtol=1e-6)
     assert np.isnan(np.delete(values, KNOWN)).all()
-    low, high = (np.array(found["bodies"][end], float) for end in ("interval_low", "interval_high"))
+    low, high = np.array(found["consistency"]["intervals"], float).T
     assert (low <= TARGET.to_vector() + 1e-6).all()
     assert (TARGET.to_vector() <= high + 1e-6).all()
 

@@ -175,9 +175,9 @@ def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Tria
     if not out.exists():
         return Trial(done.returncode, text, seconds)
     found = json.loads(out.read_text(encoding="utf-8"))
-    keys = "interval_95", "covariance"
+    keys = "intervals", "covariance"
     intervals, covariance = (np.array(found[key], dtype=float) for key in keys)
-    estimate = np.array([found["mass"], *found["com"], *found["inertia"]], dtype=float)
+    estimate = np.array(found["parameters"], dtype=float)
     return _trial(done.returncode, text, seconds, world, estimate, intervals, covariance)
 
 

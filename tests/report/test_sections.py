@@ -11,12 +11,10 @@ from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.whiteness import Whiteness
-from cpid_drake.identification.description import describe, result_of
-from cpid_drake.identification.result import Identification, ResidualSeries
-from cpid_drake.identification.result_files import (
-    SpacecraftReference,
-    write_result,
-)
+from cpid_drake.identification.description import describe
+from cpid_drake.identification.result import Check, SpacecraftReference
+from cpid_drake.identification.result_files import write_result
+from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
@@ -49,7 +47,14 @@ def found():
         values=estimate,
         unit=np.ones(10),
     )
-    return Identification(STANDARD, solution, 8, "least_squares", "standard")
+    return SolvedIdentification(
+        STANDARD,
+        solution,
+        sample_count=8,
+        estimator="least_squares",
+        rows="standard",
+        spacecraft=CRAFT,
+    )
 
 
 def column(table: Table, head: str) -> list[str]:
@@ -68,13 +73,13 @@ class TestIntervals:
 
     def test_in_the_json(self, case, tmp_path):
         found, factor = case
-        write_result(tmp_path / "r.json", result_of(found, CRAFT))
-        pairs = np.array(json.loads((tmp_path / "r.json").read_text())["interval_95"])
+        write_result(tmp_path / "r.json", found)
+        pairs = np.array(json.loads((tmp_path / "r.json").read_text())["intervals"])
         np.testing.assert_allclose(np.diff(pairs)[:, 0], 2 * factor * SIGMA)
 
     def test_in_the_report(self, case):
         found, factor = case
-        table = result_section(result_of(found, CRAFT), None).tables[0]
+        table = result_section(found, None).tables[0]
         half = np.array(column(table, "± 95 %"), dtype=float)
         np.testing.assert_allclose(half, factor * SIGMA, rtol=0.02)
 
@@ -100,9 +105,9 @@ class TestResiduals:
         time = (1 + lag_one) / (1 - lag_one)
         series = {"gyro": ResidualSeries(np.arange(9.0), np.ones((9, 3)), "σ")}
         white = Whiteness(lag_one, 0.1, time, 400)
-        doubts = ("no noise",) if "failed" in meaning else ()
-        found = replace(found, rows=rows, residuals=series, whiteness=white, doubts=doubts)
-        lines = "\n".join(describe(found, result_of(found, CRAFT)))
+        checks = (Check("noise", "no noise"),) if "failed" in meaning else ()
+        found = replace(found, rows=rows, residuals=series, whiteness=white, checks=checks)
+        lines = "\n".join(describe(found))
         page = residuals_section(found).texts[0]
         words = f"correlation of neighbours {lag_one:+.3f}: {meaning}"
         assert words in lines
@@ -112,10 +117,10 @@ class TestResiduals:
 
 def test_a_page_whose_check_failed_says_so_first(found):
     doubt = "the momentum is <not> zero"
-    for doubts in ((), (doubt,)):
-        result = result_of(replace(found, doubts=doubts), CRAFT)
+    for checks in ((), (Check("momentum", doubt),)):
+        result = replace(found, checks=checks)
         page = identification_report(Findings(result, "{}", None, "no log"))
-        assert ("a check failed" in page.title) == bool(doubts)
-        assert page.subtitle.startswith(f"Do not use this estimate: {doubt}.") == bool(doubts)
+        assert ("a check failed" in page.title) == bool(checks)
+        assert page.subtitle.startswith(f"Do not use this estimate: {doubt}.") == bool(checks)
     assert "a check failed</title>" in page.html()
     assert "Do not use this estimate: the momentum is &lt;not&gt; zero." in page.html()

@@ -118,7 +118,7 @@ def test_online_and_offline_identify_with_the_log_of_the_burn():
             momentum=TotalMomentum.unknown(),
         )
         both = (online, offline)
-        suspicions[logged] = [f.momentum_changes.count + len(f.doubts) for f in both]
+        suspicions[logged] = [len(f.momentum_changes) + len(f.doubts) for f in both]
         if logged:
             np.testing.assert_allclose(online.parameters, offline.parameters, rtol=1e-6, atol=1e-6)
             error = online.parameters - simulation.truth.to_vector()

@@ -42,7 +42,7 @@ def identification_report(
         request_section(result),
         result_section(result, findings.truth),
         *([] if result.joint is None else [logs_section(result, result.joint)]),
-        warnings_section(result, None if log is None else log.evidence.result),
+        warnings_section(result, None if log is None else log.evidence.found),
     ]
     if result.effects:
         sections.append(effects_section(result))
@@ -67,9 +67,10 @@ def identification_report(
         except InputError as error:
             reason = f"The replay cannot be made: {error}."
             sections.append(Section("Not shown", texts=[reason]))
-    sections.append(provenance_of(result.sources()))
-    title = title or f"Target held by {result.spacecraft.capture_frame}"
-    model = result.spacecraft.model.rsplit("/", 1)[-1]
+    sections.append(provenance_of(result.sources))
+    craft = result.spacecraft
+    title = title or f"Target held by {craft.capture_frame if craft else 'a spacecraft'}"
+    model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"
     known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"
     subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
     if result.doubts:

@@ -3,19 +3,12 @@
 from collections.abc import Sequence
 
 from cpid_drake.estimation.intervals import quantile_95
-from cpid_drake.identification.effects import shown
-from cpid_drake.identification.result_files import (
-    EffectRecord,
-    IdentificationResult,
-    UndeclaredRecord,
-)
+from cpid_drake.identification.effects import SHOWN, EffectEstimate, UndeclaredErrors, shown
+from cpid_drake.identification.result import Identification
 from cpid_drake.report.page import Cell, Section, Table
 
-SHOWN = 8
-"""Number of candidates in the comparison."""
 
-
-def effects_section(result: IdentificationResult) -> Section:
+def effects_section(result: Identification) -> Section:
     """Return the section with a row for every entry of every estimated effect."""
     return Section(
         "Estimated errors and forces",
@@ -24,20 +17,20 @@ def effects_section(result: IdentificationResult) -> Section:
     )
 
 
-def undeclared_section(undeclared: UndeclaredRecord) -> Section:
+def undeclared_section(undeclared: UndeclaredErrors) -> Section:
     """Return the section about errors that the samples show and the sensors do not declare."""
     texts = ["The sensors' file does not declare these constants, but the samples show them."]
     if undeclared.held_out is not None:
         words = undeclared.held_out.describe()
         texts.append(f"{words[0].upper()}{words[1:]}.")
-    if undeclared.proposed:
+    if undeclared.is_proposed:
         texts.append(
             "The result includes them. To declare them, add to the file: "
             f"{'; '.join(undeclared.declaration)}."
         )
     else:
         texts.append("They are not proposed, because they do not predict the rest better.")
-    gains = sorted(undeclared.gains.items(), key=lambda each: -each[1])[:SHOWN]
+    gains = undeclared.alone[:SHOWN]
     rows: list[list[Cell | str]] = [[name, Cell(f"{gain:.1f}", gain)] for name, gain in gains]
     return Section(
         "Errors that are not declared",
@@ -49,7 +42,7 @@ def undeclared_section(undeclared: UndeclaredRecord) -> Section:
     )
 
 
-def _estimates(effects: Sequence[EffectRecord], key: str) -> Table:
+def _estimates(effects: Sequence[EffectEstimate], key: str) -> Table:
     """Return the table of the estimates; `key` is their path in the embedded JSON."""
     rows: list[list[Cell | str]] = []
     for k, effect in enumerate(effects):
@@ -65,5 +58,5 @@ def _estimates(effects: Sequence[EffectRecord], key: str) -> Table:
                 ]
             )
     heads = ["", "estimate", "± 95 %", "± 95 % before", "unit"]
-    texts = [f"{effect.text[0].upper()}{effect.text[1:]}." for effect in effects]
-    return Table(heads, rows, note=" ".join(texts))
+    texts = [effect.describe() for effect in effects]
+    return Table(heads, rows, note=" ".join(f"{text[0].upper()}{text[1:]}." for text in texts))

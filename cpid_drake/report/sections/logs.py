@@ -1,20 +1,28 @@
 """The section that compares a joint estimate with the estimates from each log and from a prior."""
 
+from collections.abc import Sequence
+from itertools import zip_longest
+
 import numpy as np
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.identification.description import decimals
-from cpid_drake.identification.result_files import IdentificationResult, JointRecord, SeparateRecord
+from cpid_drake.identification.result import (
+    Identification,
+    JointEstimate,
+    SeparateEstimate,
+    Source,
+)
 from cpid_drake.report.page import Cell, Section, Table
 
 
-def logs_section(result: IdentificationResult, joint: JointRecord) -> Section:
+def logs_section(result: Identification, joint: JointEstimate) -> Section:
     """Return the section with the separate estimates beside the joint one."""
-    parts = joint.logs if joint.prior is None else [*joint.logs, joint.prior]
-    return Section("Logs", texts=_texts(joint), tables=[_facts(parts), _estimates(result, parts)])
+    tables = [_facts(joint.parts, result.sources), _estimates(result, joint.parts)]
+    return Section("Logs", texts=_texts(joint), tables=tables)
 
 
-def _texts(joint: JointRecord) -> list[str]:
+def _texts(joint: JointEstimate) -> list[str]:
     texts = []
     if len(joint.logs) > 1:
         texts.append(
@@ -29,37 +37,34 @@ def _texts(joint: JointRecord) -> list[str]:
     return texts
 
 
-def _name(part: SeparateRecord) -> str:
+def _name(part: SeparateEstimate) -> str:
     return part.name or "the log"
 
 
-def _facts(parts: list[SeparateRecord]) -> Table:
+def _facts(parts: Sequence[SeparateEstimate], sources: Sequence[Source]) -> Table:
     rows: list[list[Cell | str]] = []
-    for part in parts:
-        source = part.source
+    for part, source in zip_longest(parts, sources):  # the prior, which is last, has no source
         window = "" if source is None else f"{source.start:.6g} to {source.end:.6g} s"
         rows.append(
             [
                 _name(part),
                 window,
-                Cell(str(part.samples_used)),
+                Cell(str(part.sample_count)),
                 Cell(str(part.rank)),
                 Cell(f"{part.probability:.2g}"),
                 "; ".join(part.doubts) or "none",
             ]
         )
-    heads = ["", "time window", "samples", "rank", "agreement", "doubts"]
+    heads = ["", "time window", "samples", "rank", "agreement", "failed checks"]
     note = "Agreement: probability of a larger difference from all others, for the same target."
     return Table(heads, rows, note=note)
 
 
-def _estimates(result: IdentificationResult, parts: list[SeparateRecord]) -> Table:
-    intervals = result.interval_95
-    whole = np.full((10, 2), np.nan) if intervals is None else intervals
+def _estimates(result: Identification, parts: Sequence[SeparateEstimate]) -> Table:
     rows: list[list[Cell | str]] = []
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
-        row: list[Cell | str] = [name, _cell(result.parameters[i], whole[i])]
-        row += [_cell(part.parameters[i], part.interval_95[i]) for part in parts]
+        row: list[Cell | str] = [name, _cell(result.parameters[i], result.intervals[i])]
+        row += [_cell(part.parameters[i], part.intervals[i]) for part in parts]
         rows.append([*row, unit])
     heads = ["", "together", *map(_name, parts), "unit"]
     return Table(heads, rows, "Estimates with 95 % intervals, together and each on its own")

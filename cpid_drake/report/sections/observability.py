@@ -5,15 +5,15 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, parameter_scale
 from cpid_drake.identification.description import gap_sentences
-from cpid_drake.identification.result_files import IdentificationResult
+from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import singular_value_picture
 from cpid_drake.report.page import Cell, Section, Table
 
 
-def observability_section(result: IdentificationResult) -> Section:
+def observability_section(result: Identification) -> Section:
     """Return the section with relative standard deviations and singular values."""
     values = result.singular_values
-    pictures = [] if values is None or np.isnan(values).any() else [singular_value_picture(values)]
+    pictures = [] if np.isnan(values).any() else [singular_value_picture(values)]
     tables = []
     scale = _scale(result.parameters)
     if scale is not None:
@@ -24,7 +24,7 @@ def observability_section(result: IdentificationResult) -> Section:
     return Section("Observability", texts=_texts(result), tables=tables, pictures=pictures)
 
 
-def _texts(result: IdentificationResult) -> list[str]:
+def _texts(result: Identification) -> list[str]:
     if result.rank < 10:
         return gap_sentences(result)
     texts = []

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from cpid_drake.identification.result_files import Source
+from cpid_drake.identification.result import Source
 from cpid_drake.report.page import Cell, Section
 from cpid_drake.scenario.run_files import versions
 

@@ -4,12 +4,12 @@ import numpy as np
 
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.description import residual_words
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.report.figures import residual_pictures
 from cpid_drake.report.page import Cell, Section, Table
 
 
-def residuals_section(found: Identification) -> Section:
+def residuals_section(found: SolvedIdentification) -> Section:
     """Return the section with size, whiteness and pictures of the residuals."""
     if not found.residuals:
         text = "This estimator gives no residuals, or not all ten parameters are known."
@@ -36,7 +36,7 @@ def residuals_section(found: Identification) -> Section:
     )
 
 
-def _table(found: Identification) -> Table:
+def _table(found: SolvedIdentification) -> Table:
     """Return size and whiteness of the residuals of each sensor or kind of rows."""
     rows: list[list[Cell | str]] = []
     for name, samples in found.residuals.items():

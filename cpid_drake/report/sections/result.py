@@ -5,21 +5,21 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.estimation.intervals import quantile_95
-from cpid_drake.identification.description import decimals, shown_interval
-from cpid_drake.identification.result_files import IdentificationResult
+from cpid_drake.identification.description import decimals, principal_axes
+from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import ellipsoid_pictures
 from cpid_drake.report.page import Cell, Section, Table, value_cell
 
-_KEYS = ("mass", *(f"com.{i}" for i in range(3)), *(f"inertia.{i}" for i in range(6)))
+TRUTH_KEYS = ("mass", *(f"com.{i}" for i in range(3)), *(f"inertia.{i}" for i in range(6)))
+"""Places of the ten parameters in the file of a true target."""
 
 
-def result_section(result: IdentificationResult, truth: InertialParameters | None) -> Section:
+def result_section(result: Identification, truth: InertialParameters | None) -> Section:
     """Return the section with the estimate, its 95 % intervals and, if it is known, the truth."""
     tables = [_parameters(result, truth)]
-    if result.principal_moments is not None and result.principal_axes is not None:
-        tables.append(_principal(result.principal_moments, result.principal_axes))
-    feasible = result.target
+    nearest = result.consistent
+    if nearest is not None:
+        tables.append(_principal(*principal_axes(nearest)))
     return Section(
         "Result",
         texts=[_summary(result)],
@@ -27,14 +27,14 @@ def result_section(result: IdentificationResult, truth: InertialParameters | Non
         tables=tables,
         pictures_title="Solid ellipsoid of the same mass and inertia, seen along three axes",
         # A body of zero mass has no ellipsoid.
-        pictures=ellipsoid_pictures(feasible, truth) if feasible and feasible.mass > 0 else (),
+        pictures=ellipsoid_pictures(nearest, truth) if nearest and nearest.mass > 0 else (),
     )
 
 
-def _summary(result: IdentificationResult) -> str:
-    if result.feasible is None and result.infeasibilities:
+def _summary(result: Identification) -> str:
+    if result.consistent is None and result.infeasibilities:
         return f"No rigid body is near the estimate ({'; '.join(result.infeasibilities)})."
-    if result.feasible is None:
+    if result.consistent is None:
         known = int(np.isfinite(result.parameters).sum())
         return f"The log determines {known} of the ten parameters, but not the others."
     if result.infeasibilities:
@@ -45,43 +45,43 @@ def _summary(result: IdentificationResult) -> str:
     return "All ten parameters are known, and they are physically consistent."
 
 
-def _parameters(result: IdentificationResult, truth: InertialParameters | None) -> Table:
+def _parameters(result: Identification, truth: InertialParameters | None) -> Table:
+    frame = "C" if result.spacecraft is None else result.spacecraft.capture_frame
     note = (
-        f"m: mass. c: centre of mass, from the origin of {result.spacecraft.capture_frame}, in its "
+        f"m: mass. c: centre of mass, from the origin of {frame}, in its "
         "axes. I: inertia about the centre of mass, in the same axes; Ixy = −∫xy dm. ± 95 %: "
         "half-width of the 95 % interval. Consistent: the nearest values of a rigid body."
     )
     heads = ["", "estimate", "± 95 %", "consistent", "unit"]
-    if result.bodies is not None:
+    if result.consistency is not None:
         heads.insert(4, "rigid bodies")
         note += (
             " Rigid bodies: the part of the 95 % interval that a rigid body can have; of what is "
             "not known, its extreme values over all rigid bodies no part of which is farther than "
-            f"{result.bodies.size:.2g} m from C."
+            f"{result.consistency.size:.2g} m from C."
         )
     if truth is not None:
         heads += ["truth", "error", "error / σ"]
         note += " Error: estimate minus truth. σ: standard deviation of the estimate."
-    sigma, pairs = np.sqrt(np.diag(result.covariance)), result.interval_95
-    half_widths = quantile_95() * sigma if pairs is None else (pairs[:, 1] - pairs[:, 0]) / 2
+    sigma, pairs = np.sqrt(np.diag(result.covariance)), result.intervals
+    half_widths = (pairs[:, 1] - pairs[:, 0]) / 2
     true = None if truth is None else truth.to_vector()
-    consistent = None if result.target is None else result.target.to_vector()
+    is_known = result.consistent is not None
     rows = []
-    for i, (name, key) in enumerate(zip(PARAMETER_NAMES, _KEYS)):
+    for i, (name, key) in enumerate(zip(PARAMETER_NAMES, TRUTH_KEYS)):
         value, half = result.parameters[i], half_widths[i]
-        if result.bodies is not None and not result.bodies.possible:
+        if result.consistency is not None and not result.consistency.is_possible:
             half = np.nan  # no rigid body agrees with the estimate
         places = decimals(2 * half)
         spread = f"{half:.{places}f}" if half >= 0.5 * 10.0**-places else f"{half:.1e}"
-        row: list[Cell | str] = [name, value_cell(value, key, places, "not known")]
-        if pairs is None:
-            row.append(Cell(spread if np.isfinite(half) else ""))
-        else:
-            ends = [float(end) if np.isfinite(end) else None for end in pairs[i]]
-            row.append(Cell(spread if np.isfinite(half) else "", ends, f"interval_95.{i}"))
+        row: list[Cell | str] = [name, value_cell(value, f"parameters.{i}", places, "not known")]
+        ends = [float(end) if np.isfinite(end) else None for end in pairs[i]]
+        row.append(Cell(spread if np.isfinite(half) else "", ends, f"intervals.{i}"))
         row += [
-            "" if consistent is None else value_cell(consistent[i], f"feasible.{key}", places),
-            *([] if result.bodies is None else [_possible(result, i)]),
+            value_cell(result.nearest[i], f"nearest.{i}", places)
+            if is_known and result.nearest is not None
+            else "",
+            *([] if result.consistency is None else [_possible(result, i)]),
             PARAMETER_UNITS[i],
         ]
         if true is not None:
@@ -95,9 +95,9 @@ def _parameters(result: IdentificationResult, truth: InertialParameters | None) 
     return Table(heads, rows, note=note)
 
 
-def _possible(result: IdentificationResult, place: int) -> Cell:
+def _possible(result: Identification, place: int) -> Cell:
     """Return the cell with what a rigid body can have of a parameter."""
-    low, high = shown_interval(result, place)
+    low, high = result.shown_intervals[place]
     if np.isnan(low) and np.isnan(high):
         return Cell("")
     places = decimals(high - low)
@@ -108,11 +108,8 @@ def _possible(result: IdentificationResult, place: int) -> Cell:
 def _principal(moments: NDArray[np.float64], axes: NDArray[np.float64]) -> Table:
     rows = [
         [
-            Cell(f"{moments[k]:.6g}", float(moments[k]), f"principal_moments.{k}"),
-            *(
-                Cell(f"{axes[i, k]:+.4f}", float(axes[i, k]), f"principal_axes.{i}.{k}")
-                for i in range(3)
-            ),
+            Cell(f"{moments[k]:.6g}"),
+            *(Cell(f"{axes[i, k]:+.4f}") for i in range(3)),
         ]
         for k in range(3)
     ]

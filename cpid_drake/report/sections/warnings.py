@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from cpid_drake.identification.result_files import IdentificationResult
+from cpid_drake.identification.result import Identification
 from cpid_drake.report.page import Section
 
 
-def warnings_section(result: IdentificationResult, again: IdentificationResult | None) -> Section:
+def warnings_section(result: Identification, again: Identification | None) -> Section:
     """Return the section with the warnings of a result.
 
     Args:

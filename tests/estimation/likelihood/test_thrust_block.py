@@ -148,4 +148,4 @@ def test_a_fit_finds_the_target(case):
     error = np.abs(found.parameters - case.target.to_vector())
     assert np.all(error < 0.1 * np.sqrt(np.diag(found.covariance)))
     assert found.misfit == 1.0
-    assert found.momentum_changes.count == 0
+    assert len(found.momentum_changes) == 0
