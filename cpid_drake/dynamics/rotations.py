@@ -61,12 +61,12 @@ def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArra
 
 
 def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
-    """Return Jr (N, 3, 3) with exp(r + dr) = exp(r) exp(Jr dr) for rotation vectors r (N, 3).
+    """Return Jr (..., 3, 3) with exp(r + dr) = exp(r) exp(Jr dr) for vectors r (..., 3).
 
     Source: Solà et al. 2018, "A micro Lie theory for state estimation in robotics", Eq. 143.
     """
     r = np.asarray(r, dtype=float)
-    angle = np.linalg.norm(r, axis=-1)[:, None, None]
+    angle = np.linalg.norm(r, axis=-1)[..., None, None]
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
     a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)

@@ -25,7 +25,7 @@ from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.outboard import Outboard, frame_screws, joined_bodies, joint_screw
 from cpid_drake.dynamics.parameterizations import REPORT_ORDER, vector_to_tensor
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
-from cpid_drake.dynamics.rotations import cross, exp, rotate, skew
+from cpid_drake.dynamics.rotations import cross, exp, right_jacobian, rotate, skew
 from cpid_drake.dynamics.spatial_inertia import inertia_of_second_moment, second_moment
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
@@ -82,23 +82,31 @@ def joint_sensitivity(
 
 
 def geometry_sensitivity(
-    tree: KinematicTree, telemetry: Telemetry, psi: NDArray[np.float64], dynamics: RelativeDynamics
+    tree: KinematicTree,
+    telemetry: Telemetry,
+    psi: NDArray[np.float64],
+    dynamics: RelativeDynamics,
+    joints: NDArray[np.float64],
+    grasp: NDArray[np.float64],
 ) -> MotionSensitivity:
     """Return the derivatives with respect to the geometry of the arm and to the pose of C.
 
     Each joint has five quantities, in the order of `BodyUncertainty.joint_sigmas`: its place on its
     inboard body, in this body's frame, and small turns about the two `axis_normals`, in the joint's
     inboard frame. C has six: its place and a small turn, both in C. The target remains unchanged in
-    C. Arguments as for `joint_sensitivity`; the target is the last body of the tree.
+    C. The tree already has the errors (J, 5) and (6,) of `displaced`, which have these derivatives;
+    its last body is the target. Other arguments as for `joint_sensitivity`.
     """
     outboard = Outboard.of(tree, telemetry)
-    moving, target = joined_bodies(tree), len(tree.bodies) - 1
-    S = [frame_screws(tree, k, outboard.bodies, axis_normals(tree.bodies[k])) for k in moving]
-    grasp = frame_screws(tree, target, outboard.bodies, np.eye(3))
-    R_BC = tree.bodies[target].R_PF
-    grasp[:, 3:, :3] = grasp[:, 3:, :3] @ R_BC
+    moving, target, S = joined_bodies(tree), len(tree.bodies) - 1, []
+    for k, error in zip(moving, joints, strict=True):
+        normals = axis_normals(tree.bodies[k])
+        turns = right_jacobian(normals @ error[3:]) @ normals
+        S.append(frame_screws(tree, k, outboard.bodies, turns))
+    of_C = frame_screws(tree, target, outboard.bodies, right_jacobian(grasp[3:]))
+    of_C[:, 3:, :3] = of_C[:, 3:, :3] @ tree.bodies[target].R_PF @ exp(-grasp[3:])
     which = [*np.repeat(moving, 5).tolist(), *6 * [target]]
-    change, moved = outboard.displaced(which, np.concatenate([*S, grasp], axis=-1))
+    change, moved = outboard.displaced(which, np.concatenate([*S, of_C], axis=-1))
     return _motion_sensitivity(change, moved[:, 3:] / tree.mass, psi, dynamics)
 
 
@@ -107,9 +115,9 @@ def body_sensitivity(
     telemetry: Telemetry,
     psi: NDArray[np.float64],
     dynamics: RelativeDynamics,
-    count: int,
+    errors: NDArray[np.float64],
 ) -> MotionSensitivity:
-    """Return the derivatives w.r.t. the inertial parameters of the tree's first `count` bodies.
+    """Return the derivatives w.r.t. errors (K, 10) that the tree's first K bodies already have.
 
     Each body has ten, in the order of `BodyUncertainty.sigmas`: relative mass, the centre of mass
     along three axes, and the stretch E along six directions (see `error_directions`) that changes
@@ -120,17 +128,19 @@ def body_sensitivity(
     total = tree.mass
     rho = dynamics.com(psi)
     momenta, shifts = [], []
-    for k, body in enumerate(tree.bodies[:count]):
+    for k, (body, error) in enumerate(zip(tree.bodies, errors)):
         R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
-        dP = [body.mass * v]
+        nominal = body.mass / (1 + error[0])
+        dP = [nominal * v]
         dL = [cross(r, dP[0])]
         axes, stretches = error_directions(tree, k)
-        shift = [body.mass / total * (r - rho)]
+        present = np.eye(3) + np.tensordot(error[4:], stretches, axes=1)
+        shift = [nominal / total * (r - rho)]
         for axis in np.moveaxis(R @ axes.T, -1, 0):
             dP.append(body.mass * cross(w, axis))
             dL.append(body.mass * cross(axis, v) + cross(r, dP[-1]))
             shift.append(body.mass / total * axis)
-        for stretch in stretches:
+        for stretch in stretches @ np.linalg.inv(present):
             change = stretched_inertia_rate(body.I_BBcm, stretch)
             dL.append(rotate(R, rotate(np.swapaxes(R, -1, -2), w) @ change))
             dP.append(np.zeros_like(v))
@@ -148,20 +158,24 @@ def uncertain_sensitivity(
     psi: NDArray[np.float64],
     dynamics: RelativeDynamics,
     uncertainty: BodyUncertainty,
+    errors: NDArray[np.float64],
 ) -> MotionSensitivity:
     """Return the derivatives with respect to all uncertain quantities, each in units of its σ.
 
-    They are the quantities of `BodyUncertainty.all_sigmas` whose σ is not zero. Other arguments as
-    for `geometry_sensitivity`.
+    They are the quantities of `BodyUncertainty.all_sigmas` whose σ is not zero, at their present
+    errors (c,), which the tree already has; see `with_errors`. Other arguments as for
+    `geometry_sensitivity`.
     """
-    count = len(tree.bodies) - 1
-    sigmas = uncertainty.all_sigmas(tree.wheels[:count], len(joined_bodies(tree)))
-    of_bodies, of_geometry = np.split(sigmas, [10 * count])
+    known = replace(tree, bodies=tree.bodies[:-1])
+    sigmas = uncertainty.all_sigmas(known.wheels, len(joined_bodies(tree)))
+    of_bodies, of_geometry = np.split(sigmas, [10 * len(known.bodies)])
+    bodies, joints, grasp = _errors_of(known, uncertainty, errors)
     parts = []
     if of_bodies.any() or not of_geometry.any():
-        parts.append(_scaled(body_sensitivity(tree, telemetry, psi, dynamics, count), of_bodies))
+        parts.append(_scaled(body_sensitivity(tree, telemetry, psi, dynamics, bodies), of_bodies))
     if of_geometry.any():
-        parts.append(_scaled(geometry_sensitivity(tree, telemetry, psi, dynamics), of_geometry))
+        by = geometry_sensitivity(tree, telemetry, psi, dynamics, joints, grasp)
+        parts.append(_scaled(by, of_geometry))
     values = zip(*((part.w, part.com, part.v) for part in parts))
     return MotionSensitivity(*(np.concatenate(each, axis=-1) for each in values))
 
@@ -221,12 +235,9 @@ def with_errors(
             body, then of each joint, then of C.
 
     """
-    joints = joined_bodies(tree)
-    sizes = uncertainty.all_sigmas(tree.wheels, len(joints))
-    sizes[sizes > 0] *= errors
-    of_bodies, of_joints, grasp = np.split(sizes, [10 * len(tree.bodies), len(sizes) - 6])
+    of_bodies, of_joints, grasp = _errors_of(tree, uncertainty, errors)
     bodies = []
-    for k, (body, error) in enumerate(zip(tree.bodies, of_bodies.reshape(-1, 10), strict=True)):
+    for k, (body, error) in enumerate(zip(tree.bodies, of_bodies, strict=True)):
         axes, stretches = error_directions(tree, k)
         stretch = np.eye(3) + np.tensordot(error[4:], stretches, axes=1)
         inertia = inertia_of_second_moment(stretch @ second_moment(body.I_BBcm) @ stretch.T)
@@ -237,7 +248,17 @@ def with_errors(
     tree = replace(tree, bodies=tuple(bodies))
     if not of_joints.any() and not grasp.any():
         return tree
-    return displaced(tree, of_joints.reshape(-1, 5), grasp)
+    return displaced(tree, of_joints, grasp)
+
+
+def _errors_of(
+    tree: KinematicTree, uncertainty: BodyUncertainty, errors: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return errors of bodies (K, 10), joints (J, 5) and C (6,) in SI units; see `with_errors`."""
+    sizes = uncertainty.all_sigmas(tree.wheels, len(joined_bodies(tree)))
+    sizes[sizes > 0] *= errors
+    of_bodies, of_joints, grasp = np.split(sizes, [10 * len(tree.bodies), len(sizes) - 6])
+    return of_bodies.reshape(-1, 10), of_joints.reshape(-1, 5), grasp
 
 
 def displaced(

@@ -102,6 +102,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             model.known_bodies,
             constants=model.constants,
             nominal=constants,
+            errors=values.get(BODIES),
         )
         first = replace(state, psi=psi, bias=log.bias[k], constants=constants)
         trajectory = part.motion.trajectory(first)

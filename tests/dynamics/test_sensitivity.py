@@ -19,6 +19,8 @@ from cpid_drake.dynamics.sensitivity import (
     geometry_sensitivity,
     joint_sensitivity,
     perturbed,
+    uncertain_sensitivity,
+    with_errors,
 )
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -108,7 +110,8 @@ def wheel_errors(body):
 def test_by_known_bodies(case):
     """The target, given by its parameters, stays the same while the known bodies change."""
     tree, count = case.tree, len(case.tree.bodies)
-    sensitivity = body_sensitivity(case.full, case.telemetry, case.psi, case.dynamics, count)
+    none = np.zeros((count, 10))
+    sensitivity = body_sensitivity(case.full, case.telemetry, case.psi, case.dynamics, none)
     assert sensitivity.w.shape == (N, 3, 10 * count)
     step = 1e-5
     for k in range(0, count, 1 if count < 10 else 3):
@@ -131,7 +134,8 @@ def displacements(case):
 
 def test_by_geometry(case):
     """Of the arm and of C: the derivatives are those of a tree with finite errors."""
-    sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
+    none = np.zeros((len(case.joint_names), 5)), np.zeros(6)
+    sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics, *none)
     assert sensitivity.w.shape == (N, 3, 5 * len(case.joint_names) + 6)
     step = 1e-5
     for column, (joints, grasp) in enumerate(displacements(case)):
@@ -142,9 +146,28 @@ def test_by_geometry(case):
         assert_is_derivative(sensitivity, column, *moved, step)
 
 
+def test_at_errors_that_the_spacecraft_already_has(case):
+    """A step of a relative mass is one of the nominal mass, also where the error is not zero."""
+    uncertainty = BodyUncertainty(0.1, 0.02, 0.2, 5.0, 60.0, 4.0, 80.0)
+    count = uncertainty.count(case.tree.wheels, len(case.joint_names))
+    errors = np.random.default_rng(82).normal(size=count)
+    there = Case(with_errors(case.tree, uncertainty, errors), case.joint_names, case.target)
+    sensitivity = uncertain_sensitivity(
+        there.full, there.telemetry, there.psi, there.dynamics, uncertainty, errors
+    )
+    step = 1e-5
+    for column, unit in enumerate(np.eye(count)):
+        moved = [
+            case.solved(with_errors(case.tree, uncertainty, errors + s * unit), case.q, case.qdot)
+            for s in (step, -step)
+        ]
+        assert_is_derivative(sensitivity, column, *moved, step)
+
+
 def test_an_error_of_the_grasp_is_one_of_the_target(case):
     """A target in a frame C that is off moves the base as another target in the nominal C does."""
-    sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
+    none = np.zeros((len(case.joint_names), 5)), np.zeros(6)
+    sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics, *none)
     target, first, step = case.target, sensitivity.w.shape[-1] - 6, 1e-5
     for i, unit in enumerate(np.eye(6)):
         moved = []

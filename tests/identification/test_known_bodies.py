@@ -18,7 +18,6 @@ from cpid_drake.studies.trials import Firing
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
 
 
-@pytest.mark.xfail(reason="the fit stops after 30 sweeps, and a check fails; issue 11")
 def test_an_error_is_as_large_as_its_sigma(tmp_path, skewed_target):
     """Of a spacecraft that is not its model, with sensors whose own errors are far smaller."""
     craft, suite = small_craft(tmp_path), coarse_suite()

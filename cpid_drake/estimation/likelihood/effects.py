@@ -253,26 +253,40 @@ class JointErrors(Effect):
 
 
 class KnownBodies(Effect):
-    """Errors of the known bodies and of their geometry, each in units of its σ."""
+    """Errors of the known bodies and of their geometry, each in units of its σ.
+
+    Args:
+        motion: the base's motion, of a spacecraft with the present errors.
+        uncertainty: their σ.
+        errors: (c,) the present errors in units of σ; default: zero.
+
+    """
 
     name = "bodies"
 
-    def __init__(self, motion: BaseMotion, uncertainty: BodyUncertainty) -> None:
+    def __init__(
+        self,
+        motion: BaseMotion,
+        uncertainty: BodyUncertainty,
+        errors: NDArray[np.float64] | None = None,
+    ) -> None:
         self._motion, self._uncertainty = motion, uncertainty
-        self._joint_count = motion.joints.coefficients.shape[1]
-        self.size = uncertainty.count(motion.tree.wheels, self._joint_count)
+        joints = motion.joints.coefficients.shape[1]
+        self._sigmas = uncertainty.all_sigmas(motion.tree.wheels, joints)
+        self.size = int(np.count_nonzero(self._sigmas))
+        self._errors = np.zeros(self.size) if errors is None else errors
 
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""
         tree, telemetry = _relative_to_base(self._motion, trajectory)
         at, psi = self._motion.instants, trajectory.state.psi
-        by = uncertain_sensitivity(tree, telemetry, psi, at.dynamics, self._uncertainty)
+        uncertainty, errors = self._uncertainty, self._errors
+        by = uncertain_sensitivity(tree, telemetry, psi, at.dynamics, uncertainty, errors)
         write_change(change, by, self._motion, trajectory)
-        sigmas = self._uncertainty.all_sigmas(tree.wheels[:-1], self._joint_count)
-        masses = np.zeros(len(sigmas))
-        masses[: 10 * (len(tree.bodies) - 1) : 10] = [body.mass for body in tree.bodies[:-1]]
-        by_masses = -masses * sigmas * inverse_mass(at.dynamics.mass, float(psi[0])) ** 2
-        change.inverse_mass[:] = by_masses[sigmas > 0]
+        masses, present = np.zeros(len(self._sigmas)), [body.mass for body in tree.bodies[:-1]]
+        masses[: 10 * len(present) : 10] = uncertainty.mass * np.array(present)
+        by_masses = -masses[self._sigmas > 0] * inverse_mass(at.dynamics.mass, float(psi[0])) ** 2
+        change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * errors)
 
 
 @lru_cache(maxsize=1)  # the joints' splines and their zeros need the same

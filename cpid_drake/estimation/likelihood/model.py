@@ -46,6 +46,8 @@ class BlockModel:
         constants: the constant errors; default: those of the suite.
         nominal: (k,) values of the constant errors about which joint zeros are linear, in units of
             their σ; default: zero.
+        errors: (c,) errors of the known bodies that the tree already has, in units of their σ;
+            default: zero.
 
     Attributes:
         motion: the base's motion.
@@ -67,6 +69,7 @@ class BlockModel:
         step: float = STEP,
         constants: Constants | None = None,
         nominal: NDArray[np.float64] | None = None,
+        errors: NDArray[np.float64] | None = None,
     ) -> None:
         present = suite.present()
         classes = {n: model for n, model in model_classes(measurements).items() if n in present}
@@ -89,7 +92,7 @@ class BlockModel:
         self.effects += [*(Constant(self.motion, name) for name in constants.errors), target]
         self._everything = list(self.effects)
         if known_bodies is not None:
-            self._everything.append(KnownBodies(self.motion, known_bodies))
+            self._everything.append(KnownBodies(self.motion, known_bodies, errors))
         ends = np.cumsum([0] + [effect.size for effect in self._everything]).tolist()
         names = [effect.name for effect in self._everything]
         self.columns = {name: slice(a, b) for name, (a, b) in zip(names, pairwise(ends))}
