@@ -35,7 +35,7 @@ MOST_SWEEPS = 30
 
 _SMALLEST_GAIN = 1e-3  # share of the expected fall of χ² for which a step is accepted
 _REJECTED = 12  # steps in a row
-_FIRST_DAMPING = 1e-3  # share of the columns' squares
+_FIRST_DAMPING = 1.0  # information that a step is zero, as a share of the prior's
 _MEDIAN = {1: 0.674, 2: 0.833, 3: 0.888}  # of the root mean square of so many unit normals
 
 
@@ -102,6 +102,7 @@ def fit(
     now = _point(model, logs, values, rows)
     damping, growth, converged, settled, sweeps = _FIRST_DAMPING, 2.0, False, False, 0
     total, swept = prior_of(model, logs, values, rows), list[Swept]()
+    sigmas = {u.key(log.name): u.sigma for u in model.table for log in logs}
     while sweeps < MOST_SWEEPS and not converged:
         if settled:
             parts = zip(now.logs, now.rolled, swept, strict=True)
@@ -115,9 +116,10 @@ def fit(
         total = prior_of(model, now.logs, now.values, rows)
         for each in swept:
             total = total.add(each.gaussian)
+        sigma = np.concatenate([sigmas[name] for name in total.places])
         held = {PSI: undetermined(model, now.values[PSI], total)[0]}
         for _ in range(_REJECTED):
-            step = total.solve(np.sqrt(damping), held)
+            step = total.solve(np.sqrt(damping) / sigma, held)
             fall = now.cost - total.cost(step)
             tried = _stepped(model, now, swept, total, step, rows)
             gain = -1.0 if tried is None else (now.cost - tried.cost) / max(fall, 1e-300)
@@ -127,10 +129,11 @@ def fit(
             damping, growth = max(damping, 1e-6) * growth, 2 * growth
         else:
             break
-        damping, growth = damping * max(0.1, 1 - (2 * min(gain, 1.0) - 1) ** 3), 2.0
+        damping, growth = damping * max(0.1, 1 - (2 * float(np.clip(gain, 0, 1)) - 1) ** 3), 2.0
         damping = max(damping, 1e-12)
-        converged = settled and fall < CLOSE  # with weights that are those of the residuals
-        settled = fall < SETTLED * max(now.cost, sum(r.count for r in now.rolled))
+        left = now.cost - total.cost(total.solve(held=held))  # a damped step may be small anywhere
+        converged = settled and left < CLOSE  # with weights that are those of the residuals
+        settled = left < SETTLED * max(now.cost, sum(r.count for r in now.rolled))
         now, total = tried, total.moved(step)
     return Fit(model, now.values, now.logs, now.rolled, total, now.cost, sweeps, converged)
 

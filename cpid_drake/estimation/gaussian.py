@@ -116,12 +116,14 @@ class Gaussian:
         return self.cost(self.solve())
 
     def solve(
-        self, damping: float = 0.0, held: Mapping[str, NDArray[np.float64]] | None = None
+        self,
+        damping: NDArray[np.float64] | None = None,
+        held: Mapping[str, NDArray[np.float64]] | None = None,
     ) -> NDArray[np.float64]:
         """Return the mean (n,), with zero along what nothing determines.
 
         Args:
-            damping: further weight that holds each entry near zero, as a share of its own weight.
+            damping: (n,) 1/σ of further information that each entry is zero; default: none.
             held: by unknown, independent combinations (k, size) of its entries that are zero.
 
         """
@@ -134,8 +136,8 @@ class Gaussian:
         basis = basis[:, basis.any(axis=0)]
         A, b = self.R @ basis, self.z
         scale = np.linalg.norm(A, axis=0)
-        if damping:
-            A, b = np.vstack([A, np.diag(damping * scale)]), np.append(b, np.zeros(len(scale)))
+        if damping is not None:
+            A, b = np.vstack([A, np.diag(damping) @ basis]), np.append(b, np.zeros(self.size))
         scale[scale == 0] = 1.0
         U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
         known = s > _NEGLIGIBLE * s.max(initial=0.0)

@@ -95,7 +95,8 @@ def test_a_held_combination_keeps_its_value_and_the_others_are_as_if_it_were_giv
 def test_damping_holds_what_nothing_determines(rows):
     gaussian = Gaussian.of_rows({"x": 2}, np.array([[1.0, 1.0, 2.0]]))
     np.testing.assert_allclose(gaussian.solve(), [1.0, 1.0])
-    damped = gaussian.add(Gaussian.of_rows({"x": 2}, np.array([[0.0, 1.0, 3.0]]))).solve(1.0)
-    np.testing.assert_allclose(damped, np.linalg.solve([[2.0, 1.0], [1.0, 4.0]], [2.0, 5.0]))
+    damped = gaussian.add(Gaussian.of_rows({"x": 2}, np.array([[0.0, 1.0, 3.0]])))
+    found = damped.solve(damping=np.array([1.0, 2.0]))
+    np.testing.assert_allclose(found, np.linalg.solve([[2.0, 1.0], [1.0, 6.0]], [2.0, 5.0]))
     with pytest.raises(np.linalg.LinAlgError):
         Gaussian.of_rows({"x": 2}, np.array([[1.0, 0.0, 2.0]])).covariance()
