@@ -41,8 +41,8 @@ find wrong units and conventions. Of a longer log, the part is kept in which the
 """
 
 
-LONGEST_STEP = 3600.0
-"""Usual step of a sensor above which its time stamps cannot be in seconds [s]."""
+LONGEST_STEP = 5.0
+"""Usual step of the fastest sensor above which the stamps are not in seconds [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,13 +229,17 @@ def _refuse_slow(measurements: Measurements) -> None:
     """Refuse samples whose stamps are so far apart that they cannot be in seconds.
 
     Raises:
-        InputError: the usual step of a sensor is longer than `LONGEST_STEP`.
+        InputError: the usual step of the fastest sensor is longer than `LONGEST_STEP`.
 
     """
-    for name, samples in measurements.items():
-        step = float(np.median(np.diff(samples.time))) if len(samples) > 1 else 0.0
-        if step > LONGEST_STEP:
-            raise InputError(
-                f"the samples of {SENSORS[name].label} are {step:.3g} s apart if the time is in "
-                "seconds: it must be in s (time.unit of a map of columns)"
-            )
+    steps = {
+        name: float(np.median(np.diff(samples.time)))
+        for name, samples in measurements.items()
+        if len(samples) > 1
+    }
+    name = min(steps, key=lambda each: steps[each], default="")
+    if name and steps[name] > LONGEST_STEP:
+        raise InputError(
+            f"the samples of {SENSORS[name].label} are {steps[name]:.3g} s apart if the time is in "
+            "seconds: it must be in s (time.unit of a map of columns)"
+        )

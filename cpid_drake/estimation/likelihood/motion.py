@@ -40,6 +40,9 @@ from cpid_drake.sensing.measurements import Samples
 _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
 
+_MOST_STEPS = 400
+"""Grid steps of a block: one that is longer than 10 s has encoders that show no faster motion."""
+
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryState:
@@ -145,7 +148,8 @@ class BaseMotion:
         self.constants = constants or Constants()
         length = joints.end - joints.start
         step = min(step, length / joints.pieces / _STEPS_PER_PIECE)
-        self.nodes = np.linspace(joints.start, joints.end, max(int(np.ceil(length / step)), 4) + 1)
+        steps = int(np.clip(np.ceil(length / step), 4, _MOST_STEPS))
+        self.nodes = np.linspace(joints.start, joints.end, steps + 1)
         everything = np.concatenate([self.nodes, times])
         dynamics = relative_dynamics(tree, *np.moveaxis(self.joint_motion(everything), 1, 0))
         self.instants = Instants(everything, dynamics)
