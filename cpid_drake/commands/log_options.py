@@ -14,7 +14,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.resources import package_folders, resolve_model
 
 if TYPE_CHECKING:
-    from cpid_drake.identification.requests import Request
+    from cpid_drake.identification.result import Request
 
 T = TypeVar("T")
 
@@ -134,8 +134,7 @@ class LogOptions:
         assumed = self.momentum or "zero"
         has_sensors = self.sensors is not None or self.known_bodies is not None
         estimator = options.check_method(self.estimator, self.rows, assumed, has_sensors)
-        from cpid_drake.identification.requests import Request
-        from cpid_drake.identification.result import SpacecraftReference
+        from cpid_drake.identification.result import Request, SpacecraftReference
 
         return Request(
             telemetry,

@@ -80,40 +80,35 @@ def validate(
     from dataclasses import replace
 
     from cpid_drake.identification.prior_files import prior_of_result
-    from cpid_drake.identification.requests import (
-        Request,
-        file_hash,
-        open_log,
-        opened_inputs,
-    )
+    from cpid_drake.identification.requests import file_hash, open_log, opened_inputs
     from cpid_drake.identification.result_files import read_result
     from cpid_drake.identification.validation import validate
 
     found = read_result(result)
-    used = found.sources
-    if found.spacecraft is None:
+    if not found.sources:
         raise InputError(f"{result}: the result does not name its spacecraft")
-    options.check_inputs(telemetry, found.spacecraft.model, sensors, columns)
-    if any(source.sha256 and source.sha256 == file_hash(telemetry) for source in used):
+    used = found.sources[0].request
+    options.check_inputs(telemetry, used.spacecraft.model, sensors, columns)
+    hashes = [source.sha256.get("telemetry") for source in found.sources]
+    if any(each and each == file_hash(telemetry) for each in hashes):
         raise InputError(f"{telemetry}: the result was identified from this log; give another one")
-    request = Request(
-        telemetry,
-        found.spacecraft,
-        sensors=sensors or (used[0].sensors if used else None),
+    request = replace(
+        used,
+        telemetry=telemetry,
+        sensors=sensors or used.sensors,
         momentum=momentum,
         start=start,
         end=end,
         topics=options.topics_of(topic),
         leave_out_bad=leave_out_bad,
-        columns=columns or (used[0].columns if used else None),
-        known_bodies=used[0].known_bodies if used else None,
-        planar=used[0].planar if used else None,
+        columns=columns or used.columns,
+        prior=None,
     )
     console = options.log_console()
     with options.log_console(quiet).status("predicting") as status:
         known = opened_inputs(request, status.update)
         craft = known.spacecraft
-        target = prior_of_result(found, result, craft, found.spacecraft.capture_frame)
+        target = prior_of_result(found, result, craft, used.spacecraft.capture_frame)
         log = open_log(request, craft.joint_names)
         with prefix_errors(telemetry):
             validation = validate(

@@ -15,8 +15,7 @@ from cpid_drake.output_files.overwriting import PAGE, Output, check_outputs
 from cpid_drake.resources import find_scenario
 
 if TYPE_CHECKING:
-    from cpid_drake.identification.requests import Request
-    from cpid_drake.identification.result import Identification
+    from cpid_drake.identification.result import Identification, Request
     from cpid_drake.scenario.schema import Scenario
 
 LARGE_PAGE = 10_000_000

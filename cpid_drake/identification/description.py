@@ -77,7 +77,7 @@ def describe(result: Identification, width: int | None = None) -> list[str]:
         lines.append(f"  condition    {result.condition:.4g}")
     lines.append(f"  residuals    {residual_words(result)}")
     lines.append(f"  consistency  {_consistency(result)}")
-    if source and source.known_bodies is None and result.rows is None:
+    if source and source.request.known_bodies is None and result.rows is None:
         lines.append("  assumed      an exact spacecraft model; --known-bodies includes its errors")
     if result.rejected:
         by_sensor = ", ".join(f"{count} of {name}" for name, count in result.rejected.items())

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify import identify_together
-from cpid_drake.identification.requests import Request, file_hash, open_log, opened_inputs
+from cpid_drake.identification.requests import file_hash, open_log, opened_inputs
+from cpid_drake.identification.result import Request
 from cpid_drake.identification.solved import SolvedIdentification
 
 
@@ -61,13 +62,11 @@ def identify_files(
     )
     rejected = sum((log.rejected for log in logs), Counter(found.rejected))
     warnings = [f"{name}: {text}" for name, log in zip(names, logs) for text in log.warnings]
-    command = request.command(paths[1:])
     found = replace(
         found,
         rejected=dict(rejected),
         warnings=(*warnings, *found.warnings),
-        spacecraft=request.spacecraft,
-        sources=tuple(log.source(command) for log in logs),
+        sources=tuple(log.source() for log in logs),
     )
     ignored = tuple(dict.fromkeys(name for log in logs for name in log.file.ignored))
     return JointEvidence(tuple(requests), found, ignored)

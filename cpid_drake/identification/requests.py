@@ -1,12 +1,12 @@
 """Identification from a telemetry file, with everything that a report needs."""
 
 import hashlib
-import shlex
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from cpid_drake.identification.former_names import FORMER_NAMES
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior_files import load_prior
 from cpid_drake.identification.requirements import left_out_warning
-from cpid_drake.identification.result import Identification, Source, SpacecraftReference
+from cpid_drake.identification.result import Identification, Request, Source
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.resources import resolve_model, version_of
@@ -35,70 +35,6 @@ from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.sensing.thinning import Excerpt, excerpt_of
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-
-@dataclass(frozen=True)
-class Request:
-    """The request of `cpid identify`: data, spacecraft, estimator and options.
-
-    Attributes:
-        telemetry: a file or a bag's folder.
-        spacecraft: the known spacecraft.
-        estimator, rows: see `cpid_drake.identification.identify.identify`.
-        sensors: name of a preset or a YAML file; None if they are unknown.
-        momentum: name of the total momentum, see `TotalMomentum.named`; None to test whether it is
-            zero, and to estimate it if it is not.
-        start, end: first and last time to use [s]; None for all.
-        topics: topics of a bag, by kind.
-        leave_out_bad: whether to leave out rows that have a problem.
-        columns: the YAML file of a map of the telemetry's columns; None for the package's own.
-        planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
-        known_bodies: uncertainty of the spacecraft, see `uncertainty.read_uncertainty`; None if the
-            spacecraft is known exactly.
-        prior: the file of a prior of the target; None without one.
-
-    """
-
-    telemetry: str
-    spacecraft: SpacecraftReference
-    estimator: str | None = None
-    rows: str | None = None
-    sensors: str | None = None
-    momentum: str | None = None
-    start: float | None = None
-    end: float | None = None
-    topics: Mapping[str, str] = field(default_factory=dict)
-    leave_out_bad: bool = False
-    columns: str | None = None
-    planar: bool | None = None
-    known_bodies: str | None = None
-    prior: str | None = None
-
-    def command(self, others: Sequence[str] = ()) -> str:
-        """Return the command line of this request, with other logs of the same target."""
-        craft = self.spacecraft
-        words = ["cpid", "identify", self.telemetry, *others, "--spacecraft", craft.model]
-        words += ["--base", craft.base, "--capture-frame", craft.capture_frame]
-        options = {
-            "--columns": self.columns,
-            "--estimator": self.estimator,
-            "--rows": self.rows,
-            "--sensors": self.sensors,
-            "--from": self.start,
-            "--to": self.end,
-            "--momentum": self.momentum,
-            "--known-bodies": self.known_bodies,
-            "--prior": self.prior,
-        }
-        for option, value in options.items():
-            words += [] if value is None else [option, str(value)]
-        for name, folder in craft.packages.items():
-            words += ["--package", f"{name}={folder}"]
-        for kind, name in self.topics.items():
-            words += ["--topic", f"{kind}={name}"]
-        words += ["--leave-out-bad"] if self.leave_out_bad else []
-        words += [] if self.planar is None else ["--planar" if self.planar else "--no-planar"]
-        return shlex.join(words)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,27 +99,10 @@ class OpenLog:
             rejected["rows"] = self.file.problems.count
         return rejected
 
-    def source(self, command: str) -> Source:
+    def source(self) -> Source:
         """Return the record of the log for a result file."""
-        request, (start, end) = self.request, self.interval()
-        return Source(
-            telemetry=request.telemetry,
-            sha256=file_hash(request.telemetry),
-            sensors=request.sensors,
-            momentum=request.momentum,
-            topics=dict(request.topics),
-            leave_out_bad=request.leave_out_bad,
-            columns=request.columns,
-            columns_sha256=None if request.columns is None else file_hash(request.columns),
-            prior=request.prior,
-            prior_sha256=None if request.prior is None else file_hash(request.prior),
-            command=command,
-            start=start,
-            end=end,
-            cpid_drake=version_of("cpid-drake") or "not installed",
-            known_bodies=request.known_bodies,
-            planar=request.planar,
-        )
+        hashes = {option: file_hash(name) for option, name in self.request.files().items()}
+        return Source(self.request, hashes, *self.interval(), version_of("cpid-drake") or "")
 
 
 def identify_file(
@@ -220,8 +139,7 @@ def identify_file(
         found,
         rejected=dict(Counter(found.rejected) + log.rejected),
         warnings=(*log.warnings, *found.warnings),
-        spacecraft=request.spacecraft,
-        sources=(log.source(request.command()),),
+        sources=(log.source(),),
     )
     ignored = log.file.ignored
     return Evidence(
@@ -295,32 +213,20 @@ def request_of_result(result: Identification, where: str) -> Request:
         InputError: the file names no telemetry, or the telemetry is missing or has changed.
 
     """
-    if len(result.sources) != 1 or result.spacecraft is None:
-        raise InputError("the result does not name its telemetry and its spacecraft")
+    if len(result.sources) != 1:
+        raise InputError("the result does not name its telemetry")
     [source] = result.sources
-    folder = Path(where).parent
-    telemetry = _unchanged(source.telemetry, source.sha256, folder)
-    columns = None
-    if source.columns is not None:
-        columns = _unchanged(source.columns, source.columns_sha256, folder)
-    prior = None
-    if source.prior is not None:
-        prior = _unchanged(source.prior, source.prior_sha256, folder)
-    return Request(
-        telemetry,
-        result.spacecraft,
+    places: dict[str, Any] = {
+        option: _unchanged(name, source.sha256.get(option), Path(where).parent)
+        for option, name in source.request.files().items()
+    }
+    return replace(
+        source.request,
+        **places,
         estimator=FORMER_NAMES.get(result.estimator, result.estimator),
         rows=result.rows,
-        sensors=source.sensors,
-        momentum=source.momentum,
         start=source.start,
         end=source.end,
-        topics=source.topics,
-        leave_out_bad=source.leave_out_bad,
-        columns=columns,
-        planar=source.planar,
-        known_bodies=source.known_bodies,
-        prior=prior,
     )
 
 

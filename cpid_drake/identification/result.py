@@ -1,6 +1,7 @@
 """The result of an identification: one tree, which is the JSON file and what the page reads."""
 
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -86,45 +87,91 @@ class SpacecraftReference:
 
 
 @dataclass(frozen=True)
-class Source:
-    """The data and options of a log.
+class Request:
+    """The request of `cpid identify`: data, spacecraft, estimator and options of one log.
 
     Attributes:
-        telemetry: the file or the folder of a bag.
-        sha256: hash of the file's content; None for a folder.
-        sensors: name of a preset or a YAML file; None if nothing was known about the sensors.
-        momentum: name of the total momentum, one of `MOMENTUM_NAMES`, as the caller has given it;
-            None if it was to be found out.
+        telemetry: a file or a bag's folder.
+        spacecraft: the known spacecraft.
+        estimator, rows: see `cpid_drake.identification.identify.identify`.
+        sensors: name of a preset or a YAML file; None if they are unknown.
+        momentum: name of the total momentum, see `TotalMomentum.named`; None to test whether it is
+            zero, and to estimate it if it is not.
+        start, end: first and last time to use [s]; None for all.
         topics: topics of a bag, by kind.
-        leave_out_bad: whether rows with a problem were left out.
-        command: the command line that repeats the identification.
-        start, end: first and last time that was used [s].
-        cpid_drake: version of this package.
+        leave_out_bad: whether to leave out rows that have a problem.
         columns: the YAML file of a map of the telemetry's columns; None for the package's own.
-        columns_sha256: hash of this file.
-        planar: whether a table carries the spacecraft, as the caller has said; None if not said.
-        known_bodies: uncertainty of the spacecraft, as given; None for a spacecraft that is exact.
-        prior: the file of a prior; None without one.
-        prior_sha256: hash of this file.
+        planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
+        known_bodies: uncertainty of the spacecraft, see `uncertainty.read_uncertainty`; None if the
+            spacecraft is known exactly.
+        prior: the file of a prior of the target; None without one.
 
     """
 
     telemetry: str
-    sha256: str | None
-    sensors: str | None
-    momentum: str | None
-    topics: dict[str, str]
-    leave_out_bad: bool
-    command: str
-    start: float
-    end: float
-    cpid_drake: str
+    spacecraft: SpacecraftReference
+    estimator: str | None = None
+    rows: str | None = None
+    sensors: str | None = None
+    momentum: str | None = None
+    start: float | None = None
+    end: float | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+    leave_out_bad: bool = False
     columns: str | None = None
-    columns_sha256: str | None = None
     planar: bool | None = None
     known_bodies: str | None = None
     prior: str | None = None
-    prior_sha256: str | None = None
+
+    def files(self) -> dict[str, str]:
+        """Return the files with hashes in results, by their fields."""
+        files = {"telemetry": self.telemetry, "columns": self.columns, "prior": self.prior}
+        return {option: name for option, name in files.items() if name is not None}
+
+    def command(self, others: Sequence[str] = ()) -> str:
+        """Return the command line of this request, with other logs of the same target."""
+        craft = self.spacecraft
+        words = ["cpid", "identify", self.telemetry, *others, "--spacecraft", craft.model]
+        words += ["--base", craft.base, "--capture-frame", craft.capture_frame]
+        options = {
+            "--columns": self.columns,
+            "--estimator": self.estimator,
+            "--rows": self.rows,
+            "--sensors": self.sensors,
+            "--from": self.start,
+            "--to": self.end,
+            "--momentum": self.momentum,
+            "--known-bodies": self.known_bodies,
+            "--prior": self.prior,
+        }
+        for option, value in options.items():
+            words += [] if value is None else [option, str(value)]
+        for name, folder in craft.packages.items():
+            words += ["--package", f"{name}={folder}"]
+        for kind, name in self.topics.items():
+            words += ["--topic", f"{kind}={name}"]
+        words += ["--leave-out-bad"] if self.leave_out_bad else []
+        words += [] if self.planar is None else ["--planar" if self.planar else "--no-planar"]
+        return shlex.join(words)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A log of a result.
+
+    Attributes:
+        request: the request for this log.
+        sha256: hashes of `Request.files`; None for a folder.
+        start, end: first and last time that was used [s].
+        cpid_drake: version of this package; empty if it was not installed.
+
+    """
+
+    request: Request
+    sha256: dict[str, str | None]
+    start: float
+    end: float
+    cpid_drake: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,8 +293,7 @@ class Identification:
         joint: the separate estimates, if several logs or a prior were used; else None.
         checks: see `cpid_drake.identification.checks`; those that failed come first.
         warnings: sentences for the reader.
-        spacecraft: the model that was used; None if it was no file.
-        sources: the data and options of every log; empty if they were no files.
+        sources: the logs and their requests; empty if they were no files.
 
     """
 
@@ -278,8 +324,20 @@ class Identification:
     joint: JointEstimate | None = None
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
-    spacecraft: SpacecraftReference | None = None
     sources: tuple[Source, ...] = ()
+
+    @property
+    def spacecraft(self) -> SpacecraftReference | None:
+        """The model that was used; None if it was no file."""
+        return self.sources[0].request.spacecraft if self.sources else None
+
+    @property
+    def command(self) -> str:
+        """The command line that repeats the identification; empty without files."""
+        if not self.sources:
+            return ""
+        first, *others = (source.request for source in self.sources)
+        return first.command([other.telemetry for other in others])
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -345,13 +403,11 @@ class Identification:
 
     def files(self) -> list[Path]:
         """Return the files that the result was computed from, as far as they exist."""
-        names = [] if self.spacecraft is None else [self.spacecraft.model]
-        packages = {} if self.spacecraft is None else self.spacecraft.packages
-        for source in self.sources:
-            files = (source.telemetry, source.sensors, source.columns, source.prior)
-            names += filter(None, files)
         found = []
-        for name in names:
-            with suppress(InputError):  # a preset, or a file that was moved
-                found.append(resolve_model(name, package_folders(packages)))
-        return found
+        for request in (source.request for source in self.sources):
+            names = (request.spacecraft.model, request.sensors)
+            packages = package_folders(request.spacecraft.packages)
+            for name in filter(None, (*names, *request.files().values())):
+                with suppress(InputError):  # a preset, or a file that was moved
+                    found.append(resolve_model(name, packages))
+        return list(dict.fromkeys(found))

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.dynamics.total_momentum import MOMENTUM_NAMES
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result import FORMAT, Identification
 from cpid_drake.input_files.validation import from_tree, load_json, nulls
@@ -87,10 +86,6 @@ def _parse(data: bytes, where: str) -> Identification:
     for key, given, right in expected:
         if given != right:
             raise InputError(f"{where}: {key} must be {', '.join(right)}")
-    for source in result.sources:
-        if source.momentum not in (None, *MOMENTUM_NAMES):
-            names = ", ".join(MOMENTUM_NAMES)
-            raise InputError(f"{where}: sources.momentum must be one of {names}")
     size = 0.0 if result.nearest is None else np.nanmax(np.abs(result.nearest), initial=0.0)
     if size > _LARGEST:
         raise InputError(f"{where}: nearest: {size:g} is too large for a rigid body")

@@ -12,8 +12,7 @@ from pydrake.systems.framework import Context
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.identification.requests import Request
-from cpid_drake.identification.result import SpacecraftReference
+from cpid_drake.identification.result import Request, SpacecraftReference
 from cpid_drake.input_files.validation import dump_yaml, nulls
 from cpid_drake.output_files.drafts import UNFINISHED, draft_folder
 from cpid_drake.output_files.overwriting import CSV_LOG, SUMMARY, TRUTH, YAML, Kind

@@ -591,7 +591,6 @@ def result(**changes: object) -> str:
         "sample_count": 20,
         "estimator": "least_squares",
         "rows": "standard",
-        "spacecraft": {"model": "/arm.urdf", "base": "bus", "capture_frame": "hand"},
     }
     return json.dumps({k: v for k, v in (document | changes).items() if v is not ...})
 
@@ -613,7 +612,12 @@ RESULTS = {
         result(nearest=[-1, 0, 0, 0, 1, 1, 1, 0, 0, 0]),
         "nearest: no rigid body",
     ),
-    "no_frame": (result(spacecraft={"model": "a", "base": "b"}), "spacecraft.capture_frame"),
+    "no_frame": (
+        result(
+            sources=[{"request": {"telemetry": "a", "spacecraft": {"model": "a", "base": "b"}}}]
+        ),
+        "spacecraft.capture_frame",
+    ),
 }
 EXPORTS = {
     "unknown": (result(parameters=[None, *TARGET.to_vector()[1:]]), "do not determine m"),

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, Spacecraft
-from cpid_drake.identification.result import Identification, SpacecraftReference
+from cpid_drake.identification.result import (
+    Identification,
+    Request,
+    Source,
+    SpacecraftReference,
+)
 from cpid_drake.identification.result_files import write_result
 from cpid_drake.resources import models_directory
 
@@ -17,6 +22,8 @@ ESTIMATE = np.array([60.001, 0.5, -0.12, 0.08, 8.0, 11.0, 6.0, -0.7, 0.4, 0.9])
 @pytest.fixture
 def result(skewed_target, tmp_path):
     """Return a function that writes `r.json`, with some keys changed."""
+
+    craft = SpacecraftReference(str(MODEL), "bus", "capture_point")
 
     def write(**changes):
         found = Identification(
@@ -29,7 +36,7 @@ def result(skewed_target, tmp_path):
             sample_count=20,
             estimator="least_squares",
             rows="standard",
-            spacecraft=SpacecraftReference(str(MODEL), "bus", "capture_point"),
+            sources=(Source(Request("log.csv", craft), {}, 0.0, 1.0, ""),),
         )
         write_result(tmp_path / "r.json", found)
         document = json.loads((tmp_path / "r.json").read_text()) | changes
@@ -94,7 +101,10 @@ def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
     code, _, stderr = cpid("r.json", *options, "--out", "whole.urdf")
     assert (code, stderr) == (0, "whole.urdf: written; Drake reads the same parameters from it\n")
     np.testing.assert_allclose(target_in("whole.urdf"), ESTIMATE, rtol=1e-12)
-    result(spacecraft={"model": "whole.urdf", "base": "bus", "capture_frame": "capture_point"})
+    craft = {"model": "whole.urdf", "base": "bus", "capture_frame": "capture_point"}
+    request = {"telemetry": "log.csv", "spacecraft": craft}
+    source = {"request": request, "sha256": {}, "start": 0.0, "end": 1.0, "cpid_drake": ""}
+    result(sources=[source])
     (tmp_path / "two.urdf").write_text("mine")
     code, _, stderr = cpid("r.json", *options, "--out", "two.urdf", "--force")
     assert code == 0

@@ -108,8 +108,8 @@ class TestUncertainSpacecraft:
         assert np.all(uncertain > exact)
         assert np.all(uncertain[1:4] > 0.003)
         assert np.all(uncertain[1:4] < 0.02)
-        assert found["sources"][0]["known_bodies"] == self.OPTION
-        assert "--known-bodies" in found["sources"][0]["command"]
+        assert found["sources"][0]["request"]["known_bodies"] == self.OPTION
+        assert "--known-bodies" in read_result("r.json").command
 
     def test_rows_do_not_include_it(self, cpid):
         options = ("--known-bodies", "com=0.01", "--estimator", "least_squares")
@@ -139,7 +139,7 @@ class TestIdentify:
         assert "no motion explains the positions closely" in line
         found = read_result("r.json")
         np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-9)
-        assert found.sources[0].telemetry == str(exact)
+        assert found.sources[0].request.telemetry == str(exact)
 
     def test_intervals_of_few_samples_are_students(self, cpid, zero_momentum_motion, skewed_target):
         """24 rows less ten unknowns are 14 degrees of freedom: 2.14 σ to each side, not 1.96."""

@@ -61,8 +61,8 @@ class TestLogs:
         assert "The logs agree with probability" in stdout
         assert "first.csv   rank 10" in stdout
         result = read_result("both.json")
-        assert [source.telemetry for source in result.sources] == list(halves)
-        assert result.sources[0].command.startswith("cpid identify first.csv second.csv --space")
+        assert [source.request.telemetry for source in result.sources] == list(halves)
+        assert result.command.startswith("cpid identify first.csv second.csv --space")
         assert result.sample_count == sum(log.sample_count for log in result.joint.logs)
         own = [np.ptp(log.intervals, axis=1) for log in result.joint.logs]
         assert np.all(np.ptp(result.intervals, axis=1) < np.minimum(*own))
@@ -109,8 +109,8 @@ class TestPrior:
         both, after = read_result("2.json"), read_result("3.json")
         sigma = np.sqrt(np.diag(both.covariance))
         assert np.all(np.abs(after.parameters - both.parameters) < 0.2 * sigma)
-        assert after.sources[0].prior == "1.json"
-        assert "--prior 1.json" in after.sources[0].command
+        assert after.sources[0].request.prior == "1.json"
+        assert "--prior 1.json" in after.command
 
     def test_a_result_of_rank_nine_is_a_prior(self, cpid, two_samples):
         first, second = two_samples

@@ -24,10 +24,7 @@ from cpid_drake.sensing.sensors import SENSORS
 
 MODEL = models_directory() / "free_flyer/free_flyer.urdf"
 CRAFT = ("--spacecraft", MODEL, "--base", "body", "--capture-frame", "capture_point")
-TRUTH = {
-    *(8.5, 0.26, 0.02, -0.015),
-    *(0.16, 0.19, 0.25, 0.012, -0.008, 0.01),
-}
+TRUTH = [8.5, 0.26, 0.02, -0.015, 0.16, 0.19, 0.25, 0.012, -0.008, 0.01]
 """The target of scenarios/free_flyer_payload.yaml."""
 
 MARKER = np.array([0.12, -0.08, 0.15])

@@ -7,8 +7,8 @@ import pytest
 
 from cpid_drake.identification.convergence import converge
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.requests import Request, identify_file
-from cpid_drake.identification.result import SpacecraftReference
+from cpid_drake.identification.requests import identify_file
+from cpid_drake.identification.result import Request, SpacecraftReference
 
 
 @pytest.mark.slow

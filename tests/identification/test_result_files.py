@@ -17,6 +17,7 @@ from cpid_drake.identification.result import (
     Identification,
     JointEstimate,
     MomentumEstimate,
+    Request,
     SeparateEstimate,
     Source,
     SpacecraftReference,
@@ -36,6 +37,19 @@ def result(skewed_target) -> Identification:
     unknown = np.where(np.arange(10) == 4, np.nan, true)
     delay = EffectEstimate("gyro.delay", "ms", np.array([5.0]), np.array([0.1]), 20.0, "log.csv")
     alone = SeparateEstimate("log.csv", unknown, unknown[:, None] + half, 9, 20, 0.5, ("noise",))
+    craft = SpacecraftReference(
+        "package://mine/mine.urdf", "bus", "arm::gripper", {"mine": "/models"}
+    )
+    request = Request(
+        "log.csv",
+        craft,
+        estimator="least_squares",
+        momentum="unknown",
+        end=30.0,
+        topics={"imu": "/imu"},
+        leave_out_bad=True,
+        prior="prior.yaml",
+    )
     return Identification(
         parameters=true + 1e-3 * rng.normal(size=10),
         covariance=root @ root.T,
@@ -70,23 +84,7 @@ def result(skewed_target) -> Identification:
             Check.of("noise", "the noise is larger", 1.0, 3.0),
         ),
         warnings=("σ of Ixx is large",),
-        spacecraft=SpacecraftReference(
-            "package://mine/mine.urdf", "bus", "arm::gripper", {"mine": "/models"}
-        ),
-        sources=(
-            Source(
-                telemetry="log.csv",
-                sha256="ab12",
-                sensors=None,
-                momentum="unknown",
-                topics={"imu": "/imu"},
-                leave_out_bad=True,
-                command="cpid identify log.csv",
-                start=1.5,
-                end=20.25,
-                cpid_drake="0.1.0",
-            ),
-        ),
+        sources=(Source(request, {"telemetry": "ab12", "prior": None}, 1.5, 20.25, "0.1.0"),),
     )
 
 
@@ -203,13 +201,21 @@ def test_a_file_of_another_version_is_refused_in_one_line(refusal, document, ver
         ("momentum_changes", ["a"], "momentum_changes[0] must be a number, not 'a'"),
         ("warnings", [1], "warnings[0] must be text, not 1"),
         ("estimator", "\ud800", "'\\ud800' is half of a character, which is not text"),
-        ("spacecraft", {"model": "m"}, "spacecraft.base is missing"),
-        ("spacecraft", NAMES | {"bas": "b"}, "unknown key 'spacecraft.bas'; did you mean 'base'?"),
-        ("spacecraft", NAMES | {"packages": "p"}, "spacecraft.packages must be a mapping, not 'p'"),
+        ("sources", [{"start": 1}], "sources[0].request is missing"),
         (
-            "spacecraft",
-            NAMES | {"packages": {"p": 1}},
-            "spacecraft.packages.p must be text, not 1",
+            "sources",
+            [{"request": {"telemetry": "a", "spacecraft": {"model": "m"}}}],
+            "sources[0].request.spacecraft.base is missing",
+        ),
+        (
+            "sources",
+            [{"request": {"telemetry": "a", "spacecraft": NAMES | {"bas": "b"}}}],
+            "unknown key 'sources[0].request.spacecraft.bas'; did you mean 'base'?",
+        ),
+        (
+            "sources",
+            [{"request": {"telemetry": "a", "spacecraft": NAMES | {"packages": {"p": 1}}}}],
+            "sources[0].request.spacecraft.packages.p must be text, not 1",
         ),
     ],
 )

@@ -12,7 +12,7 @@ from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.description import describe
-from cpid_drake.identification.result import Check, SpacecraftReference
+from cpid_drake.identification.result import Check, Request, Source, SpacecraftReference
 from cpid_drake.identification.result_files import write_result
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.report.findings import Findings
@@ -53,7 +53,7 @@ def found():
         sample_count=8,
         estimator="least_squares",
         rows="standard",
-        spacecraft=CRAFT,
+        sources=(Source(Request("log.csv", CRAFT), {}, 0.0, 1.0, ""),),
     )
 
 

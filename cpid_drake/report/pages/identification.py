@@ -67,7 +67,7 @@ def identification_report(
         except InputError as error:
             reason = f"The replay cannot be made: {error}."
             sections.append(Section("Not shown", texts=[reason]))
-    sections.append(provenance_of(result.sources))
+    sections.append(provenance_of(result))
     craft = result.spacecraft
     title = title or f"Target held by {craft.capture_frame if craft else 'a spacecraft'}"
     model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from cpid_drake.identification.requests import Request, identify_file
+from cpid_drake.identification.requests import identify_file
+from cpid_drake.identification.result import Request
 from cpid_drake.report.findings import Findings, Progress, findings_of
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.identification import identification_report

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from cpid_drake.identification.result import Source
+from cpid_drake.identification.result import Identification
 from cpid_drake.report.page import Cell, Section
 from cpid_drake.scenario.run_files import versions
 
@@ -13,18 +13,15 @@ def provenance_section(facts: Sequence[tuple[str, str | Cell]], command: str) ->
     return Section("Provenance", facts=[*facts, ("Report written by", used)], command=command)
 
 
-def provenance_of(sources: Sequence[Source]) -> Section:
+def provenance_of(result: Identification) -> Section:
     """Return the provenance of an identification; without sources if the file names none."""
-    if not sources:
-        return provenance_section([], "")
     facts: list[tuple[str, str | Cell]] = []
-    for source in sources:
-        facts += [
-            ("Telemetry", source.telemetry),
-            ("SHA-256", source.sha256 or "none (a folder)"),
-        ]
-    first = sources[0]
-    facts += [("Map of columns", first.columns)] if first.columns else []
-    facts += [("Prior", first.prior)] if first.prior else []
-    facts.append(("Identified by", f"cpid-drake {first.cpid_drake}"))
-    return provenance_section(facts, first.command)
+    for source in result.sources:
+        facts.append(("Telemetry", source.request.telemetry))
+        facts.append(("SHA-256", source.sha256.get("telemetry") or "none (a folder)"))
+    for source in result.sources[:1]:
+        request = source.request
+        facts += [("Map of columns", request.columns)] if request.columns else []
+        facts += [("Prior", request.prior)] if request.prior else []
+        facts.append(("Identified by", f"cpid-drake {source.cpid_drake or '(not installed)'}"))
+    return provenance_section(facts, result.command)

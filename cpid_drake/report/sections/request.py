@@ -7,17 +7,17 @@ from cpid_drake.report.page import Cell, Section, value_cell
 
 def request_section(result: Identification) -> Section:
     """Return the section that shows the target, the data and the options of the identification."""
-    sources, craft = result.sources, result.spacecraft
+    sources = result.sources
     how = estimator_label(result.estimator) + (f" ({result.rows})" if result.rows else "")
     facts: list[tuple[str, str | Cell]] = []
     for source in sources:
-        facts.append(("Telemetry", source.telemetry))
+        facts.append(("Telemetry", source.request.telemetry))
         facts.append(("Time window", f"{source.start:.6g} to {source.end:.6g} s"))
-    if sources:
-        facts.append(("Sensors", sources[0].sensors or "not given"))
-        facts.append(("Total momentum", sources[0].momentum or "not given"))
-        facts += [("Prior", sources[0].prior)] if sources[0].prior else []
-    if craft is not None:
+    for request in (source.request for source in sources[:1]):
+        craft = request.spacecraft
+        facts.append(("Sensors", request.sensors or "not given"))
+        facts.append(("Total momentum", request.momentum or "not given"))
+        facts += [("Prior", request.prior)] if request.prior else []
         facts.append(("Spacecraft", craft.model))
         facts.append(("Base body", craft.base))
         facts.append(("Capture frame", craft.capture_frame))
