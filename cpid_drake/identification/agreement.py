@@ -16,7 +16,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.intervals import quantile_95
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
-from cpid_drake.identification.result import Check, JointEstimate, SeparateEstimate
+from cpid_drake.identification.result import AGREEMENT, Check, Identification
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 
@@ -33,7 +33,7 @@ def with_agreement(
     own: Mapping[str, Gaussian],
     target: str,
     solution: Callable[[Gaussian], LeastSquaresSolution],
-    logs: Mapping[str, tuple[int, tuple[str, ...]]],
+    counts: Mapping[str, tuple[int, tuple[str, ...]]],
     prior: tuple[TargetPrior, Gaussian] | None = None,
 ) -> SolvedIdentification:
     """Return an identification with the separate estimates, and whether they agree.
@@ -44,7 +44,7 @@ def with_agreement(
         own: what each log tells about them, by its name.
         target: name of the target among the unknowns.
         solution: returns the target of a distribution of all unknowns.
-        logs: number of samples of each log, and the failed checks of its own estimate.
+        counts: number of samples of each log, and the failed checks of its own estimate.
         prior: what is known of the target besides, and the same as a distribution.
 
     """
@@ -52,70 +52,96 @@ def with_agreement(
     one = _with(vague, own, target, [names])
     solutions = {n: solution(_with(vague, own, target, [[n]])) for n in names}
     joint = solution(one)
-    chi_squared, freedom = 0.0, 0
-    tests, others_say = dict.fromkeys(names, (0.0, 0)), {}
+    tests, others_say, checks = dict.fromkeys(names, (0.0, 0)), {}, []
     if len(names) > 1:
         apart = _with(vague, own, target, [[n] for n in names])
-        chi_squared = max(one.least_cost - apart.least_cost, 0.0)
-        freedom = sum(each.rank for each in solutions.values()) - joint.rank
         for name in names:
             others = [n for n in names if n != name]
             two = _with(vague, own, target, [[name], others])
             others_say[name] = solution(_with(vague, own, target, [others]))
             rank = others_say[name].rank + solutions[name].rank - joint.rank
             tests[name] = one.least_cost - two.least_cost, rank
-    probability = _probability(chi_squared, freedom)
-    separate = tuple(
-        _separate(result, name, solutions[name], _probability(*tests[name]), *logs[name])
+        worst = max(names, key=lambda name: tests[name][0] / max(tests[name][1], 1))
+        who = f"{worst} disagrees most with the others"
+        if len(names) == 2:
+            who = f"{names[0]} and {names[1]} contradict each other"
+        freedom = sum(each.rank for each in solutions.values()) - joint.rank
+        sentence = f"the logs do not have the same target (probability {{:.1g}}): {who}"
+        sentence += _difference(result, solutions[worst], others_say[worst])
+        checks.append(_agreement(sentence, one.least_cost - apart.least_cost, freedom))
+    logs = {
+        name: replace(
+            _alone(result, solutions[name]),
+            sample_count=counts[name][0],
+            checks=(
+                _agreement("it differs from the others (probability {:.1g})", *tests[name]),
+                *(Check("one log", sentence) for sentence in counts[name][1]),
+            ),
+        )
         for name in names
-    )
-    estimate = JointEstimate(separate, None, chi_squared, freedom, probability)
-    checks = []
+    }
     warnings = [
         f"{name} determines nothing about the target, and was not used"
         for name in names
         if len(names) > 1 and not solutions[name].rank
     ]
     warnings += result.warnings
-    if freedom:
-        worst = max(names, key=lambda name: tests[name][0] / max(tests[name][1], 1))
-        who = f"{worst} disagrees most with the others"
-        if len(names) == 2:
-            who = f"{names[0]} and {names[1]} contradict each other"
-        sentence = (
-            f"the logs do not have the same target (probability {probability:.1g}): {who}"
-            f"{_difference(result, solutions[worst], others_say[worst])}"
-        )
-        limit = float(chdtri(freedom, CONTRADICTED))
-        checks.append(Check.of("agreement of the logs", sentence, chi_squared, limit))
+    priors: dict[str, Identification] = {}
+    dominated: tuple[str, ...] = ()
     if prior is not None:
         told, rows = prior
         both = one.add(rows)
         rank = int(np.linalg.matrix_rank(rows.R / np.linalg.norm(rows.R, axis=0).clip(1e-300)))
         with_prior = solution(both)
-        vague_and_prior = vague.add(rows)
-        chi_squared, freedom = both.least_cost - one.least_cost, rank + joint.rank - with_prior.rank
-        agrees = _probability(chi_squared, freedom)
         dominated = _dominated(result, joint, with_prior)
-        alone = SeparateEstimate(
-            told.name, told.parameters, told.intervals, rank, 0, agrees, told.doubts
+        what = "the log" if len(names) == 1 else "the logs"
+        sentence = f"{told.name} and {what} contradict each other (probability {{:.1g}})"
+        sentence += _difference(result, solution(vague.add(rows)), joint)
+        freedom = rank + joint.rank - with_prior.rank
+        agrees = _agreement(sentence, both.least_cost - one.least_cost, freedom)
+        failed = [Check("prior", sentence) for sentence in told.doubts]
+        priors[told.name] = Identification(
+            parameters=told.parameters,
+            covariance=told.covariance,
+            intervals=told.intervals,
+            rank=rank,
+            singular_values=np.full(10, np.nan),
+            sample_count=0,
+            estimator="prior",
+            checks=(agrees, *failed),
         )
-        estimate = replace(estimate, prior=alone, dominated=dominated)
         warnings.append(_of_prior(told, dominated))
-        checks += [Check("prior", f"{told.name}: {sentence}") for sentence in told.doubts]
-        if freedom > 0:
-            what = "the log" if len(names) == 1 else "the logs"
-            sentence = (
-                f"{told.name} and {what} contradict each other (probability {agrees:.1g})"
-                f"{_difference(result, solution(vague_and_prior), joint)}"
-            )
-            limit = float(chdtri(freedom, CONTRADICTED))
-            checks.append(Check.of("agreement with the prior", sentence, chi_squared, limit))
+        checks += [replace(each, sentence=f"{told.name}: {each.sentence}") for each in failed]
+        checks.append(replace(agrees, name="agreement with the prior"))
     return replace(
         result,
-        joint=estimate,
+        logs=logs,
+        priors=priors,
+        dominated=dominated,
         warnings=tuple(warnings),
         checks=(*checks, *result.checks),
+    )
+
+
+def _agreement(sentence: str, chi_squared: float, freedom: int) -> Check:
+    """Return the check of a difference; its probability is put into the sentence."""
+    if freedom <= 0:
+        return Check(AGREEMENT, "", passed=True)
+    chi_squared = max(chi_squared, 0.0)
+    sentence = sentence.format(float(chdtrc(freedom, chi_squared)))
+    return Check.of(AGREEMENT, sentence, chi_squared, float(chdtri(freedom, CONTRADICTED)))
+
+
+def _alone(result: SolvedIdentification, solution: LeastSquaresSolution) -> SolvedIdentification:
+    """Return an identification with another solution, without what belongs to all logs."""
+    return SolvedIdentification(
+        result.parameterization,
+        solution,
+        sample_count=result.sample_count,
+        estimator=result.estimator,
+        rows=result.rows,
+        momentum=result.momentum,
+        sensors=result.sensors,
     )
 
 
@@ -139,38 +165,11 @@ def _renamed(gaussian: Gaussian, target: str, k: int) -> Gaussian:
     return replace(gaussian, places=places)
 
 
-def _probability(chi_squared: float, freedom: int) -> float:
-    return float(chdtrc(freedom, max(chi_squared, 0.0))) if freedom > 0 else 1.0
-
-
-def _separate(
-    result: SolvedIdentification,
-    name: str,
-    solution: LeastSquaresSolution,
-    probability: float,
-    count: int,
-    doubts: tuple[str, ...],
-) -> SeparateEstimate:
-    """Return the estimate from one log alone."""
-    alone = replace(result, solution=solution)
-    return SeparateEstimate(
-        name,
-        alone.parameters,
-        alone.intervals,
-        solution.rank,
-        count,
-        probability,
-        doubts,
-    )
-
-
 def _dominated(
     result: SolvedIdentification, logs: LeastSquaresSolution, both: LeastSquaresSolution
 ) -> tuple[str, ...]:
     """Return the parameters that the prior determines more than the logs do."""
-    without, variance = (
-        np.diag(replace(result, solution=each).covariance) for each in (logs, both)
-    )
+    without, variance = (np.diag(_alone(result, each).covariance) for each in (logs, both))
     is_less = ~np.isfinite(without) | (variance < DOMINATED * without)
     return tuple(
         name
@@ -183,7 +182,7 @@ def _difference(
     result: SolvedIdentification, one: LeastSquaresSolution, other: LeastSquaresSolution
 ) -> str:
     """Return the parameter in which two estimates differ most, in words."""
-    pair = [replace(result, solution=each) for each in (one, other)]
+    pair = [_alone(result, each) for each in (one, other)]
     values = np.array([each.parameters for each in pair])
     sigmas = np.sqrt([np.diag(each.covariance) for each in pair])
     ratio = np.abs(values[0] - values[1]) / np.hypot(*sigmas)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.identification.consistency import REACH
-from cpid_drake.identification.result import Identification, JointEstimate
+from cpid_drake.identification.result import Identification
 from cpid_drake.identification.table_setting import MORE_MOTION
 
 ADVICE = (
@@ -85,8 +85,8 @@ def describe(result: Identification, width: int | None = None) -> list[str]:
     for effect in result.effects:
         state = effect.describe() if effect.is_learned else "not determined by these samples"
         lines.append(f"  estimated    {effect.name}: {state}")
-    if result.joint is not None:
-        lines += ["", *_of_joint(result.joint)]
+    if result.logs:
+        lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result, is_marked)] if result.consistency is not None else []
     if not result.is_observable:
         lines += ["", *gap_sentences(result)]
@@ -124,18 +124,15 @@ def _of_bodies(result: Identification, is_marked: bool) -> Iterator[str]:
         )
 
 
-def _of_joint(joint: JointEstimate) -> Iterator[str]:
+def _of_logs(result: Identification) -> Iterator[str]:
     """Yield the lines about the separate estimates of logs and prior."""
-    names = [part.name or "the log" for part in joint.parts]
-    width = max(map(len, names))
-    if len(joint.logs) > 1:
-        yield (
-            f"  The logs agree with probability {joint.probability:.2g} (χ² "
-            f"{joint.chi_squared:.3g} for {joint.freedom} combinations). Each on its own:"
-        )
+    parts = {**result.logs, **result.priors}
+    width = max(map(len, parts))
+    if len(result.logs) > 1:
+        yield f"  The logs {agreement_words(result)}. Each on its own:"
     else:
         yield "  The log and the prior on their own:"
-    for name, part in zip(names, joint.parts):
+    for name, part in parts.items():
         low, high = part.intervals[0]
         places = decimals(high - low)
         mass = "m not known"
@@ -143,8 +140,19 @@ def _of_joint(joint: JointEstimate) -> Iterator[str]:
             mass = f"m = {part.parameters[0]:.{places}f} ± {(high - low) / 2:.{places}f} kg"
         yield (
             f"      {name:{width}}  rank {part.rank:2}  {part.sample_count:7} samples  "
-            f"agrees {part.probability:8.2g}  {mass}"
+            f"{agreement_words(part):18}  {mass}"
         )
+
+
+def agreement_words(result: Identification) -> str:
+    """Return whether an estimate agrees with others, or its parts with one another, in words."""
+    check = result.agreement
+    if check is None or check.statistic is None or check.limit is None:
+        return "have nothing in common" if result.logs else "nothing to compare"
+    verb = "agree" if check.passed else "differ"
+    if result.logs:
+        return f"{verb} (χ² {check.statistic:.3g}; the check fails above {check.limit:.3g})"
+    return f"{verb}s (χ² {check.statistic:.3g})"
 
 
 def gap_sentences(result: Identification) -> list[str]:

@@ -115,7 +115,7 @@ def identify_together(
 
     Each log has its own start, momentum, forces and biases; all logs share the errors of sensors
     and of the spacecraft. The result has a test whether the logs agree, and the separate estimates
-    (`Identification.joint`).
+    (`Identification.logs`).
 
     Args:
         spacecraft: the known spacecraft.

@@ -25,9 +25,11 @@ from cpid_drake.resources import package_folders, resolve_model
 FORMAT = 2
 """Version of the keys of a result file."""
 
+AGREEMENT = "agreement"
+"""Name of the check whether several sources have the same target."""
+
 Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0), Le(2**53)]
-Probability = Annotated[float, Ge(0), Le(1)]
 Ten = Annotated[Array, Numbers(10, unknown=True)]
 Intervals = Annotated[Array, Numbers(10, 2, unknown=True)]
 Rank = Annotated[int, Ge(0), Le(10)]
@@ -189,56 +191,6 @@ class MomentumEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class SeparateEstimate:
-    """The estimate from one log or from the prior alone, beside a joint estimate.
-
-    Attributes:
-        name: the log or the prior.
-        parameters: (10,) π; NaN where not determined.
-        intervals: (10, 2) their 95 % intervals; NaN where not determined.
-        rank: number of determined combinations of the ten unknowns.
-        sample_count: number of samples used; 0 for a prior.
-        probability: of so large a difference from all others if all have the same target.
-        doubts: failed checks of this estimate.
-
-    """
-
-    name: str
-    parameters: Ten
-    intervals: Intervals
-    rank: Rank
-    sample_count: Count
-    probability: Probability
-    doubts: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class JointEstimate:
-    """The logs and the prior of a joint estimate, and whether they agree.
-
-    Attributes:
-        logs: the estimates from each log alone.
-        prior: the prior alone; None without one.
-        chi_squared, freedom: of the test whether the logs agree.
-        probability: of so large a χ² if all logs have the same target; 1 for one log.
-        dominated: names of the parameters that the prior determines more than the logs do.
-
-    """
-
-    logs: tuple[SeparateEstimate, ...]
-    prior: SeparateEstimate | None = None
-    chi_squared: Annotated[float, Ge(0)] = 0.0
-    freedom: Count = 0
-    probability: Probability = 1.0
-    dominated: tuple[str, ...] = ()
-
-    @property
-    def parts(self) -> tuple[SeparateEstimate, ...]:
-        """The separate estimates, that of the prior last."""
-        return self.logs if self.prior is None else (*self.logs, self.prior)
-
-
-@dataclass(frozen=True, eq=False)
 class Consistency:
     """The physically consistent part of the intervals of an estimate.
 
@@ -290,7 +242,9 @@ class Identification:
         effects: estimates of the constant errors that the sensors declare, and of forces.
         undeclared: errors beyond these that the samples show; None if they were not looked for.
         table: what a table that carries the spacecraft leaves to be known; None without a table.
-        joint: the separate estimates, if several logs or a prior were used; else None.
+        logs: the estimates from each log alone, by its name, if several logs or a prior were used.
+        priors: the prior alone, by its name; empty without one.
+        dominated: names of the parameters that the prior determines more than the logs do.
         checks: see `cpid_drake.identification.checks`; those that failed come first.
         warnings: sentences for the reader.
         sources: the logs and their requests; empty if they were no files.
@@ -321,7 +275,9 @@ class Identification:
     effects: tuple[EffectEstimate, ...] = ()
     undeclared: UndeclaredErrors | None = None
     table: TableSetting | None = None
-    joint: JointEstimate | None = None
+    logs: Mapping[str, "Identification"] = field(default_factory=dict)
+    priors: Mapping[str, "Identification"] = field(default_factory=dict)
+    dominated: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
     sources: tuple[Source, ...] = ()
@@ -343,6 +299,11 @@ class Identification:
     def doubts(self) -> tuple[str, ...]:
         """The sentences of the failed checks."""
         return tuple(check.sentence for check in self.checks if not check.passed)
+
+    @property
+    def agreement(self) -> Check | None:
+        """The check whether all logs have this target, or all others have that of one of them."""
+        return next((check for check in self.checks if check.name == AGREEMENT), None)
 
     @property
     def is_trustworthy(self) -> bool:

@@ -55,8 +55,7 @@ def result_text(result: Identification, where: str) -> str:
         InputError: `read_result` would refuse the file.
 
     """
-    tree = {key.name: _plain(getattr(result, key.name)) for key in fields(Identification)}
-    text = json.dumps(tree, indent=2, allow_nan=False) + "\n"
+    text = json.dumps(_plain(result), indent=2, allow_nan=False) + "\n"
     _parse(text.encode(), where)
     return text
 
@@ -64,7 +63,8 @@ def result_text(result: Identification, where: str) -> str:
 def _plain(value: object) -> object:
     """Return a part of the tree as mappings, lists and values."""
     if is_dataclass(value):
-        return {key.name: _plain(getattr(value, key.name)) for key in fields(value)}
+        kept = fields(Identification if isinstance(value, Identification) else value)
+        return {key.name: _plain(getattr(value, key.name)) for key in kept}
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (tuple, list)):

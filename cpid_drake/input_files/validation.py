@@ -13,7 +13,8 @@ from dataclasses import asdict, fields, is_dataclass
 from functools import cache
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import TYPE_CHECKING, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -307,13 +308,8 @@ def _section(schema: type, place: list[int | str]) -> tuple[str, type]:
 
 def _dataclasses(kind: type) -> list[type]:
     """Return the dataclasses of which a value of this type can be."""
-    if get_origin(kind) in (list, dict, tuple):
-        return []
-    return [
-        each
-        for each in (get_args(kind) or (kind,))
-        if is_dataclass(each) and isinstance(each, type)
-    ]
+    choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    return [each for each in choices if is_dataclass(each) and isinstance(each, type)]
 
 
 def _has_unit(value: object) -> bool:

@@ -75,7 +75,7 @@ def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Find
     """
     result = read_result(path)
     text = result_text(result, str(path))
-    if result.joint is not None and len(result.joint.logs) > 1:
+    if len(result.logs) > 1:
         return Findings(result, text, None)
     try:
         evidence = identify_file(request_of_result(result, str(path)), progress)

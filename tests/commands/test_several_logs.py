@@ -58,13 +58,13 @@ class TestLogs:
         options = ("--json", "both.json", "--report", "both.html")
         code, stdout, stderr = cpid("identify", *halves, *FREE_FLYER, *options)
         assert (code, stderr) == (0, "")
-        assert "The logs agree with probability" in stdout
+        assert "The logs agree (χ²" in stdout
         assert "first.csv   rank 10" in stdout
         result = read_result("both.json")
         assert [source.request.telemetry for source in result.sources] == list(halves)
         assert result.command.startswith("cpid identify first.csv second.csv --space")
-        assert result.sample_count == sum(log.sample_count for log in result.joint.logs)
-        own = [np.ptp(log.intervals, axis=1) for log in result.joint.logs]
+        assert result.sample_count == sum(log.sample_count for log in result.logs.values())
+        own = [np.ptp(log.intervals, axis=1) for log in result.logs.values()]
         assert np.all(np.ptp(result.intervals, axis=1) < np.minimum(*own))
         page = Path("both.html").read_text()
         for word in ("second.csv", "together", "Agreement"):

@@ -15,10 +15,8 @@ from cpid_drake.identification.result import (
     Check,
     Consistency,
     Identification,
-    JointEstimate,
     MomentumEstimate,
     Request,
-    SeparateEstimate,
     Source,
     SpacecraftReference,
 )
@@ -36,7 +34,16 @@ def result(skewed_target) -> Identification:
     half = np.array([-1.0, 2.0])
     unknown = np.where(np.arange(10) == 4, np.nan, true)
     delay = EffectEstimate("gyro.delay", "ms", np.array([5.0]), np.array([0.1]), 20.0, "log.csv")
-    alone = SeparateEstimate("log.csv", unknown, unknown[:, None] + half, 9, 20, 0.5, ("noise",))
+    alone = Identification(
+        parameters=unknown,
+        covariance=np.eye(10),
+        intervals=unknown[:, None] + half,
+        rank=9,
+        singular_values=np.ones(10),
+        sample_count=20,
+        estimator="least_squares",
+        checks=(Check.of("agreement", "it differs", 3.0, 2.0),),
+    )
     craft = SpacecraftReference(
         "package://mine/mine.urdf", "bus", "arm::gripper", {"mine": "/models"}
     )
@@ -78,7 +85,9 @@ def result(skewed_target) -> Identification:
             HeldOut(3.0, ("gyro.delay",), 4.0),
         ),
         table=TableSetting(np.array([0.0, 0.0, 1.0]), np.eye(3), unknown[3:7], np.eye(4)),
-        joint=JointEstimate((alone,), alone, 3.0, 2, 0.2, ("m",)),
+        logs={"log.csv": alone},
+        priors={"the prior": alone},
+        dominated=("m",),
         checks=(
             Check("misfit", "the fit misses the samples", 4.0, 3.0),
             Check.of("noise", "the noise is larger", 1.0, 3.0),
@@ -127,7 +136,7 @@ def test_what_is_written_is_read_back_to_the_last_digit(result, tmp_path):
 
 def test_no_branch_of_the_tree_is_left_out_of_this_test(result):
     values = [getattr(result, key.name) for key in fields(result)]
-    assert all(isinstance(value, np.ndarray) or value not in (None, (), "") for value in values)
+    assert all(isinstance(value, np.ndarray) or value not in (None, (), "", {}) for value in values)
 
 
 def test_a_failed_check_is_a_doubt(result):
@@ -197,7 +206,8 @@ def test_a_file_of_another_version_is_refused_in_one_line(refusal, document, ver
         ("solution", 1, "unknown key 'solution'"),
         ("checks", [{"name": "a"}], "checks[0].sentence is missing"),
         ("checks", [{"nam": "a"}], "unknown key 'checks[0].nam'; did you mean 'name'?"),
-        ("joint", {"logs": [{"rank": -1}]}, "joint.logs[0].rank must be a whole number >= 0"),
+        ("logs", {"a": {"rank": -1}}, "logs.a.rank must be a whole number >= 0, not -1"),
+        ("logs", {"a": {"rnk": 1}}, "unknown key 'logs.a.rnk'; did you mean 'rank'?"),
         ("momentum_changes", ["a"], "momentum_changes[0] must be a number, not 'a'"),
         ("warnings", [1], "warnings[0] must be text, not 1"),
         ("estimator", "\ud800", "'\\ud800' is half of a character, which is not text"),

@@ -41,7 +41,7 @@ def identification_report(
         *before,
         request_section(result),
         result_section(result, findings.truth),
-        *([] if result.joint is None else [logs_section(result, result.joint)]),
+        *([logs_section(result)] if result.logs else []),
         warnings_section(result, None if log is None else log.evidence.found),
     ]
     if result.effects:
