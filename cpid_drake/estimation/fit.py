@@ -133,7 +133,7 @@ def fit(
         damping = max(damping, 1e-12)
         left = now.cost - total.cost(total.solve(held=held))  # a damped step may be small anywhere
         converged = settled and left < CLOSE  # with weights that are those of the residuals
-        settled = left < SETTLED * max(now.cost, sum(r.count for r in now.rolled))
+        settled = fall < SETTLED * max(now.cost, sum(r.count for r in now.rolled))
         now, total = tried, total.moved(step)
     return Fit(model, now.values, now.logs, now.rolled, total, now.cost, sweeps, converged)
 

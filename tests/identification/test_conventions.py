@@ -103,9 +103,7 @@ def test_time_stamps_in_nanoseconds_are_refused(craft, skewed_target):
     names = ("attitude", "position", "encoders")
     slow = {n: Samples(1e9 * log[n].time, log[n].value) for n in names}
     slow |= {n: log[n].where(slice(0)) for n in ("gyro", "velocity", "joint_rates")}
-    with pytest.raises(
-        InputError, match=r"s apart if the time is in seconds: it must be in s"
-    ):
+    with pytest.raises(InputError, match=r"s apart if the time is in seconds: it must be in s"):
         identify(craft, log.updated(slow))
 
 
