@@ -77,6 +77,8 @@ def fit_with_events(
     for last in [False] * (ROUNDS - 1) + [True]:
         logs = [opened(model, log, range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values)
+        if not wide.converged:  # changes do not explain the samples
+            return found, []
         changes = _changes(model, wide, question, rows)
         if last or not any(changes):
             break
