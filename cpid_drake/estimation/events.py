@@ -19,6 +19,7 @@ from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
+from cpid_drake.estimation.smoothness import FAR
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
 
@@ -77,8 +78,8 @@ def fit_with_events(
     for last in [False] * (ROUNDS - 1) + [True]:
         logs = [opened(model, log, range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values)
-        if not wide.converged:  # changes do not explain the samples
-            return found, []
+        if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
+            return found, []  # changes do not explain the samples
         changes = _changes(model, wide, question, rows)
         if last or not any(changes):
             break
