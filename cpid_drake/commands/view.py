@@ -102,7 +102,7 @@ def _replay_log(request: "Request", console: Console) -> tuple[str, str]:
 
     with console.status("identifying") as status:
         evidence = identify_file(request, status.update)
-        estimates = converge(evidence, status.update).estimates
+        estimates = converge(evidence, status.update)
         status.update("drawing")
         title = Path(request.telemetry).name
         page = replay_html(evidence.spacecraft, motion_of(evidence), estimates, title=title)

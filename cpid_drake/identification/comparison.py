@@ -288,11 +288,9 @@ def _evidence(gaussian: Gaussian, found: Fit, question: Question, free: Sequence
     )
 
 
-def _declarations(
-    everything: SensorSuite, effects: tuple[EffectEstimate, ...]
-) -> tuple[tuple[str, str, float], ...]:
+def _declarations(everything: SensorSuite, effects: tuple[EffectEstimate, ...]) -> tuple[str, ...]:
     """Return what to add to the sensors' file; σ is plausible, and as large as each estimate."""
-    sizes: dict[tuple[str, str], float] = {}
+    sections: dict[str, dict[str, float]] = {}
     for effect in effects:
         section, _, kind = effect.name.rpartition(".")
         source = everything[section] if section in SENSORS else everything.disturbances
@@ -301,6 +299,9 @@ def _declarations(
         size = max(effect.prior_sigma, float(np.abs(effect.value).max()))
         if effect.unit == "%":  # the file has the share itself
             size /= 100
-        place = section or "disturbances", field
-        sizes[place] = max(float(f"{size:.1e}"), sizes.get(place, 0.0))
-    return tuple((*place, size) for place, size in sizes.items())
+        sizes = sections.setdefault(section or "disturbances", {})
+        sizes[field] = max(float(f"{size:.1e}"), sizes.get(field, 0.0))
+    return tuple(
+        f"{section}: {{{', '.join(f'{field}: {size:g}' for field, size in sizes.items())}}}"
+        for section, sizes in sections.items()
+    )

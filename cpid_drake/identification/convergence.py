@@ -1,7 +1,6 @@
 """Convergence: estimates from growing parts of a log."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.requests import Evidence
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.sensing.measurement_stream import MeasurementStream, Stream, time_interval
 from cpid_drake.sensing.measurements import Measurements
 
@@ -19,27 +18,11 @@ _SHORTEST_PART = 10.0
 """Shortest part of a long log from which the target is identified [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Convergence:
-    """Estimates from the samples so far, at K times.
-
-    Attributes:
-        time: (K,) [s].
-        parameters: (K, 10); NaN while not known.
-        intervals: (K, 10, 2) 95 % intervals.
-        estimates: (time, identification) at the times for which there is one.
-
-    """
-
-    time: NDArray[np.float64]
-    parameters: NDArray[np.float64]
-    intervals: NDArray[np.float64]
-    estimates: tuple[tuple[float, Identification], ...]
+Estimates = Sequence[tuple[float, SolvedIdentification]]
+"""Identifications from the samples up to some times [s]; those that are not possible are absent."""
 
 
-def converge(
-    evidence: Evidence, progress: Callable[[str], None] = lambda step: None
-) -> Convergence:
+def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: None) -> Estimates:
     """Identify from growing parts of the samples, in the same way as from all samples.
 
     Args:
@@ -59,7 +42,6 @@ def converge(
         halves = [end * 0.5**k for k in reversed(range(count))]
         times = np.array([time for time in halves if time >= min(_SHORTEST_PART, end)])
         count = len(times)
-    parameters, bands = np.full((count, 10), np.nan), np.full((count, 10, 2), np.nan)
     estimates = []
     for k, time in enumerate(times):
         progress(f"identifying from the first {time:.4g} of {end:.4g} s")
@@ -79,10 +61,8 @@ def converge(
                 )
         except InputError:  # too few samples, or nothing moves yet
             continue
-        parameters[k] = found.parameters
-        bands[k] = found.intervals
         estimates.append((float(time), found))
-    return Convergence(times, parameters, bands, tuple(estimates))
+    return estimates
 
 
 def beginning_of(

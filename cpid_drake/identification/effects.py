@@ -122,7 +122,7 @@ class UndeclaredErrors:
     Attributes:
         effects: their estimates; empty if the declared errors explain the log.
         suspected: probability of every other candidate to act.
-        fields: what to add to the sensors' file: section, field and σ of each error.
+        declaration: what to add to the sensors' file: one line of YAML for each section.
         alone: gain of the log evidence by each candidate alone, the largest first.
         held_out: prediction of samples that did not choose them; None without effects, and for a
             log that is too short.
@@ -131,7 +131,7 @@ class UndeclaredErrors:
 
     effects: tuple[EffectEstimate, ...]
     suspected: dict[str, float]
-    fields: tuple[tuple[str, str, float], ...]
+    declaration: tuple[str, ...]
     alone: tuple[tuple[str, float], ...]
     held_out: HeldOut | None = None
 
@@ -139,14 +139,6 @@ class UndeclaredErrors:
     def is_proposed(self) -> bool:
         """Whether these errors are proposed: samples that did not choose them confirm them."""
         return bool(self.effects) and (self.held_out is None or self.held_out.is_better)
-
-    @property
-    def declaration(self) -> list[str]:
-        """What to add to the sensors' file: one line of YAML for each section."""
-        sections: dict[str, list[str]] = {}
-        for section, field, value in self.fields:
-            sections.setdefault(section, []).append(f"{field}: {value:g}")
-        return [f"{name}: {{{', '.join(entries)}}}" for name, entries in sections.items()]
 
     def describe(self) -> str:
         """Return the errors in words."""

@@ -14,7 +14,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.spatial_inertia import second_moment
 from cpid_drake.estimation.whiteness import autocorrelation
-from cpid_drake.identification.convergence import Convergence
+from cpid_drake.identification.convergence import Estimates
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.report.findings import IdentifiedLog
 from cpid_drake.report.pictures import Picture, together
@@ -34,14 +34,14 @@ FIGURE_FILES = tuple(
 
 
 def convergence_pictures(
-    convergence: Convergence, truth: InertialParameters | None = None
+    estimates: Estimates, truth: InertialParameters | None = None
 ) -> list[Picture]:
     """Return a picture for each parameter: its estimates over time, with 95 % intervals."""
     return [
         Picture(
             f"convergence-{name}",
             f"{name} over time with its 95 % interval",
-            partial(_draw_parameter, convergence, truth, i),
+            partial(_draw_parameter, estimates, truth, i),
         )
         for i, name in enumerate(PARAMETER_NAMES)
     ]
@@ -110,10 +110,9 @@ def write_figures(
     folder: Path, log: IdentifiedLog, truth: InertialParameters | None = None
 ) -> list[Path]:
     """Write the figures as PNG and SVG files into an existing folder; return the files."""
-    evidence, convergence = log.evidence, log.convergence
-    found = evidence.found
+    evidence, found = log.evidence, log.evidence.found
     pictures = [
-        together("convergence", convergence_pictures(convergence, truth), 2),
+        together("convergence", convergence_pictures(log.estimates, truth), 2),
         together("residuals", residual_pictures(found), 2),
         singular_value_picture(found.singular_values),
         together("base-motion", motion_pictures(evidence.excerpt.measurements), 2),
@@ -132,19 +131,21 @@ def write_figures(
 
 
 def _draw_parameter(
-    convergence: Convergence, truth: InertialParameters | None, i: int, figure: Figure
+    estimates: Estimates, truth: InertialParameters | None, i: int, figure: Figure
 ) -> None:
     axes = figure.subplots()
     true = None if truth is None else float(truth.to_vector()[i])
-    time, value = convergence.time, convergence.parameters[:, i]
-    low, high = convergence.intervals[:, i].T
+    time = np.array([time for time, _ in estimates])
+    value = np.array([found.parameters[i] for _, found in estimates])
+    bands = np.array([found.intervals[i] for _, found in estimates])
+    low, high = bands.T
     axes.fill_between(time, low, high, color=COLORS[0], alpha=0.22, linewidth=0)
     axes.plot(time, value, "o-", color=COLORS[0], markersize=3, linewidth=1.2)
     if true is not None:
         axes.axhline(true, color=COLORS[1], linewidth=1.2, linestyle="--")
     label_axes(axes, PARAMETER_NAMES[i], _TIME, f"[{PARAMETER_UNITS[i]}]")
     axes.set_xlim(0.0, time[-1])
-    limits = _limits(convergence.parameters[:, i], convergence.intervals[:, i], true)
+    limits = _limits(value, bands, true)
     if limits is None:
         axes.set_yticks([])
         axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.identification.convergence import Convergence, converge
+from cpid_drake.identification.convergence import Estimates, converge
 from cpid_drake.identification.joint_requests import JointEvidence
 from cpid_drake.identification.requests import Evidence, identify_file, request_of_result
 from cpid_drake.identification.result import Identification
@@ -25,7 +25,7 @@ class IdentifiedLog:
     """A log with its identification, and estimates from growing parts of it."""
 
     evidence: Evidence
-    convergence: Convergence
+    estimates: Estimates
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,7 +80,7 @@ def result(skewed_target) -> Identification:
         undeclared=UndeclaredErrors(
             (delay,),
             {"gyro.scale": 0.2},
-            (("gyro", "delay_ms", 20.0),),
+            ("gyro: {delay_ms: 20}",),
             (("gyro.delay", 12.5),),
             HeldOut(3.0, ("gyro.delay",), 4.0),
         ),

@@ -55,7 +55,7 @@ def identification_report(
         sections += [observability_section(result), Section("Not shown", texts=[reason])]
     else:
         sections += [
-            convergence_section(log.convergence, findings.truth),
+            convergence_section(log.estimates, findings.truth),
             residuals_section(log.evidence.found),
             observability_section(result),
             sensors_section(log.evidence),

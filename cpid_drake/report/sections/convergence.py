@@ -3,14 +3,14 @@
 import numpy as np
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.identification.convergence import Convergence
+from cpid_drake.identification.convergence import Estimates
 from cpid_drake.report.figures import convergence_pictures
 from cpid_drake.report.page import Section
 
 
-def convergence_section(convergence: Convergence, truth: InertialParameters | None) -> Section:
+def convergence_section(estimates: Estimates, truth: InertialParameters | None) -> Section:
     """Return the section with the estimates from growing parts of the log."""
-    if np.isnan(convergence.parameters).all():
+    if all(np.isnan(found.parameters).all() for _, found in estimates):
         return Section("Convergence", texts=["No part of the log determines any parameter."])
     text = (
         "Estimates from the samples up to each time, with their 95 % intervals as a band. The axes "
@@ -18,5 +18,5 @@ def convergence_section(convergence: Convergence, truth: InertialParameters | No
         "point the samples do not determine the parameter yet."
     )
     dashed = "" if truth is None else " Dashed line: true value."
-    pictures = convergence_pictures(convergence, truth)
+    pictures = convergence_pictures(estimates, truth)
     return Section("Convergence", texts=[text + dashed], pictures=pictures)

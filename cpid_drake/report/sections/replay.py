@@ -31,7 +31,7 @@ def replay_section(findings: Findings, log: IdentifiedLog) -> Section:
     page = replay_html(
         log.evidence.spacecraft,
         motion,
-        log.convergence.estimates,
+        log.estimates,
         truth=findings.truth,
         visual_model=findings.visual_model,
         title=Path(log.evidence.request.telemetry).name,
