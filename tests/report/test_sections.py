@@ -21,6 +21,7 @@ from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.replay import estimate_text
 from cpid_drake.report.sections.residuals import residuals_section
 from cpid_drake.report.sections.result import result_section
+from cpid_drake.report.sections.warnings import warnings_section
 from cpid_drake.sensing.presets import load_sensors
 
 TARGET = InertialParameters(10.0, [0.1, -0.2, 0.3], np.diag([2.0, 3.0, 4.0]))
@@ -122,5 +123,9 @@ def test_a_page_whose_check_failed_says_so_first(found):
         page = identification_report(Findings(result, "{}", None, "no log"))
         assert ("a check failed" in page.title) == bool(checks)
         assert page.subtitle.startswith(f"Do not use this estimate: {doubt}.") == bool(checks)
+        passed = Check.of("misfit", "", 1.5, 3.0)
+        table = warnings_section(replace(found, checks=(*checks, passed)), None).tables[0]
+        assert column(table, "statistic") == [*("" for _ in checks), "1.5"]
+        assert [row[-1] for row in table.rows] == [*("failed" for _ in checks), "passed"]
     assert "a check failed</title>" in page.html()
     assert "Do not use this estimate: the momentum is &lt;not&gt; zero." in page.html()

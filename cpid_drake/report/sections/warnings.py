@@ -1,9 +1,9 @@
-"""The section with the warnings."""
+"""The section with the warnings and the checks."""
 
 import numpy as np
 
 from cpid_drake.identification.result import Identification
-from cpid_drake.report.page import Section
+from cpid_drake.report.page import Cell, Section, Table
 
 
 def warnings_section(result: Identification, again: Identification | None) -> Section:
@@ -25,4 +25,17 @@ def warnings_section(result: Identification, again: Identification | None) -> Se
                 "the result file, and the figures below show the new ones. The model, the "
                 "sensors or the software have changed since the result file was written."
             )
-    return Section("Warnings", warnings=texts, texts=[] if texts else ["None."])
+    tables = [_checks(result)] if result.checks else []
+    return Section("Warnings", warnings=texts, texts=[] if texts else ["None."], tables=tables)
+
+
+def _checks(result: Identification) -> Table:
+    rows: list[list[Cell | str]] = []
+    for k, check in enumerate(result.checks):
+        numbers = {"statistic": check.statistic, "limit": check.limit}
+        cells = [
+            Cell("" if number is None else f"{number:.3g}", number, f"checks.{k}.{key}")
+            for key, number in numbers.items()
+        ]
+        rows.append([check.name, *cells, "passed" if check.passed else "failed"])
+    return Table(["", "statistic", "limit", ""], rows, "Checks of the assumptions of the estimate")
