@@ -171,10 +171,10 @@ def run(
         found, known = craft.estimate(), history.sigma[-1]
         said = "not all ten known" if np.isnan(known) else f"worst σ {100 * known:.3g} %"
         print(f"motion {count}: planned in {seconds:.1f} s, {said}", flush=True)
-        if known <= precision and not found.doubts:
+        if known <= precision and not found.failures:
             break
         prior = (
-            None if found.doubts else TargetPrior("estimate", found.parameters, found.covariance)
+            None if found.failures else TargetPrior("estimate", found.parameters, found.covariance)
         )
         problem = next_problem(problem, prior)
     else:

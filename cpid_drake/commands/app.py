@@ -28,7 +28,7 @@ EXIT_CODES = {
     0: "success",
     2: "bad input or usage, or an output that cannot be written",
     3: "the data do not determine all ten parameters",
-    4: "the answer is not trustworthy",
+    4: "a check of the answer failed",
     130: "interrupted",
 }
 """The exit codes of all commands and their meanings."""

@@ -41,7 +41,7 @@ def export(
     ] = False,
     allow_failed_checks: Annotated[
         bool,
-        typer.Option("--allow-failed-checks", help="Export a result that is not trustworthy too."),
+        typer.Option("--allow-failed-checks", help="Export a result although a check failed."),
     ] = False,
     force: ForceOption = False,
 ) -> None:
@@ -52,10 +52,10 @@ def export(
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
     found = read_result(result)
-    if found.doubts and not allow_failed_checks:
+    if found.failures and not allow_failed_checks:
         raise InputError(
-            f"{result}: nothing exported, because the result is not trustworthy: "
-            f"{found.doubts[0]}; --allow-failed-checks exports it all the same"
+            f"{result}: nothing exported, because a check of the result failed: "
+            f"{found.failures[0]}; --allow-failed-checks exports it all the same"
         )
     parameters = _parameters(found, raw, result)
     spacecraft = None

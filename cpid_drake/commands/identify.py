@@ -12,7 +12,7 @@ from cpid_drake.output_files.overwriting import PAGE, RESULT, Output, check_outp
 NOT_ALL_KNOWN = 3
 """Exit code if the data do not determine all ten parameters."""
 
-NOT_TRUSTWORTHY = 4
+CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""
 
 
@@ -47,7 +47,7 @@ def identify(
     """Identify the target that a spacecraft holds from logs of the spacecraft's motion.
 
     Exit codes: 0 all ten parameters are known, on a table the four that can be; 2 bad input or
-    usage; 3 not all are determined; 4 not trustworthy: the first line says why.
+    usage; 3 not all are determined; 4 a check failed: the first line says which.
     """
     outputs = [
         Output(option, path, kind)
@@ -93,6 +93,6 @@ def identify(
             "all that can act on the motion"
         ]
         options.print_lines([*(nothing if undeclared is None else undeclared.lines())])
-    if result.doubts:
-        return NOT_TRUSTWORTHY
+    if result.failures:
+        return CHECK_FAILED
     return 0 if result.is_complete else NOT_ALL_KNOWN

@@ -96,7 +96,7 @@ def _comparisons(
         log = check_log(craft, found.measurements)
     except InputError as error:
         return [str(error)], warnings, unchecked
-    return list(log.doubts), [*warnings, *log.warnings], [*unchecked, *log.unchecked]
+    return list(log.failures), [*warnings, *log.warnings], [*unchecked, *log.unchecked]
 
 
 @telemetry.command(name="map")
@@ -156,8 +156,8 @@ def map_columns(
         raise InputError(f"{file}: does not agree with this map: {error}") from error
     if guess.missing:
         raise InputError(f"{file}: complete this map: {'; '.join(guess.missing)}")
-    if checked.doubts:
-        raise InputError(f"{file}: does not agree with this map: {checked.doubts[0]}")
+    if checked.failures:
+        raise InputError(f"{file}: does not agree with this map: {checked.failures[0]}")
     for warning in checked.warnings:
         log.print(f"warning: {warning}")
     if out is not None:

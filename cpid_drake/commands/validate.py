@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cpid_drake.commands import options
-from cpid_drake.commands.identify import NOT_TRUSTWORTHY
+from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import VALIDATION, Output, check_outputs
@@ -134,13 +134,13 @@ def validate(
             "telemetry": telemetry,
         }
         write_text(json_file, json.dumps(content, indent=2) + "\n")
-    for doubt in found.doubts:
-        console.print(f"warning: the result is not trustworthy: {doubt}")
+    for failure in found.failures:
+        console.print(f"warning: failed check of the result: {failure}")
     for warning in validation.warnings:
         console.print(f"warning: {warning}")
     if not quiet:
         options.print_lines(_described(validation, threshold))
-    return 0 if is_valid else NOT_TRUSTWORTHY
+    return 0 if is_valid else CHECK_FAILED
 
 
 def _described(validation: "Validation", threshold: float) -> list[str]:

@@ -99,7 +99,7 @@ def with_agreement(
         sentence += _difference(result, solution(vague.add(rows)), joint)
         freedom = rank + joint.rank - with_prior.rank
         agrees = _agreement(sentence, both.least_cost - one.least_cost, freedom)
-        failed = [Check("prior", sentence) for sentence in told.doubts]
+        failed = [Check("prior", sentence) for sentence in told.failures]
         priors[told.name] = Identification(
             parameters=told.parameters,
             covariance=told.covariance,

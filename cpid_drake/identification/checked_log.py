@@ -58,7 +58,7 @@ class CheckedLog:
         warnings: joints that the spacecraft does not have, weak contradictions in the log,
             and positions beyond the joints' limits.
         normal_B: (3,) normal in B of a table that carries the spacecraft; None without one.
-        doubts: failed checks: contradictions between positions, rates, and the conservation of
+        failures: failed checks: contradictions between positions, rates, and the conservation of
             momentum, and reasons why no table can have carried the spacecraft.
         unchecked: what could not be checked, each with the reason.
         first_burn: time at which thrusters first fire by the log of thrust [s]; infinite if never.
@@ -72,7 +72,7 @@ class CheckedLog:
     rejected: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     normal_B: NDArray[np.float64] | None = None
-    doubts: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
     unchecked: tuple[str, ...] = ()
     first_burn: float = np.inf
 
@@ -148,7 +148,7 @@ def check_log(
     joints = [body for body in spacecraft.tree.bodies if body.joint >= 0]
     sliding = [spacecraft.joint_names[body.joint] for body in joints if body.prismatic]
     consistency = check_consistency(beginning, sliding)
-    spacecraft, notes, doubts = placed(spacecraft, beginning, planar)
+    spacecraft, notes, failures = placed(spacecraft, beginning, planar)
     tree = spacecraft.tree
     motion = MotionFindings(unchecked=["unit and point of the position, signs of joints (table)"])
     if tree.normal_B is None or tree.normal_C is not None:  # else its centre of mass may rise
@@ -171,11 +171,11 @@ def check_log(
         *beyond,
         *(degrees if agrees else ()),
     )
-    doubts = (
+    failures = (
         *consistency.errors,
         *motion.errors,
         *(() if agrees else degrees),
-        *doubts,
+        *failures,
     )
     stream: MeasurementStream = stream_of(beginning)
     if is_long:
@@ -191,7 +191,7 @@ def check_log(
         rejected,
         warnings,
         tree.normal_B,
-        doubts,
+        failures,
         tuple(unchecked),
         float(first_burn),
     )

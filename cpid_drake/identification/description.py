@@ -45,10 +45,10 @@ def describe(result: Identification, width: int | None = None) -> list[str]:
     how = result.estimator + (f" with {result.rows} rows" if result.rows else "")
     source = result.sources[0] if len(result.sources) == 1 else None
     frame = "" if result.spacecraft is None else f" in {result.spacecraft.capture_frame}"
-    doubts = [f"not trustworthy: {doubt}" for doubt in result.doubts]
+    failures = [f"failed check: {failure}" for failure in result.failures]
     window = f" in {source.start:.6g} to {source.end:.6g} s" if source else ""
     lines = [
-        *doubts,
+        *failures,
         f"Target{frame}, by {how}, from {result.sample_count} samples{window}",
         "",
     ]
@@ -163,7 +163,7 @@ def gap_sentences(result: Identification) -> list[str]:
     which = "Not all ten" if table is None else "Not all of them"
     lines = [*([] if table is None else table.sentences())]
     lines.append(f"{which} are known: {result.not_observable}.")
-    if table is not None or not result.doubts:  # else another motion would not help
+    if table is not None or not result.failures:  # else another motion would not help
         lines.append(f"To see the rest: {ADVICE if table is None else MORE_MOTION}.")
     return lines
 
@@ -203,7 +203,7 @@ def residual_words(result: Identification) -> str:
         return f"{text}: {white.correlation_time:.3g} samples count as one in the intervals"
     if white.is_negligible:
         return f"{text}, but they are much smaller than the noise"
-    return f"{text}: {'a check failed' if result.doubts else 'the intervals include it'}"
+    return f"{text}: {'a check failed' if result.failures else 'the intervals include it'}"
 
 
 def _consistency(result: Identification) -> str:

@@ -171,8 +171,10 @@ def _tested(
             alone = replace(log, noise=by_itself.noise, weights=by_itself.weights)
         own[log.name] = conditioned(sweep(found.model, alone, rolled, found.values).gaussian)
         where = f"{log.name}: "
-        doubts = tuple(text.removeprefix(where) for text in result.doubts if text.startswith(where))
-        logs[log.name] = _counts(replace(found, logs=[alone]))[1], doubts
+        failures = tuple(
+            text.removeprefix(where) for text in result.failures if text.startswith(where)
+        )
+        logs[log.name] = _counts(replace(found, logs=[alone]))[1], failures
     return with_agreement(
         result,
         conditioned(prior_of(found.model, found.logs, found.values, ())),

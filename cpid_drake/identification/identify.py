@@ -174,7 +174,7 @@ def identify_together(
         found = replace(found, table=TableSetting(table))
     found = with_consistency(found, spacecraft.tree)
     found = checked(_with_logs(found, logged, record, known_bodies))
-    if len(logs) == 1 and found.doubts and not log.doubts:
+    if len(logs) == 1 and found.failures and not log.failures:
         convention = convention_of(spacecraft.tree, log.head, sensors)
         if convention is not None:
             first, *rest = found.checks  # the first failed
@@ -225,7 +225,7 @@ def _with_logs(
         if added and not record.uses_added_sensors:
             unused = ", ".join(SENSORS[n].label for n in added)
             said.append(f"{record.name} does not use the samples of {unused}")
-        failed = list(log.doubts)
+        failed = list(log.failures)
         if log.has_thrust and not record.uses_thrust:
             failed.append(THRUST_NOT_USED.format(f"{log.first_burn:.4g}", record.name))
         warnings += [where + text for text in said]

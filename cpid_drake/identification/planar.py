@@ -54,7 +54,7 @@ PROPOSED = (
 def placed(
     spacecraft: Spacecraft, measurements: Measurements, planar: bool | None
 ) -> tuple[Spacecraft, tuple[str, ...], tuple[str, ...]]:
-    """Return the spacecraft, on a table if the log is one of a table, with warnings and doubts.
+    """Return the spacecraft, on a table if the log is one of a table, and what is said of that.
 
     Args:
         spacecraft: the known spacecraft.
@@ -72,7 +72,7 @@ def placed(
             return spacecraft, ((PROPOSED,) if looks else ()), ()
         normal = normal_in_base(measurements.attitude.value)
         spacecraft = spacecraft.on_table(normal)
-    return spacecraft, warnings, doubts_of(normal, measurements)
+    return spacecraft, warnings, failures_of(normal, measurements)
 
 
 def in_frame(spacecraft: Spacecraft, R_CF: NDArray[np.float64]) -> Spacecraft:
@@ -153,7 +153,7 @@ def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest if normal @ nearest > np.cos(LEVEL) else normal
 
 
-def doubts_of(normal_B: NDArray[np.float64], measurements: Measurements) -> tuple[str, ...]:
+def failures_of(normal_B: NDArray[np.float64], measurements: Measurements) -> tuple[str, ...]:
     """Return the reasons why no table can have carried the base of a log."""
     return _contradictions(normal_B, measurements.attitude.value, measurements.position.value)
 

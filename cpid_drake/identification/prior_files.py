@@ -91,11 +91,11 @@ def prior_of_result(
                 f"{where}: the prior determines combinations of parameters for a spacecraft of "
                 f"{found.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"
             )
-        return TargetPrior(name, result.parameters, result.covariance, found, result.doubts)
+        return TargetPrior(name, result.parameters, result.covariance, found, result.failures)
     parameters = np.where(np.isfinite(np.diag(result.covariance)), result.parameters, np.nan)
     if not np.isfinite(parameters).any():
         raise InputError(f"{where}: the prior determines no parameter")
-    return TargetPrior(name, parameters, result.covariance, None, result.doubts)
+    return TargetPrior(name, parameters, result.covariance, None, result.failures)
 
 
 def _of_config(config: PriorConfig, where: str) -> TargetPrior:

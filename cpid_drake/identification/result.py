@@ -296,7 +296,7 @@ class Identification:
         return first.command([other.telemetry for other in others])
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def failures(self) -> tuple[str, ...]:
         """The sentences of the failed checks."""
         return tuple(check.sentence for check in self.checks if not check.passed)
 
@@ -306,9 +306,9 @@ class Identification:
         return next((check for check in self.checks if check.name == AGREEMENT), None)
 
     @property
-    def is_trustworthy(self) -> bool:
+    def passed(self) -> bool:
         """Whether nothing contradicts the assumptions behind the estimate and its intervals."""
-        return not self.doubts
+        return not self.failures
 
     @property
     def is_observable(self) -> bool:
@@ -355,7 +355,7 @@ class Identification:
             return f"{known} parameters (condition {self.condition or np.inf:.3g})"
         if self.table is not None:
             return f"{known}; {' '.join(self.table.sentences())}"
-        if self.doubts:  # another motion would not help
+        if self.failures:  # another motion would not help
             return f"{known}: {self.not_observable}"
         return (
             f"{known}: {self.not_observable}; turn the target about further axes, or wait for more "

@@ -43,7 +43,7 @@ class TargetPrior:
         covariance: (10, 10) of `parameters`; NaN where not known.
         combinations: a prior that determines combinations of parameters, in place of the
             parameters; None if `parameters` contains everything.
-        doubts: reasons not to trust the prior.
+        failures: reasons not to trust the prior.
 
     """
 
@@ -51,7 +51,7 @@ class TargetPrior:
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
     combinations: Combinations | None = None
-    doubts: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
 
     @property
     def intervals(self) -> NDArray[np.float64]:

@@ -59,7 +59,7 @@ def combined(
     found = replace(
         found,
         warnings=tuple(_of_each(logs, "warnings")),
-        checks=tuple(Check("one log", text) for text in _of_each(logs, "doubts")),
+        checks=tuple(Check("one log", text) for text in _of_each(logs, "failures")),
     )
     return with_agreement(
         found,
@@ -67,7 +67,7 @@ def combined(
         {log.name: log.target for log in logs},
         TARGET,
         lambda gaussian: solution_of(gaussian.marginal([TARGET]), nominal, scale),
-        {log.name: (log.found.sample_count, log.found.doubts) for log in logs},
+        {log.name: (log.found.sample_count, log.found.failures) for log in logs},
         None if prior is None or told is None else (prior, told),
     )
 

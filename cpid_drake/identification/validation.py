@@ -216,7 +216,7 @@ def validate(
         in_sigma = _rms(rest.value)
         errors.append(SensorError(name, unit, len(found), rms, largest, noise, alone_rms, in_sigma))
     start, end = samples.blocks[first].start, samples.blocks[-1].end
-    said = (*own.doubts, *said, *own.warnings)
+    said = (*own.failures, *said, *own.warnings)
     return Validation(start, end, own.momentum, tuple(errors), test, said)
 
 

@@ -173,8 +173,8 @@ def _table_2_note(study: PaperStudy) -> str:
         "log, with the rounding as their noise (from 8 decimals on that of 7, because splines "
         "through the samples are less precise), and its 95 % interval. Livelier motion: the "
         f"shipped scenario {LIVELIER}, of the same spacecraft, target and duration. "
-        "Values that are lost in rounding (the base moves less than one step of it) or not "
-        "trustworthy are no answers; they are shown for comparison only."
+        "Values that are lost in rounding (the base moves less than one step of it) or "
+        "that failed a check are no answers; they are shown for comparison only."
     )
 
 

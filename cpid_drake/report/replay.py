@@ -163,7 +163,7 @@ def estimate_text(identification: Identification, truth: InertialParameters | No
         lines.append(line)
         if truth is not None:
             lines.append(f"  true {_numbers(truth.to_vector()[part])}")
-    lines += [f"not trustworthy: {doubt}" for doubt in identification.doubts]
+    lines += [f"failed check: {failure}" for failure in identification.failures]
     target = identification.consistent
     if target is None:
         lines.append("physically inconsistent: no rigid body is near the estimate")

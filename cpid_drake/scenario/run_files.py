@@ -152,7 +152,7 @@ def online_document(simulation: Simulation, root_context: Context) -> dict[str, 
     found = {"estimate": result.parameters, "sigma": np.sqrt(np.diag(result.covariance))}
     return {
         "estimator": simulation.scenario.online_estimator,
-        "doubts": list(result.doubts),
+        "failures": list(result.failures),
         "says": result.explain(),
         **{
             key: dict(zip(PARAMETER_NAMES, nulls(values), strict=True))

@@ -56,7 +56,7 @@ class RoundedCase:
             return "not determined"
         if self.speed_in_steps < 1:
             return "lost in rounding"
-        return "" if self.identification.is_trustworthy else "not trustworthy"
+        return "" if self.identification.passed else "a check failed"
 
 
 @dataclass(frozen=True)

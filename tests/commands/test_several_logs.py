@@ -85,7 +85,7 @@ class TestLogs:
         code, stdout, _ = cpid("identify", "a.csv", "b.csv", *SERVICER, "--json", "x.json")
         assert code == 4
         stdout = " ".join(stdout.split())  # lines may be as long as the terminal is wide
-        assert stdout.startswith("not trustworthy: the logs do not have the same target")
+        assert stdout.startswith("failed check: the logs do not have the same target")
         assert "a.csv and b.csv contradict each other, most in m" in stdout
 
     def test_one_log_twice_is_refused(self, cpid, halves):

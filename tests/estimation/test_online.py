@@ -102,8 +102,8 @@ def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     about = {PSI: 1.2 * state.known.about[PSI]}
     other = replace(state, known=replace(state.known, about=about))
     found = [identification_of_state(model, s, TotalMomentum.zero()) for s in (state, other)]
-    assert not found[0].doubts
-    assert any("not linear about the target" in doubt for doubt in found[1].doubts)
+    assert not found[0].failures
+    assert any("not linear about the target" in failure for failure in found[1].failures)
 
 
 def test_what_no_motion_tells_stays_unknown(case):

@@ -65,7 +65,7 @@ class TestOneLog:
         for seed in range(count):
             log = {"": noisy(seed, MOMENTUM if seed % 2 else None)}
             found = identify_by_rows(craft, log, family, sensors=suite)
-            assert not found.doubts
+            assert not found.failures
             assert found.momentum == ("unknown" if seed % 2 else "zero")
             total += nees(found, skewed_target)
         assert chi2.ppf(0.0005, 10 * count) < total < chi2.ppf(0.9995, 10 * count)
@@ -78,7 +78,7 @@ class TestOneLog:
             exact = states(craft, skewed_target, seed)
             rounded = replace(exact, w_WB=np.round(exact.w_WB, 2), v_WB=np.round(exact.v_WB, 2))
             found = identify_by_rows(craft, {"": rounded}, STANDARD_ROWS)
-            assert not found.doubts
+            assert not found.failures
             assert found.momentum == "zero"
             total += nees(found, skewed_target)
         assert total < chi2.ppf(0.999, 10 * count)
@@ -86,7 +86,7 @@ class TestOneLog:
     def test_a_given_zero_that_the_samples_contradict_is_a_failed_check(self, craft, suite, logs):
         log = {"": logs["log 1"]}
         found = identify_by_rows(craft, log, STANDARD_ROWS, TotalMomentum.zero(), suite)
-        assert "identify with --momentum unknown" in found.doubts[0]
+        assert "identify with --momentum unknown" in found.failures[0]
 
     def test_what_is_seen_as_smaller_than_the_noise_is_not_shown(self, craft, skewed_target):
         """Rates rounded to tenths: most of the information of Eq. 18 is noise."""
@@ -106,7 +106,7 @@ class TestSeveralLogs:
         return identify_by_rows(craft, logs, STANDARD_ROWS, sensors=suite)
 
     def test_each_log_has_its_own_momentum(self, joint, skewed_target):
-        assert not joint.doubts
+        assert not joint.failures
         assert joint.momentum == "unknown"
         assert nees(joint, skewed_target) < chi2.isf(1e-3, 10)
 
@@ -137,16 +137,16 @@ class TestSeveralLogs:
     def test_a_log_of_another_target_is_named(self, craft, suite, logs, noisy, skewed_target):
         other = noisy(4, target=heavier(skewed_target, 1.02))
         found = identify_by_rows(craft, {**logs, "other": other}, RELATIVE_ROWS, sensors=suite)
-        assert "other disagrees most with the others, most in m: 61" in found.doubts[0]
+        assert "other disagrees most with the others, most in m: 61" in found.failures[0]
         pair = {"log 0": logs["log 0"], "other": other}
         two = identify_by_rows(craft, pair, RELATIVE_ROWS, sensors=suite)
-        assert "log 0 and other contradict each other" in two.doubts[0]
+        assert "log 0 and other contradict each other" in two.failures[0]
 
     def test_a_doubt_about_one_log_is_a_doubt_about_the_joint_estimate(self, craft, suite, logs):
         two = {name: logs[name] for name in ("log 0", "log 1")}
         found = identify_by_rows(craft, two, STANDARD_ROWS, TotalMomentum.zero(), suite)
-        assert any(doubt.startswith("log 1: ") for doubt in found.doubts)
-        assert not any(doubt.startswith("log 0: ") for doubt in found.doubts)
+        assert any(failure.startswith("log 1: ") for failure in found.failures)
+        assert not any(failure.startswith("log 0: ") for failure in found.failures)
 
     def test_a_log_without_motion_is_not_used(self, craft, suite, logs, skewed_target):
         motion = Sines.drawn(4, 101, DURATION, 0.0)
@@ -180,7 +180,7 @@ class TestExactLogs:
     def test_rounding_is_no_disagreement(self, craft, turned, skewed_target):
         found = identify_by_rows(craft, turned, STANDARD_ROWS)
         assert (found.agreement.statistic or 0.0) < 1e-2
-        assert not found.doubts
+        assert not found.failures
         np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-7)
 
     @pytest.mark.parametrize(("samples", "rank"), [(1, 6), (2, 9), (3, 10)])
@@ -235,7 +235,7 @@ class TestPrior:
         assert found.logs[""].rank == 9
         assert found.solution.rank == 10
         assert found.dominated
-        assert not found.doubts
+        assert not found.failures
         assert np.all(sigmas(found) < 1.01 * self.SIGMA)
         error = (found.parameters - skewed_target.to_vector()) / self.SIGMA
         assert np.abs(error).max() < 1.0
@@ -254,7 +254,7 @@ class TestPrior:
         prior = self.prior(skewed_target, 8.0)
         log = {"": logs["log 0"]}
         found = identify_by_rows(craft, log, STANDARD_ROWS, sensors=suite, prior=prior)
-        assert "the prior and the log contradict each other" in found.doubts[0]
+        assert "the prior and the log contradict each other" in found.failures[0]
 
     def test_an_earlier_result_counts_like_its_log(self, craft, suite, logs):
         first, second = ({name: logs[name]} for name in ("log 0", "log 2"))

@@ -36,7 +36,7 @@ def test_a_sensor_that_nothing_explains_fails_a_check(craft, log):
     value /= np.linalg.norm(value, axis=1)[:, None]
     spoiled = samples.updated({"attitude": replace(attitude, value=value)})
     found = identify(craft, spoiled, sensors=suite)
-    assert not found.is_trustworthy
+    assert not found.passed
     assert "turn the target" not in found.explain()
 
 
@@ -52,7 +52,7 @@ def test_a_position_with_a_slow_error_fails_a_check(craft, log, estimator):
     found = identify(craft, spoiled, sensors=suite, estimator=estimator)
     assert found.misfit == 1.0
     assert np.isfinite(found.parameters).all()
-    assert any("correlated from sample to sample (+0.9" in doubt for doubt in found.doubts)
+    assert any("correlated from sample to sample (+0.9" in failure for failure in found.failures)
 
 
 @pytest.mark.parametrize(("factor", "is_trusted"), [(2.0, True), (5.0, False)])
@@ -60,9 +60,9 @@ def test_noise_above_three_times_the_given_one_fails_a_check(craft, log, factor,
     suite = coarse_suite(gyro=FAST_GYRO)
     samples, _ = log(replace(suite, position=VectorSensor(5.0, factor * 1e-3)), 5.0)
     found = identify(craft, samples, sensors=suite)
-    assert found.is_trustworthy == is_trusted
+    assert found.passed == is_trusted
     text = "the noise is larger than the sensors' file declares: that of the position"
-    assert any(doubt.startswith(text) for doubt in found.doubts) != is_trusted
+    assert any(failure.startswith(text) for failure in found.failures) != is_trusted
 
 
 def test_a_log_read_with_much_better_sensors_names_the_noise_and_nothing_else(craft, log):
@@ -70,9 +70,9 @@ def test_a_log_read_with_much_better_sensors_names_the_noise_and_nothing_else(cr
     samples, _ = log(suite, 3.0)
     better = coarse_suite(gyro=FAST_GYRO)
     found = identify(craft, samples, sensors=better, momentum=ZERO)
-    assert all(text in " ".join(found.doubts) for text in ("angular velocity", "position"))
-    assert "noise is larger than the sensors' file declares" in found.doubts[0]
-    said = " ".join((*found.doubts, *found.warnings))
+    assert all(text in " ".join(found.failures) for text in ("angular velocity", "position"))
+    assert "noise is larger than the sensors' file declares" in found.failures[0]
+    said = " ".join((*found.failures, *found.warnings))
     assert not any(word in said for word in ("most likely", "body", "lever arm", "add it to"))
     assert not found.undeclared.effects
 
@@ -85,7 +85,7 @@ def test_an_error_that_may_act_is_said_also_where_the_noise_is_larger_than_given
     )
     samples, _ = log(hidden, 6.0)
     found = identify(craft, samples, sensors=suite, momentum=ZERO)
-    assert found.is_trustworthy
+    assert found.passed
     assert found.noise["position"] > 1.5
     assert found.undeclared.suspected or found.undeclared.effects
     for name, probability in found.undeclared.suspected.items():

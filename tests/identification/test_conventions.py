@@ -93,7 +93,7 @@ def test_a_gyro_alone_is_enough_at_rest(craft, skewed_target):
     log = log.updated({n: log[n].where(slice(0)) for n in ("attitude", "position", "velocity")})
     bad = log.updated({"gyro": Samples(log.gyro.time, log.gyro.value * 180 / np.pi)})
     assert "angular velocity is in degrees" in str(convention_of(craft.tree, bad))
-    assert "in degrees per second: it must be in rad/s" in identify(craft, bad).doubts[0]
+    assert "in degrees per second: it must be in rad/s" in identify(craft, bad).failures[0]
 
 
 def test_time_stamps_in_nanoseconds_are_refused(craft, skewed_target):
@@ -229,4 +229,4 @@ def test_a_wrong_model_is_no_convention(craft, noisy_log):
 @pytest.mark.slow
 def test_the_first_failed_check_of_an_answer_names_the_convention(craft, noisy):
     found = identify(craft, joints([2, 1, 0, 3])(noisy), sensors=SUITE)
-    assert "most likely, the joints q:shoulder and q:elbow are exchanged" in found.doubts[0]
+    assert "most likely, the joints q:shoulder and q:elbow are exchanged" in found.failures[0]

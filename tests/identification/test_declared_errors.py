@@ -43,12 +43,12 @@ def log(craft, skewed_target):
 )
 def test_errors_much_larger_than_declared_are_a_doubt(craft, log, estimator):
     found = identify(craft, log(6.0, 2), sensors=suite_of(), estimator=estimator)
-    (text,) = [doubt for doubt in found.doubts if DOUBT in doubt]
+    (text,) = [failure for failure in found.failures if DOUBT in failure]
     factor = float(text.split("about ")[1].split(" times")[0])
     assert 3.0 < factor < 12.0
     assert "declare what the hardware can have" in text
     told = identify(craft, log(6.0, 2), sensors=suite_of(6.0), estimator=estimator)
-    assert not any(DOUBT in doubt for doubt in told.doubts)
+    assert not any(DOUBT in failure for failure in told.failures)
 
 
 @pytest.mark.slow
@@ -58,4 +58,4 @@ def test_errors_as_declared_are_no_doubt(craft, log, estimator):
     options = {"sensors": suite_of(), "estimator": estimator}
     for seed in range(1, 13):
         found = identify(craft, log(1.0, seed), **options)
-        assert not any(DOUBT in doubt for doubt in found.doubts)
+        assert not any(DOUBT in failure for failure in found.failures)

@@ -165,7 +165,7 @@ def test_a_momentum_that_is_not_zero_is_seen(craft, motion, skewed_target, estim
     exact = measured(craft, motion, skewed_target, suite, size * np.asarray(MOMENTUM))
     zero = {"sensors": suite, "estimator": estimator, "momentum": TotalMomentum.zero()}
     found = identify(craft, add_noise(suite, exact, 1), **zero)
-    assert found.doubts[0].startswith("the samples contradict a total momentum of zero")
+    assert found.failures[0].startswith("the samples contradict a total momentum of zero")
 
 
 @pytest.mark.parametrize("estimator", each(UNBIASED))

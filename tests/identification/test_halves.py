@@ -33,10 +33,10 @@ def ideal(craft, suite, skewed_target):
 def test_a_base_heavier_than_its_model_is_doubted(craft, suite, ideal, sensors):
     given = suite if sensors == "given" else None
 
-    def doubts(heavier):
+    def failures(heavier):
         samples = add_noise(suite, ideal(heavier), seed=3)
         found = identify(craft, samples, rows="relative", sensors=given)
-        return [text for text in found.doubts if "two halves of the samples" in text]
+        return [text for text in found.failures if "two halves of the samples" in text]
 
-    assert not doubts(1.0)
-    assert len(doubts(1.03)) == 1
+    assert not failures(1.0)
+    assert len(failures(1.03)) == 1

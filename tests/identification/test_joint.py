@@ -76,7 +76,7 @@ class TestSeveralLogs:
         return identify_together(craft, logs, sensors=suite, estimator=request.param)
 
     def test_each_log_has_its_own_momentum(self, joint, skewed_target):
-        assert joint.is_trustworthy
+        assert joint.passed
         assert joint.momentum == "unknown"
         assert nees(joint, skewed_target) < 35
 
@@ -154,7 +154,7 @@ def test_a_target_that_slipped_by_less_than_the_grasp_is_known_is_noticed(
         logs[f"log {k}"] = add_noise(suite, measured(craft, motion, target, suite), seed=k)
     options = {"momentum": TotalMomentum.unknown(), "known_bodies": BodyUncertainty(grasp_mm=5.0)}
     found = identify_together(craft, logs, sensors=suite, **options)
-    assert not found.is_trustworthy
+    assert not found.passed
 
 
 @pytest.mark.slow
@@ -178,18 +178,18 @@ def test_a_log_of_another_target_is_named(craft, suite, logs, skewed_target):
     other = add_noise(suite, measured(craft, motion, heavier, suite), seed=4)
     options = {"sensors": suite, "estimator": "least_squares"}
     found = identify_together(craft, {**logs, "other": other}, **options)
-    assert "other disagrees most" in found.doubts[0]
-    assert "most in m: 61" in found.doubts[0]
+    assert "other disagrees most" in found.failures[0]
+    assert "most in m: 61" in found.failures[0]
     two = identify_together(craft, {"log 0": logs["log 0"], "other": other}, **options)
-    assert "log 0 and other contradict each other" in two.doubts[0]
+    assert "log 0 and other contradict each other" in two.failures[0]
 
 
 def test_a_doubt_about_one_log_is_a_doubt_about_the_joint_estimate(craft, suite, logs):
     tumbling = {"log 0": logs["log 0"], "log 1": logs["log 1"]}
     options = {"sensors": suite, "momentum": TotalMomentum.zero()}
     found = identify_together(craft, tumbling, estimator="least_squares", **options)
-    assert any(doubt.startswith("log 1: ") for doubt in found.doubts)
-    assert not any(doubt.startswith("log 0: ") for doubt in found.doubts)
+    assert any(failure.startswith("log 1: ") for failure in found.failures)
+    assert not any(failure.startswith("log 0: ") for failure in found.failures)
 
 
 @pytest.mark.slow
@@ -213,7 +213,7 @@ def test_fits_that_leave_combinations_open_determine_all_together(craft, skewed_
     found = identify_together(craft, logs, sensors=suite)
     assert max(log.rank for log in found.logs.values()) < 10
     assert found.solution.rank == 10
-    assert found.is_trustworthy
+    assert found.passed
     assert nees(found, skewed_target) < 35
 
 
@@ -233,7 +233,7 @@ class TestExactLogs:
     def test_rounding_is_no_disagreement(self, craft, states, skewed_target):
         found = identify_together(craft, states)
         assert (found.agreement.statistic or 0.0) < 1e-2
-        assert found.is_trustworthy
+        assert found.passed
         np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-7)
 
     def test_two_logs_of_two_samples_determine_all_together(
@@ -271,7 +271,7 @@ class TestPrior:
         assert alone.solution.rank < 10
         found = identify(craft, samples, sensors=suite, prior=self.prior(skewed_target, 0.5))
         assert found.solution.rank == 10
-        assert found.is_trustworthy
+        assert found.passed
         assert found.dominated
         assert np.all(sigmas(found) < 1.01 * self.SIGMA)
         assert any("more than the samples do" in text for text in found.warnings)
@@ -293,7 +293,7 @@ class TestPrior:
     def test_a_prior_of_another_target_is_doubted(self, craft, suite, logs, skewed_target):
         prior = self.prior(skewed_target, 8.0)
         found = identify(craft, logs["log 0"], sensors=suite, prior=prior)
-        assert "the prior and the log contradict each other" in found.doubts[0]
+        assert "the prior and the log contradict each other" in found.failures[0]
 
     @pytest.mark.slow
     def test_an_earlier_result_counts_like_its_log(self, craft, suite, logs, skewed_target):

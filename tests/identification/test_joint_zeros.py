@@ -39,5 +39,5 @@ def test_the_target_is_found(craft, log, skewed_target, estimator):
         momentum=TotalMomentum.unknown(),
     )
     error = found.parameters - skewed_target.to_vector()
-    assert found.doubts == ()
+    assert found.failures == ()
     assert error @ np.linalg.solve(found.covariance, error) < 0.02

@@ -26,7 +26,7 @@ def test_an_error_is_as_large_as_its_sigma(tmp_path, skewed_target):
     samples = measured(craft, motion, skewed_target, suite, tree=tree)
     found = identify(craft, samples, sensors=suite, known_bodies=UNCERTAINTY)
     error = found.parameters - skewed_target.to_vector()
-    assert found.doubts == ()
+    assert found.failures == ()
     assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
 
 
@@ -55,7 +55,7 @@ def test_errors_are_as_large_as_their_sigmas(tmp_path, skewed_target, estimator,
     exact = identify(craft, samples, estimator=estimator, sensors=suite)
     error = exact.parameters - skewed_target.to_vector()
     assert np.sqrt(np.mean(error**2 / np.diag(exact.covariance))) > 5
-    assert exact.doubts
+    assert exact.failures
 
 
 @pytest.mark.slow
@@ -80,7 +80,7 @@ def test_a_tumble_is_linear_in_the_bodies_errors_about_their_best_values_only(
             known_bodies=uncertainty,
         )
         assert found.converged
-        assert not found.doubts
+        assert not found.failures
         assert found.misfit == 1.0
         error = found.parameters - skewed_target.to_vector()
         squares.append(error @ np.linalg.solve(found.covariance, error))
@@ -99,7 +99,7 @@ def test_the_recursive_fit_agrees_with_the_trajectory_fit(tmp_path, skewed_targe
     whole = identify(craft, samples, estimator="trajectory_fit", **options)
     found = identify(craft, samples, estimator="recursive_fit", **options)
     assert not any("block" in warning for warning in found.warnings)
-    assert not found.doubts
+    assert not found.failures
     change = (found.parameters - whole.parameters) / np.sqrt(np.diag(whole.covariance))
     assert np.abs(change).max() < 0.3
 
@@ -121,7 +121,7 @@ def test_a_firing_is_found_although_the_spacecraft_is_uncertain(tmp_path, skewed
         known_bodies=uncertainty,
     )
     assert found.converged
-    assert not found.doubts
+    assert not found.failures
     assert len(found.momentum_changes) == 1
     assert abs(max(found.momentum_changes) - 3.5) < 1.0
     error = found.parameters - skewed_target.to_vector()

@@ -71,8 +71,8 @@ def test_unusable_samples_are_counted_and_left_out_of_every_chunk(craft, short_h
 def test_a_stream_is_checked_like_a_log_in_memory(craft, short_head):
     log = samples_of(exact(craft))
     degrees = Samples(log.encoders.time, np.degrees(log.encoders.value))
-    doubts = identify(craft, stream_of(log.updated({"encoders": degrees}), 2.0)).doubts
-    assert any("is it in degrees" in doubt for doubt in doubts)
+    failures = identify(craft, stream_of(log.updated({"encoders": degrees}), 2.0)).failures
+    assert any("is it in degrees" in failure for failure in failures)
     renamed = Measurements(("other", *log.joint_names[1:]), log.samples)
     with pytest.raises(InputError, match=r"no column 'q:\w+'; .* the log's are 'other', "):
         identify(craft, stream_of(renamed, 2.0))
@@ -103,7 +103,7 @@ def test_the_part_in_which_the_arm_moves_is_checked(craft, in_memory):
     rates = Samples(log.joint_rates.time, np.degrees(log.joint_rates.value))
     wrong = log.updated({"joint_rates": rates})
     found = check_log(craft, wrong if in_memory else stream_of(wrong))
-    assert any("is it in degrees/s" in doubt for doubt in found.doubts)
+    assert any("is it in degrees/s" in failure for failure in found.failures)
 
 
 @pytest.mark.slow

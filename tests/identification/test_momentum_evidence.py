@@ -19,4 +19,4 @@ def test_a_momentum_too_small_to_be_noticed_is_in_the_intervals(craft, skewed_ta
     found = identify(craft, add_noise(suite, samples, seed=1), sensors=suite)
     error = found.parameters - skewed_target.to_vector()
     nees = error @ np.linalg.solve(found.covariance, error)
-    assert nees < chi2.isf(1e-4, 10) or not found.is_trustworthy
+    assert nees < chi2.isf(1e-4, 10) or not found.passed

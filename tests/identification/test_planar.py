@@ -42,12 +42,12 @@ def test_exact_motion_shows_four_parameters_and_no_other(table, exact, rows):
     np.testing.assert_allclose(found.parameters[KNOWN], TRUTH, rtol=1e-9)
     assert np.isnan(found.parameters[OTHERS]).all()
     assert found.solution.rank == 4
-    assert found.is_trustworthy
+    assert found.passed
 
 
 def test_the_equations_of_a_free_base_would_be_wrong(craft, exact):
     found = identify(craft, exact, rows="standard")
-    assert found.doubts  # the reactions of the table are not in these equations
+    assert found.failures  # the reactions of the table are not in these equations
 
 
 @pytest.mark.parametrize("rows", ["standard", "relative"])
@@ -107,7 +107,7 @@ def test_a_table_out_of_level_is_estimated(craft, table):
     np.testing.assert_allclose(effect.value[:2], push[:2], atol=4 * effect.sigma[:2].max())
     assert effect.sigma[:2].max() < 1e-4
     assert np.abs(errors(found)).max() < 4
-    assert found.is_trustworthy
+    assert found.passed
 
 
 def in_three_coordinates(log):
@@ -156,7 +156,7 @@ def test_a_free_spacecraft_that_tilts_is_not_on_a_table(craft):
     free = add_noise(SUITE, measured(craft, motion(), TARGET, SUITE), 1)
     assert PROPOSED not in identify(craft, free, sensors=SUITE, rows="standard").warnings
     found = identify(craft, free, sensors=SUITE, rows="standard", planar=True)
-    assert any("the base tilts by up to" in doubt for doubt in found.doubts)
+    assert any("the base tilts by up to" in failure for failure in found.failures)
 
 
 def test_a_frame_c_that_is_turned_has_its_own_four(tmp_path):

@@ -140,7 +140,7 @@ def test_no_branch_of_the_tree_is_left_out_of_this_test(result):
 
 
 def test_a_failed_check_is_a_doubt(result):
-    assert result.doubts == ("the fit misses the samples",)
+    assert result.failures == ("the fit misses the samples",)
     assert [check.passed for check in result.checks] == [False, True]
     assert result.checks[1].sentence == ""
 

@@ -65,7 +65,7 @@ def test_intervals_hold(craft, ideal, skewed_target, kind):
     distances = []
     for seed in range(TRIALS):
         found = identify(craft, spoiled(ideal, kind, seed), sensors=SUITE)
-        if found.is_trustworthy:
+        if found.passed:
             error = found.parameters - skewed_target.to_vector()
             distances.append(error @ np.linalg.solve(found.covariance, error))
     n = len(distances)

@@ -66,7 +66,7 @@ def found(flight):
 
 def test_the_target_and_the_scale_are_found(flight, found):
     """Nothing is doubted, no change of momentum is found, and kicks of thrusters are no noise."""
-    assert found.doubts == ()
+    assert found.failures == ()
     assert len(found.momentum_changes) == 0
     assert found.misfit == 1.0
     assert found.warnings == ()
@@ -86,7 +86,7 @@ def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust(burns, size):
     case = Flight("free_flyer_payload", "testbed", burns, momentum=momentum)
     found = case.identify(case.log)
     assert found.momentum == "unknown"
-    assert found.doubts == ()
+    assert found.failures == ()
     assert any("contradict a total momentum of zero" in warning for warning in found.warnings)
     assert found.momentum_estimate is None
     assert np.abs(case.errors(found)).max() < 3.5
@@ -107,9 +107,9 @@ def test_a_scale_that_is_not_declared_is_proposed(flight):
     """With the value that the sensors' file needs: the share itself."""
     silent = replace(flight.suite, disturbances=None)
     found = identify(flight.craft, flight.log, sensors=silent)
-    [doubt] = found.doubts
-    assert "the true thrust differs from the logged one by 2.18 ± " in doubt
-    assert "(disturbances: {thrust_scale: 0.1})" in doubt
+    [failure] = found.failures
+    assert "the true thrust differs from the logged one by 2.18 ± " in failure
+    assert "(disturbances: {thrust_scale: 0.1})" in failure
 
 
 @pytest.mark.slow
@@ -118,7 +118,7 @@ def test_thrust_without_a_log_is_noticed(flight):
     nothing = Samples(np.empty(0), np.empty((0, 6)))
     found = flight.identify(flight.log.updated({THRUST: nothing}))
     assert any("misses the samples" in warning for warning in found.warnings)
-    assert found.doubts or not np.isfinite(found.parameters).any()
+    assert found.failures or not np.isfinite(found.parameters).any()
 
 
 @pytest.mark.slow
@@ -127,7 +127,7 @@ def test_a_log_of_the_wrong_sign_is_noticed(flight):
     log = flight.log.thrust
     turned = flight.log.updated({THRUST: Samples(log.time, -log.value)})
     found = flight.identify(turned)
-    assert len(found.momentum_changes) or found.doubts
+    assert len(found.momentum_changes) or found.failures
 
 
 @pytest.mark.slow
@@ -166,7 +166,7 @@ def test_a_burn_is_no_noise():
     burn = BurnConfig(4.0, 1.0, np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6]))
     flight = Flight("exciting_motion", "flight", [burn])
     found = flight.identify(flight.log)
-    assert found.doubts == ()
+    assert found.failures == ()
     [text] = found.warnings  # three seconds before the burn have too few positions
     assert text.startswith("not checked: unit and point of the position")
     assert np.abs(flight.errors(found)).max() < 3.5
@@ -179,7 +179,7 @@ def test_many_pulses_are_no_noise():
     pulses = [BurnConfig(1.0 + 0.4 * k, 0.05, force, point) for k in range(15)]
     flight = Flight("exciting_motion", "flight", pulses)
     found = flight.identify(flight.log)
-    assert not any("noise" in text for text in (*found.warnings, *found.doubts))
+    assert not any("noise" in text for text in (*found.warnings, *found.failures))
     assert np.abs(flight.errors(found)).max() < 3.5
 
 
@@ -242,6 +242,6 @@ def test_thrusters_on_a_table(tmp_path, seed):
     ideal = ideal_measurements(suite, craft.joint_names, motion_of, planar_motion().duration)
     log = add_noise(suite, ideal.updated({THRUST: log_of_burns([burn])}), seed)
     found = identify(craft, log, sensors=suite, planar=True)
-    assert found.doubts == ()
+    assert found.failures == ()
     assert len(found.momentum_changes) == 0
     assert np.abs(planar_errors(found)).max() < 3.5

@@ -51,7 +51,7 @@ def log(craft, motion, skewed_target):
 def test_a_clean_log_shows_no_errors(craft, log, skewed_target):
     measurements, _ = log()
     found = identify(craft, measurements, sensors=coarse_suite())
-    assert found.is_trustworthy
+    assert found.passed
     assert not any("do not declare" in warning for warning in found.warnings)
     error = found.parameters - skewed_target.to_vector()
     assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
@@ -62,10 +62,10 @@ def test_a_clean_log_shows_no_errors(craft, log, skewed_target):
 def test_a_hidden_error_is_named_with_its_value(craft, log, name):
     measurements, truth = log(name)
     found = identify(craft, measurements, sensors=coarse_suite())
-    assert not found.is_trustworthy
+    assert not found.passed
     sensor, key, _ = HIDDEN[name]
-    assert "do not declare" in found.doubts[0]
-    assert f"{sensor}: {{{key}: " in found.doubts[0]
+    assert "do not declare" in found.failures[0]
+    assert f"{sensor}: {{{key}: " in found.failures[0]
     assert [effect.name for effect in found.undeclared.effects] == [name]
     prediction = found.undeclared.held_out
     assert prediction.seconds == pytest.approx(10 / 3, abs=1.0)
@@ -77,7 +77,7 @@ def test_a_hidden_error_is_named_with_its_value(craft, log, name):
         [effect] = found.undeclared.effects
         delay = 1e3 * truth.constants("attitude").delay
         assert abs(effect.value[0] - delay) < 4 * effect.sigma[0]
-        assert f"{effect.value[0]:.3g} ± " in found.doubts[0]
+        assert f"{effect.value[0]:.3g} ± " in found.failures[0]
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_an_error_that_does_not_predict_the_end_is_not_proposed(craft, log):
     assert undeclared.gain > 100  # it explains the whole log
     assert undeclared.held_out.without < 0.5 * undeclared.held_out.chi_squared
     assert not undeclared.is_proposed
-    said = " ".join((*found.doubts, *found.warnings, *undeclared.lines()))
+    said = " ".join((*found.failures, *found.warnings, *undeclared.lines()))
     assert "the cause is not known" in said
     assert "do not predict better" in said
     assert "add it to" not in said
@@ -110,7 +110,7 @@ def test_a_declared_error_is_estimated(craft, log, skewed_target, name):
     suite = deepcopy(coarse_suite())
     setattr(suite[sensor], key, value)
     found = identify(craft, measurements, sensors=suite)
-    assert found.is_trustworthy
+    assert found.passed
     error = found.parameters - skewed_target.to_vector()
     assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
     [effect] = found.effects
@@ -134,7 +134,7 @@ def test_an_error_that_does_not_matter_is_a_warning(craft, log, motion, skewed_t
     hidden.position.sigma = suite.position.sigma = 0.02
     ideal = measured(craft, motion, skewed_target, hidden)
     found = identify(craft, add_noise(hidden, ideal, 4), sensors=suite)
-    assert found.is_trustworthy
+    assert found.passed
 
 
 @pytest.mark.slow
@@ -144,7 +144,7 @@ def test_intervals_include_an_error_that_is_too_small_to_be_proposed(craft, moti
     suite.gyro.scale_ppm = 28.0
     log = add_noise(suite, measured(craft, motion, skewed_target, suite), 4)
     found = identify(craft, log, sensors=coarse_suite())
-    assert found.is_trustworthy
+    assert found.passed
     assert not found.undeclared.effects
     probability = found.undeclared.suspected["gyro.scale"]
     assert 0.1 < probability < 0.99
@@ -173,5 +173,5 @@ def test_a_fit_tells_the_share_of_its_log_that_it_leaves_out(craft, log, share, 
     measurements = measurements.updated(samples)
     found = identify(craft, measurements, sensors=coarse_suite(), estimator=estimator)
     assert found.unexplained == pytest.approx(share, abs=0.05)
-    doubt = f"nothing explains {100 * found.unexplained:.0f} % of the log"
-    assert (doubt in found.doubts) == (share > 0.1)
+    failure = f"nothing explains {100 * found.unexplained:.0f} % of the log"
+    assert (failure in found.failures) == (share > 0.1)

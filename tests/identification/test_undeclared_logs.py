@@ -50,7 +50,7 @@ def logs(craft, skewed_target):
 @pytest.mark.slow
 def test_clean_logs_show_no_errors(craft, logs):
     found = identify_together(craft, dict(zip("ab", logs)), sensors=coarse_suite())
-    assert found.is_trustworthy
+    assert found.passed
     assert found.undeclared.effects == ()
 
 
@@ -68,8 +68,8 @@ def test_a_force_is_named_with_its_log(craft, logs, skewed_target, times):
     assert undeclared.declaration == [f"disturbances: {{acceleration: {size}}}"]
     assert undeclared.held_out.chi_squared == pytest.approx(1.0, abs=0.3)
     assert undeclared.held_out.without > (5 if times > 1 else 2)
-    assert not found.is_trustworthy
-    assert "do not declare: an external acceleration" in found.doubts[0]
+    assert not found.passed
+    assert "do not declare: an external acceleration" in found.failures[0]
     error = found.parameters - skewed_target.to_vector()
     assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
 
@@ -79,8 +79,8 @@ def test_a_force_is_named_although_the_momentum_is_said_to_be_zero(craft, logs):
     """Samples of a steady force contradict a momentum of zero, too."""
     options = {"sensors": coarse_suite(), "momentum": TotalMomentum.zero()}
     found = identify(craft, pushed(logs[1], 2.0), **options)
-    assert "do not declare: an external acceleration" in found.doubts[0]
-    assert any("contradict a total momentum of zero" in doubt for doubt in found.doubts[1:])
+    assert "do not declare: an external acceleration" in found.failures[0]
+    assert any("contradict a total momentum of zero" in failure for failure in found.failures[1:])
     [effect] = found.undeclared.effects
     assert (np.abs(effect.value - 2 * PUSH) < 4 * effect.sigma).all()
 
@@ -91,7 +91,7 @@ def test_a_tumble_said_to_have_no_momentum_shows_no_other_error(craft, skewed_ta
     motion = Sines.drawn(4, seed=101, duration=10.0, size=0.6)
     log = add_noise(suite, measured(craft, motion, skewed_target, suite, MOMENTUM / 10), seed=10)
     found = identify(craft, log, sensors=suite, momentum=TotalMomentum.zero())
-    assert "contradict a total momentum of zero" in found.doubts[0]
+    assert "contradict a total momentum of zero" in found.failures[0]
     assert found.undeclared.effects == ()
 
 
@@ -107,7 +107,7 @@ def test_an_error_of_a_sensor_on_a_table_is_named(table):
     delay = 1e3 * SensorNoise(suite, 5).constants("attitude").delay
     assert abs(effect.value[0] - delay) < 4 * effect.sigma[0]
     assert found.undeclared.held_out.chi_squared == pytest.approx(1.0, abs=0.3)
-    assert "add it to" in found.doubts[0]
+    assert "add it to" in found.failures[0]
 
 
 @pytest.mark.slow
@@ -130,13 +130,13 @@ def test_a_table_out_of_level_is_named_although_the_momentum_is_said_to_be_zero(
     log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
     options = {"sensors": SUITE, "planar": True, "momentum": TotalMomentum.zero()}
     found = identify(table, pushed(log), **options)
-    assert any("contradict a total momentum of zero" in doubt for doubt in found.doubts)
-    assert "do not declare: an external acceleration" in found.doubts[0]
+    assert any("contradict a total momentum of zero" in failure for failure in found.failures)
+    assert "do not declare: an external acceleration" in found.failures[0]
 
 
 @pytest.mark.slow
 def test_a_clean_log_on_a_table_shows_no_errors(table):
     log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
     found = identify(table, log, sensors=SUITE, planar=True)
-    assert found.is_trustworthy
+    assert found.passed
     assert found.undeclared.effects == ()

@@ -140,8 +140,8 @@ def _trial(code, text, seconds, world: World, estimate, intervals, covariance) -
 
 def trial_of(found: Identification, world: World, seconds: float = 0.0) -> Trial:
     """Return the comparison of a result with the truth; only here are results read."""
-    code = 4 if found.doubts else 0 if found.is_complete else 3
-    text = "; ".join([*found.doubts, *found.warnings])
+    code = 4 if found.failures else 0 if found.is_complete else 3
+    text = "; ".join([*found.failures, *found.warnings])
     return _trial(code, text, seconds, world, found.parameters, found.intervals, found.covariance)
 
 

@@ -117,12 +117,12 @@ class TestResiduals:
 
 
 def test_a_page_whose_check_failed_says_so_first(found):
-    doubt = "the momentum is <not> zero"
-    for checks in ((), (Check("momentum", doubt),)):
+    failure = "the momentum is <not> zero"
+    for checks in ((), (Check("momentum", failure),)):
         result = replace(found, checks=checks)
         page = identification_report(Findings(result, "{}", None, "no log"))
         assert ("a check failed" in page.title) == bool(checks)
-        assert page.subtitle.startswith(f"Do not use this estimate: {doubt}.") == bool(checks)
+        assert page.subtitle.startswith(f"Do not use this estimate: {failure}.") == bool(checks)
         passed = Check.of("misfit", "", 1.5, 3.0)
         table = warnings_section(replace(found, checks=(*checks, passed)), None).tables[0]
         assert column(table, "statistic") == [*("" for _ in checks), "1.5"]

@@ -118,7 +118,7 @@ def test_online_and_offline_identify_with_the_log_of_the_burn():
             momentum=TotalMomentum.unknown(),
         )
         both = (online, offline)
-        suspicions[logged] = [len(f.momentum_changes) + len(f.doubts) for f in both]
+        suspicions[logged] = [len(f.momentum_changes) + len(f.failures) for f in both]
         if logged:
             np.testing.assert_allclose(online.parameters, offline.parameters, rtol=1e-6, atol=1e-6)
             error = online.parameters - simulation.truth.to_vector()
@@ -134,9 +134,9 @@ def test_an_estimator_without_thrust_is_doubted():
     scenario.identification.estimator = "least_squares"
     simulation = make_simulation(scenario)
     context = simulation.run()
-    assert "does not use the log of thrust" in simulation.identification(context).doubts[0]
+    assert "does not use the log of thrust" in simulation.identification(context).failures[0]
     found = identify(simulation.spacecraft, simulation.measurements(context), rows="standard")
-    assert "thrusters fired from 0.73 s on" in found.doubts[0]
+    assert "thrusters fired from 0.73 s on" in found.failures[0]
 
 
 def test_a_burn_after_the_end_is_refused():

@@ -73,7 +73,7 @@ def identification_report(
     model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"
     known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"
     subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
-    if result.doubts:
+    if result.failures:
         title = f"{title}: a check failed"
-        subtitle = f"Do not use this estimate: {result.doubts[0]}. {subtitle}"
+        subtitle = f"Do not use this estimate: {result.failures[0]}. {subtitle}"
     return Report(title, subtitle, sections, {"result": findings.text})

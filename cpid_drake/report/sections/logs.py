@@ -35,7 +35,7 @@ def _facts(result: Identification) -> Table:
                 Cell(str(part.sample_count)),
                 Cell(str(part.rank)),
                 agreement_words(part),
-                "; ".join(part.doubts) or "none",
+                "; ".join(part.failures) or "none",
             ]
         )
     heads = ["", "time window", "samples", "rank", "agreement", "failed checks"]

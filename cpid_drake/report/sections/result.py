@@ -23,7 +23,7 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
     return Section(
         "Result",
         texts=[_summary(result)],
-        warnings=[f"Not trustworthy: {doubt}." for doubt in result.doubts],
+        warnings=[f"Failed check: {failure}." for failure in result.failures],
         tables=tables,
         pictures_title="Solid ellipsoid of the same mass and inertia, seen along three axes",
         # A body of zero mass has no ellipsoid.

@@ -89,8 +89,8 @@ def exact(craft):
 
 def test_a_wrong_unit_fails_a_check_and_is_no_refusal(craft, exact):
     found = identify(craft, changed(exact, position=exact.position.value * 1000), rows="standard")
-    assert any("in millimetres" in doubt for doubt in found.doubts)
-    assert not identify(craft, exact, rows="standard").doubts
+    assert any("in millimetres" in failure for failure in found.failures)
+    assert not identify(craft, exact, rows="standard").failures
 
 
 def test_a_wrong_mass_of_the_model_is_named_beside_a_wrong_unit(craft):
