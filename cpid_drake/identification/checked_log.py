@@ -41,8 +41,11 @@ find wrong units and conventions. Of a longer log, the part is kept in which the
 """
 
 
-LONGEST_STEP = 5.0
+LONGEST_STEP = 3600.0
 """Usual step of the fastest sensor above which the stamps are not in seconds [s]."""
+
+SLOWER = 100.0
+"""The same for a sensor whose rate is declared, in declared steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,17 +222,18 @@ def _screened(
     order, memory = JointOrder(spacecraft), None
     for chunk in chunks:
         if memory is None:
-            _refuse_slow(chunk)
+            _refuse_slow(chunk, sensors)
         screened = screen(order(chunk), sensors, memory)
         memory = screened.memory
         yield screened
 
 
-def _refuse_slow(measurements: Measurements) -> None:
+def _refuse_slow(measurements: Measurements, sensors: SensorSuite | None) -> None:
     """Refuse samples whose stamps are so far apart that they cannot be in seconds.
 
     Raises:
-        InputError: the usual step of the fastest sensor is longer than `LONGEST_STEP`.
+        InputError: the usual step of the fastest sensor is longer than `LONGEST_STEP`, or than
+            `SLOWER` steps of the declared rate.
 
     """
     steps = {
@@ -238,7 +242,9 @@ def _refuse_slow(measurements: Measurements) -> None:
         if len(samples) > 1
     }
     name = min(steps, key=lambda each: steps[each], default="")
-    if name and steps[name] > LONGEST_STEP:
+    declared = {} if sensors is None else sensors.present()
+    longest = SLOWER / declared[name].rate if name in declared else LONGEST_STEP
+    if name and steps[name] > longest:
         raise InputError(
             f"the samples of {SENSORS[name].label} are {steps[name]:.3g} s apart if the time is in "
             "seconds: it must be in s (time.unit of a map of columns)"
