@@ -27,7 +27,7 @@ from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.parameterizations import vector_to_tensor
 from cpid_drake.dynamics.plane import freedom
 from cpid_drake.dynamics.rotations import cross, quaternion_rate, rotate, rotate_by_quaternion, skew
-from cpid_drake.dynamics.spatial_inertia import moved_spatial_inertia, spatial_inertia
+from cpid_drake.dynamics.spatial_inertia import moved_moments, spatial_inertia
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
@@ -94,9 +94,8 @@ class BaseTrajectory:
 def known_dynamics(tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> KnownDynamics:
     """Return the known bodies' inertia and momentum at joint positions and rates, (N, J) each."""
     bodies, capture = propagate(tree, Telemetry.seen_from_base(q, qdot))
-    M = np.zeros((bodies.r.shape[1], 6, 6), bodies.r.dtype)
-    for body, R, r in zip(tree.bodies, bodies.R, bodies.r, strict=True):
-        M += moved_spatial_inertia(body.mass, body.I_BBcm, R, r)
+    moment, inertia = moved_moments(tree.masses, tree.inertias, bodies.R, bodies.r)
+    M = spatial_inertia(tree.mass, moment.sum(axis=0), inertia.sum(axis=0))
     L = angular_momentum(tree, bodies, np.zeros(3))
     P = linear_momentum(tree, bodies)
     R_CB = np.swapaxes(capture.R_WC, -1, -2)

@@ -4,7 +4,6 @@ Sums over the known bodies start at the base, i = 0, in every equation. The pape
 and 18 print i = 1. That omits the base and gives a negative mass in the paper's case.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +41,7 @@ class MomentumSamples:
 
 def linear_momenta(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
     """Return each body's m_i v_i as (K, N, 3) in W [N·s]."""
-    return np.array([body.mass for body in tree.bodies])[:, None, None] * motion.v
+    return tree.masses[..., None] * motion.v
 
 
 def linear_momentum(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
@@ -52,8 +51,8 @@ def linear_momentum(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float
 
 def angular_momenta(
     tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike
-) -> Iterator[NDArray[np.float64]]:
-    """Yield each body's I_i ω_i + m_i (r_i − p_WQ) × v_i about Q, as (N, 3) in W [N·m·s].
+) -> NDArray[np.float64]:
+    """Return each body's I_i ω_i + m_i (r_i − p_WQ) × v_i about Q, as (K, N, 3) in W [N·m·s].
 
     Args:
         tree: the bodies.
@@ -61,9 +60,9 @@ def angular_momenta(
         p_WQ: (N, 3) or (3,) the point Q [m].
 
     """
-    for body, R, r, w, v in zip(tree.bodies, motion.R, motion.r, motion.w, motion.v, strict=True):
-        w_B = rotate(np.swapaxes(R, -1, -2), w)
-        yield rotate(R, w_B @ body.I_BBcm) + body.mass * cross(r - p_WQ, v)
+    w_B = rotate(np.swapaxes(motion.R, -1, -2), motion.w)
+    spin = rotate(motion.R, rotate(tree.inertias, w_B))
+    return spin + cross(motion.r - np.asarray(p_WQ), linear_momenta(tree, motion))
 
 
 def angular_momentum(
@@ -74,7 +73,7 @@ def angular_momentum(
     The origin of W as Q gives the sum in Ning et al. 2016, Eq. 9, and the capture point (d_no) the
     sums in Eqs. 10, 14 and 18. Arguments as for `angular_momenta`.
     """
-    return sum(angular_momenta(tree, motion, p_WQ), np.zeros(motion.r.shape[1:]))
+    return angular_momenta(tree, motion, p_WQ).sum(axis=0)
 
 
 def target_momentum(

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, propagate
+from cpid_drake.dynamics.momentum import angular_momenta, linear_momenta
 from cpid_drake.dynamics.rotations import cross, rotate, skew
-from cpid_drake.dynamics.spatial_inertia import moved_spatial_inertia
+from cpid_drake.dynamics.spatial_inertia import moved_moments
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 
@@ -47,19 +48,25 @@ class Outboard:
         """Return it for a tree whose bodies are ordered from the base outwards."""
         bodies, capture = propagate(tree, telemetry)
         V = np.concatenate([bodies.w, bodies.v - cross(bodies.w, bodies.r)], axis=-1)
-        P = np.array([body.mass for body in tree.bodies])[:, None, None] * bodies.v
-        I_cm = np.stack([body.I_BBcm for body in tree.bodies])[:, None]
-        spin = rotate(bodies.R, rotate(I_cm, rotate(np.swapaxes(bodies.R, -1, -2), bodies.w)))
-        momentum = np.concatenate([spin + cross(bodies.r, P), P], axis=-1)
-        return cls(tree, bodies, capture, V, _summed(tree, momentum))
+        L, P = angular_momenta(tree, bodies, np.zeros(3)), linear_momenta(tree, bodies)
+        return cls(tree, bodies, capture, V, _summed(tree, np.concatenate([L, P], axis=-1)))
 
     @cached_property
-    def inertia(self) -> NDArray[np.float64]:
-        """(K, N, 6, 6) spatial inertia about B's origin, in B."""
-        masses = np.array([body.mass for body in self.tree.bodies])[:, None]
-        I_cm = np.stack([body.I_BBcm for body in self.tree.bodies])[:, None]
-        each = moved_spatial_inertia(masses, I_cm, self.bodies.R, self.bodies.r)
-        return _summed(self.tree, each)
+    def _inertia(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Mass (K, 1, 1), first moment (K, N, 3) and inertia (K, N, 3, 3) about B's origin."""
+        tree, bodies = self.tree, self.bodies
+        each = moved_moments(tree.masses, tree.inertias, bodies.R, bodies.r)
+        moment, inertia = (_summed(tree, one) for one in each)
+        return _summed(tree, tree.masses[..., None]), moment, inertia
+
+    def momentum_by(self, which: Sequence[int], V: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the momentum I V (n, N, 6) of bodies `which` (n,) and all outboard of them.
+
+        V (n, N, 6) are twists at B's origin, in B.
+        """
+        mass, h, inertia = (part[list(which)] for part in self._inertia)
+        w, v = V[..., :3], V[..., 3:]
+        return np.concatenate([rotate(inertia, w) + cross(h, v), mass * v - cross(h, w)], axis=-1)
 
     def displaced(
         self, which: Sequence[int], S: NDArray[np.float64]
@@ -73,11 +80,10 @@ class Outboard:
 
         """
         S = np.moveaxis(S, -1, 0)
-        at = list(which)
-        inboard = self.V[[self.tree.bodies[k].parent for k in at]]
-        both = self.inertia[at] @ np.stack([S, _cross_motion(S, inboard)], axis=-1)
-        change = _cross_force(S, self.momentum[at]) - both[..., 1]
-        return np.moveaxis(change, 0, -1), np.moveaxis(both[..., 0], 0, -1)
+        inboard = self.V[[self.tree.bodies[k].parent for k in which]]
+        change = _cross_force(S, self.momentum[list(which)])
+        change -= self.momentum_by(which, _cross_motion(S, inboard))
+        return np.moveaxis(change, 0, -1), np.moveaxis(self.momentum_by(which, S), 0, -1)
 
 
 def _summed(tree: KinematicTree, each: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ does not depend on a measured velocity.
 Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,6 +83,13 @@ class RelativeDynamics:
             sdot=known.V_BC[:, 3:] - rotate(R_CB, v_BK),
             normal_B=known.normal_B,
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence["RelativeDynamics"]) -> "RelativeDynamics":
+        """Return the instants of all parts, which are of one spacecraft."""
+        names = vars(parts[0]).keys() - {"mass", "normal_B"}
+        arrays = {n: np.concatenate([getattr(part, n) for part in parts]) for n in names}
+        return cls(parts[0].mass, normal_B=parts[0].normal_B, **arrays)
 
     def part(self, rows: slice) -> "RelativeDynamics":
         """Return some of the instants."""

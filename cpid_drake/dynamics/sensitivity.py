@@ -71,14 +71,13 @@ def joint_sensitivity(
     S = np.stack([joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k]) for k in moving], axis=-1)
     change, by_rates = outboard.displaced(moving, S)
     N, J = len(telemetry), len(telemetry.joint_names)
-    by_position, by_rate = np.zeros((2, N, 6, J), change.dtype)
-    by_position[:, :, places], by_rate[:, :, places] = change, by_rates
-    com_shift = by_rate[:, 3:] / tree.mass
-    still = np.zeros_like(com_shift)
-    return (
-        _motion_sensitivity(by_position, com_shift, psi, dynamics),
-        _motion_sensitivity(by_rate, still, psi, dynamics),
-    )
+    momentum, com = np.zeros((N, 6, 2, J), change.dtype), np.zeros((N, 3, 2, J), change.dtype)
+    momentum[:, :, 0, places], momentum[:, :, 1, places] = change, by_rates
+    com[:, :, 0] = momentum[:, 3:, 1] / tree.mass
+    both = _motion_sensitivity(momentum.reshape(N, 6, -1), com.reshape(N, 3, -1), psi, dynamics)
+    parts = (np.split(value, 2, axis=-1) for value in (both.w, both.com, both.v))
+    by_position, by_rate = (MotionSensitivity(*each) for each in zip(*parts))
+    return by_position, by_rate
 
 
 def geometry_sensitivity(

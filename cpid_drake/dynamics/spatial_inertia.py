@@ -55,10 +55,12 @@ def spatial_inertia(
     return G
 
 
-def moved_spatial_inertia(
+def moved_moments(
     mass: ArrayLike, I_cm: NDArray[np.float64], R: NDArray[np.float64], p: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return spatial inertias (..., 6, 6) of bodies about another frame's origin, in that frame.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return first moments (..., 3) and inertias (..., 3, 3) about another frame's origin.
+
+    Both are in that frame.
 
     Args:
         mass: (...) [kg].
@@ -68,10 +70,10 @@ def moved_spatial_inertia(
 
     """
     moment = np.asarray(mass)[..., None] * p
-    inertia = np.einsum("...ij,...kj->...ik", R @ I_cm, R)
+    inertia = R @ I_cm @ np.swapaxes(R, -1, -2)
     # The parallel-axis theorem, as in `point_mass_inertia`, for many masses.
     inertia -= moment[..., :, None] * p[..., None, :]
     square = np.einsum("...i,...i->...", moment, p)
     for k in range(3):
         inertia[..., k, k] += square
-    return spatial_inertia(mass, moment, inertia)
+    return moment, inertia

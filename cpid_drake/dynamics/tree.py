@@ -67,6 +67,16 @@ class KinematicTree:
         """Total mass of the bodies [kg]."""
         return float(sum(body.mass for body in self.bodies))
 
+    @property
+    def masses(self) -> NDArray[np.float64]:
+        """(K, 1) masses of the bodies [kg]."""
+        return np.array([[body.mass] for body in self.bodies])
+
+    @property
+    def inertias(self) -> NDArray[np.float64]:
+        """(K, 1, 3, 3) inertias of the bodies about their centres of mass, in B [kg·m²]."""
+        return np.stack([body.I_BBcm for body in self.bodies])[:, None]
+
     @cached_property
     def lumped(self) -> "KinematicTree":
         """The same tree with welded bodies joined into one: the same momentum with less work."""

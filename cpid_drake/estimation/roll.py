@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState, relate
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model, psi_about
 
@@ -90,7 +90,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
     state, links = log.start, 0.0
     assert state is not None
     still_to_come = np.sum(log.walks, axis=0) if log.walks else np.zeros(len(walking))
-    models, trajectories, residuals = [], [], []
+    models, nominal, trajectories, residuals = list[BlockModel](), [], [], []
     for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
         constants = last.copy()
         constants[walking] -= still_to_come
@@ -104,9 +104,14 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             nominal=constants,
             errors=values.get(BODIES),
         )
-        first = replace(state, psi=psi, bias=log.bias[k], constants=constants)
-        trajectory = part.motion.trajectory(first)
         models.append(part)
+        nominal.append(constants)
+        if k < len(log.walks):
+            still_to_come = still_to_come - log.walks[k]
+    relate([part.motion for part in models])
+    for k, (part, block, joints) in enumerate(zip(models, log.blocks, log.joints, strict=True)):
+        first = replace(state, psi=psi, bias=log.bias[k], constants=nominal[k])
+        trajectory = part.motion.trajectory(first)
         trajectories.append(trajectory)
         bent, moved = part.bent(trajectory)
         residuals.append(
@@ -118,7 +123,6 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             links += float(np.sum((kick_of(log, k) / KICK) ** 2))
         if k < len(log.walks):
             links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
-            still_to_come = still_to_come - log.walks[k]
         if k in log.links:
             state = jumped(state, log.jumps[k])
             links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))

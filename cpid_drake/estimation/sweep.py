@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.effects import GyroBias
+from cpid_drake.estimation.likelihood.effects import GyroBias, with_joint_changes
 from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.likelihood.motion import Trajectory
 from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import (
@@ -145,11 +146,13 @@ def sweep(
         steps.append(_Change(columns, T[:m], kind, k))
         return T[m : m + len(carried), m:]
 
-    for k, part in enumerate(rolled.models):
+    motions = [part.motion for part in rolled.models]
+    for k, trajectory in enumerate(with_joint_changes(motions, rolled.trajectories)):
+        part = rolled.models[k]
         if part.motion.joints.is_kicked and k:
             columns = np.arange(n - ORDER * model.joint_count, n)[ORDER - 1 :: ORDER]
             carried = opened(columns, np.full(len(columns), KICK), kick_of(log, k), "kick")
-        block, carried, rest, own = _eliminated(model, log, k, rolled, carried)
+        block, carried, rest, own = _eliminated(model, log, k, rolled, trajectory, carried)
         steps.append(block)
         rho2 += rest
         absorbed |= {name: absorbed.get(name, 0.0) + value for name, value in own.items()}
@@ -236,13 +239,18 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
 
 
 def _eliminated(
-    model: Model, log: LogState, k: int, rolled: Rolled, carried: NDArray[np.float64]
+    model: Model,
+    log: LogState,
+    k: int,
+    rolled: Rolled,
+    trajectory: Trajectory,
+    carried: NDArray[np.float64],
 ) -> tuple[_Block, NDArray[np.float64], float, dict[str, float]]:
     """Return block k without what ends with it, the rows known at its end, and what remains.
 
     The last value is how many residuals of each sensor the unknowns absorb that end with the block.
     """
-    part, trajectory = rolled.models[k], rolled.trajectories[k]
+    part = rolled.models[k]
     J, end = part.jacobian(trajectory)
     links, rest = part.links(trajectory.state)
     psi, by_psi = part.columns[PSI], rolled.by_psi

@@ -98,7 +98,7 @@ class JointEfforts:
         derivative = CubicSpline(model.times, np.eye(N))(model.times, 1)
         result = np.zeros((N, motions.count, self.joints.size), w.dtype)
         for place, (k, screw) in enumerate(screws.items()):
-            momentum = known.momentum[k] + (known.inertia[k] @ V[..., None])[..., 0]
+            momentum = known.momentum[k] + known.momentum_by([k], V[None])[0]
             if k in carrying:
                 momentum = momentum + of_target
             rate = np.tensordot(derivative, momentum.reshape(N, -1), axes=1).reshape(-1, 6)

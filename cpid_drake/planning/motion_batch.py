@@ -57,7 +57,7 @@ class PlannedJoints(JointPart):
 class BatchTrajectory(Trajectory):
     """The base's motion in B joint motions; `R`, `w` and `inverse` are at U = N B instants."""
 
-    motion: "MotionBatch"
+    motion: "MotionBatch" = field(kw_only=True)
 
     def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WB (M, 3, 3) at times (M,), each of them for all B motions."""
@@ -140,7 +140,7 @@ class MotionBatch(BaseMotion):
             if np.abs(R - before).max() < 1e-12:
                 break
         spline = _Interpolation(self, w)
-        return BatchTrajectory(state, R, w, inverse, spline, state.L, None, self)
+        return BatchTrajectory(state, R, w, inverse, spline, state.L, None, motion=self)
 
     def _attitudes(self, first: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the attitudes (U, 3, 3) from angular velocities (N, B, 3) in B."""

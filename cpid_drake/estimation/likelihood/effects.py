@@ -5,13 +5,14 @@ with respect to its quantities, and connects its quantities within a block. To m
 effect, write a class like these and add it to `model.BlockModel`.
 """
 
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
+from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import cross, skew
 from cpid_drake.dynamics.sensitivity import (
     MotionSensitivity,
@@ -22,7 +23,12 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.motion import (
+    TOGETHER,
+    BaseMotion,
+    Trajectory,
+    TrajectoryState,
+)
 from cpid_drake.estimation.likelihood.thrust import inverse_mass
 from cpid_drake.sensing.sensors import Gyro
 
@@ -210,7 +216,7 @@ class JointErrors(Effect):
         K, J = self._joints.coefficients.shape
         self.size = K * J
         self._indices = np.arange(K * J).reshape(J, K)
-        times = motion.instants.times
+        times = motion.times
         self._B, self._B_dot = self._joints.basis(times), self._joints.basis(times, 1)
 
     @property
@@ -278,24 +284,44 @@ class KnownBodies(Effect):
 
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""
-        tree, telemetry = _relative_to_base(self._motion, trajectory)
-        at, psi = self._motion.instants, trajectory.state.psi
-        uncertainty, errors = self._uncertainty, self._errors
-        by = uncertain_sensitivity(tree, telemetry, psi, at.dynamics, uncertainty, errors)
+        tree, telemetry, dynamics = _relative_to_base([self._motion], [trajectory])
+        psi, uncertainty, errors = trajectory.state.psi, self._uncertainty, self._errors
+        by = uncertain_sensitivity(tree, telemetry, psi, dynamics, uncertainty, errors)
         write_change(change, by, self._motion, trajectory)
         masses, present = np.zeros(len(self._sigmas)), [body.mass for body in tree.bodies[:-1]]
         masses[: 10 * len(present) : 10] = uncertainty.mass * np.array(present)
-        by_masses = -masses[self._sigmas > 0] * inverse_mass(at.dynamics.mass, float(psi[0])) ** 2
+        by_masses = -masses[self._sigmas > 0] * inverse_mass(dynamics.mass, float(psi[0])) ** 2
         change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * errors)
 
 
-@lru_cache(maxsize=1)  # the joints' splines and their zeros need the same
 def joint_changes(
     motion: BaseMotion, trajectory: Trajectory
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
     """Return the derivatives of the motion with respect to joint positions and joint rates."""
-    tree, telemetry = _relative_to_base(motion, trajectory)
-    return joint_sensitivity(tree, telemetry, trajectory.state.psi, motion.instants.dynamics)
+    return trajectory.by_joints or _joint_changes([motion], [trajectory])[0]
+
+
+def with_joint_changes(
+    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
+) -> Iterator[Trajectory]:
+    """Yield trajectories of one target with these derivatives, computed in few calls."""
+    for k in range(0, len(motions), TOGETHER):
+        some = trajectories[k : k + TOGETHER]
+        for trajectory, by in zip(some, _joint_changes(motions[k : k + TOGETHER], some)):
+            yield replace(trajectory, by_joints=by)
+
+
+def _joint_changes(
+    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
+) -> list[tuple[MotionSensitivity, MotionSensitivity]]:
+    tree, telemetry, dynamics = _relative_to_base(motions, trajectories)
+    by = joint_sensitivity(tree, telemetry, trajectories[0].state.psi, dynamics)
+    ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
+    by_q, by_qdot = (
+        [MotionSensitivity(*each) for each in zip(*(np.split(v, ends) for v in vars(one).values()))]
+        for one in by
+    )
+    return list(zip(by_q, by_qdot, strict=True))
 
 
 def write_change(
@@ -308,11 +334,14 @@ def write_change(
 
 
 def _relative_to_base(
-    motion: BaseMotion, trajectory: Trajectory
-) -> tuple[KinematicTree, Telemetry]:
-    """Return the tree with the target attached, and the motion of both relative to the base."""
-    psi, at = trajectory.state.psi, motion.instants
-    phi = parameters_to_standard(relative_parameterization(at.dynamics.mass).to_parameters(psi))
-    q, qdot = np.moveaxis(motion.joint_motion(at.times), 1, 0)
-    v = -(cross(trajectory.w, at.dynamics.com(psi)) + at.dynamics.com_rate(psi))
-    return motion.tree.with_target(phi), Telemetry.seen_from_base(q, qdot, trajectory.w, v)
+    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
+) -> tuple[KinematicTree, Telemetry, RelativeDynamics]:
+    """Return the tree with the target attached, and all motions of both relative to the base."""
+    psi, tree = trajectories[0].state.psi, motions[0].tree
+    dynamics = RelativeDynamics.joined([motion.instants.dynamics for motion in motions])
+    phi = parameters_to_standard(relative_parameterization(dynamics.mass).to_parameters(psi))
+    joints = np.concatenate([motion.joint_motion(motion.instants.times) for motion in motions])
+    w = np.concatenate([trajectory.w for trajectory in trajectories])
+    v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
+    telemetry = Telemetry.seen_from_base(joints[:, 0], joints[:, 1], w, v)
+    return tree.with_target(phi), telemetry, dynamics

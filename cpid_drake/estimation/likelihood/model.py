@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -54,8 +55,6 @@ class BlockModel:
         sensors: models of the sensors that have samples, by name.
         effects: the effects with unknowns, the target last, by name.
         columns: columns of each effect in the Jacobian; those of the known bodies are last.
-        turned: columns of what depends at the end on all that turns the base: the attitude; in an
-            orbit also L; with thrust also L, centre of mass and its velocity.
 
     """
 
@@ -96,15 +95,22 @@ class BlockModel:
         ends = np.cumsum([0] + [effect.size for effect in self._everything]).tolist()
         names = [effect.name for effect in self._everything]
         self.columns = {name: slice(a, b) for name, (a, b) in zip(names, pairwise(ends))}
+        self.at_start = self._indices(lambda effect: effect.at_start)
+        self.at_end = self._indices(lambda effect: effect.at_end)
+
+    @cached_property
+    def turned(self) -> NDArray[np.intp]:
+        """Columns of what depends at the end on all that turns the base: the attitude.
+
+        In an orbit L is among them; with thrust also L, centre of mass and its velocity.
+        """
         start, momentum = self.columns["start"].start, self.columns["momentum"].start
         depends = [slice(start, start + 3)]
-        if suite.orbit is not None or self.motion.thrust is not None:
+        if self.motion.orbit is not None or self.motion.thrust is not None:
             depends.append(slice(momentum, momentum + 3))
         if self.motion.thrust is not None:
             depends += [slice(start + 3, start + 6), slice(momentum + 3, momentum + 6)]
-        self.turned = np.r_[tuple(depends)]
-        self.at_start = self._indices(lambda effect: effect.at_start)
-        self.at_end = self._indices(lambda effect: effect.at_end)
+        return np.r_[tuple(depends)]
 
     def _indices(self, which: Callable[[Effect], NDArray[np.intp]]) -> NDArray[np.intp]:
         parts = [self.columns[effect.name].start + which(effect) for effect in self.effects]

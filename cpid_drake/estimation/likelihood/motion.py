@@ -11,7 +11,9 @@ so every derivative is available without finite differences. Source: Ning et al.
 about the system's centre of mass.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
 from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.likelihood.attitude_steps import (
     integrated_attitude,
@@ -36,6 +39,9 @@ from cpid_drake.estimation.likelihood.uniform_spline import (
     step_integrals,
 )
 from cpid_drake.sensing.measurements import Samples
+
+TOGETHER = 32
+"""So many blocks have their kinematics computed in one call."""
 
 _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
@@ -81,6 +87,7 @@ class Trajectory:
         L: (U, 3) angular momentum about the centre of mass, in W; (3,) if it is constant [N·m·s].
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
+        by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
 
     """
 
@@ -91,6 +98,7 @@ class Trajectory:
     spline: UniformSpline
     L: NDArray[np.float64]
     travel: NDArray[np.float64] | None
+    by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
 
     def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WB (M, 3, 3) at times between the grid's ends."""
@@ -126,9 +134,7 @@ class BaseMotion:
 
     Attributes:
         nodes: (N,) times of the grid [s].
-        instants: the known bodies' dynamics at the N nodes, then at the M further times.
-        grid: the dynamics at the nodes only.
-        thrust: the thrust between the first and the last node; None if there is none.
+        times: (U,) the N nodes, then the M further times [s].
 
     """
 
@@ -150,15 +156,26 @@ class BaseMotion:
         step = min(step, length / joints.pieces / _STEPS_PER_PIECE)
         steps = int(np.clip(np.ceil(length / step), 4, _MOST_STEPS))
         self.nodes = np.linspace(joints.start, joints.end, steps + 1)
-        everything = np.concatenate([self.nodes, times])
-        dynamics = relative_dynamics(tree, *np.moveaxis(self.joint_motion(everything), 1, 0))
-        self.instants = Instants(everything, dynamics)
-        self.grid = self.instants.part(slice(0, len(self.nodes)))
-        self.thrust: BlockThrust | None = None
-        if thrust is not None:
-            self.thrust = block_thrust(
-                thrust, self.nodes, everything, self.grid.dynamics, self.interpolation, orbit
-            )
+        self.times, self._log = np.concatenate([self.nodes, times]), thrust
+
+    @cached_property
+    def instants(self) -> Instants:
+        """The known bodies' dynamics at all times; `relate` computes those of many motions."""
+        q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
+        return Instants(self.times, relative_dynamics(self.tree, q, qdot))
+
+    @cached_property
+    def grid(self) -> Instants:
+        """The dynamics at the nodes only."""
+        return self.instants.part(slice(0, len(self.nodes)))
+
+    @cached_property
+    def thrust(self) -> BlockThrust | None:
+        """The thrust between the first and the last node; None if there is none."""
+        if self._log is None:
+            return None
+        grid, weights = self.grid.dynamics, self.interpolation
+        return block_thrust(self._log, self.nodes, self.times, grid, weights, self.orbit)
 
     def joint_motion(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return true positions and rates (M, 2, J) of the joints at times (M,) [s]."""
@@ -370,6 +387,17 @@ class BaseMotion:
         vary fast, cancel exactly.
         """
         return spline_weights(self.nodes, times)
+
+
+def relate(motions: Sequence[BaseMotion]) -> None:
+    """Compute the known bodies' dynamics of motions of one spacecraft in few calls."""
+    for first in range(0, len(motions), TOGETHER):
+        some = motions[first : first + TOGETHER]
+        samples = np.concatenate([motion.joint_motion(motion.times) for motion in some])
+        dynamics, end = relative_dynamics(some[0].tree, samples[:, 0], samples[:, 1]), 0
+        for motion in some:
+            start, end = end, end + len(motion.times)
+            motion.instants = Instants(motion.times, dynamics.part(slice(start, end)))
 
 
 def _in_base(L: NDArray[np.float64], R: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import NORMAL_W
+from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
@@ -78,12 +79,15 @@ class SensorModel(ABC):
         self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
         self._errors, self._at, self._bias = suite[name], instants, bias
         self._motion = motion
-        self._dynamics = motion.instants.part(instants).dynamics
         self._weights = motion.interpolation(samples.time)
         normal = motion.tree.normal_B
         self._is_planar = normal is not None
         self._axes = np.eye(3) if normal is None else self._measured(normal)
         self.scale = np.sqrt(self._axes**2 @ np.broadcast_to(self.sigmas**2, 3))
+
+    @cached_property
+    def _dynamics(self) -> RelativeDynamics:
+        return self._motion.instants.part(self._at).dynamics
 
     @property
     def width(self) -> int:
