@@ -194,8 +194,11 @@ class BaseMotion:
         """
         dynamics, N = self.instants.dynamics, len(self.nodes)
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
-        R = state.attitude.as_matrix()
-        L = self._undisturbed(state)
+        step, first = self.nodes[1] - self.nodes[0], state.attitude.as_matrix()
+        R = first
+        L, torque = state.L, self.constants.value(state.constants, "torque")
+        if torque is not None:
+            L = L + torque * (self.times - self.joints.start)[:, None]
         at_nodes = L if L.ndim == 1 else L[:N]
         J = None if self.orbit is None else self.grid.dynamics.inertia(state.psi)
         added, pushed = np.zeros(3), None
@@ -211,7 +214,10 @@ class BaseMotion:
                 pushed = self.thrust.momentum(everywhere, state.psi, self.scale(state))
                 total = total + pushed[:N]
             w = rotate(inverse[:N], _in_base(total, R) - h[:N])
-            R, spline = self._integrated(state, w, inverse[:N])
+            spline = UniformSpline(self.nodes[0], step, w)
+            if self.thrust is not None:
+                spline = self.thrust.spline(w, inverse[:N], state.psi, self.scale(state))
+            R = integrated_attitude(first, step_angles(spline.steps(), w, step))
             if np.abs(R - before).max() < 1e-12:
                 break
         travel = None
@@ -226,13 +232,6 @@ class BaseMotion:
             L = L + np.concatenate([added, self.interpolation(times) @ added])
         L = L if pushed is None else L + pushed
         return replace(nodes, R=R, w=rotate(inverse, _in_base(L, R) - h), L=L)
-
-    def _undisturbed(self, state: TrajectoryState) -> NDArray[np.float64]:
-        """Return L without gravity gradient at all instants in W, (U, 3), or a constant (3,)."""
-        torque = self.constants.value(state.constants, "torque")
-        if torque is None:
-            return state.L
-        return state.L + torque * (self.instants.times - self.joints.start)[:, None]
 
     def gradient_by_psi(self, trajectory: Trajectory) -> NDArray[np.float64] | None:
         """Return the derivative (U, 3, 10) of L by ψ because of the gravity gradient, in W.
@@ -300,24 +299,6 @@ class BaseMotion:
             L=L if L.ndim == 1 else L[last],
         )
 
-    def _integrated(
-        self, state: TrajectoryState, w: NDArray[np.float64], inverse: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], UniformSpline]:
-        """Return the attitudes at the nodes and the spline of w.
-
-        Args:
-            state: the unknowns.
-            w: (N, 3) angular velocity at the nodes, in B.
-            inverse: (N, 3, 3) inverse of the system's inertia at the nodes, in B.
-
-        """
-        h = self.nodes[1] - self.nodes[0]
-        spline = UniformSpline(self.nodes[0], h, w)
-        if self.thrust is not None:
-            spline = self.thrust.spline(w, inverse, state.psi, self.scale(state))
-        theta = step_angles(spline.steps(), w, h)
-        return integrated_attitude(state.attitude.as_matrix(), theta), spline
-
     def pose_change(
         self, trajectory: Trajectory, w: NDArray[np.float64], initial: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -349,7 +330,7 @@ class BaseMotion:
         if self.orbit is not None or self.thrust is not None:
             coupling = np.concatenate([coupling, mobility], axis=-1)
             torque = (
-                np.zeros((N, 3, 3)) if self.orbit is None else self._torque_by_attitude(trajectory)
+                np.zeros((N, 3, 3)) if self.orbit is None else _torque_by_attitude(self, trajectory)
             )
             below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
             A = np.concatenate([R @ coupling, below], axis=-2)
@@ -372,14 +353,6 @@ class BaseMotion:
             change[k + 1] += added[k]
         return change, w + coupling @ change
 
-    def _torque_by_attitude(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative (N, 3, 3) of the gravity gradient by a rotation in W."""
-        assert self.orbit is not None
-        R, r = trajectory.R[: len(self.nodes)], self.orbit.nadir(self.nodes)
-        J = R @ self.grid.dynamics.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
-        turned = J @ skew(r) - skew(rotate(J, r))
-        return np.asarray(3 * self.orbit.n**2 * skew(r) @ turned)
-
     def interpolation(self, times: NDArray[np.float64]) -> NDArray[np.float64] | csr_array:
         """Return (M, N) weights of the nodes at times (M,): those of the spline of w.
 
@@ -387,6 +360,15 @@ class BaseMotion:
         vary fast, cancel exactly.
         """
         return spline_weights(self.nodes, times)
+
+
+def _torque_by_attitude(motion: BaseMotion, trajectory: Trajectory) -> NDArray[np.float64]:
+    """Return the derivative (N, 3, 3) of the gravity gradient by a rotation in W."""
+    assert motion.orbit is not None
+    R, r = trajectory.R[: len(motion.nodes)], motion.orbit.nadir(motion.nodes)
+    J = R @ motion.grid.dynamics.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
+    turned = J @ skew(r) - skew(rotate(J, r))
+    return np.asarray(3 * motion.orbit.n**2 * skew(r) @ turned)
 
 
 def relate(motions: Sequence[BaseMotion]) -> None:

@@ -60,7 +60,7 @@ class SensorModel(ABC):
         bias: bias of the sensor, if it has one.
 
     Attributes:
-        scale: (d,) σ of the components of a sample.
+        scale: (d,) σ of the components of a sample that enter: 3, or those in a table's plane.
 
     """
 
@@ -84,15 +84,6 @@ class SensorModel(ABC):
         self._is_planar = normal is not None
         self._axes = np.eye(3) if normal is None else self._measured(normal)
         self.scale = np.sqrt(self._axes**2 @ np.broadcast_to(self.sigmas**2, 3))
-
-    @cached_property
-    def _dynamics(self) -> RelativeDynamics:
-        return self._motion.instants.part(self._at).dynamics
-
-    @property
-    def width(self) -> int:
-        """Number d of components of a sample that enter: 3, or those in the plane of a table."""
-        return len(self._axes)
 
     def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return measured minus predicted values (M, d) in units of σ."""
@@ -296,6 +287,10 @@ class TranslationModel(SensorModel):
     """A sensor of the position or velocity in W of B's origin, or of a point near it."""
 
     at_instants = True
+
+    @cached_property
+    def _dynamics(self) -> RelativeDynamics:
+        return self._motion.instants.part(self._at).dynamics
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
         predicted = self._predicted(trajectory)

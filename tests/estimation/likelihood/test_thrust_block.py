@@ -134,7 +134,7 @@ def test_derivatives_by_the_known_bodies(case):
         column = -(readings[0] - readings[1]) / (2 * step)
         # The change of a gravity gradient with the known bodies is not in the model.
         share = 5e-3 if case.suite.orbit is None else 3e-2
-        edges = np.cumsum([s.width * len(s.samples) for s in model.sensors.values()])[:-1]
+        edges = np.cumsum([s.scale.size * len(s.samples) for s in model.sensors.values()])[:-1]
         parts = zip(np.split(exact[:, which], edges), np.split(column, edges), strict=True)
         for found, expected in parts:  # of each sensor
             assert np.abs(found - expected).max() < share * np.abs(expected).max()
