@@ -12,6 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.estimation.least_squares import (
+    KNOWN,
+    LeastSquaresSolution,
+    solution_of_combinations,
+)
 from cpid_drake.estimation.square_root import triangle
 
 _NEGLIGIBLE = 1e-13  # share of the largest singular value of scaled columns that is rounding error
@@ -106,6 +111,15 @@ class Gaussian:
         """Return the distribution of x − step for a step (n,)."""
         return replace(self, z=self.z - self.R @ step)
 
+    @property
+    def rank(self) -> int:
+        """Number of combinations of the unknowns about which it says anything."""
+        if not self.R.size:
+            return 0
+        norms = np.linalg.norm(self.R, axis=0)
+        scaled = self.R / np.where(norms > 0, norms, 1.0)
+        return int(np.linalg.matrix_rank(scaled, tol=1e-12 * np.sqrt(len(scaled))))
+
     def cost(self, x: NDArray[np.float64]) -> float:
         """Return the sum of squares at x (n,)."""
         return self.rho2 + float(np.sum((self.R @ x - self.z) ** 2))
@@ -160,6 +174,41 @@ class Gaussian:
     def log_evidence(self) -> float:
         """Log of the integral over all unknowns, up to a constant that priors and rows share."""
         return -0.5 * self.rho2 - float(np.sum(np.log(np.abs(np.diag(self.R)))))
+
+
+def solution_of(
+    target: Gaussian,
+    nominal: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    *,
+    largest: float = KNOWN,
+    residual_sum: float = np.nan,
+    row_count: int = 0,
+) -> LeastSquaresSolution:
+    """Return the solution of a Gaussian of the target alone.
+
+    Args:
+        target: of n unknowns.
+        nominal: (n,) values of combinations that are not determined.
+        scale: (n,) plausible sizes of the unknowns.
+        largest: largest σ of a determined combination, as a share of its plausible size.
+        residual_sum, row_count: of the rows themselves, for the record.
+
+    """
+    moved = target.moved(nominal)
+    U, sizes, axes = np.linalg.svd(moved.R * scale)
+    seen = sizes > max(1 / largest, 1e-13 * float(sizes[0]))
+    x = axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen])
+    return solution_of_combinations(
+        nominal + scale * x,
+        target.R.T @ target.R,
+        scale,
+        sizes,
+        axes.T,
+        seen,
+        residual_sum=residual_sum,
+        row_count=row_count,
+    )
 
 
 def _places(sizes: Mapping[str, int]) -> dict[str, slice]:

@@ -20,16 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.evidence import compare
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import (
-    KNOWN,
-    LeastSquaresSolution,
-    solution_of_combinations,
-)
 from cpid_drake.estimation.momentum_rows import momentum_columns, row_blocks, row_derivatives
 from cpid_drake.estimation.noisy_rows import (
     LEAST_SHARE,
@@ -57,6 +54,7 @@ _MOST_KEPT = 20_000  # samples whose residuals are kept for their correlation in
 _MOST_SHOWN = 4_000  # samples of a long log that a page shows
 _MOST_CHANGED = 200  # complete samples of a block that show the shape of its errors
 _FEWEST = 20  # independent residuals that determine their correlation
+_NOTHING = 1e-12  # size of combinations that have no effect, as a share of the columns
 _ROUNDS = 4  # of the size of the errors, which depends on the solution
 
 
@@ -112,7 +110,22 @@ class LogRows:
         self._spread: NDArray[np.float64] | None = None  # `RowNoise.scatter` of smoothed samples
         self._first: list[Samples] = []  # rows, and below them weighted rows
         self._shown = EvenSelection(_MOST_SHOWN)
+        self._p_WB = np.zeros(3)  # at the first sample
         self.sample_count = self.row_count = 0
+
+    @property
+    def momenta(self) -> NDArray[np.intp]:
+        """Places (k,) of the unknowns of a momentum in [L; P]."""
+        tree, family, _ = self._problem
+        return np.arange(self.extra) if tree.normal_B is None else family.momenta_in_plane()
+
+    def about_base(self) -> NDArray[np.float64]:
+        """Return the unknowns (k + 10, k + 10) by those with L about the base's first place."""
+        whole = np.eye(6)
+        whole[:3, 3:] = skew(self._p_WB)
+        result = np.eye(self.extra + 10)
+        result[: self.extra, : self.extra] = whole[np.ix_(self.momenta, self.momenta)]
+        return result
 
     def add(
         self,
@@ -129,6 +142,8 @@ class LogRows:
             errors: of smoothed samples, the independent parts of these errors.
 
         """
+        if not self.sample_count and len(telemetry):
+            self._p_WB = telemetry.p_WB[0]
         for own, rows in row_blocks(telemetry, *self._problem):
             flat = rows.reshape(-1, rows.shape[-1])
             self._plain = updated_information(self._plain, flat)
@@ -299,6 +314,64 @@ class LogRows:
         return without_bias(flat[:, first:], E[first:, first:], scatter, noise.least)
 
 
+@dataclass(frozen=True, eq=False)
+class MomentumComparison:
+    """What the comparison of zero with an unknown momentum says.
+
+    Attributes:
+        probability: of a momentum.
+        target: the target, averaged over zero and a momentum.
+        momentum: (k,) the momentum, in the rows' unknowns.
+        covariance: (k, k) of the momentum.
+
+    """
+
+    probability: float
+    target: Gaussian
+    momentum: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+def compare_momentum(
+    rows: LogRows, noise: RowNoise, sigma: NDArray[np.float64]
+) -> MomentumComparison | None:
+    """Compare a momentum of zero with an unknown one; None if the rows show nothing of the target.
+
+    See `evidence`.
+
+    Args:
+        rows: of a log, with columns of an unknown momentum.
+        noise: their errors.
+        sigma: (6,) of an unknown momentum [L; P] about the base's first place.
+
+    """
+    free, zero = rows.gaussians(noise)[0], rows.gaussians(noise, is_zero=True)[0]
+    R, k, own = free.R @ rows.about_base(), rows.extra, sigma[rows.momenta]
+    scale = np.maximum(np.linalg.norm(R[:, k:], axis=0), np.finfo(float).tiny)
+    # What noise hides of the target with zero, it hides with a momentum as well.
+    _, sizes, axes = np.linalg.svd(zero.R[:, zero.places[TARGET]] / scale)
+    hidden = axes[sizes <= _NOTHING * sizes[0]].T
+    U, sizes, _ = np.linalg.svd(R[:, k:] / scale @ hidden)
+    clear = U[:, np.sum(sizes > _NOTHING) :].T
+    R, z = clear @ R, clear @ free.z
+    U, sizes, axes = np.linalg.svd(R[:, k:] / scale)
+    count = int(np.sum(sizes > _NOTHING))
+    if not count:
+        return None
+    axes = axes[:count] * scale
+    table = np.zeros((k + len(R), k + count + 1))
+    table[:k, :k] = np.diag(1 / own)
+    table[k:, :k], table[k:, k:-1], table[k:, -1] = R[:, :k], U[:, :count] * sizes[:count], z
+    both = Gaussian.of_rows({MOMENTUM: k, TARGET: count}, table)
+    found = compare(both, {MOMENTUM: own}, [TARGET], odds={MOMENTUM: 1.0})
+    target = found.gaussian
+    target = Gaussian.of_rows({TARGET: 10}, np.column_stack([target.R @ axes, target.z]))
+    to_origin = rows.about_base()[:k, :k]
+    value = to_origin @ found.values.get(MOMENTUM, np.zeros(k))
+    root = to_origin * found.sigma.get(MOMENTUM, np.zeros(k))
+    return MomentumComparison(found.probability[MOMENTUM], target, value, root @ root.T)
+
+
 def disagreement(parts: Sequence[Gaussian]) -> tuple[float, int, float]:
     """Return χ², freedom and probability of so large a χ² if all parts have the same unknowns.
 
@@ -307,50 +380,6 @@ def disagreement(parts: Sequence[Gaussian]) -> tuple[float, int, float]:
     """
     total = reduce(Gaussian.add, parts)
     chi_squared = max(total.least_cost - sum(each.least_cost for each in parts), 0.0)
-    freedom = sum(map(rank_of, parts)) - rank_of(total)
+    freedom = sum(part.rank for part in parts) - total.rank
     probability = float(chdtrc(freedom, chi_squared)) if freedom else 1.0
     return chi_squared, freedom, probability
-
-
-def rank_of(gaussian: Gaussian) -> int:
-    """Return the number of combinations of unknowns about which a Gaussian says anything."""
-    norms = np.linalg.norm(gaussian.R, axis=0)
-    scaled = gaussian.R / np.where(norms > 0, norms, 1.0)
-    return (
-        int(np.linalg.matrix_rank(scaled, tol=1e-12 * np.sqrt(len(scaled)))) if scaled.size else 0
-    )
-
-
-def solution_of(
-    target: Gaussian,
-    nominal: NDArray[np.float64],
-    scale: NDArray[np.float64],
-    *,
-    largest: float = KNOWN,
-    residual_sum: float = np.nan,
-    row_count: int = 0,
-) -> LeastSquaresSolution:
-    """Return the solution of a Gaussian of the target alone.
-
-    Args:
-        target: of n unknowns.
-        nominal: (n,) values of combinations that are not determined.
-        scale: (n,) plausible sizes of the unknowns.
-        largest: largest σ of a determined combination, as a share of its plausible size.
-        residual_sum, row_count: of the rows themselves, for the record.
-
-    """
-    moved = target.moved(nominal)
-    U, sizes, axes = np.linalg.svd(moved.R * scale)
-    seen = sizes > max(1 / largest, 1e-13 * float(sizes[0]))
-    x = axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen])
-    return solution_of_combinations(
-        nominal + scale * x,
-        target.R.T @ target.R,
-        scale,
-        sizes,
-        axes.T,
-        seen,
-        residual_sum=residual_sum,
-        row_count=row_count,
-    )

@@ -1,8 +1,8 @@
 """Least squares on the momentum rows of complete or smoothed samples, of one log or many.
 
-Every log is a Gaussian of the target and of its own momentum (`estimation.rows_fit`). A momentum of
-zero is the Gaussian under this condition. Several logs, and a prior, are the sum of their
-Gaussians.
+Every log is a Gaussian of the target and of its own momentum (`estimation.rows_fit`). Zero and an
+unknown momentum are compared by their evidence, as in a fit, and the target is their average.
+Several logs, and a prior, are the sum of their Gaussians.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,30 +12,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtri
 
 from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.evidence import NAMED
+from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.estimation.rows_fit import (
-    MOMENTUM,
     TARGET,
     LogRows,
+    MomentumComparison,
     RowNoise,
+    compare_momentum,
     disagreement,
-    rank_of,
-    solution_of,
 )
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.agreement import CONTRADICTED
 from cpid_drake.identification.problem import (
     ESTIMATED,
+    MAY_MOVE,
     MOST_NOISE,
     NOISE_ESTIMATED,
     NOT_ESTIMATED,
     NOT_ZERO,
+    SUSPECTED,
     Estimator,
     Problem,
 )
@@ -43,7 +45,7 @@ from cpid_drake.identification.result import Check, MomentumEstimate
 from cpid_drake.identification.sample_noise import sample_sigmas
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
-from cpid_drake.identification.together import Part, combined, plausible
+from cpid_drake.identification.together import Part, combined, momentum_sigma, plausible
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.smoothed_motion import ErrorBlock
@@ -59,9 +61,6 @@ SMALL = 1e-3
 
 INTEGRATION = 1e-5
 """Residuals below this share of the momentum do not contradict zero: integration leaves as much."""
-
-SIZES = (1e-3, 1.0, 2.0, 4.0, 8.0)
-"""Prior σ of a momentum that is not given, in σ of its free estimate; the first is zero."""
 
 DISAGREE = (
     "two halves of the samples have different targets: the spacecraft, a frame, a sign or a clock "
@@ -228,75 +227,57 @@ def _identified(
     if is_tested and not family.momentum_size and has_place:
         other = rows_of(STANDARD_ROWS)
         tester = other, other.noise()
-    contradicts = _contradicts_zero(*tester) if is_open and tester[0].extra else None
+    compared = _compared(spacecraft, *tester) if is_open and tester[0].extra else None
+    likely = 0.0 if compared is None else compared.probability
     checks, is_zero = list[Check](), is_open
-    if contradicts:
-        free_target = rows.gaussians(noise)[0].marginal([TARGET])
-        if not rows.extra:
-            checks.append(Check("momentum", NOT_ESTIMATED.format(family.name)))
-        elif momentum is not None or not rank_of(free_target):
-            checks.append(Check("momentum", NOT_ZERO))
-        else:
-            warnings.append(ESTIMATED)
-            is_zero = False
-    whole = rows.gaussians(noise, is_zero=is_zero)
-    if is_zero and momentum is None and rows.extra and noise.is_known:
-        whole = (_averaged(whole[0], rows.gaussians(noise)[0]), *whole[1:])
-    found = _estimate(spacecraft, family, rows, noise, whole, suite)
-    name_of = "zero" if is_zero else "unknown" if momentum is None else momentum.name
+    if likely >= NAMED and not rows.extra:
+        checks.append(Check("momentum", NOT_ESTIMATED.format(family.name)))
+    elif likely >= NAMED:
+        is_zero = False
+        warnings += [ESTIMATED] if momentum is None else []
+        checks += [] if momentum is None else [Check("momentum", NOT_ZERO)]
+    elif likely > SUSPECTED and momentum is None:
+        warnings.append(MAY_MOVE.format(f"{likely:.2g}"))
+    whole, *halves = rows.gaussians(noise, is_zero=is_zero)
+    own = np.zeros(rows.extra) if is_zero else whole.solve()[: rows.extra]
+    target, estimate = whole.marginal([TARGET]), None
+    if compared is not None and rows.extra and (momentum is None or not is_zero):
+        target = compared.target
+    if compared is not None and not is_zero:
+        own, estimate = compared.momentum, MomentumEstimate(compared.momentum, compared.covariance)
+    elif not is_zero:
+        estimate = _momentum(rows, whole)
+    found = _estimate(spacecraft, family, rows, noise, (target, *halves), own, suite)
+    if momentum is None or is_open:
+        momentum = TotalMomentum.zero() if is_zero else free
     found = replace(
         found,
-        momentum=name_of,
+        momentum=momentum.name,
+        momentum_estimate=estimate,
         warnings=tuple(warnings),
         checks=(*checks, *found.checks),
     )
-    return Part(name, found, whole[0].marginal([TARGET]))
+    return Part(name, found, target)
 
 
-def _contradicts_zero(rows: LogRows, noise: RowNoise) -> bool:
-    """Return whether the samples contradict a momentum of zero."""
-    free, zero = rows.gaussians(noise)[0], rows.gaussians(noise)[0].condition({MOMENTUM: 0.0})
+def _compared(
+    spacecraft: "Spacecraft", rows: LogRows, noise: RowNoise
+) -> MomentumComparison | None:
+    """Return the comparison of zero with an unknown momentum; None if the rows show nothing."""
+    zero = rows.gaussians(noise, is_zero=True)[0]
     x = np.append(np.zeros(rows.extra), zero.solve()[rows.unknowns])
     if not noise.is_known or rows.misfit(x)[1] < INTEGRATION:
-        return False
-    gain = zero.least_cost - free.least_cost
-    return bool(chdtrc(rows.extra, max(gain, 0.0)) < CONTRADICTED)
+        return None
+    return compare_momentum(rows, noise, momentum_sigma(spacecraft))
 
 
-def _averaged(zero: Gaussian, free: Gaussian) -> Gaussian:
-    """Return the target, averaged over sizes of a momentum of which zero is one.
-
-    The samples may agree with zero and with a momentum that changes the target by more than the
-    errors under zero. Each size is a prior σ of the momentum, in σ of its estimate, and counts by
-    its evidence. Source: Hoeting et al. 1999, "Bayesian model averaging: a tutorial".
-    """
-    names = np.flatnonzero(np.any(zero.R, axis=0))  # the target's unknowns that have an effect
-    k = free.places[MOMENTUM].stop
-    columns = np.append(np.arange(k), k + names)
-    if rank_of(zero) < len(names) or rank_of(free) < len(columns):
-        return zero
-    inverse = np.linalg.pinv(free.R[:, columns])
-    sigma = np.sqrt(np.sum(inverse[:k] ** 2, axis=1))
-    parts = []
-    for size in SIZES:
-        rows = np.column_stack([free.R, free.z])[:, np.append(columns, -1)]
-        prior = np.zeros((k, rows.shape[1]))
-        prior[:, :k] = np.diag(1 / (size * sigma))
-        each = Gaussian.of_rows({MOMENTUM: k, TARGET: len(names)}, np.vstack([rows, prior]))
-        evidence = each.log_evidence - np.sum(np.log(size * sigma))
-        target = each.marginal([TARGET])
-        parts.append((evidence, target.solve(), target.covariance()))
-    log = np.array([part[0] for part in parts])
-    weights = np.exp(log - log.max()) / np.sum(np.exp(log - log.max()))
-    mean = sum(w * x for w, (_, x, _) in zip(weights, parts, strict=True))
-    covariance = sum(
-        w * (C + np.outer(x - mean, x - mean)) for w, (_, x, C) in zip(weights, parts, strict=True)
-    )
-    own = np.sqrt(np.diag(covariance))
-    root = np.linalg.inv(np.linalg.cholesky(covariance / own / own[:, None])) / own
-    table = np.zeros((len(names), 11))
-    table[:, names], table[:, -1] = root, root @ mean
-    return Gaussian.of_rows({TARGET: 10}, table)
+def _momentum(rows: LogRows, whole: Gaussian) -> MomentumEstimate | None:
+    """Return the estimate of an unknown momentum; None if the rows do not determine everything."""
+    places = np.append(np.arange(rows.extra), rows.extra + rows.unknowns)
+    if not rows.extra or whole.rank < len(places):
+        return None
+    inverse = np.linalg.pinv(whole.R[:, places])[: rows.extra]
+    return MomentumEstimate(whole.solve()[: rows.extra], inverse @ inverse.T)
 
 
 def _estimate(
@@ -305,24 +286,28 @@ def _estimate(
     rows: LogRows,
     noise: RowNoise,
     gaussians: Sequence[Gaussian],
+    momentum: NDArray[np.float64],
     suite: SensorSuite | None,
 ) -> SolvedIdentification:
-    """Return the estimate of a log from Gaussians of all of its rows and of its halves."""
-    whole, *halves = gaussians
+    """Return the estimate of a log.
+
+    Args:
+        spacecraft, family, rows, noise, suite: of the log.
+        gaussians: of the target by all rows, and of all unknowns by each half.
+        momentum: (k,) the momentum.
+
+    """
+    target, *halves = gaussians
     form = family.parameterization(spacecraft.mass)
     nominal, scale = plausible(spacecraft, form)
-    mean = whole.solve()
-    momenta = whole.size > 10
-    target = mean[whole.places[TARGET]]
-    free = mean[whole.places[MOMENTUM]] if momenta else np.zeros(rows.extra)
-    x = np.append(free, target[spacecraft.tree.unknowns])
+    x = np.append(momentum, target.solve()[spacecraft.tree.unknowns])
     count = rows.row_count
     solution = solution_of(
-        whole.marginal([TARGET]),
+        target,
         nominal,
         scale,
         residual_sum=rows.residual_sum(x),
-        row_count=count - (rows.extra if momenta else 0),
+        row_count=count - (rows.extra if momentum.any() else 0),
     )
     if not noise.is_known:
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
@@ -345,11 +330,6 @@ def _estimate(
             if shown.value.size
         }
         white = whiteness(np.hstack([each.neighbours for each in residuals.values()]))
-    estimate = None
-    places = np.append(np.arange(rows.extra), rows.extra + rows.unknowns)
-    if momenta and rank_of(whole) == len(places):
-        inverse = np.linalg.pinv(whole.R[:, places])[: rows.extra]
-        estimate = MomentumEstimate(free, inverse @ inverse.T)
     return SolvedIdentification(
         form,
         solution,
@@ -361,7 +341,6 @@ def _estimate(
         residuals=residuals,
         checks=checks,
         misfit=misfit if misfit > MOST_NOISE else 1.0,
-        momentum_estimate=estimate,
     )
 
 

@@ -23,6 +23,7 @@ from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.identification.effects import LEARNED, EffectEstimate, HeldOut, UndeclaredErrors
+from cpid_drake.identification.problem import SUSPECTED
 from cpid_drake.identification.result import Check
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import SENSORS
@@ -43,9 +44,6 @@ ACCELERATION, TORQUE = 1e-3, 1e-2
 
 THRUST_SCALE = 0.1
 """σ of the error of the scale of logged thrust that is looked for."""
-
-SUSPECTED = 0.1
-"""Probability from which an error that may act is mentioned."""
 
 IMPROBABLE = 1e-6
 """Probability of so large errors, if their σ is right, below which a check fails."""

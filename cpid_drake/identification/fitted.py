@@ -22,7 +22,6 @@ from cpid_drake.estimation.whiteness import least_white, whiteness
 from cpid_drake.identification.agreement import with_agreement
 from cpid_drake.identification.checks import noise_warnings
 from cpid_drake.identification.comparison import (
-    SUSPECTED,
     contradicted,
     larger_than_declared,
     undeclared_errors,
@@ -30,16 +29,20 @@ from cpid_drake.identification.comparison import (
     words,
 )
 from cpid_drake.identification.estimate import effects_of, momentum_of, solution_of
-from cpid_drake.identification.problem import ESTIMATED, NOT_ZERO, Estimator, Problem
+from cpid_drake.identification.problem import (
+    ESTIMATED,
+    MAY_MOVE,
+    NOT_ZERO,
+    SUSPECTED,
+    Estimator,
+    Problem,
+)
 from cpid_drake.identification.result import Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 
 NAME = "trajectory_fit"
 """The estimator's name."""
-
-MAY_MOVE = "the total momentum may not be zero (probability {}); the intervals include it"
-"""The warning if the samples do not decide whether the momentum is zero."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,12 @@ NOT_ESTIMATED = (
 )
 """The failed check if the momentum is not zero and the estimator cannot estimate it."""
 
+MAY_MOVE = "the total momentum may not be zero (probability {}); the intervals include it"
+"""The warning if the samples do not decide whether the momentum is zero."""
+
+SUSPECTED = 0.1
+"""Probability from which an error, or a momentum, that may act is mentioned."""
+
 MOST_NOISE = 3.0
 """Ratio of the noise to the given one above which a check fails."""
 

@@ -11,10 +11,15 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.estimation.least_squares import KNOWN, LeastSquaresSolution
-from cpid_drake.estimation.likelihood.priors import plausible_psi, psi_scale
-from cpid_drake.estimation.rows_fit import TARGET, solution_of
+from cpid_drake.estimation.likelihood.priors import (
+    FASTEST_DRIFT,
+    FASTEST_TUMBLE,
+    plausible_psi,
+    psi_scale,
+)
+from cpid_drake.estimation.rows_fit import TARGET
 from cpid_drake.estimation.whiteness import least_white
 from cpid_drake.identification.agreement import with_agreement
 from cpid_drake.identification.result import Check
@@ -89,6 +94,14 @@ def plausible(
     # 1/m of a light target has no plausible size.
     radius = size[1] / size[0]
     return x, 1e6 * np.concatenate([[1 / known.mass], 3 * [radius], 6 * [known.mass * radius**2]])
+
+
+def momentum_sigma(spacecraft: "Spacecraft") -> NDArray[np.float64]:
+    """Return σ (6,) of an unknown momentum [L; P] of a spacecraft."""
+    still = np.zeros((1, len(spacecraft.joint_names)))
+    known = relative_dynamics(spacecraft.tree, still, still)
+    turning = FASTEST_TUMBLE * float(np.trace(known.I_K[0])) / 3
+    return np.repeat([turning, FASTEST_DRIFT * known.mass], 3)
 
 
 def _with_prior(

@@ -267,14 +267,38 @@ class TestPrior:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [0.0, 3e-5, 1e-4])
+@pytest.mark.parametrize("size", [0.0, 3e-5, 1e-4, 1e-2])
+@pytest.mark.parametrize("rows", ["standard", "relative"])
 def test_a_momentum_too_small_to_be_seen_is_within_the_covariance(
-    craft, suite, noisy, skewed_target, size
+    craft, suite, noisy, skewed_target, rows, size
 ):
     """A target with zero momentum is known better than the momentum: it would be 12 σ off."""
     count, total = 6, 0.0
     for seed in range(count):
         log = {"": noisy(seed, size * MOMENTUM)}
-        found = identify_by_rows(craft, log, RELATIVE_ROWS, sensors=suite)
+        found = identify_by_rows(craft, log, ROW_FAMILIES[rows], sensors=suite)
         total += nees(found, skewed_target)
     assert total < chi2.ppf(0.999, 10 * count)
+
+
+def test_a_slow_tumble_is_within_the_covariance_of_a_short_log(craft, suite, noisy, skewed_target):
+    """3 mN·m·s and 0.3 mN·s: with a momentum of zero, the target would be 9 σ off."""
+    found = identify_by_rows(craft, {"": noisy(0, 1e-4 * MOMENTUM)}, STANDARD_ROWS, sensors=suite)
+    assert found.solution.is_observable
+    assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
+
+
+def test_momentum_is_found_far_from_the_origin(craft, suite, skewed_target):
+    """The prior of an unknown momentum is that about the base, wherever W's origin is."""
+    motion = Sines.drawn(4, 102, DURATION, 0.6)
+    samples = add_noise(suite, measured(craft, motion, skewed_target, suite, MOMENTUM), seed=1)
+    position = samples.position
+    far = samples.updated(
+        {"position": replace(position, value=position.value + [1e3, -2e3, 500.0])}
+    )
+    near, found = (
+        identify_by_rows(craft, {"": check_log(craft, each, suite)}, STANDARD_ROWS, sensors=suite)
+        for each in (samples, far)
+    )
+    assert found.momentum == "unknown"
+    assert np.all(np.abs(found.parameters - near.parameters) < 0.1 * sigmas(near))
