@@ -16,8 +16,8 @@ from cpid_drake.estimation.least_squares import (
     KNOWN,
     LeastSquaresSolution,
     solution_of_combinations,
+    triangle,
 )
-from cpid_drake.estimation.square_root import triangle
 
 _NEGLIGIBLE = 1e-13  # share of the largest singular value of scaled columns that is rounding error
 

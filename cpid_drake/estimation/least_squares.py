@@ -1,9 +1,22 @@
-"""Batch least squares, with a measure of how well the data determine each unknown."""
+"""Least squares, with a measure of how well the data determine each unknown.
 
+Any number of rows [A | b] in n unknowns is summarized by one upper triangular matrix
+(n + 1, n + 1), the R factor of their QR decomposition:
+
+    [R  z]      R x = z    the equations compressed to n rows,
+    [0  ρ]      ρ²         the residual sum of squares at their solution.
+
+Each new sample needs one QR decomposition of this triangle with six rows below it. The method
+propagates no covariance, which could lose its symmetry or definiteness. Source: Bierman 1977,
+Factorization Methods for Discrete Sequential Estimation, ch. IV.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 DEFAULT_RANK_TOLERANCE = 1e-9
 """Singular values of column-scaled rows are treated as zero below this share of the largest one.
@@ -226,3 +239,73 @@ def solution_of_combinations(
             values=estimate,
             unit=scale,
         )
+
+
+def empty_information(n: int = 10) -> NDArray[np.float64]:
+    """Return the square-root information of no rows about n unknowns: zeros (n + 1, n + 1)."""
+    return np.zeros((n + 1, n + 1))
+
+
+def updated_information(
+    information: NDArray[np.float64], augmented_rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the square-root information (n + 1, n + 1) after adding the rows [A | b] (M, n + 1).
+
+    Rows are not checked: a row that is not finite makes the result not finite.
+    """
+    updated, _, _, _ = lapack.dtpqrt(0, len(information), information, augmented_rows)
+    return np.asarray(updated)
+
+
+def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n."""
+    m, n = rows.shape
+    if m < n:
+        rows = np.vstack([rows, np.zeros((n - m, n))])
+    work = int(lapack.dgeqrf_lwork(*rows.shape)[0])
+    return np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
+
+
+def solve_information(
+    information: NDArray[np.float64],
+    row_count: int,
+    *,
+    eliminated: int = 0,
+    rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
+) -> LeastSquaresSolution:
+    """Solve for the unknowns from the square-root information of `row_count` scalar rows.
+
+    Columns are scaled here, once: QR decomposition itself does not depend on their scale.
+
+    Args:
+        information: (n + 1, n + 1) array from `updated_information`.
+        row_count: number of scalar rows that were added.
+        eliminated: number of leading unknowns to eliminate: the solution contains the other
+            unknowns, for the best values of the eliminated ones.
+        rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
+
+    """
+    kept = information[eliminated:, eliminated:]
+    R, z, rho = kept[:-1, :-1], kept[:-1, -1], kept[-1, -1]
+    return solve_compressed(R, z, rho**2, max(row_count - eliminated, 0), rank_tolerance)
+
+
+def describe_unobservable(
+    directions: NDArray[np.float64], names: Sequence[str], share: float = 0.1
+) -> str:
+    """Return a sentence on the unobservable directions; empty when there are none.
+
+    Args:
+        directions: (k, n) orthonormal directions, in column-scaled unknowns.
+        names: the n unknowns.
+        share: unknowns with a smaller share in these directions are described as weakly affected.
+
+    """
+    if len(directions) == 0:
+        return ""
+    open_share = np.linalg.norm(directions, axis=0)
+    strongly = [name for name, part in zip(names, open_share, strict=True) if part > share]
+    weakly = [name for name, part in zip(names, open_share, strict=True) if 1e-6 < part <= share]
+    noun = "combination" if len(directions) == 1 else "combinations"
+    text = f"{len(directions)} {noun} of {', '.join(strongly)} not determined by the motion so far"
+    return text + (f"; {', '.join(weakly)} weakly affected" if weakly else "")

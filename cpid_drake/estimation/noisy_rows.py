@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE
-from cpid_drake.estimation.square_root import triangle
+from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE, triangle
 
 LEAST_SHARE = 1e-9
 """Combinations of the rows of a sample have at least this share of their variance."""

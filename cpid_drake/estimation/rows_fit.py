@@ -27,17 +27,17 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.evidence import compare
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import (
+    empty_information,
+    triangle,
+    updated_information,
+)
 from cpid_drake.estimation.momentum_rows import momentum_columns, row_blocks, row_derivatives
 from cpid_drake.estimation.noisy_rows import (
     LEAST_SHARE,
     expected_square,
     row_weights,
     without_bias,
-)
-from cpid_drake.estimation.square_root import (
-    empty_information,
-    triangle,
-    updated_information,
 )
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensing.measurements import Samples

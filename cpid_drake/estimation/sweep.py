@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.effects import GyroBias, with_joint_changes
 from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
@@ -34,7 +35,6 @@ from cpid_drake.estimation.roll import (
     kick_of,
     walking_columns,
 )
-from cpid_drake.estimation.square_root import triangle
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 
 EXACT = 1e-9

@@ -14,8 +14,12 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.estimation.least_squares import LeastSquaresSolution, solve_compressed
-from cpid_drake.estimation.square_root import empty_information, solve_information
+from cpid_drake.estimation.least_squares import (
+    LeastSquaresSolution,
+    empty_information,
+    solve_compressed,
+    solve_information,
+)
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.studies.parameter_errors import error_scale
 from cpid_drake.systems.identifier import MomentumIdentifier

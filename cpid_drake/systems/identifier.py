@@ -23,13 +23,14 @@ from pydrake.systems.framework import (
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.least_squares import DEFAULT_RANK_TOLERANCE, among_ten
-from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
-from cpid_drake.estimation.square_root import (
+from cpid_drake.estimation.least_squares import (
+    DEFAULT_RANK_TOLERANCE,
+    among_ten,
     empty_information,
     solve_information,
     updated_information,
 )
+from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
 from cpid_drake.identification.by_rows import LEAST_SQUARES
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.spacecraft.spacecraft import Spacecraft

@@ -25,7 +25,7 @@ import pinocchio as pin
 from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Spacecraft, Telemetry
 from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
 from cpid_drake.dynamics.parameterizations import STANDARD
-from cpid_drake.estimation.square_root import empty_information, solve_information
+from cpid_drake.estimation.least_squares import empty_information, solve_information
 from cpid_drake.resources import resolve_model
 
 MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"

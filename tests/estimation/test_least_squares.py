@@ -6,11 +6,9 @@ import pytest
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.least_squares import (
+    empty_information,
     solution_of_information,
     solve_compressed,
-)
-from cpid_drake.estimation.square_root import (
-    empty_information,
     solve_information,
     updated_information,
 )
