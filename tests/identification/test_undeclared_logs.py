@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from planar_cases import SUITE, TARGET, planar_craft
+from planar_cases import errors as planar_errors
 from planar_cases import motion as planar_motion
 from scipy.stats import chi2
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft
@@ -55,34 +56,36 @@ def test_clean_logs_show_no_errors(craft, logs):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("times", [1.0, 3.0])
-def test_a_force_is_named_with_its_log(craft, logs, skewed_target, times):
-    mixed = {"a": logs[0], "b": pushed(logs[1], times)}
+def test_a_force_is_named_with_its_log(craft, logs, skewed_target):
+    mixed = {"a": logs[0], "b": pushed(logs[1])}
     found = identify_together(craft, mixed, sensors=coarse_suite())
     undeclared = found.undeclared
     [effect] = undeclared.effects
     assert (effect.name, effect.log) == ("acceleration", "b")
-    assert (np.abs(effect.value - times * PUSH) < 4 * effect.sigma).all()
+    assert (np.abs(effect.value - PUSH) < 4 * effect.sigma).all()
     assert effect.describe().endswith("during b")
-    size = {1.0: "0.001", 3.0: "0.003"}[times]
-    assert undeclared.declaration == [f"disturbances: {{acceleration: {size}}}"]
-    assert undeclared.held_out.chi_squared == pytest.approx(1.0, abs=0.3)
-    assert undeclared.held_out.without > (5 if times > 1 else 2)
-    assert not found.passed
-    assert "do not declare: an external acceleration" in found.failures[0]
+    assert undeclared.declaration == ["disturbances: {acceleration: 0.001}"]
+    assert undeclared.held_out.proposed == ("acceleration of b",)
+    assert undeclared.is_proposed
+    assert any("do not declare: an external acceleration" in text for text in found.warnings)
+    assert found.failures == ()
     error = found.parameters - skewed_target.to_vector()
     assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
 
 
 @pytest.mark.slow
-def test_a_force_is_named_although_the_momentum_is_said_to_be_zero(craft, logs):
-    """Samples of a steady force contradict a momentum of zero, too."""
+def test_a_force_is_named_beside_a_momentum_that_is_right(craft, logs, skewed_target):
+    """The momentum is zero at the start: the samples of a steady force do not contradict it."""
     options = {"sensors": coarse_suite(), "momentum": TotalMomentum.zero()}
     found = identify(craft, pushed(logs[1], 2.0), **options)
-    assert "do not declare: an external acceleration" in found.failures[0]
-    assert any("contradict a total momentum of zero" in failure for failure in found.failures[1:])
     [effect] = found.undeclared.effects
+    assert effect.name == "acceleration"
     assert (np.abs(effect.value - 2 * PUSH) < 4 * effect.sigma).all()
+    assert found.undeclared.is_proposed
+    assert found.momentum == "zero"
+    assert found.failures == ()
+    error = found.parameters - skewed_target.to_vector()
+    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
 
 
 @pytest.mark.slow
@@ -106,32 +109,22 @@ def test_an_error_of_a_sensor_on_a_table_is_named(table):
     assert effect.name == "attitude.delay"
     delay = 1e3 * SensorNoise(suite, 5).constants("attitude").delay
     assert abs(effect.value[0] - delay) < 4 * effect.sigma[0]
-    assert found.undeclared.held_out.chi_squared == pytest.approx(1.0, abs=0.3)
-    assert "add it to" in found.failures[0]
+    assert found.undeclared.is_proposed
+    assert any("add it to" in text for text in found.warnings)
+    assert found.failures == ()
+    assert abs(planar_errors(found)[0]) < 4  # the mass
 
 
 @pytest.mark.slow
-def test_a_table_out_of_level_is_named_with_its_log(table):
-    clean = [
-        add_noise(SUITE, measured(table.on_table(), planar_motion(k), TARGET, SUITE), 4 + k)
-        for k in (0, 1)
-    ]
-    mixed = {"level": clean[0], "tilted": pushed(clean[1])}
-    options = {"sensors": SUITE, "planar": True, "momentum": TotalMomentum.unknown()}
-    found = identify_together(table, mixed, **options)
+def test_a_table_out_of_level_is_named(table):
+    log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
+    found = identify(table, pushed(log), sensors=SUITE, planar=True)
     [effect] = found.undeclared.effects
-    assert (effect.name, effect.log) == ("acceleration", "tilted")
+    assert effect.name == "acceleration"
     assert (np.abs(effect.value - PUSH) < 4 * effect.sigma)[:2].all()
     assert found.undeclared.is_proposed
-
-
-@pytest.mark.slow
-def test_a_table_out_of_level_is_named_although_the_momentum_is_said_to_be_zero(table):
-    log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
-    options = {"sensors": SUITE, "planar": True, "momentum": TotalMomentum.zero()}
-    found = identify(table, pushed(log), **options)
-    assert any("contradict a total momentum of zero" in failure for failure in found.failures)
-    assert "do not declare: an external acceleration" in found.failures[0]
+    assert found.failures == ()
+    assert abs(planar_errors(found)[0]) < 4  # the mass
 
 
 @pytest.mark.slow
