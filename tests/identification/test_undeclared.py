@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import TotalMomentum
@@ -57,54 +58,95 @@ def test_a_clean_log_shows_no_errors(craft, log, skewed_target):
     assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
 
 
+def nees(found, target):
+    error = found.parameters - target.to_vector()
+    return error @ np.linalg.solve(found.covariance, error)
+
+
+def true_value(truth, name):
+    """Return the drawn error of a sensor in the units of its declaration."""
+    sensor, _, kind = name.rpartition(".")
+    drawn = truth.constants(sensor, 4)
+    return {
+        "delay": 1e3 * drawn.delay,
+        "scale": 1e6 * np.diag(drawn.scale),
+        "zero": 1e3 * drawn.zero,
+    }[kind]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", HIDDEN)
-def test_a_hidden_error_is_named_with_its_value(craft, log, name):
+@pytest.mark.parametrize(
+    "name",
+    [
+        "attitude.delay",
+        pytest.param(
+            "gyro.scale",
+            marks=pytest.mark.xfail(
+                strict=True,
+                reason="the fit does not end in 30 sweeps: χ² jumps by 0.003 to 0.08 from step "
+                "to step; the target is right",
+            ),
+        ),
+        "gyro.delay",
+        pytest.param(
+            "encoders.zero",
+            marks=pytest.mark.xfail(
+                strict=True,
+                reason="the zero of the last joint, 8.7 mrad, which no sample shows, has the "
+                "size of the others, 2 mrad: a target 4.5 σ off, and no check fails",
+            ),
+        ),
+    ],
+)
+def test_a_hidden_error_is_named_with_its_value(craft, log, skewed_target, name):
+    """The result includes it: the target is right, and a warning says what to declare."""
     measurements, truth = log(name)
     found = identify(craft, measurements, sensors=coarse_suite())
-    assert not found.passed
     sensor, key, _ = HIDDEN[name]
-    assert "do not declare" in found.failures[0]
-    assert f"{sensor}: {{{key}: " in found.failures[0]
-    assert [effect.name for effect in found.undeclared.effects] == [name]
-    prediction = found.undeclared.held_out
-    assert prediction.seconds == pytest.approx(10 / 3, abs=1.0)
-    assert prediction.chi_squared == pytest.approx(1.0, abs=0.3)
-    assert prediction.without > 100
-    assert prediction.describe() in "\n".join(found.undeclared.lines())
+    [effect] = found.undeclared.effects
+    assert effect.name == name
+    seen = effect.sigma < 0.5 * effect.prior_sigma
+    assert (np.abs(effect.value - true_value(truth, name)) < 4 * effect.sigma)[seen].all()
+    assert found.undeclared.held_out.proposed == (name,)
     assert found.undeclared.is_proposed
-    if name == "attitude.delay":
-        [effect] = found.undeclared.effects
-        delay = 1e3 * truth.constants("attitude").delay
-        assert abs(effect.value[0] - delay) < 4 * effect.sigma[0]
-        assert f"{effect.value[0]:.3g} ± " in found.failures[0]
+    [said] = [text for text in found.warnings if "do not declare" in text]
+    assert f"{sensor}: {{{key}: " in said
+    assert found.failures == ()
+    assert nees(found, skewed_target) < chi2.isf(1e-4, 10)
 
 
 @pytest.mark.slow
-def test_an_error_that_does_not_predict_the_end_is_not_proposed(craft, log):
+def test_a_drift_that_ends_leaves_the_target_right(craft, log, skewed_target):
     """A position that drifts like one under an acceleration, and is then calibrated again."""
     measurements, _ = log()
     position = measurements.position
     drift = np.where(position.time < 7.0, 0.5e-3 * position.time**2, 0.0)
     position = replace(position, value=position.value + drift[:, None] * np.eye(3)[0])
     drifting = measurements.updated({"position": position})
-    momentum = TotalMomentum.zero()
-    found = identify(craft, drifting, sensors=coarse_suite(), momentum=momentum)
-    undeclared = found.undeclared
-    assert [effect.name for effect in undeclared.effects] == ["acceleration"]
-    assert undeclared.gain > 100  # it explains the whole log
-    assert undeclared.held_out.without < 0.5 * undeclared.held_out.chi_squared
-    assert not undeclared.is_proposed
-    said = " ".join((*found.failures, *found.warnings, *undeclared.lines()))
-    assert "the cause is not known" in said
-    assert "do not predict better" in said
-    assert "add it to" not in said
-    assert "to declare them" not in said
+    found = identify(craft, drifting, sensors=coarse_suite(), momentum=TotalMomentum.zero())
+    assert found.failures or found.warnings
+    assert nees(found, skewed_target) < chi2.isf(1e-4, 10)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True,
+    reason="two changes of the momentum explain the end, and confirm the scale: a target 7 σ off, "
+    "and no check fails",
+)
+def test_a_scale_that_ends_is_a_failed_check_or_leaves_the_target_right(craft, log, skewed_target):
+    """A gyro that shows 100 ppm too much for 7 s, and is then calibrated."""
+    measurements, _ = log()
+    gyro = measurements.gyro
+    factor = np.where(gyro.time < 7.0, 1 + 1e-4, 1.0)[:, None]
+    ends = measurements.updated({"gyro": replace(gyro, value=factor * gyro.value)})
+    found = identify(craft, ends, sensors=coarse_suite(), momentum=TotalMomentum.zero())
+    assert found.failures or nees(found, skewed_target) < chi2.isf(1e-4, 10)
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_a_declared_error_is_estimated(craft, log, skewed_target, name):
-    """Its interval and those of the target contain the truth, and nothing is doubted."""
+    """Its interval and those of the target contain the truth, and no check fails."""
     measurements, truth = log(name)
     sensor, key, value = HIDDEN[name]
     suite = deepcopy(coarse_suite())
@@ -114,14 +156,8 @@ def test_a_declared_error_is_estimated(craft, log, skewed_target, name):
     error = found.parameters - skewed_target.to_vector()
     assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
     [effect] = found.effects
-    drawn = truth.constants(sensor, 4)
-    true = {
-        "delay": 1e3 * drawn.delay,
-        "scale": 1e6 * np.diag(drawn.scale),
-        "zero": 1e3 * drawn.zero,
-    }[name.rpartition(".")[2]]
     assert effect.name == name
-    assert (np.abs(effect.value - true) < 4 * effect.sigma).all()
+    assert (np.abs(effect.value - true_value(truth, name)) < 4 * effect.sigma).all()
     assert effect.is_learned
     assert (effect.sigma <= effect.prior_sigma).all()
 
@@ -138,27 +174,41 @@ def test_an_error_that_does_not_matter_is_a_warning(craft, log, motion, skewed_t
 
 
 @pytest.mark.slow
-def test_intervals_include_an_error_that_is_too_small_to_be_proposed(craft, motion, skewed_target):
+def test_intervals_include_an_error_that_is_too_small_to_be_named(
+    craft, log, motion, skewed_target
+):
     """Between what is not seen and what is named, an answer must not be confidently wrong."""
+    suite = deepcopy(coarse_suite())
+    suite.gyro.scale_ppm = 14.0
+    small = add_noise(suite, measured(craft, motion, skewed_target, suite), 4)
+    found = identify(craft, small, sensors=coarse_suite())
+    assert found.passed
+    assert not found.undeclared.effects
+    probability = found.undeclared.suspected["gyro.scale"]
+    assert 0.1 < probability < 0.9
+    assert any(f"gyro.scale (probability {probability:.2g})" in each for each in found.warnings)
+    clean = identify(craft, log()[0], sensors=coarse_suite())
+    scale = np.sqrt(np.diag(clean.covariance))
+    wider = (found.covariance - clean.covariance) / scale / scale[:, None]
+    assert np.linalg.eigvalsh(wider).max() > 2.0
+    assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
+
+
+@pytest.mark.slow
+def test_an_error_that_the_first_two_thirds_do_not_show_is_a_failed_check(
+    craft, motion, skewed_target
+):
+    """What the whole log names, samples that did not choose it cannot confirm."""
     suite = deepcopy(coarse_suite())
     suite.gyro.scale_ppm = 28.0
     log = add_noise(suite, measured(craft, motion, skewed_target, suite), 4)
     found = identify(craft, log, sensors=coarse_suite())
-    assert found.passed
-    assert not found.undeclared.effects
-    probability = found.undeclared.suspected["gyro.scale"]
-    assert 0.1 < probability < 0.99
-    assert any(f"gyro.scale (probability {probability:.2g})" in each for each in found.warnings)
-    plain = identify(craft, log, sensors=coarse_suite())
-    np.testing.assert_array_equal(found.parameters, plain.parameters)
-    scale = np.sqrt(np.diag(plain.covariance))
-    wider = (found.covariance - plain.covariance) / scale / scale[:, None]
-    assert np.linalg.eigvalsh(wider).max() > 2.0
-    assert np.linalg.eigvalsh(wider).min() > -1e-6
-    shown = found.consistency.intervals
-    np.testing.assert_allclose(shown, found.intervals, rtol=1e-9)
-    error = skewed_target.to_vector() - found.parameters
-    assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance))).all()
+    assert [effect.name for effect in found.undeclared.effects] == ["gyro.scale"]
+    assert not found.undeclared.is_proposed
+    assert "the cause is not known" in found.failures[0]
+    assert not any("add it to" in text for text in found.warnings)
+    assert "to declare them" not in " ".join(found.undeclared.lines())
+    assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
 
 
 @pytest.mark.slow
