@@ -22,7 +22,7 @@ from cpid_drake.identification.checks import noise_warnings
 from cpid_drake.identification.comparison import contradicted, larger_than_declared
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
 from cpid_drake.identification.fitted import needs_of_fit
-from cpid_drake.identification.problem import NOT_ZERO, Estimator, Problem
+from cpid_drake.identification.problem import ESTIMATED, NOT_ZERO, Estimator, Problem
 from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
@@ -99,20 +99,19 @@ def check_guess(guess: InertialParameters, sigma: float) -> None:
 
 
 def identification_of_state(
-    model: Model, state: OnlineState, momentum: TotalMomentum
+    model: Model, state: OnlineState, momentum: TotalMomentum | None
 ) -> SolvedIdentification:
     """Return what is known after the last block.
 
     Args:
         model: the unknowns.
         state: after the last block.
-        momentum: the total momentum at the start; it is unknown after a change before the target
-            was known.
+        momentum: the total momentum at the start; None for zero if the samples agree with this,
+            else unknown. It is unknown after a change before the target was known.
 
     """
     wrong: tuple[str, ...] = ()
-    if state.is_free:
-        momentum = TotalMomentum.unknown()
+    assumed = TotalMomentum.unknown() if state.is_free else momentum or TotalMomentum.zero()
     values, gaussian = state.values, state.gaussian(model)
     if values is None or gaussian is None:
         values = model.start([LOG])
@@ -122,13 +121,15 @@ def identification_of_state(
     else:
         given = (
             {}
-            if momentum.is_unknown
-            else {f"{MOMENTUM}|{LOG}": np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W])}
+            if assumed.is_unknown
+            else {f"{MOMENTUM}|{LOG}": np.concatenate([assumed.L_WScm_W, assumed.v_WScm_W])}
         )
         sigma = model.unknown(MOMENTUM).sigma
         wrong = contradicted(gaussian, values, Question({}, given), sigma)
         if not wrong:
-            gaussian = at_momentum(gaussian, values, momentum, LOG)
+            gaussian = at_momentum(gaussian, values, assumed, LOG)
+        elif momentum is None:
+            assumed = TotalMomentum.unknown()
         noise = state.noise
     present = model.suite.present()
     change = change_beyond_linear(model, state)
@@ -145,13 +146,17 @@ def identification_of_state(
         tests=tests,
         rejected={name: count for name, count in state.rejected.items() if count},
         momentum_changes=tuple(sorted(state.events)),
-        warnings=(*noise_warnings(noise), *_warnings(state)),
+        warnings=(
+            *noise_warnings(noise),
+            *_warnings(state),
+            *((ESTIMATED,) if wrong and momentum is None else ()),
+        ),
         checks=(
-            *((Check("momentum", NOT_ZERO),) if wrong else ()),
+            *((Check("momentum", NOT_ZERO),) if wrong and momentum is not None else ()),
             *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
             *larger_than_declared(model, values, gaussian, effects),
         ),
-        momentum=momentum.name,
+        momentum=assumed.name,
         noise=noise,
         unexplained=state.bridged / state.length if state.length else 0.0,
         momentum_estimate=momentum_of(model, values, gaussian, LOG),
@@ -183,7 +188,7 @@ def estimate_online(
 
     Args:
         problems: one problem, by the name of its log.
-        momentum: the total momentum; None for zero.
+        momentum: the total momentum; None for zero if the samples agree with this.
         prior: none.
         progress: called before every step with a short description of it.
 
@@ -197,7 +202,7 @@ def estimate_online(
     model = Model(problem.spacecraft.tree, suite, problem.known_bodies)
     progress("fitting")
     state = run(model, problem.stream)
-    found = identification_of_state(model, state, momentum or TotalMomentum.zero())
+    found = identification_of_state(model, state, momentum)
     if state.known is None:
         warnings = (*warnings, NOT_STARTED)
     return replace(found, warnings=(*warnings, *found.warnings))
