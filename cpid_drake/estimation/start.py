@@ -45,15 +45,13 @@ def start_of(
     values = model.start([log.name for log in logs]) | given
     psi, momenta = _balanced(model, logs)
     psi = given.get(PSI, psi)
+    if not all(_is_possible(model, log, psi) for log in logs):
+        psi = model.start([""])[PSI]
     started = []
     for log, L in zip(logs, momenta, strict=True):
         block, joints = log.blocks[0], log.joints[0].evaluate(np.array([log.blocks[0].start]))
         dynamics = relative_dynamics(model.tree, joints[:, 0], joints[:, 1])
-        try:
-            inverse = dynamics.mobility(psi)[0]
-        except InputError:
-            psi = model.start([""])[PSI]
-            inverse = dynamics.mobility(psi)[0]
+        inverse = dynamics.mobility(psi)[0]
         first = first_sample(block.samples, ATTITUDE)
         assert first is not None
         time, q_WB = first
@@ -71,6 +69,20 @@ def start_of(
         started.append(replace(log, start=state))
         values[f"{MOMENTUM}|{log.name}"] = np.concatenate([L, np.zeros(3)])
     return values | {PSI: psi}, started
+
+
+def _is_possible(model: Model, log: LogState, psi: NDArray[np.float64]) -> bool:
+    """Return whether the system can turn about every axis all the time."""
+    joints = [
+        part.evaluate(np.linspace(block.start, block.end, _INSTANTS))
+        for block, part in zip(log.blocks, log.joints, strict=True)
+    ]
+    q = np.concatenate(joints)
+    try:
+        relative_dynamics(model.tree, q[:, 0], q[:, 1]).mobility(psi)
+    except InputError:
+        return False
+    return True
 
 
 def _balanced(

@@ -9,8 +9,10 @@ from sensing_cases import MOMENTUM, coarse_suite, small_craft
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.sensors import AttitudeSensor
 
 SUITES = {
@@ -45,6 +47,17 @@ def test_a_target_that_is_much_larger_than_the_spacecraft_is_no_surprise(tmp_pat
     model = Model(case.craft.tree, case.suite)
     values, _ = start_of(model, [LogState.of(model, case.samples)])
     np.testing.assert_allclose(values[PSI][[4, 7, 9]] / case.psi[[4, 7, 9]], 1.0, atol=0.9)
+
+
+@pytest.mark.parametrize("late", [-0.6, -0.3, 0.3, 0.6])
+def test_a_wrong_clock_is_no_obstacle(tmp_path, skewed_target, late):
+    """Rows of a gyro with wrong stamps fit an impossible body best; no motion follows from one."""
+    case = make_case(tmp_path, skewed_target, SUITES["gyro"], MOMENTUM, 4.0)
+    gyro = Samples(case.samples.gyro.time + late, case.samples.gyro.value)
+    model = Model(case.craft.tree, case.suite)
+    samples = case.samples.updated({"gyro": gyro.where(gyro.time > 0.0)})
+    values, [log] = start_of(model, [LogState.of(model, samples)])
+    assert np.isfinite(roll(model, log, values).cost(log))
 
 
 @pytest.mark.parametrize("name", SUITES)
