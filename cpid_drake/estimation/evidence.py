@@ -233,12 +233,13 @@ class _Sets:
         alone, some = dict[str, float](), list[str]()
         while len(some) < MOST and (others := [n for n in self.names if n not in some]):
             gains = self._gains(others, some)
-            alone = alone or {name: gain for name, (gain, _) in gains.items()}
-            name = max(gains, key=lambda each: gains[each][0] + odds[each])
-            if gains[name][0] + odds[name] < np.log(UNLIKELY):
+            alone = alone or {name: float(gain.max()) for name, gain in gains.items()}
+            name = max(gains, key=lambda each: gains[each].max() + odds[each])
+            if gains[name].max() + odds[name] < np.log(UNLIKELY):
                 break
-            self.size[name] = gains[name][1]
+            self.size[name] = float(SIZES[np.argmax(gains[name])])
             some.append(name)
+        wide = {name: self._mean_size(name, [n for n in some if n != name]) for name in some}
         sets = []
         for bits in range(1 << len(some)):
             free = [name for k, name in enumerate(some) if bits >> k & 1]
@@ -248,12 +249,13 @@ class _Sets:
         weights = np.exp([each[0] - best[0] for each in sets])
         weights /= weights.sum()
         n, nearby = len(self.at_zero), self.kept(*best[2:])[0]
+        best = (best[0], best[1], *self.evidence(best[1], wide)[1:])
         mean, square, probability = np.zeros(n), np.zeros((n, n)), dict.fromkeys(self.names, 0.0)
-        for weight, (_, free, index, L) in zip(weights, sets, strict=True):
+        for weight, (_, free, *_) in zip(weights, sets, strict=True):
             for name in free:
                 probability[name] += float(weight)
             if weight > _NEGLIGIBLE:
-                k, P = self.kept(index, L)
+                k, P = self.kept(*self.evidence(free, wide)[1:])
                 k = k - nearby
                 mean, square = mean + weight * k, square + weight * (P + np.outer(k, k))
         scale, (_, free, index, L) = self.kept_scale, best
@@ -274,8 +276,17 @@ class _Sets:
             self.size,
         )
 
-    def _gains(self, names: Sequence[str], free: Sequence[str]) -> dict[str, tuple[float, float]]:
-        """Return the evidence for each candidate beside free ones, and the size that it prefers.
+    def _mean_size(self, name: str, others: Sequence[str]) -> float:
+        """Return the root of the mean square of a candidate's size, by the evidence of each.
+
+        Entries that no sample shows are as large as the others: few do not tell how large.
+        """
+        gains = self._gains([name], others)[name]
+        weights = np.exp(gains - gains.max())
+        return float(np.sqrt(weights @ SIZES**2 / weights.sum()))
+
+    def _gains(self, names: Sequence[str], free: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+        """Return the evidence for each candidate beside free ones, for each of `SIZES`.
 
         With H and b about one candidate, those beside it eliminated, and H = V diag(h) Vᵀ, it is
         ½ Σ (a Vᵀb)²/(1 + a² h) − ½ Σ log(1 + a² h) − log(len(SIZES)).
@@ -288,9 +299,7 @@ class _Sets:
             h, V = np.linalg.eigh(self.H[np.ix_(own, own)] - by_free[:, own].T @ by_free[:, own])
             b = V.T @ (self.b[own] - by_free[:, own].T @ by_free[:, -1])
             size = 1 + a2 * np.maximum(h, 0.0)
-            gains = 0.5 * np.sum(a2 * b**2 / size - np.log(size), axis=1) - np.log(len(SIZES))
-            best = int(np.argmax(gains))
-            found[name] = float(gains[best]), float(SIZES[best])
+            found[name] = 0.5 * np.sum(a2 * b**2 / size - np.log(size), axis=1) - np.log(len(SIZES))
         return found
 
     def kept(

@@ -250,15 +250,19 @@ def _held_out(
 ) -> HeldOut | None:
     """Return how well errors that the first part of every log proposes predict the rest."""
     beginning, seconds = prior_of(found.model, found.logs, found.values, rows), 0.0
+    has_changes = False
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         start, end = log.blocks[0].start, log.blocks[-1].end
         k = sum(block.end <= start + FITTED * (end - start) for block in log.blocks)
         if not 0 < k < len(log.blocks):
             return None
         seconds += end - log.blocks[k].start
+        has_changes = has_changes or max(log.links, default=-1) >= k - 1
         first = _first(found, log, rolled, k)
         beginning = beginning.add(sweep(found.model, *first).gaussian)
     proposed = [n for n in question.answer(beginning, found.values).named if n in named]
+    if has_changes:
+        return HeldOut(seconds, tuple(proposed), 0.0)
     gains = [_evidence(g, found, question, proposed) for g in (found.gaussian, beginning)]
     return HeldOut(seconds, tuple(proposed), gains[0] - gains[1])
 

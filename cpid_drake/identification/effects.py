@@ -92,7 +92,8 @@ class HeldOut:
     Attributes:
         seconds: length of the prediction, of all logs together [s].
         proposed: names of the errors that the first part proposes.
-        gain: log of the ratio of the probability densities of the rest, with and without them.
+        gain: log of the ratio of the probability densities of the rest, with and without them; 0
+            if the momentum changes in the rest, whose own samples have chosen these changes.
 
     """
 
@@ -109,6 +110,8 @@ class HeldOut:
         """Return the result in words."""
         if not self.proposed:
             return "the first two thirds of the log alone do not show them"
+        if not self.gain:
+            return f"the momentum changes in the other {self.seconds:.3g} s, which confirm nothing"
         return (
             f"the first two thirds of the log show {' and '.join(self.proposed)}, which makes the "
             f"other {self.seconds:.3g} s more probable by a factor of exp({self.gain:.3g})"

@@ -29,7 +29,10 @@ def gaussian_of(A, d):
 
 
 def test_probabilities_and_average_are_those_of_the_data():
-    """All eight sets, each by the probability density of the data, at the sizes that are best."""
+    """All eight sets, each by the probability density of the data, at the sizes that are best.
+
+    In the average, each size is the root of its mean square over all sizes, by their densities.
+    """
     A, d, _ = problem(1, zero=1.5)
     found = compare(gaussian_of(A, d), SIGMA, ["x"])
     places = {"scale": [2, 3], "zero": [4], "delay": [5]}
@@ -52,9 +55,15 @@ def test_probabilities_and_average_are_those_of_the_data():
         alone = max(log_density([name], {name: a})[0] for a in SIZES)
         assert found.alone[name] == pytest.approx(alone - nothing - np.log(1 / 3))
     sets = [list(s) for n in range(4) for s in itertools.combinations(places, n)]
-    every = [log_density(free, best) for free in sets]
-    weight = np.exp([value - max(v for v, _, _ in every) for value, _, _ in every])
+    density = [log_density(free, best)[0] for free in sets]
+    weight = np.exp(np.array(density) - max(density))
     weight /= weight.sum()
+    wide = {}
+    for name in places:
+        tried = np.array([log_density(list(places), best | {name: a})[0] for a in SIZES])
+        by_size = np.exp(tried - tried.max())
+        wide[name] = np.sqrt(by_size @ SIZES**2 / by_size.sum())
+    every = [log_density(free, wide) for free in sets]
     mean = sum(w * x[:2] for w, (_, x, _) in zip(weight, every))
     square = sum(w * (P[:2, :2] + np.outer(x[:2], x[:2])) for w, (_, x, P) in zip(weight, every))
     covariance = square - np.outer(mean, mean)
