@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
-from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.likelihood.attitude_steps import (
@@ -101,8 +101,10 @@ class Trajectory:
     by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
 
     def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return R_WB (M, 3, 3) at times between the grid's ends."""
+        """Return R_WB (M, 3, 3) at times between the grid's ends, by the formula of whole steps."""
         k, angle = self.spline.since_node(times)
+        t = self.spline.place(times)[1][:, None]
+        angle = angle + t**2 / 12 * cross(self.w[k], self.spline(times))
         return np.asarray(self.R[k] @ Rotation.from_rotvec(angle).as_matrix())
 
 

@@ -101,3 +101,15 @@ def test_derivatives_by_what_changes_the_state(case, block, state, orbit):
             is_exact = case.momentum_W is None and orbit is None
             tolerance = 1e-6 if is_exact else 3e-5
             assert_column(exact[:, k], ahead, behind, step, tolerance, f"{name} {k}")
+
+
+def test_the_attitude_does_not_jump_at_a_node_of_the_grid(case, block, state):
+    """Samples lie on nodes: a jump there lets the sign of a tiny delay change χ²."""
+    samples, joints = block
+    motion = BlockModel(case.craft.tree, joints, samples, case.suite, step=0.05).motion
+    trajectory = motion.trajectory(state)
+    inner = motion.nodes[1:-1]
+    for times in (inner - 1e-11, inner + 1e-11):
+        R = Rotation.from_matrix(trajectory.rotations(times))
+        at_nodes = Rotation.from_matrix(trajectory.R[1 : len(inner) + 1])
+        assert (at_nodes.inv() * R).magnitude().max() < 1e-10
