@@ -57,17 +57,12 @@ def identify(
     check_outputs(outputs, [*telemetry, *log.files()], force=force)
     requests = [log.request(each) for each in telemetry]
     from cpid_drake.identification.description import describe
-    from cpid_drake.identification.joint_requests import identify_files
-    from cpid_drake.identification.requests import identify_file
+    from cpid_drake.identification.requests import identify_files
     from cpid_drake.identification.result_files import write_result
 
     console = options.log_console()
     with options.log_console(quiet).status("identifying") as status:
-        evidence = (
-            identify_file(requests[0], status.update)
-            if len(requests) == 1
-            else identify_files(requests, status.update)
-        )
+        evidence = identify_files(requests, status.update)
         result = evidence.found
         if json_file is not None:
             write_result(json_file, result)

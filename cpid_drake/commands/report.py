@@ -45,7 +45,7 @@ def report(
         raise InputError(f"{log.given()[0]} is for logs and runs; a result has its own options")
     import logging
 
-    from cpid_drake.identification.requests import identify_file
+    from cpid_drake.identification.requests import identify_files
     from cpid_drake.report.figures import FIGURE_FILES, write_figures
     from cpid_drake.report.findings import findings_of, findings_of_file
     from cpid_drake.report.pages.identification import identification_report
@@ -63,7 +63,7 @@ def report(
             findings = (
                 findings_of_file(source, status.update)
                 if request is None
-                else findings_of(identify_file(request, status.update), status.update)
+                else findings_of(identify_files([request], status.update), status.update)
             )
             page = identification_report(findings, progress=status.update)
         inputs += findings.files()

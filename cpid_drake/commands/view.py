@@ -96,16 +96,17 @@ def view(
 def _replay_log(request: "Request", console: Console) -> tuple[str, str]:
     """Return the page of a log, and the estimate as text."""
     from cpid_drake.identification.convergence import converge
-    from cpid_drake.identification.requests import identify_file
+    from cpid_drake.identification.requests import identify_files
     from cpid_drake.report.replay import estimate_text, replay_html
     from cpid_drake.report.sections.replay import motion_of
 
     with console.status("identifying") as status:
-        evidence = identify_file(request, status.update)
+        evidence = identify_files([request], status.update)
         estimates = converge(evidence, status.update)
         status.update("drawing")
         title = Path(request.telemetry).name
-        page = replay_html(evidence.spacecraft, motion_of(evidence), estimates, title=title)
+        craft = evidence.inputs.spacecraft
+        page = replay_html(craft, motion_of(evidence), estimates, title=title)
     for warning in evidence.found.warnings:
         options.log_console().print(f"warning: {warning}")
     return page, estimate_text(evidence.found)

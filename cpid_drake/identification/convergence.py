@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
@@ -30,10 +29,8 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
         progress: called before every part with a short description of the part.
 
     """
-    result, data = evidence.found, evidence.data
-    named = evidence.request.momentum
-    momentum = None if named is None else TotalMomentum.named(named)
-    parts = [samples.time for _, samples in evidence.excerpt.measurements.items()]
+    result, inputs, data = evidence.found, evidence.inputs, evidence.log.data
+    parts = [samples.time for _, samples in evidence.log.excerpt.measurements.items()]
     end = max(float(time[-1]) for time in parts if time.size)
     count = ESTIMATORS[result.estimator].reports
     times: NDArray[np.float64] = end * np.arange(1, count + 1) / count
@@ -49,14 +46,14 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
             found = evidence.found
             if k < count - 1:
                 found = identify(
-                    evidence.spacecraft,
+                    inputs.spacecraft,
                     beginning_of(data, float(time)),
                     estimator=result.estimator,
                     rows=result.rows,
-                    sensors=evidence.sensors,
-                    momentum=momentum,
-                    known_bodies=evidence.known_bodies,
-                    prior=evidence.prior,
+                    sensors=inputs.sensors,
+                    momentum=inputs.momentum,
+                    known_bodies=inputs.known_bodies,
+                    prior=inputs.prior,
                     planar=result.table is not None,
                 )
         except InputError:  # too few samples, or nothing moves yet

@@ -154,6 +154,7 @@ def identify_together(
     fewest = {name: min(log.counts.get(name, 0) for log in logged.values()) for name in SENSORS}
     if family is None and record.default_rows is not None:
         family = row_family(record.default_rows(fewest), assumed.is_unknown)
+    progress("identifying")
     problems = {}
     for name, log in logged.items():
         with prefix_errors(name if len(logs) > 1 else ""):

@@ -1,8 +1,8 @@
-"""Identification from a telemetry file, with everything that a report needs."""
+"""Identification from telemetry files, with everything that a report needs."""
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty, read_uncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import LONGEST_HEAD
 from cpid_drake.identification.former_names import FORMER_NAMES
-from cpid_drake.identification.identify import identify
+from cpid_drake.identification.identify import identify_together
 from cpid_drake.identification.prior_files import load_prior
 from cpid_drake.identification.requirements import left_out_warning
 from cpid_drake.identification.result import Identification, Request, Source
@@ -38,34 +38,23 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """An identification with its request and its data.
+class Inputs:
+    """The inputs of a request besides its telemetry.
 
     Attributes:
-        request: the request.
         spacecraft: the known spacecraft.
-        data: the samples in the window; a stream if they are many. Their time starts at the first.
-        sensors: the sensors that were given, if any.
-        found: the identification.
-        ignored: columns of the file with unknown names.
-        prior: the prior that was used; None without one.
+        momentum: the total momentum; None if it is to be tested.
+        sensors: the sensors' errors; None if they are unknown.
         known_bodies: uncertainty of the spacecraft; None if it is exact.
+        prior: what is known about the target; None for nothing.
 
     """
 
-    request: Request
     spacecraft: Spacecraft
-    data: Measurements | MeasurementStream
+    momentum: TotalMomentum | None
     sensors: SensorSuite | None
-    found: SolvedIdentification
-    ignored: tuple[str, ...]
-    prior: TargetPrior | None = None
-    known_bodies: BodyUncertainty | None = None
-
-    @cached_property
-    def excerpt(self) -> Excerpt:
-        """All samples, or an even selection if they are many."""
-        return excerpt_of(self.data)
+    known_bodies: BodyUncertainty | None
+    prior: TargetPrior | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +64,7 @@ class OpenLog:
     Attributes:
         request: the request.
         file: the telemetry file.
-        data: the samples in the window.
+        data: the samples in the window; a stream if they are many. Their time starts at the first.
         interval: returns first and last time, when all samples have been read [s].
 
     """
@@ -84,6 +73,11 @@ class OpenLog:
     file: TelemetryStream
     data: Measurements | MeasurementStream
     interval: Callable[[], tuple[float, float]]
+
+    @cached_property
+    def excerpt(self) -> Excerpt:
+        """All samples, or an even selection if they are many."""
+        return excerpt_of(self.data)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -105,73 +99,87 @@ class OpenLog:
         return Source(self.request, hashes, *self.interval(), version_of("cpid-drake") or "")
 
 
-def identify_file(
-    request: Request, progress: Callable[[str], None] = lambda step: None
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """An identification with its inputs and its logs."""
+
+    inputs: Inputs
+    logs: tuple[OpenLog, ...]
+    found: SolvedIdentification
+
+    @property
+    def log(self) -> OpenLog:
+        """The log, if there is one only."""
+        [log] = self.logs
+        return log
+
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Columns of the files with unknown names."""
+        return tuple(dict.fromkeys(name for log in self.logs for name in log.file.ignored))
+
+
+def identify_files(
+    requests: Sequence[Request], progress: Callable[[str], None] = lambda step: None
 ) -> Evidence:
-    """Identify the target of a spacecraft from a telemetry file.
+    """Identify the target of a spacecraft from one telemetry file, or from several together.
 
     Args:
-        request: the request.
+        requests: the requests, which differ in the telemetry only.
         progress: called before every step with a short description of the step.
 
     Raises:
         InputError: a model, sensors, telemetry or a prior that cannot be read or used; see the
-            functions that read them.
+            functions that read them. Two of the files are the same.
 
     """
+    request, paths = requests[0], [each.telemetry for each in requests]
+    if len(paths) > 1:
+        _check_different(paths)
     inputs = opened_inputs(request, progress)
-    spacecraft = inputs.spacecraft
-    log = open_log(request, spacecraft.joint_names)
-    progress("identifying")
-    with prefix_errors(request.telemetry):
-        found = identify(
-            spacecraft,
-            log.data,
+    logs = tuple(open_log(each, inputs.spacecraft.joint_names) for each in requests)
+    short = [Path(path).name for path in paths]
+    names = short if len(set(short)) == len(short) else paths
+    with prefix_errors(paths[0] if len(paths) == 1 else ""):
+        found = identify_together(
+            inputs.spacecraft,
+            {name: log.data for name, log in zip(names, logs)},
             estimator=request.estimator,
             rows=request.rows,
             sensors=inputs.sensors,
             momentum=inputs.momentum,
             known_bodies=inputs.known_bodies,
-            planar=request.planar,
             prior=inputs.prior,
+            planar=request.planar,
+            progress=progress,
         )
+    warnings = [
+        f"{name}: {text}" if len(logs) > 1 else text
+        for name, log in zip(names, logs)
+        for text in log.warnings
+    ]
     found = replace(
         found,
-        rejected=dict(Counter(found.rejected) + log.rejected),
-        warnings=(*log.warnings, *found.warnings),
-        sources=(log.source(),),
+        rejected=dict(sum((log.rejected for log in logs), Counter(found.rejected))),
+        warnings=(*warnings, *found.warnings),
+        sources=tuple(log.source() for log in logs),
     )
-    ignored = log.file.ignored
-    return Evidence(
-        request,
-        spacecraft,
-        log.data,
-        inputs.sensors,
-        found,
-        ignored,
-        inputs.prior,
-        inputs.known_bodies,
-    )
+    return Evidence(inputs, logs, found)
 
 
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """The inputs of a request besides its telemetry.
+def _check_different(paths: Sequence[str]) -> None:
+    """Refuse one log twice, which would count twice.
 
-    Attributes:
-        spacecraft: the known spacecraft.
-        momentum: the total momentum; None if it is to be tested.
-        sensors: the sensors' errors; None if they are unknown.
-        known_bodies: uncertainty of the spacecraft; None if it is exact.
-        prior: what is known about the target; None for nothing.
+    Raises:
+        InputError: two files have the same content, or are the same folder.
 
     """
-
-    spacecraft: Spacecraft
-    momentum: TotalMomentum | None
-    sensors: SensorSuite | None
-    known_bodies: BodyUncertainty | None
-    prior: TargetPrior | None
+    seen: dict[str, str] = {}
+    for path in paths:
+        key = file_hash(path) or str(Path(path).resolve())
+        if key in seen:
+            raise InputError(f"{path}: is the same log as {seen[key]}, and would count twice")
+        seen[key] = path
 
 
 def opened_inputs(request: Request, progress: Callable[[str], None]) -> Inputs:

@@ -7,8 +7,7 @@ from pathlib import Path
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.identification.convergence import Estimates, converge
-from cpid_drake.identification.joint_requests import JointEvidence
-from cpid_drake.identification.requests import Evidence, identify_file, request_of_result
+from cpid_drake.identification.requests import Evidence, identify_files, request_of_result
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import read_result, result_text
 
@@ -53,16 +52,15 @@ class Findings:
         """Return the files that the report was made from, as far as they exist."""
         found = self.result.files()
         if self.log is not None:
-            found.append(Path(self.log.evidence.request.telemetry))
+            found.append(Path(self.log.evidence.log.request.telemetry))
         return found if self.visual_model is None else [*found, Path(self.visual_model)]
 
 
-def findings_of(evidence: Evidence | JointEvidence, progress: Progress = no_progress) -> Findings:
+def findings_of(evidence: Evidence, progress: Progress = no_progress) -> Findings:
     """Return the contents of a report on logs that have just been identified."""
-    if isinstance(evidence, JointEvidence):
-        text = result_text(evidence.found, evidence.requests[0].telemetry)
+    text = result_text(evidence.found, evidence.logs[0].request.telemetry)
+    if len(evidence.logs) > 1:
         return Findings(evidence.found, text, None)
-    text = result_text(evidence.found, evidence.request.telemetry)
     return Findings(evidence.found, text, IdentifiedLog(evidence, converge(evidence, progress)))
 
 
@@ -78,7 +76,7 @@ def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Find
     if len(result.logs) > 1:
         return Findings(result, text, None)
     try:
-        evidence = identify_file(request_of_result(result, str(path)), progress)
+        evidence = identify_files([request_of_result(result, str(path))], progress)
     except InputError as error:
         return Findings(result, text, None, str(error))
     return Findings(result, text, IdentifiedLog(evidence, converge(evidence, progress)))

@@ -9,7 +9,7 @@ import matplotlib.image
 import pytest
 
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.requests import identify_file
+from cpid_drake.identification.requests import identify_files
 from cpid_drake.identification.result import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text
 from cpid_drake.report.findings import findings_of
@@ -33,7 +33,7 @@ def report(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         record = replace(ESTIMATORS["trajectory_fit"], reports=4)
         patch.setitem(ESTIMATORS, "trajectory_fit", record)
-        findings = findings_of(identify_file(request))
+        findings = findings_of(identify_files([request]))
     identification_report(findings).write(folder / "report.html")
     return folder / "report.html", json.loads(result_text(findings.result, ""))
 

@@ -7,7 +7,7 @@ import pytest
 
 from cpid_drake.identification.convergence import converge
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.requests import identify_file
+from cpid_drake.identification.requests import identify_files
 from cpid_drake.identification.result import Request, SpacecraftReference
 
 
@@ -26,7 +26,7 @@ def test_errors_of_the_spacecraft_limit_the_first_estimates_too(monkeypatch):
         known_bodies="mass=0.01,com=0.002,inertia=0.01",
         end=6.0,
     )
-    found = converge(identify_file(request))
+    found = converge(identify_files([request]))
     width = np.array([np.ptp(each.intervals, axis=1) for _, each in found])
     assert [time for time, _ in found] == [2.0, 4.0, 6.0]
     assert (width > 0.99 * width[-1]).all()

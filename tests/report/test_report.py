@@ -11,7 +11,7 @@ import pytest
 from cpid_drake import write_telemetry
 from cpid_drake.identification import convergence
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.requests import identify_file
+from cpid_drake.identification.requests import identify_files
 from cpid_drake.identification.result import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text, write_result
 from cpid_drake.report.findings import findings_of, findings_of_file
@@ -79,7 +79,7 @@ def exact(tmp_path, zero_momentum_motion, skewed_target):
 
 @pytest.fixture
 def evidence(exact):
-    return identify_file(Request(str(exact), SERVICER))
+    return identify_files([Request(str(exact), SERVICER)])
 
 
 @pytest.fixture
@@ -92,7 +92,7 @@ def result_file(evidence, tmp_path):
 def html(tmp_path_factory, zero_momentum_motion, skewed_target):
     folder = tmp_path_factory.mktemp("report")
     write_telemetry(folder / "exact.csv", zero_momentum_motion(skewed_target, 60, 4))
-    found = identify_file(Request(str(folder / "exact.csv"), SERVICER))
+    found = identify_files([Request(str(folder / "exact.csv"), SERVICER)])
     write_result(folder / "result.json", found.found)
     return identification_report(findings_of_file(folder / "result.json")).html()
 
@@ -126,7 +126,7 @@ class TestPage:
     def test_what_users_write_is_only_text(self, exact, tmp_path, monkeypatch):
         monkeypatch.setattr(Picture, "svg", lambda picture: "<svg/>")
         log = exact.rename(tmp_path / "<script>alert(1)<x>.csv")
-        found = identify_file(Request(str(log), SERVICER))
+        found = identify_files([Request(str(log), SERVICER)])
         object.__setattr__(found.found, "warnings", (SCRIPT, "{{ 7 * 7 }}"))
         page = Page(identification_report(findings_of(found)).html())
         ours = {"data-result", "data-replay", ""}
@@ -170,7 +170,7 @@ class TestFigures:
     def test_convergence_ends_at_the_estimate_and_has_gaps_before_it(self, exact, monkeypatch):
         for name, record in ESTIMATORS.items():
             monkeypatch.setitem(ESTIMATORS, name, replace(record, reports=6))
-        evidence = identify_file(Request(str(exact), SERVICER, end=11.5))
+        evidence = identify_files([Request(str(exact), SERVICER, end=11.5)])
         found = convergence.converge(evidence)
         (_, first), *_, (time, last) = found
         assert time == 11.0

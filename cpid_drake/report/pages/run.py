@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from cpid_drake.identification.requests import identify_file
+from cpid_drake.identification.requests import identify_files
 from cpid_drake.identification.result import Request
 from cpid_drake.report.findings import Findings, Progress, findings_of
 from cpid_drake.report.page import Report
@@ -25,13 +25,13 @@ def run_report(
         change: returns the request to use in place of the run's own.
 
     Raises:
-        InputError: for the same reasons as `read_run` and `identify_file`.
+        InputError: for the same reasons as `read_run` and `identify_files`.
 
     """
     run = read_run(folder)
     request = change(request_of_run(run.scenario, folder))
     findings = replace(
-        findings_of(identify_file(request, progress), progress),
+        findings_of(identify_files([request], progress), progress),
         truth=run.truth,
         visual_model=run.scenario.target.visual_model,
     )

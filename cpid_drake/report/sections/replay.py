@@ -29,15 +29,15 @@ def replay_section(findings: Findings, log: IdentifiedLog) -> Section:
     """
     motion = motion_of(log.evidence)
     page = replay_html(
-        log.evidence.spacecraft,
+        log.evidence.inputs.spacecraft,
         motion,
         log.estimates,
         truth=findings.truth,
         visual_model=findings.visual_model,
-        title=Path(log.evidence.request.telemetry).name,
+        title=Path(log.evidence.log.request.telemetry).name,
     )
     text = "The motion in three dimensions, with the estimate over time."
-    if not isinstance(log.evidence.data, Measurements):
+    if not isinstance(log.evidence.log.data, Measurements):
         text += f" The log is long: these are its first {motion.time[-1] - motion.time[0]:.4g} s."
     return Section("Replay", texts=[text], inner_page=embedded_json(json.dumps(page)))
 
@@ -51,9 +51,9 @@ def motion_of(evidence: Evidence) -> Telemetry:
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    data = evidence.data
+    data = evidence.log.data
     beginning = data if isinstance(data, Measurements) else next(iter(data))
-    measurements = screen(in_joint_order(beginning, evidence.spacecraft)).measurements
+    measurements = screen(in_joint_order(beginning, evidence.inputs.spacecraft)).measurements
     if len(measurements.attitude):
         with_relative = () if len(measurements.position) else ("relative",)
         for rows in ("standard", *with_relative):

@@ -14,14 +14,14 @@ def sensors_section(evidence: Evidence) -> Section:
     if found.sensors is None:
         texts = ["No noise was assumed: all complete samples have the same weight."]
     else:
-        whose = "given" if evidence.sensors is not None else "estimated from the log"
+        whose = "given" if evidence.inputs.sensors is not None else "estimated from the log"
         texts = [f"The noise of the sensors was {whose}."]
         if has_residuals:
             texts.append("χ² per reading is 1 if the samples scatter as much as assumed.")
     heads = ["", "samples", "every [ms]", "not used", "σ assumed", "unit", "χ² per reading"]
     columns = 4 if found.sensors is None else 7 if has_residuals else 6
     rows: list[list[Cell | str]] = []
-    excerpt = evidence.excerpt
+    excerpt = evidence.log.excerpt
     for name, count in excerpt.counts.items():
         if not count:
             continue
