@@ -3,9 +3,7 @@
 import os
 import signal
 import sys
-import warnings
-from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -22,7 +20,6 @@ from cpid_drake.commands.telemetry import telemetry
 from cpid_drake.commands.validate import validate
 from cpid_drake.commands.view import view
 from cpid_drake.errors import InputError
-from cpid_drake.identification.former_names import FormerNameWarning
 
 EXIT_CODES = {
     0: "success",
@@ -72,10 +69,7 @@ app.command("list")(list_names)
 def run() -> int:
     """Run `cpid` and return its exit code; see `EXIT_CODES`."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("always", FormerNameWarning)
-            warnings.showwarning = _print_once(warnings.showwarning)
-            code = app(standalone_mode=False)
+        code = app(standalone_mode=False)
         sys.stdout.flush()  # a full disk is noticed here
         return code or 0
     except InputError as error:
@@ -100,20 +94,6 @@ def run() -> int:
 def _drop_output() -> None:
     """Send the rest of standard output nowhere: the interpreter would fail again to write it."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _print_once(others: Callable[..., None]) -> Callable[..., None]:
-    """Return a function for `warnings` that prints former names; `others` shows the rest."""
-    printed = set()
-
-    def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
-        if not issubclass(category, FormerNameWarning):
-            others(message, category, *place)
-        elif str(message) not in printed:
-            printed.add(str(message))
-            print(f"warning: {message}", file=sys.stderr)
-
-    return show
 
 
 def _fail(message: str) -> int:

@@ -133,13 +133,13 @@ class LogOptions:
         options.check_uncertainty(self.known_bodies)
         assumed = self.momentum or "zero"
         has_sensors = self.sensors is not None or self.known_bodies is not None
-        estimator = options.check_method(self.estimator, self.rows, assumed, has_sensors)
+        options.check_method(self.estimator, self.rows, assumed, has_sensors)
         from cpid_drake.identification.result import Request, SpacecraftReference
 
         return Request(
             telemetry,
             SpacecraftReference(model, base, capture_frame, packages),
-            estimator=estimator,
+            estimator=self.estimator,
             rows=self.rows,
             sensors=self.sensors,
             momentum=self.momentum,

@@ -18,7 +18,7 @@ _GRACE = 1.5  # [s] for a tidy end, after which the process ends in any case
 
 
 def main() -> None:
-    """Run `cpid` and exit; an error, an interrupt or a former name causes one line on stderr.
+    """Run `cpid` and exit; an error or an interrupt causes one line on stderr.
 
     A process that is asked to terminate ends in the same way as after Ctrl-C.
     """

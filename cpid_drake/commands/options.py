@@ -186,10 +186,8 @@ def check_uncertainty(known_bodies: str | None) -> None:
         read_uncertainty(known_bodies)
 
 
-def check_method(
-    estimator: str | None, rows: str | None, momentum: str, has_sensors: bool
-) -> str | None:
-    """Return the current name of an estimator, after a check of rows and momentum with it.
+def check_method(estimator: str | None, rows: str | None, momentum: str, has_sensors: bool) -> None:
+    """Check the name of an estimator, and rows and momentum with it.
 
     Arguments as for `choose_method`.
 
@@ -199,12 +197,8 @@ def check_method(
     """
     from cpid_drake.dynamics.total_momentum import TotalMomentum
     from cpid_drake.identification.estimators import choose_method
-    from cpid_drake.identification.former_names import current_estimator
 
-    if estimator is not None:
-        estimator = current_estimator(estimator)
     choose_method(estimator, rows, TotalMomentum.named(momentum), has_sensors=has_sensors)
-    return estimator
 
 
 def absolute_model(model: str) -> str:

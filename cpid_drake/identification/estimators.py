@@ -9,7 +9,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.by_rows import LEAST_SQUARES
 from cpid_drake.identification.fitted import TRAJECTORY_FIT
-from cpid_drake.identification.former_names import current_estimator
 from cpid_drake.identification.online import RECURSIVE_FIT
 from cpid_drake.identification.problem import Estimator
 
@@ -56,7 +55,6 @@ def choose_method(
         best = [name for name, record in ESTIMATORS.items() if record.prefers_sensors]
         is_fit = (has_sensors or has_thrust) and rows is None
         estimator = best[0] if is_fit else LEAST_SQUARES.name
-    estimator = current_estimator(estimator)
     if estimator in ROW_FAMILIES:
         if rows not in (None, estimator):
             raise InputError(

@@ -14,7 +14,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty, read_uncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import LONGEST_HEAD
-from cpid_drake.identification.former_names import FORMER_NAMES
 from cpid_drake.identification.identify import identify_together
 from cpid_drake.identification.prior_files import load_prior
 from cpid_drake.identification.requirements import left_out_warning
@@ -231,7 +230,7 @@ def request_of_result(result: Identification, where: str) -> Request:
     return replace(
         source.request,
         **places,
-        estimator=FORMER_NAMES.get(result.estimator, result.estimator),
+        estimator=result.estimator,
         rows=result.rows,
         start=source.start,
         end=source.end,

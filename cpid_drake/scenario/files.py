@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.former_names import current_estimator
 from cpid_drake.input_files.validation import dump_yaml, load_yaml
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import check_scenario
@@ -23,8 +22,6 @@ def load_scenario(path: str | Path) -> Scenario:
     """
     file = resolve_model(path)
     scenario = load_yaml(Scenario, file, str(path), "a scenario", MOTION_TAGS)
-    if scenario.identification.estimator is not None:
-        scenario.identification.estimator = current_estimator(scenario.identification.estimator)
     check_scenario(scenario, str(path))
     spacecraft, target = scenario.spacecraft, scenario.target
     with prefix_errors(str(path)):

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.identification.former_names import current_estimator
 from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
 from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, Motion, MotionFile
 from cpid_drake.sensing.burns import Burn
@@ -315,7 +314,7 @@ class Scenario:
         """Name of the online estimator: the given one, or the best for the scenario's sensors."""
         config = self.identification
         if config.estimator is not None:
-            return current_estimator(config.estimator)
+            return config.estimator
         by_sensors = self.sensors.present and config.rows is None
         return "recursive_fit" if by_sensors else "least_squares"
 

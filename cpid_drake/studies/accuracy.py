@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import methods
-from cpid_drake.identification.former_names import current_estimator
 from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.presets import load_sensors
@@ -63,7 +62,7 @@ def run_accuracy(
     trials = config.trials if trials is None else trials
     seed = config.seed if seed is None else seed
     presets = tuple(presets) or tuple(config.presets)
-    estimators = tuple(dict.fromkeys(map(current_estimator, estimators))) or methods()
+    estimators = tuple(dict.fromkeys(estimators)) or methods()
     for name in estimators:
         if name not in methods():
             raise InputError(f"no estimator '{name}'; choose from {', '.join(methods())}")
