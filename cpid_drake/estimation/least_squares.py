@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
+from scipy.special import ndtri, stdtrit
 
 DEFAULT_RANK_TOLERANCE = 1e-9
 """Singular values of column-scaled rows are treated as zero below this share of the largest one.
@@ -309,3 +310,16 @@ def describe_unobservable(
     noun = "combination" if len(directions) == 1 else "combinations"
     text = f"{len(directions)} {noun} of {', '.join(strongly)} not determined by the motion so far"
     return text + (f"; {', '.join(weakly)} weakly affected" if weakly else "")
+
+
+def quantile_95(degrees_of_freedom: int | None = None) -> float:
+    """Return half the width of a two-sided 95 % interval, in standard deviations.
+
+    Args:
+        degrees_of_freedom: degrees of freedom of the residuals from which the standard deviation is
+            estimated (Student's t distribution); None or 0 if it is known (normal distribution).
+
+    """
+    if degrees_of_freedom is not None and degrees_of_freedom > 0:
+        return float(stdtrit(degrees_of_freedom, 0.975))
+    return float(ndtri(0.975))

@@ -14,8 +14,7 @@ from scipy.special import chdtrc, chdtri
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.intervals import quantile_95
-from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.least_squares import LeastSquaresSolution, quantile_95
 from cpid_drake.identification.result import AGREEMENT, Check, Identification
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior

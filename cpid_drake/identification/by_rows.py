@@ -42,12 +42,11 @@ from cpid_drake.identification.problem import (
     Problem,
 )
 from cpid_drake.identification.result import Check, MomentumEstimate
-from cpid_drake.identification.sample_noise import sample_sigmas
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.together import Part, combined, momentum_sigma, plausible
 from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.noise_estimation import estimate_suite
+from cpid_drake.sensing.noise_estimation import estimate_suite, sample_sigmas
 from cpid_drake.sensing.smoothed_motion import ErrorBlock
 from cpid_drake.sensing.smoothing import smooth_windows
 from cpid_drake.sensing.suite import SensorSuite

@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import NDArray
 
-from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.input_files.validation import Numbers
 
 LEARNED = 0.5

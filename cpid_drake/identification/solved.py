@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.intervals import quantile_95
-from cpid_drake.estimation.least_squares import LeastSquaresSolution, describe_unobservable
+from cpid_drake.estimation.least_squares import (
+    LeastSquaresSolution,
+    describe_unobservable,
+    quantile_95,
+)
 from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.result import Array, Identification
 from cpid_drake.sensing.suite import SensorSuite

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.plane import parallel_axis
-from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.input_files.validation import Numbers
 
 PLACES = {0: (0, 2, 3, 4), 1: (0, 1, 3, 5), 2: (0, 1, 2, 6)}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.estimation.source_rows import SourceRows
 from cpid_drake.input_files.validation import Numbers
 

@@ -4,7 +4,7 @@ The measurement model is that of the fits: the effects and sensors of `estimatio
 all constant errors that the suite declares and the uncertainty of the known bodies. It is evaluated
 at the nodes of a coarse grid. There every sensor of the base has one sample, whose σ gives the same
 information per second as the sensor's own samples. Errors of the encoders, dropouts and the gravity
-gradient are left out. `bound.cramer_rao_bound` contains them; it takes a hundred times as long.
+gradient are left out. `fitted.cramer_rao_bound` contains them; it takes a hundred times as long.
 """
 
 from dataclasses import replace

@@ -18,7 +18,7 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.bound import cramer_rao_bound
+from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensing.measurements import Measurements, ideal_measurements
 from cpid_drake.sensing.suite import SensorSuite

@@ -1,13 +1,16 @@
-"""Estimates the sensors' noise from a log, if no sensors are given.
+"""Estimates the sensors' noise from a log, if no sensors are given, and what rounding adds.
 
 Differences of high order remove a smooth motion and keep the noise: the p-th differences of white
 noise of variance σ² have the variance σ² (2p)!/(p!)².
 """
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import comb
 
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import ATTITUDE, SENSORS
@@ -16,6 +19,15 @@ from cpid_drake.sensing.suite import SensorSuite, suite_type
 _ORDERS = range(2, 9)
 _FEWEST = 12
 _LEAST = 1e-13
+
+_MOST_DECIMALS = 12
+"""Numbers with more decimals are not treated as rounded."""
+
+_SMOOTH = 0.05
+"""Largest noise of joint positions, as a share of their spread, in samples of one motion."""
+
+_QUANTITIES = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
+_STATES = ("quaternion_WB", "w_WB", "p_WB", "v_WB", "q", "qdot")
 
 
 def estimate_suite(measurements: Measurements) -> SensorSuite:
@@ -97,6 +109,44 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
         raise InputError("the times of samples are too uneven to estimate noise; give the sensors")
     # A rotation by δ changes the four entries by δ/2 in total, along three directions.
     return max(float(least * (2 * np.sqrt(4 / 3) if quaternions else 1.0)), _LEAST)
+
+
+def sample_sigmas(samples: Measurements | Telemetry) -> NDArray[np.float64]:
+    """Return σ (12 + 2J,) of the noise in one sample, in the order of `momentum_rows.changed`.
+
+    Of states, which may belong to unconnected instants, rounding is the only noise that can be
+    seen. σ is zero for a sensor without samples.
+    """
+    parts = []
+    is_motion = isinstance(samples, Measurements) and _is_one_motion(samples.encoders)
+    for name, state in zip(_QUANTITIES, _STATES, strict=True):
+        own = samples[name] if isinstance(samples, Measurements) else None
+        value = getattr(samples, state) if own is None else own.value
+        sigma = rounding(value) / np.sqrt(12) if len(value) else 0.0
+        if is_motion and own is not None and len(own):
+            with suppress(InputError):  # too few samples
+                sigma = max(sigma, sensor_noise(name, own))
+        parts.append(np.full(value.shape[1] if state in ("q", "qdot") else 3, sigma))
+    return np.concatenate(parts)
+
+
+def rounding(values: NDArray[np.float64]) -> float:
+    """Return the unit of the last decimal of rounded numbers; zero for numbers of all digits."""
+    values = values[np.isfinite(values) & (values != 0)]
+    for decimals in range(_MOST_DECIMALS + 1):
+        scaled = values * 10.0**decimals
+        whole = np.round(scaled)
+        if np.all(whole != 0) and np.all(np.abs(scaled - whole) < 1e-3):
+            return float(10.0**-decimals) if len(values) else 0.0
+    return 0.0
+
+
+def _is_one_motion(encoders: Samples) -> bool:
+    """Return whether joint positions change little from sample to sample."""
+    try:
+        return noise_level(encoders) < _SMOOTH * float(np.std(encoders.value, axis=0).max())
+    except InputError:  # too few samples
+        return False
 
 
 def _root_mean_square(values: NDArray[np.float64]) -> float:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, chi2
 
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
-from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.studies.trials import Case, Outcome
 
 

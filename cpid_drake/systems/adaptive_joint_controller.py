@@ -17,8 +17,8 @@ from pydrake.systems.framework import (
 )
 
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.intervals import is_within_tolerance
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.joint_controller import ComputedTorque
 from cpid_drake.systems.ports import add_connected
@@ -58,7 +58,7 @@ class AdaptiveJointController(ComputedTorque):
         spacecraft: the spacecraft to be controlled.
         guess: the target of the model at the start; default: none.
         tolerance: the largest σ that is accepted, relative to the scale of each parameter (see
-            `intervals.is_within_tolerance`).
+            `parameterizations.parameter_scale`).
         period: time between two readings of the estimate [s].
         gains: `natural_frequency` and `damping_ratio` of `JointController`.
 
@@ -154,7 +154,8 @@ class AdaptiveJointController(ComputedTorque):
         if estimate.IsNaN():
             return EventStatus.DidNothing()
         parameters = InertialParameters.from_spatial_inertia(estimate).to_vector()
-        if not is_within_tolerance(parameters, covariance, self._tolerance):
+        sigma = np.sqrt(np.diag(covariance))  # NaN where it is not known
+        if not np.all(sigma <= self._tolerance * parameter_scale(parameters)):
             return EventStatus.DidNothing()
         state.get_mutable_abstract_state(self._model_index).set_value(estimate)
         return EventStatus.Succeeded()

@@ -22,7 +22,7 @@ from cpid_drake import identify
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.bound import cramer_rao_bound
+from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import Gyro, JointSensor
 

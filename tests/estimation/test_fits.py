@@ -19,7 +19,7 @@ from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.online import run, step
 from cpid_drake.estimation.online_state import OnlineState
-from cpid_drake.identification.bound import cramer_rao_bound
+from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.sensing.measurement_stream import stream_of
 from cpid_drake.sensing.measurements import Measurements, Samples

@@ -7,7 +7,7 @@ import pytest
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake import InertialParameters, identify
-from cpid_drake.identification.bound import cramer_rao_bound
+from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 

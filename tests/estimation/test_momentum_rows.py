@@ -9,7 +9,7 @@ from scipy.stats import norm, t
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
-from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.estimation.momentum_rows import momentum_rows
 from cpid_drake.estimation.rows_fit import LogRows
 

@@ -17,8 +17,8 @@ from sensing_cases import (
 
 from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.identification.bound import cramer_rao_bound
 from cpid_drake.identification.estimators import methods
+from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor

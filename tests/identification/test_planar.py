@@ -11,7 +11,7 @@ from sensing_cases import measured, true_psi, true_telemetry
 
 from cpid_drake import identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.identification.bound import cramer_rao_bound
+from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.planar import ASSUMED, PROPOSED
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.noise import add_noise

@@ -5,7 +5,7 @@ import pytest
 
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise_estimation import noise_level
+from cpid_drake.sensing.noise_estimation import noise_level, rounding
 
 
 def test_rare_outliers_do_not_change_the_noise_level():
@@ -22,3 +22,12 @@ def test_rare_outliers_do_not_change_the_noise_level():
 def test_a_few_samples_show_no_noise(count):
     with pytest.raises(InputError, match=f"{count} samples are too few"):
         noise_level(Samples(np.arange(float(count)), np.zeros((count, 3))))
+
+
+@pytest.mark.parametrize("size", [1e-5, 1e-4, 1.0, 3e3])
+@pytest.mark.parametrize("decimals", [1, 3, 6, 9])
+def test_the_last_decimal_of_rounded_numbers_is_found(size, decimals):
+    values = size * np.random.default_rng(1).normal(size=(200, 3))
+    assert rounding(values) < 1e-9  # all digits, however small the numbers are
+    rounded = np.round(values, decimals)
+    assert rounding(rounded) == (10.0**-decimals if rounded.any() else 0.0)

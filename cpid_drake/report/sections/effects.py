@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from cpid_drake.estimation.intervals import quantile_95
+from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.identification.effects import SHOWN, EffectEstimate, UndeclaredErrors, shown
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.page import Cell, Section, Table
