@@ -120,6 +120,17 @@ class Gaussian:
         scaled = self.R / np.where(norms > 0, norms, 1.0)
         return int(np.linalg.matrix_rank(scaled, tol=1e-12 * np.sqrt(len(scaled))))
 
+    def singular_parts(
+        self, scale: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return U (n, k), singular values (k,) and Vᵀ (k, n) of R in units `scale` (n,).
+
+        Singular values that are rounding errors are left out.
+        """
+        U, sizes, axes = np.linalg.svd(self.R * scale)
+        seen = sizes > _NEGLIGIBLE * sizes.max(initial=0.0)
+        return U[:, seen], sizes[seen], axes[seen]
+
     def cost(self, x: NDArray[np.float64]) -> float:
         """Return the sum of squares at x (n,)."""
         return self.rho2 + float(np.sum((self.R @ x - self.z) ** 2))

@@ -31,7 +31,7 @@ from cpid_drake.dynamics.parameterizations import (
     vector_to_tensor,
 )
 from cpid_drake.dynamics.spatial_inertia import inertia_of_second_moment, second_moment
-from cpid_drake.estimation.source_rows import SourceRows
+from cpid_drake.estimation.gaussian import Gaussian
 
 if TYPE_CHECKING:
     from pydrake.solvers import MathematicalProgramResult
@@ -53,7 +53,8 @@ class RigidBodySet:
     """All rigid bodies in a confidence region.
 
     Attributes:
-        rows: what is known of the unknowns, in units of σ.
+        rows: what is known of the unknowns: A x = b with unit errors, of any rank. No combination
+            has a smaller σ than `LEAST_SIGMA`: smaller differences are rounding.
         radius: radius r of the confidence region, in σ.
         form: name of the parameterization of the unknowns.
         known_mass: mass of the known bodies, which relative unknowns depend on [kg].
@@ -62,7 +63,7 @@ class RigidBodySet:
 
     """
 
-    rows: SourceRows
+    rows: Gaussian
     radius: float
     form: str
     known_mass: float
@@ -75,7 +76,11 @@ class RigidBodySet:
         first = [1 / m, R, R, R] if self.form == EQ18.name else [m, m * R, m * R, m * R]
         scale = np.array([*first, *6 * [m * R**2]])
         object.__setattr__(self, "scale", scale)
-        object.__setattr__(self, "rows", self.rows.limited(scale, LEAST_SIGMA))
+        U, sizes, axes = self.rows.singular_parts(scale)
+        factor = np.minimum(1.0, 1 / LEAST_SIGMA / sizes)
+        A = (factor * sizes)[:, None] * axes / scale
+        rows = np.column_stack([A, factor * (U.T @ self.rows.z)])
+        object.__setattr__(self, "rows", Gaussian.of_rows(self.rows.sizes, rows))
 
     # -- the parameters ------------------------------------------------------------------------
 
@@ -185,7 +190,7 @@ class _Program:
         self._z = self._program.NewContinuousVariables(size + extra, "z")
         self._count = size
         self._divided = is_divided
-        A, b = bodies.rows.A * bodies.scale, bodies.rows.b
+        A, b = bodies.rows.R * bodies.scale, bodies.rows.z
         self._rows = np.zeros((len(b), size + extra))
         self._rows[:, :10], self._right = A, b
         if is_divided:

@@ -208,8 +208,7 @@ def _answer(
             vague = next(unknown.mean for unknown in model.table if unknown.name == PSI)
             psi = vague if values is None else values[PSI]
             at = prior.moved(form, psi) if values is None else psi
-            told = prior.rows(form, at, model.plausible)
-            rows = (Gaussian.of_rows({PSI: 10}, np.column_stack([told.A, told.b])),)
+            rows = (prior.gaussian(PSI, form, at, model.plausible),)
         found = fit(model, logs, rows=rows, values=values)
         values, logs = found.values, found.logs
     sigma = model.unknown(MOMENTUM).sigma

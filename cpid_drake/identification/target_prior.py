@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.estimation.source_rows import SourceRows
 from cpid_drake.input_files.validation import Numbers
+
+_ROUNDING = 1e-13  # share of the best determined combination below which there is rounding only
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +68,17 @@ class TargetPrior:
         known = np.isfinite(self.parameters)
         return form.from_parameters(np.where(known, self.parameters, form.to_parameters(at)))
 
-    def rows(
-        self, form: Parameterization, at: NDArray[np.float64], unit: NDArray[np.float64]
-    ) -> SourceRows:
-        """Return the prior as rows about the unknowns of a parameterization.
+    def gaussian(
+        self,
+        name: str,
+        form: Parameterization,
+        at: NDArray[np.float64],
+        unit: NDArray[np.float64],
+    ) -> Gaussian:
+        """Return the prior about the unknowns of a parameterization.
 
         Args:
+            name: name of the unknowns.
             form: the parameterization.
             at: (10,) unknowns about which the parameters are linearized.
             unit: (10,) plausible sizes of the unknowns.
@@ -87,7 +94,10 @@ class TargetPrior:
                     f"{self.name} determines combinations of {known.unknowns} unknowns, and the "
                     f"estimator has {form.name} unknowns: use the estimator of the prior"
                 )
-            return SourceRows.of_information(known.values, known.information, unit)
+            sizes, axes = np.linalg.eigh(known.information * unit * unit[:, None])
+            seen = sizes > _ROUNDING * max(float(sizes[-1]), 0.0)
+            A = np.sqrt(sizes[seen])[:, None] * axes[:, seen].T / unit
+            return Gaussian.of_rows({name: 10}, np.column_stack([A, A @ known.values]))
         given = np.isfinite(self.parameters)
         covariance = self.covariance[np.ix_(given, given)]
         sigma = np.sqrt(np.diag(covariance))
@@ -95,4 +105,5 @@ class TargetPrior:
         whiten = np.linalg.solve(root, np.diag(1 / sigma))
         jacobian = form.jacobian(at)[given]
         change = self.parameters[given] - form.to_parameters(at)[given]
-        return SourceRows(whiten @ jacobian, whiten @ (change + jacobian @ at))
+        rows = whiten @ np.column_stack([jacobian, change + jacobian @ at])
+        return Gaussian.of_rows({name: 10}, rows)

@@ -115,11 +115,9 @@ def _with_prior(
     """Return the prior about the joint estimate, this estimate, and whether it converged."""
     x = prior.moved(form, nominal)
     for _ in range(_MOST_ROUNDS):
-        rows = prior.rows(form, x, scale)
-        told = Gaussian.of_rows({TARGET: 10}, np.column_stack([rows.A, rows.b]))
+        told = prior.gaussian(TARGET, form, x, scale)
         # What only the prior determines is determined, however vague the prior is.
-        sizes = np.linalg.svd(rows.A * scale, compute_uv=False)
-        largest = max(KNOWN, 1.5 / float(sizes[sizes > 0].min()))
+        largest = max(KNOWN, 1.5 / float(told.singular_parts(scale)[1].min()))
         total = logs.add(told)
         solution = solution_of(total, x, scale, largest=largest, row_count=count)
         step, x = solution.values - x, solution.values

@@ -240,8 +240,8 @@ def _first_predicted(log: LogState, beginning: float) -> int:
 
 def _rows(target: TargetPrior, form: Parameterization, model: Model) -> Gaussian:
     """Return what is known of a target's ψ, which may be combinations."""
-    rows = target.rows(form, target.moved(form, model.unknown(PSI).mean), model.plausible)
-    return Gaussian.of_rows({PSI: 10}, np.column_stack([rows.A, rows.b]))
+    at = target.moved(form, model.unknown(PSI).mean)
+    return target.gaussian(PSI, form, at, model.plausible)
 
 
 def _about(psi: NDArray[np.float64], sigma: NDArray[np.float64]) -> Gaussian:

@@ -12,8 +12,8 @@ from cpid_drake.dynamics.parameterizations import (
     standard_to_parameters,
 )
 from cpid_drake.dynamics.rows import eq18_to_world
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
-from cpid_drake.estimation.source_rows import SourceRows
 
 KNOWN_MASS = 10.0
 FORMS = {
@@ -40,10 +40,15 @@ def bodies(rows, form, mass=1.0, size=1.0, radius=1.0) -> RigidBodySet:
     return RigidBodySet(rows, radius, form, KNOWN_MASS, mass, size)
 
 
-def exactly(x, places, sigma=1e-9) -> SourceRows:
+def rows_of(A, b) -> Gaussian:
+    """Return what rows A x = b with unit errors tell of the unknowns x (10,)."""
+    return Gaussian.of_rows({"target": 10}, np.column_stack([A, b]))
+
+
+def exactly(x, places, sigma=1e-9) -> Gaussian:
     """Return the rows of unknowns x (10,) of which some are known."""
     A = np.eye(10)[list(places)] / sigma
-    return SourceRows(A, A @ x)
+    return rows_of(A, A @ x)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -54,7 +59,7 @@ def test_the_truth_is_always_inside(form):
         x = FORMS[form](pi)
         A = rng.normal(size=(rng.integers(1, 11), 10)) * 10 / np.maximum(np.abs(x), 0.05)
         noise = rng.normal(size=len(A))
-        found = bodies(SourceRows(A, A @ x + noise), form, pi[0], 1.0, np.linalg.norm(noise))
+        found = bodies(rows_of(A, A @ x + noise), form, pi[0], 1.0, np.linalg.norm(noise))
         assert found.distance() <= found.radius * (1 + 1e-6)
         low, high = found.bounds().T
         slack = 1e-5 * np.array([pi[0], 1, 1, 1, *6 * [pi[0]]])
@@ -69,7 +74,7 @@ def test_more_information_never_widens_the_bounds():
     A = rng.normal(size=(10, 10)) * 10 / np.maximum(np.abs(x), 0.05)
     before = first = None
     for count in range(2, 11):
-        bounds = bodies(SourceRows(A[:count], A[:count] @ x), "standard", pi[0]).bounds()
+        bounds = bodies(rows_of(A[:count], A[:count] @ x), "standard", pi[0]).bounds()
         if before is not None:
             # The inertia's bounds use those of the centre of mass, so they shrink as well.
             assert (bounds[:, 0] >= before[:, 0] - 1e-5).all()
@@ -86,10 +91,10 @@ def test_the_bounds_of_what_does_not_turn_do_not_depend_on_cs_axes(form):
     pi = random_body(rng)
     x = FORMS[form](pi)
     A = rng.normal(size=(5, 10)) * 10 / np.maximum(np.abs(x), 0.05)
-    rows = SourceRows(A, A @ x)
+    rows = rows_of(A, A @ x)
     straight = bodies(rows, form, pi[0]).bounds()
     quarter = eq18_to_world(Rotation.from_euler("z", 90, degrees=True).as_matrix()[None])[0]
-    turned = bodies(SourceRows(A @ np.linalg.inv(quarter), rows.b), form, pi[0]).bounds()
+    turned = bodies(rows_of(A @ np.linalg.inv(quarter), A @ x), form, pi[0]).bounds()
     np.testing.assert_allclose(turned[0], straight[0], rtol=1e-5)
     # cx' = −cy, cy' = cx; Ixx' = Iyy, Ixy' = −Ixy
     np.testing.assert_allclose(turned[1], -straight[2, ::-1], atol=1e-5)
@@ -138,7 +143,7 @@ def test_a_point_mass_has_no_inertia():
     A[:4, :4] = np.eye(4)
     A[4, [4, 7, 9]] = 1.0
     b = np.array([*x[:4], trace])
-    found = bodies(SourceRows(1e9 * A, 1e9 * b), "standard", m, 1.0).bounds()
+    found = bodies(rows_of(1e9 * A, 1e9 * b), "standard", m, 1.0).bounds()
     np.testing.assert_allclose(found[4:], 0, atol=5e-3)
 
 
