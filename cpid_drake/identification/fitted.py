@@ -106,7 +106,7 @@ def fit_target(
     logs = []
     for name, each in problems.items():
         with prefix_errors(name if len(problems) > 1 else ""):
-            logs.append(LogState.of(model, each.measurements, name))
+            logs.append(LogState.of(model, each.log.measurements, name))
     progress("fitting")
     answer = _answer(model, logs, Question.of(model, declared, list(problems), momentum), prior)
     found, compared, gaussian = answer.found, answer.compared, answer.gaussian

@@ -201,7 +201,7 @@ def estimate_online(
     problem, suite, warnings = next(iter(problems.values())).with_sensors()
     model = Model(problem.spacecraft.tree, suite, problem.known_bodies)
     progress("fitting")
-    state = run(model, problem.stream)
+    state = run(model, problem.log.stream)
     found = identification_of_state(model, state, momentum)
     if state.known is None:
         warnings = (*warnings, NOT_STARTED)

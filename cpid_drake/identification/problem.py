@@ -9,8 +9,6 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.sensing.measurement_stream import MeasurementStream, stream_of
-from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -72,23 +70,6 @@ class Problem:
     momentum: TotalMomentum
     family: RowFamily | None = None
     known_bodies: BodyUncertainty | None = None
-
-    @property
-    def stream(self) -> MeasurementStream:
-        """All samples, a chunk at a time; see `MeasurementStream`."""
-        return self.log.stream
-
-    @property
-    def measurements(self) -> Measurements:
-        """All samples in memory; for a long log, an estimator should use `stream` instead."""
-        return self.log.measurements
-
-    def with_measurements(self, measurements: Measurements) -> "Problem":
-        """Return the problem with other samples, in memory."""
-        counts = {name: len(samples) for name, samples in measurements.items()}
-        stream = stream_of(measurements)
-        log = replace(self.log, head=measurements, stream=stream, is_long=False, counts=counts)
-        return replace(self, log=log)
 
     def with_sensors(self) -> tuple["Problem", SensorSuite, tuple[str, ...]]:
         """Return the problem with sensors, the sensors, and a warning if they are estimated."""

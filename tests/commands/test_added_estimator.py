@@ -24,8 +24,9 @@ def estimate_every_second(problems, momentum, prior, progress):
     """Least squares on every second sample: an estimator that somebody might try."""
     [problem] = problems.values()
     names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
-    halved = {name: problem.measurements[name].where(slice(None, None, 2)) for name in names}
-    half = problem.with_measurements(problem.measurements.updated(halved)).log
+    head = problem.log.head
+    half = head.updated({name: head[name].where(slice(None, None, 2)) for name in names})
+    half = replace(problem.log, head=half)
     found = identify_by_rows(problem.spacecraft, {"": half}, ROW_FAMILIES["standard"], momentum)
     return replace(found, estimator="every_second", rows=None)
 
