@@ -109,7 +109,8 @@ class TestExactLogs:
         assumed_zero = identify(craft, log, momentum=TotalMomentum.zero())
         assert "--momentum unknown" in assumed_zero.failures[0]
         assert not assumed_zero.passed
-        assert error_over_scale(assumed_zero, skewed_target) > 1e-2
+        assert assumed_zero.momentum == "unknown"  # the answer does not rest on what is wrong
+        assert error_over_scale(assumed_zero, skewed_target) < 1e-9
         estimated = identify(craft, log, momentum=TotalMomentum.unknown())
         assert estimated.warnings == estimated.failures == ()
         assert error_over_scale(estimated, skewed_target) < 1e-9
@@ -117,7 +118,7 @@ class TestExactLogs:
         assert tested.momentum == "unknown"
         assert tested.failures == ()
         assert "was estimated" in tested.warnings[0]
-        assert np.array_equal(tested.parameters, estimated.parameters)
+        assert error_over_scale(tested, skewed_target) < 1e-9
 
     def test_one_sample_leaves_four_open(self, craft, true_motion, skewed_target):
         still = true_motion.select(slice(0, 1))
