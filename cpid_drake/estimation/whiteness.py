@@ -51,11 +51,6 @@ class Whiteness:
         """Whether residuals in σ are so correlated that they are no noise."""
         return self.lag_one > MOST_CORRELATED and not self.is_negligible
 
-    @property
-    def scale(self) -> float:
-        """σ of white noise that acts on an estimate as these residuals do; 1 if not above 1."""
-        return max(1.0, self.rms * self.correlation_time**0.5)
-
 
 def least_white(tests: Iterable[Whiteness]) -> Whiteness | None:
     """Return the test that is farthest from white, of those that matter; None without tests."""
