@@ -45,17 +45,7 @@ def _with(log: str, *rest: object) -> tuple[object, ...]:
     return ("identify", log, *FIT, *rest)
 
 
-_PICTURES = tuple(
-    f"pictures/{name}.{ending}"
-    for name in ("convergence", "residuals", "singular-values", "base-motion", "ellipsoid")
-    for ending in ("png", "svg")
-)
 _RUN = ("telemetry.csv", "truth.csv", "truth.json", "scenario.yaml", "sensors.yaml", "run.json")
-_STUDY = ("accuracy_servicer.png", "report.html", "summary.json")
-_ACCURACY = ("--preset", "servicer", "--estimator", "relative", "--jobs", "1", "--out", "study")
-_MAP = ("telemetry", "map", "log.csv", *CRAFT, "--out", "map.yaml", "--force")
-_EXPORT = ("--format", "drake-yaml", "--out", "bag.dmd.yaml", "--force")
-
 WRITERS = {
     writer.name: writer
     for writer in (
@@ -66,42 +56,11 @@ WRITERS = {
             (("r.json",),),
         ),
         Writer(
-            "report",
-            ("report", "new.json", "--out", "r.html", "--figures", "pictures"),
-            ("report", "old.json", "--out", "r.html", "--figures", "pictures"),
-            (("r.html",), _PICTURES),
-        ),
-        Writer(
-            "view",
-            ("view", "log.csv", *FIT, "--html", "v.html"),
-            ("view", "old.csv", *FIT, "--html", "v.html"),
-            (("v.html",),),
-        ),
-        Writer(
             "simulate",
             ("simulate", "new.yaml", "--out", "run"),
             ("simulate", "old.yaml", "--out", "run"),
             (tuple(f"run/{name}" for name in _RUN),),
         ),
-        Writer(
-            "accuracy",
-            ("accuracy", "new.yaml", "--trials", "3", *_ACCURACY),
-            ("accuracy", "old.yaml", "--trials", "2", *_ACCURACY),
-            (tuple(f"study/{name}" for name in _STUDY),),
-        ),
-        Writer(
-            "export",
-            ("export", "new.json", *_EXPORT),
-            ("export", "old.json", *_EXPORT),
-            (("bag.dmd.yaml",), ("bag_target.urdf",)),
-        ),
-        Writer(
-            "convert",
-            ("telemetry", "convert", "log.csv", "c.npz"),
-            ("telemetry", "convert", "old.csv", "c.npz"),
-            (("c.npz",),),
-        ),
-        Writer("template", ("scenario", "new", "--out", "s.yaml", "--force"), (), (("s.yaml",),)),
     )
 }
 
@@ -111,11 +70,10 @@ class Bench:
 
     Args:
         folder: an empty folder.
-        writers: names of the commands to prepare.
 
     """
 
-    def __init__(self, folder: Path, writers: tuple[str, ...]) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
         log = (
             (models_directory() / "telemetry/free_flyer.csv").read_text().splitlines(keepends=True)
@@ -126,25 +84,17 @@ class Bench:
         text = text.replace("simulation:\n  duration: 10.0", "simulation:\n  duration: 1.0")
         (folder / "new.yaml").write_text(text)
         (folder / "old.yaml").write_text(text.replace("duration: 1.0", "duration: 0.5", 1))
-        for name in ("new", "old"):
-            log_file = "log.csv" if name == "new" else "old.csv"
-            self.run(_with(log_file, "--json", f"{name}.json"))
         self.inputs = {path: path.read_bytes() for path in (*folder.iterdir(), MODEL)}
-        (folder / "s.yaml").write_text("# my scenario\n")
         self.old: dict[str, dict[str, bytes]] = {}
         self.new: dict[str, dict[str, bytes]] = {}
-        self.seconds: dict[str, float] = {}
-        for name in writers:
-            self._learn(WRITERS[name])
+        for writer in WRITERS.values():
+            self._learn(writer)
 
     def _learn(self, writer: Writer) -> None:
-        """Make the earlier output, and learn the new one and its duration."""
-        if writer.old:
-            self.run(writer.old)
+        """Make the earlier output, and learn the new one."""
+        self.run(writer.old)
         self.old[writer.name] = self.contents(writer)
-        begin = time.perf_counter()
         self.run(writer.new)
-        self.seconds[writer.name] = time.perf_counter() - begin
         self.new[writer.name] = self.contents(writer)
 
     def run(self, arguments: tuple[object, ...]) -> None:
@@ -171,24 +121,14 @@ class Bench:
         """Return the drafts in the folder and in the folders in it."""
         return [*self.folder.glob(".cpid-draft*"), *self.folder.glob("*/.cpid-draft*")]
 
-    def kill(self, name: str, random_numbers: random.Random, at_draft: bool) -> list[str]:
-        """Kill a command at a random instant; return the state of each group of outputs.
-
-        Args:
-            name: the command.
-            random_numbers: determines the instant.
-            at_draft: whether the instant is soon after the first draft appears.
-
-        """
+    def kill(self, name: str, numbers: random.Random) -> list[str]:
+        """Kill a command soon after its first draft appears; return the state of its outputs."""
         writer = WRITERS[name]
         self.restore(writer)
         process = start("-m", "cpid_drake", *writer.new, cwd=self.folder, start_new_session=True)
-        if at_draft:
-            while process.poll() is None and not self.drafts():
-                time.sleep(1e-4)
-            time.sleep(random_numbers.uniform(0, 0.02))
-        else:
-            time.sleep(random_numbers.uniform(0, self.seconds[name]))
+        while process.poll() is None and not self.drafts():
+            time.sleep(1e-4)
+        time.sleep(numbers.uniform(0, 0.02))
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate(timeout=HUNG)

@@ -61,13 +61,6 @@ def added(short_reports, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--estimator", "every_second"),
-        pytest.param(("--rows", "grams"), marks=pytest.mark.slow),
-    ],
-)
 def test_what_is_added_identifies_a_log(run_cpid, options):
     found = []
     for method in (("--rows", "standard"), options):

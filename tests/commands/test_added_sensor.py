@@ -1,16 +1,12 @@
 """Sensors added from outside, by records in the table, are used by `cpid identify` and shown."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from sensing_cases import Sines, small_craft, true_telemetry
 
-from cpid_drake import InertialParameters, InputError, load_sensors, write_telemetry
-from cpid_drake.sensing.measurements import ideal_measurements
-from cpid_drake.sensing.noise import SensorNoise, add_noise
+from cpid_drake import InputError, load_sensors
+from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -63,52 +59,6 @@ def added():
     yield
     for sensor in ADDED:
         del SENSORS[sensor.name]
-
-
-@pytest.fixture
-def case(tmp_path, monkeypatch, added):
-    """Write a log and the YAML of its sensors; return the options of `cpid identify`."""
-    monkeypatch.chdir(tmp_path)
-    craft = small_craft(tmp_path)
-    motion = Sines.drawn(4, seed=7, duration=DURATION, size=0.6)
-    target = InertialParameters(60.0, [0.5, -0.12, 0.08], np.diag([8.0, 11.0, 6.0]))
-    (tmp_path / "one_of_each.yaml").write_text(SUITE)
-    (tmp_path / "all.yaml").write_text(SUITE_OF_ALL)
-    suite = load_sensors("all.yaml")
-    names = craft.joint_names
-    ideal = ideal_measurements(
-        suite,
-        names,
-        lambda times: true_telemetry(craft.tree, names, motion, target, times),
-        DURATION,
-    )
-    write_telemetry("log.csv", add_noise(suite, ideal, seed=3))
-    options = ("--spacecraft", tmp_path / "craft.urdf", "--base", "base", "--capture-frame", "hand")
-    return target, ("identify", "log.csv", *options, "--json", "found.json")
-
-
-def found(outcome, target):
-    """Return the σ of the ten parameters; the error must be explained by them."""
-    code, _, stderr = outcome
-    assert code == 0, stderr
-    result = json.loads(Path("found.json").read_text())
-    covariance = np.array(result["covariance"])
-    error = result["parameters"] - target.to_vector()
-    assert error @ np.linalg.solve(covariance, error) < 30  # χ² with 10 degrees of freedom
-    return np.sqrt(np.diag(covariance))
-
-
-@pytest.mark.slow
-def test_added_sensors_make_the_fit_better_and_are_in_its_report(case, run_cpid):
-    target, command = case
-    less = found(run_cpid(*command, "--sensors", "one_of_each.yaml"), target)
-    more = found(run_cpid(*command, "--sensors", "all.yaml", "--report", "page.html"), target)
-    assert (more < 0.5 * less).all()
-    page = Path("page.html").read_text()
-    assert all(sensor.label in page for sensor in ADDED)
-    code, contents, _ = run_cpid("telemetry", "check", "log.csv")
-    assert code == 0
-    assert all(sensor.label in contents for sensor in ADDED)
 
 
 def test_added_sensors_leave_the_samples_of_the_others_as_they_are(tmp_path, added):

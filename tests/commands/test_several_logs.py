@@ -134,12 +134,11 @@ class TestPrior:
         outcome = cpid("identify", SAMPLE, *FREE_FLYER, "--prior", "cad.yaml")
         assert words in refusal(outcome)
 
-    @pytest.mark.slow
-    def test_a_prior_in_another_frame_is_refused(self, cpid, halves):
-        cpid("identify", halves[0], *FREE_FLYER, "--json", "1.json", "--quiet")
+    def test_a_prior_in_another_frame_is_refused(self, cpid, two_samples):
+        cpid("identify", two_samples[0], *SERVICER, "--json", "1.json", "--quiet")
         text = Path("1.json").read_text().replace('"capture_point"', '"gripper"')
         Path("2.json").write_text(text)
-        outcome = cpid("identify", halves[1], *FREE_FLYER, "--prior", "2.json")
+        outcome = cpid("identify", two_samples[1], *SERVICER, "--prior", "2.json")
         assert "the prior is in the capture frame gripper" in refusal(outcome)
-        outcome = cpid("identify", halves[1], *FREE_FLYER, "--prior", "none.json")
+        outcome = cpid("identify", two_samples[1], *SERVICER, "--prior", "none.json")
         assert "--prior none.json: no such file" in refusal(outcome)

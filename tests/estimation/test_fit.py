@@ -18,7 +18,7 @@ from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model, undetermined
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
 from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite()
@@ -55,16 +55,6 @@ def target(gaussian, values, at_rest=False):
 def nees(case, psi, covariance):
     error = psi - true_psi(case.craft, case.target)
     return error @ np.linalg.solve(covariance, error)
-
-
-@pytest.mark.slow
-def test_errors_are_as_large_as_they_say(case, tumbling):
-    """NEES of ten unknowns over eight logs, at rest and tumbling: 10 ± 3.2 at 99 %."""
-    found = [fitted(each, seed) for each in (case, tumbling) for seed in range(4)]
-    assert all(each.converged and each.sweeps <= 6 for each in found)
-    cases = 4 * [case] + 4 * [tumbling]
-    values = [nees(c, *target(f.gaussian, f.values)) for c, f in zip(cases, found)]
-    assert 6.5 < np.mean(values) < 14.5
 
 
 @pytest.fixture(scope="module")
@@ -153,26 +143,6 @@ def test_two_logs_share_the_target_and_keep_their_momenta(case, tumbling):
     assert np.linalg.norm(both.values["momentum|log 1"][:3]) > 10
 
 
-@pytest.mark.slow
-def test_noise_that_is_larger_than_declared_widens_the_intervals(case):
-    """Three times in every sensor of the base: found, and errors are as large as they say."""
-    louder = replace(
-        SUITE,
-        attitude=AttitudeSensor(5.0, 15.0, 120.0, np.array([0.0, 0.6, 0.8])),
-        gyro=replace(SUITE.gyro, angle_random_walk=3 * SUITE.gyro.angle_random_walk),
-        position=VectorSensor(5.0, 3e-3),
-    )
-    squares = []
-    for seed in range(4):
-        samples = add_noise(louder, case.samples, seed)
-        model = Model(case.craft.tree, SUITE)
-        found = fit(model, [LogState.of(model, samples)])
-        noise = found.logs[0].noise
-        assert 2.0 < min(noise.values()) <= max(noise.values()) < 4.0
-        squares.append(nees(case, *target(found.gaussian, found.values)))
-    assert np.mean(squares) < 18
-
-
 def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target):
     """5 Hz, gaps of 1 to 2 s in the joints, noise three times the declared one, no gyro."""
     declared = coarse_suite(
@@ -229,11 +199,8 @@ def test_a_small_momentum_is_in_the_interval(tmp_path, skewed_target):
         assert size < 0.1 or nees(case, *at_zero) > 1000
 
 
-@pytest.mark.parametrize(
-    ("duration", "time"), [(2.0, 1.37), pytest.param(6.0, 3.37, marks=pytest.mark.slow)]
-)
-def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target, duration, time):
-    case = make_case(tmp_path, skewed_target, SUITE, None, duration)
+def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
+    time, case = 1.37, make_case(tmp_path, skewed_target, SUITE, None, 2.0)
     firing = Firing(time, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
     closed = fitted(case, samples=fired(case, firing))
     found, events = fit_with_events(closed.model, closed, AT_REST)

@@ -53,12 +53,9 @@ def test_the_bound_exists_and_grows_with_the_noise(craft, target, ideal):
     np.testing.assert_allclose(bounds[1], 10 * bounds[0], rtol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
-)
-def test_it_is_identified_without_false_alarms(craft, target, ideal, estimator):
+def test_it_is_identified_without_false_alarms(craft, target, ideal):
     noisy = add_noise(SUITE, ideal, 1)
-    found = identify(craft, noisy, sensors=SUITE, estimator=estimator)
+    found = identify(craft, noisy, sensors=SUITE)
     error = found.parameters - target.to_vector()
     assert len(found.momentum_changes) == 0
     assert found.misfit < 1.15

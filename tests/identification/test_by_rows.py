@@ -267,8 +267,7 @@ class TestPrior:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [0.0, 3e-5, 1e-4, 1e-2])
-@pytest.mark.parametrize("rows", ["standard", "relative"])
+@pytest.mark.parametrize(("rows", "size"), [("standard", 1e-4), ("relative", 3e-5)])
 def test_a_momentum_too_small_to_be_seen_is_within_the_covariance(
     craft, suite, noisy, skewed_target, rows, size
 ):

@@ -224,9 +224,3 @@ def test_a_wrong_model_is_no_convention(craft, noisy_log):
     log = noisy_log(heavier_base(craft.tree))
     assert convention_of(craft.tree, log, SUITE) is None
     assert convention_of(craft.tree, without_position(log), SUITE) is None
-
-
-@pytest.mark.slow
-def test_the_first_failed_check_of_an_answer_names_the_convention(craft, noisy):
-    found = identify(craft, joints([2, 1, 0, 3])(noisy), sensors=SUITE)
-    assert "most likely, the joints q:shoulder and q:elbow are exchanged" in found.failures[0]

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from sensing_cases import (
     MOMENTUM,
@@ -17,23 +16,14 @@ from sensing_cases import (
 
 from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.identification.estimators import methods
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 DURATION = 8.0
-ESTIMATORS = methods()
-UNBIASED = tuple(name for name in ESTIMATORS if name != "eq18")
-SECOND = ("recursive_fit", "relative")
-
-
-def each(names):
-    """Return the parameters of a test of these estimators, of which the second ones are slow."""
-    slow = pytest.mark.slow
-    return [pytest.param(name, marks=slow) if name in SECOND else name for name in names]
-
+OFFLINE = ("eq18", "standard", "trajectory_fit")
+"""One of each kind; the same claims about the others are those of the tests of rows and online."""
 
 FAST = {"gyro": Gyro(50.0, 0.005, 1.0, 0.1), "encoders": JointSensor(50.0, 1e-5)}
 
@@ -76,7 +66,7 @@ def runs(craft, suite, samples, estimator, true, **options):
     return np.array(errors), np.array(values)
 
 
-@pytest.mark.parametrize("estimator", each(ESTIMATORS))
+@pytest.mark.parametrize("estimator", OFFLINE)
 def test_every_estimator_is_near_and_gives_a_rigid_body(
     craft, at_rest, skewed_target, scale, estimator
 ):
@@ -96,53 +86,7 @@ def test_every_estimator_is_near_and_gives_a_rigid_body(
     assert error @ np.linalg.solve(result.covariance, error) < chi2.isf(1e-4, 10)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_covariances_hold(craft, at_rest, skewed_target, estimator):
-    """Mean NEES over seeds: ten."""
-    suite, seeds = coarse_suite(**FAST), 4
-    samples = [add_noise(suite, at_rest, seed) for seed in range(seeds)]
-    _, nees = runs(craft, suite, samples, estimator, skewed_target.to_vector())
-    low, high = chi2.ppf([0.0005, 0.9995], 10 * seeds) / seeds
-    assert low < nees.mean() < high
-
-
-def mirrored(perfect, noisy):
-    """Return the same samples with every error's sign turned."""
-    changed = {}
-    for name in ("gyro", "position", "encoders"):
-        true, off = getattr(perfect, name), getattr(noisy, name)
-        changed[name] = Samples(off.time, 2 * true.value - off.value)
-    pair = (perfect, noisy)
-    true, off = (Rotation.from_quat(samples.attitude.value, scalar_first=True) for samples in pair)
-    attitude = (true * (true.inv() * off).inv()).as_quat(scalar_first=True)
-    return replace(noisy, attitude=Samples(noisy.attitude.time, attitude), **changed)
-
-
-@pytest.mark.slow
-def test_eq18_is_open_and_the_others_are_not_biased(craft, at_rest, skewed_target):
-    """The mean of estimates with errors of either sign: what is odd in them cancels, bias stays.
-
-    In units of σ of the best there can be. A position sensor of 3 mm gives velocities whose noise
-    is in Eq. 18 multiplied by itself: most of the information is noise.
-    """
-    suite = coarse_suite(position=VectorSensor(5.0, 3e-3), **FAST)
-    true = skewed_target.to_vector()
-    bound = cramer_rao_bound(craft.tree, true_psi(craft, skewed_target), at_rest, suite)
-    samples = []
-    for seed in range(2):
-        noisy = add_noise(suite, at_rest, seed)
-        samples += [noisy, mirrored(at_rest, noisy)]
-    bias = {}
-    for estimator in ESTIMATORS:
-        errors, _ = runs(craft, suite, samples, estimator, true)
-        bias[estimator] = np.abs(errors.mean(axis=0) / np.sqrt(np.diag(bound))).max()
-    assert np.isnan(bias["eq18"])
-    for estimator in UNBIASED:
-        assert bias[estimator] < 0.5, estimator
-
-
-@pytest.mark.parametrize("estimator", each(ESTIMATORS))
+@pytest.mark.parametrize("estimator", OFFLINE)
 def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
     samples = [add_noise(suite, tumbling, 0)]
@@ -154,21 +98,17 @@ def test_a_known_momentum_can_be_told(craft, motion, tumbling, skewed_target, es
         assert chi2.ppf(0.0005, 10) < nees.sum() < chi2.ppf(0.9995, 10)
 
 
-@pytest.mark.parametrize("size", [0.2, pytest.param(3.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "estimator",
-    ["eq18", "standard", *(pytest.param(n, marks=pytest.mark.slow) for n in ESTIMATORS[2:])],
-)
-def test_a_momentum_that_is_not_zero_is_seen(craft, motion, skewed_target, estimator, size):
+@pytest.mark.parametrize("estimator", ["eq18", "standard"])
+def test_a_momentum_that_is_not_zero_is_seen(craft, motion, skewed_target, estimator):
     """A fit may take the momentum for that after a change at the start, and be right."""
     suite = coarse_suite(**FAST)
-    exact = measured(craft, motion, skewed_target, suite, size * np.asarray(MOMENTUM))
+    exact = measured(craft, motion, skewed_target, suite, 0.2 * np.asarray(MOMENTUM))
     zero = {"sensors": suite, "estimator": estimator, "momentum": TotalMomentum.zero()}
     found = identify(craft, add_noise(suite, exact, 1), **zero)
     assert found.failures[0].startswith("the samples contradict a total momentum of zero")
 
 
-@pytest.mark.parametrize("estimator", each(UNBIASED))
+@pytest.mark.parametrize("estimator", OFFLINE[1:])
 def test_an_unknown_momentum_costs_no_consistency(craft, tumbling, skewed_target, estimator):
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
     samples = [add_noise(suite, tumbling, 1)]
@@ -230,9 +170,8 @@ def planar(tmp_path_factory):
     return Spacecraft(path, base="base", capture_frame="hand"), target
 
 
-@pytest.mark.parametrize("seed", [2])
 @pytest.mark.slow
-def test_planar_motion_leaves_the_in_plane_inertia_open(planar, seed):
+def test_planar_motion_leaves_the_in_plane_inertia_open(planar):
     """Ixx, Iyy and Ixy never matter; that the base does not tilt tells cz, Ixz and Iyz.
 
     Whatever the noise: it must not be taken for tilting.
@@ -241,7 +180,7 @@ def test_planar_motion_leaves_the_in_plane_inertia_open(planar, seed):
     suite = coarse_suite(**FAST)
     motion = Sines.drawn(2, seed=111, duration=DURATION, size=0.6)
     perfect = measured(craft, motion, target, suite)
-    result = identify(craft, add_noise(suite, perfect, seed), sensors=suite)
+    result = identify(craft, add_noise(suite, perfect, 2), sensors=suite)
     assert result.solution.rank == 7
     open_ = np.isnan(result.parameters)
     np.testing.assert_array_equal(np.flatnonzero(open_), [4, 5, 7])  # Ixx, Iyy, Ixy
@@ -273,9 +212,8 @@ def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
     assert np.isnan(result.spatial_inertia().get_mass())
 
 
-@pytest.mark.parametrize("estimator", ["least_squares", "trajectory_fit"])
 @pytest.mark.slow
-def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
+def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion):
     """Of a flat target estimates lie beyond what can be; what leaves never does."""
     flat = InertialParameters(60.0, [0.4, 0.1, 0.0], np.diag([10.0, 20.0, 30.0]))
     suite = coarse_suite(position=VectorSensor(5.0, 3e-3))
@@ -283,8 +221,7 @@ def test_spatial_inertias_are_those_of_rigid_bodies(craft, motion, estimator):
     beyond = 0
     for seed in range(3):
         samples = add_noise(suite, perfect, seed)
-        options = {"sensors": suite, "estimator": estimator}
-        result = identify(craft, samples, **options)
+        result = identify(craft, samples, sensors=suite, estimator="least_squares")
         beyond += not result.raw().is_feasible()
         assert result.feasible().is_feasible()
         assert result.spatial_inertia().IsPhysicallyValid()

@@ -1,7 +1,6 @@
-"""Large errors of the joints' zeros: the fits are linear in them about their estimates."""
+"""Large errors of the joints' zeros: the fit is linear in them about their estimates."""
 
 import numpy as np
-import pytest
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured
 
 from cpid_drake import identify
@@ -13,31 +12,13 @@ ZEROS = np.array([0.012, -0.008, 0.01, 0.0])  # the last one is a turn of the ca
 SUITE = coarse_suite(encoders=JointSensor(20.0, 1e-5, zero_mrad=10.0))
 
 
-@pytest.fixture(
-    scope="module",
-    params=[pytest.param(None, marks=pytest.mark.slow), MOMENTUM],
-    ids=["at rest", "tumbling"],
-)
-def log(craft, skewed_target, request):
-    """Samples without noise."""
-    motion = Sines.drawn(4, seed=101, duration=8.0, size=0.6)
-    exact = measured(craft, motion, skewed_target, SUITE, momentum_W=request.param)
-    encoders = exact.encoders
-    return exact.updated({"encoders": Samples(encoders.time, encoders.value + ZEROS)})
-
-
-@pytest.mark.parametrize(
-    "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
-)
-def test_the_target_is_found(craft, log, skewed_target, estimator):
+def test_the_target_is_found(craft, skewed_target):
     """A model that is linear about zero, or about an early estimate, would be wrong by many σ."""
-    found = identify(
-        craft,
-        log,
-        sensors=SUITE,
-        estimator=estimator,
-        momentum=TotalMomentum.unknown(),
-    )
+    motion = Sines.drawn(4, seed=101, duration=8.0, size=0.6)
+    exact = measured(craft, motion, skewed_target, SUITE, MOMENTUM)
+    encoders = exact.encoders
+    log = exact.updated({"encoders": Samples(encoders.time, encoders.value + ZEROS)})
+    found = identify(craft, log, sensors=SUITE, momentum=TotalMomentum.unknown())
     error = found.parameters - skewed_target.to_vector()
     assert found.failures == ()
     assert error @ np.linalg.solve(found.covariance, error) < 0.02

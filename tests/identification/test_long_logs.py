@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from sensing_cases import MOMENTUM, Sines, small_craft, true_telemetry
+from sensing_cases import Sines, small_craft, true_telemetry
 
 from cpid_drake import InertialParameters, identify
-from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification import checked_log
 from cpid_drake.identification.checked_log import check_log, log_of_states
@@ -40,21 +39,6 @@ def samples_of(states) -> Measurements:
 def short_head(monkeypatch):
     """Treat all streams as long, so that they are read again and again."""
     monkeypatch.setattr(checked_log, "LONGEST_HEAD", 100)
-
-
-@pytest.mark.parametrize("momentum", ["zero", "unknown"])
-@pytest.mark.parametrize("rows", ["standard", "relative"])
-@pytest.mark.slow
-def test_exact_samples_as_a_stream_give_the_answer_in_memory(craft, short_head, rows, momentum):
-    log = samples_of(exact(craft, momentum_W=MOMENTUM * (momentum == "unknown")))
-    options = {"rows": rows, "momentum": TotalMomentum.named(momentum)}
-    whole = identify(craft, log, **options)
-    streamed = identify(craft, stream_of(log, 2.0), **options)
-    np.testing.assert_allclose(streamed.parameters, whole.parameters, rtol=1e-9, atol=1e-9)
-    sigmas = [np.sqrt(np.diag(each.covariance)) for each in (streamed, whole)]
-    np.testing.assert_allclose(*sigmas, rtol=0.3)  # other samples show the size of rounding
-    assert streamed.sample_count == whole.sample_count
-    assert streamed.whiteness.count == whole.whiteness.count
 
 
 def test_unusable_samples_are_counted_and_left_out_of_every_chunk(craft, short_head):
@@ -104,17 +88,6 @@ def test_the_part_in_which_the_arm_moves_is_checked(craft, in_memory):
     wrong = log.updated({"joint_rates": rates})
     found = check_log(craft, wrong if in_memory else stream_of(wrong))
     assert any("is it in degrees/s" in failure for failure in found.failures)
-
-
-@pytest.mark.slow
-def test_the_noise_is_that_of_the_part_in_which_the_arm_moves(craft, short_head):
-    """A log that rests first without noise has an interval as large as its error."""
-    log = rest_first(samples_of(exact(craft, 8.0)), 8.0, 6)
-    found = identify(craft, stream_of(log, 2.0), estimator="recursive_fit")
-    sigma = np.sqrt(np.diag(found.covariance))
-    ratio = (found.parameters - TARGET.to_vector()) / sigma
-    assert 0.3 < np.sqrt(np.mean(ratio**2)) < 2.0
-    assert any("not checked: " in text for text in found.warnings)
 
 
 def test_the_angle_of_a_rotor_without_encoder_continues_from_chunk_to_chunk(wheeled, short_head):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from planar_cases import DURATION, KNOWN, SUITE, TARGET, errors, motion, planar_craft, samples
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 from sensing_cases import measured, true_psi, true_telemetry
 
 from cpid_drake import identify
@@ -56,22 +55,6 @@ def test_a_momentum_in_the_plane_is_estimated(table, rows):
     moving = true_telemetry(table.tree, table.joint_names, motion(), TARGET, TIMES, start)
     found = identify(table, moving, rows=rows, momentum=TotalMomentum.unknown())
     np.testing.assert_allclose(found.parameters[KNOWN], TRUTH, rtol=1e-7)
-
-
-@pytest.mark.parametrize("estimator", ["trajectory_fit", "standard"])
-@pytest.mark.slow
-def test_the_errors_are_those_that_the_covariance_says(craft, table, estimator):
-    squares, count = [], 3
-    for seed in range(count):
-        found = identify(table, samples(craft, seed), sensors=SUITE, estimator=estimator)
-        assert found.solution.rank == 4
-        block = found.covariance[np.ix_(KNOWN, KNOWN)]
-        error = found.parameters[KNOWN] - TRUTH
-        squares.append(error @ np.linalg.solve(block, error))
-    low, high = chi2.ppf([1e-3, 1 - 1e-3], 4 * count)
-    assert sum(squares) < high
-    if estimator == "trajectory_fit":
-        assert sum(squares) > low
 
 
 @pytest.mark.slow

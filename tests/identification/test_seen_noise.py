@@ -1,4 +1,4 @@
-"""Intervals hold if the noise is larger than given, correlated in time or full of outliers."""
+"""Intervals hold if the noise is correlated in time or full of outliers."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from cpid_drake.sensing.sensors import Gyro, JointSensor
 from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
-TRIALS = 8
+TRIALS = 4
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,6 @@ def coloured(rng, shape, rho):
 
 
 KINDS = {
-    "as given": lambda rng, shape: rng.standard_normal(shape),
-    "twice as large": lambda rng, shape: 2 * rng.standard_normal(shape),
     "correlated": lambda rng, shape: coloured(rng, shape, 0.5),
     "outliers": lambda rng, shape: rng.standard_t(4, shape),
 }
@@ -76,8 +74,7 @@ def test_intervals_hold(craft, ideal, skewed_target, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
-def test_what_is_left_out_does_not_widen_intervals(tmp_path, skewed_target, estimator):
+def test_what_is_left_out_does_not_widen_intervals(tmp_path, skewed_target):
     """A firing, whose samples are left out, and spikes."""
     suite = coarse_suite(gyro=Gyro(100.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
     case = make_case(tmp_path, skewed_target, suite, duration=8.0)
@@ -85,7 +82,7 @@ def test_what_is_left_out_does_not_widen_intervals(tmp_path, skewed_target, esti
     sigmas, widest = [], 0.0
     for samples in (case.samples, fired(case, firing), spiky(case.samples)):
         noisy = add_noise(suite, samples, 5)
-        found = identify(case.craft, noisy, sensors=suite, estimator=estimator)
+        found = identify(case.craft, noisy, sensors=suite)
         sigmas.append(np.sqrt(np.diag(found.covariance)))
         error = found.parameters - skewed_target.to_vector()
         widest = max(widest, np.abs(error / sigmas[-1]).max())

@@ -18,7 +18,6 @@ from cpid_drake.identification.validation import validate
 from cpid_drake.scenario.schema import BurnConfig
 from cpid_drake.sensing.burns import Burn, log_of_burns
 from cpid_drake.sensing.disturbances import Disturbances
-from cpid_drake.sensing.measurement_stream import stream_of
 from cpid_drake.sensing.measurements import THRUST, Samples, ideal_measurements
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.presets import load_sensors
@@ -79,10 +78,10 @@ def test_the_target_and_the_scale_are_found(flight, found):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("burns", "size"), [(BURNS, 0.05), ([replace(BURNS[0], time=0.1)], 0.005)])
-def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust(burns, size):
-    """Its estimate is the momentum at the start: thrusters change it later."""
-    momentum = size * np.array([0.6, -0.8, 0.5, 0.0, 0.0, 0.0])
+def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust():
+    """Its estimate is the momentum at the start: a burn changes it soon."""
+    momentum = 0.005 * np.array([0.6, -0.8, 0.5, 0.0, 0.0, 0.0])
+    burns = [replace(BURNS[0], time=0.1)]
     case = Flight("free_flyer_payload", "testbed", burns, momentum=momentum)
     found = case.identify(case.log)
     assert found.momentum == "unknown"
@@ -91,16 +90,6 @@ def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust(burns, size):
     assert np.abs(case.errors(found)).max() < 3.5
     sigma = np.sqrt(np.diag(found.momentum_estimate.covariance))
     assert (np.abs(found.momentum_estimate.value - momentum) < 4 * sigma).all()
-
-
-@pytest.mark.slow
-def test_a_value_in_every_row_is_the_same_log(flight):
-    times = np.unique(np.concatenate([flight.log.encoders.time, flight.log.thrust.time]))
-    dense = Samples(times, flight.log.thrust.held_at(times))
-    logs = (flight.log, flight.log.updated({THRUST: dense}))
-    one, other = (flight.identify(log) for log in logs)
-    np.testing.assert_allclose(other.parameters, one.parameters, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-5, atol=1e-15)
 
 
 @pytest.mark.slow
@@ -146,35 +135,12 @@ def test_a_gap_of_the_encoders_in_a_burn_leaves_the_momentum_open(flight):
 
 
 @pytest.mark.slow
-def test_wheels_are_unloaded_by_a_logged_torque():
-    """The wheels give their momentum to the thrusters while the arm moves."""
-    burn = BurnConfig(4.0, 3.0, torque_B=np.array([0.5, -0.3, 0.4]))
-    flight = Flight("single_arm_wheels", "flight", [burn])
-    found = flight.identify(flight.log)
-    assert len(found.momentum_changes) == 0
-    assert found.misfit == 1.0
-    assert np.abs(flight.errors(found)).max() < 3.5
-
-
-@pytest.mark.slow
 def test_an_exact_log_is_fitted_exactly(flight):
     """The thrust switches between samples, which are exact to 1e-8; so it is without thrust."""
     case = replace(flight.case, suite=load_sensors("ideal"))
     exact = ideal_samples(case, flight.craft.tree, flight.craft.joint_names)
     found = identify(flight.craft, exact, sensors=case.suite)
     np.testing.assert_allclose(found.parameters, flight.target, rtol=0, atol=1e-5)
-
-
-@pytest.mark.slow
-def test_a_burn_is_no_noise():
-    """A gyro sees the slope of the angular velocity jump, at all frequencies."""
-    burn = BurnConfig(4.0, 1.0, np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6]))
-    flight = Flight("exciting_motion", "flight", [burn])
-    found = flight.identify(flight.log)
-    assert found.failures == ()
-    [text] = found.warnings  # three seconds before the burn have too few positions
-    assert text.startswith("not checked: unit and point of the position")
-    assert np.abs(flight.errors(found)).max() < 3.5
 
 
 @pytest.mark.slow
@@ -186,16 +152,6 @@ def test_many_pulses_are_no_noise():
     found = flight.identify(flight.log)
     assert not any("noise" in text for text in (*found.warnings, *found.failures))
     assert np.abs(flight.errors(found)).max() < 3.5
-
-
-@pytest.mark.slow
-def test_a_log_in_chunks_is_the_same_log(flight):
-    """Also where the burns begin in another chunk than they end."""
-    options = {"estimator": "recursive_fit"}
-    whole, chunked = (
-        flight.identify(log, **options) for log in (flight.log, stream_of(flight.log, 1.7))
-    )
-    np.testing.assert_allclose(chunked.parameters, whole.parameters, rtol=0, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -217,8 +173,7 @@ def test_a_log_with_thrust_is_predicted(flight):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_thrusters_on_a_table(tmp_path, seed):
+def test_thrusters_on_a_table(tmp_path):
     """Force in the plane and torque about its normal push; the table holds the rest."""
     craft = planar_craft(tmp_path)
     burn = Burn(4.03, 2.0, np.array([0.5, 0.5, 0.12, 0.5, -0.3, 2.0]))
@@ -245,7 +200,7 @@ def test_thrusters_on_a_table(tmp_path, seed):
         return BaseTrajectory(**whole).to_telemetry(craft.joint_names, times, joints)
 
     ideal = ideal_measurements(suite, craft.joint_names, motion_of, planar_motion().duration)
-    log = add_noise(suite, ideal.updated({THRUST: log_of_burns([burn])}), seed)
+    log = add_noise(suite, ideal.updated({THRUST: log_of_burns([burn])}), 0)
     found = identify(craft, log, sensors=suite, planar=True)
     assert found.failures == ()
     assert len(found.momentum_changes) == 0

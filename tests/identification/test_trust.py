@@ -23,16 +23,9 @@ from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 
 DURATION = 6.0
-METHODS = (
-    "least_squares",
-    "trajectory_fit",
-    pytest.param("recursive_fit", marks=pytest.mark.slow),
-)
-SECOND_IS_SLOW = (
-    "least_squares",
-    *(pytest.param(name, marks=pytest.mark.slow) for name in ("trajectory_fit", "recursive_fit")),
-)
-"""Fits to logs that nothing explains take long."""
+METHODS = ("least_squares", "trajectory_fit")
+SECOND_IS_SLOW = ("least_squares", pytest.param("trajectory_fit", marks=pytest.mark.slow))
+"""A fit to a log that nothing explains takes long."""
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +43,7 @@ def errors_in_sigma(found, target):
 
 
 class TestMomentum:
-    @pytest.mark.parametrize("estimator", METHODS)
-    @pytest.mark.slow
+    @pytest.mark.parametrize("estimator", SECOND_IS_SLOW)
     def test_a_forgotten_tumble_is_estimated(self, craft, motion, suite, skewed_target, estimator):
         samples = measured(craft, motion, skewed_target, suite, momentum_W=MOMENTUM)
         samples = add_noise(suite, samples, seed=3)

@@ -116,18 +116,6 @@ def test_an_error_of_a_sensor_on_a_table_is_named(table):
 
 
 @pytest.mark.slow
-def test_a_table_out_of_level_is_named(table):
-    log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
-    found = identify(table, pushed(log), sensors=SUITE, planar=True)
-    [effect] = found.undeclared.effects
-    assert effect.name == "acceleration"
-    assert (np.abs(effect.value - PUSH) < 4 * effect.sigma)[:2].all()
-    assert found.undeclared.is_proposed
-    assert found.failures == ()
-    assert abs(planar_errors(found)[0]) < 4  # the mass
-
-
-@pytest.mark.slow
 def test_a_clean_log_on_a_table_shows_no_errors(table):
     log = add_noise(SUITE, measured(table.on_table(), planar_motion(), TARGET, SUITE), 4)
     found = identify(table, log, sensors=SUITE, planar=True)

@@ -10,10 +10,7 @@ from cpid_drake import identify
 from cpid_drake.sensing.noise import add_noise
 
 
-@pytest.mark.parametrize(
-    "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
-)
-def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_target, estimator):
+def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_target):
     """As if the true noise had been given; the errors are within the intervals."""
     craft, suite = small_craft(tmp_path), coarse_suite(velocity=None)
     motion = Sines.drawn(4, seed=101, duration=4.0, size=0.6)
@@ -24,12 +21,10 @@ def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_t
         gyro=replace(suite.gyro, angle_random_walk=0.015),
         position=replace(suite.position, sigma=3e-3),
     )
-    options = {"estimator": estimator}
     quiet, noisy = (
-        identify(craft, add_noise(each, perfect, 2), sensors=suite, **options)
-        for each in (suite, loud)
+        identify(craft, add_noise(each, perfect, 2), sensors=suite) for each in (suite, loud)
     )
-    told = identify(craft, add_noise(loud, perfect, 2), sensors=loud, **options)
+    told = identify(craft, add_noise(loud, perfect, 2), sensors=loud)
     ratio = np.sqrt(np.diag(noisy.covariance) / np.diag(told.covariance))
     assert np.median(ratio) == pytest.approx(1.0, rel=0.35)
     assert (np.diag(noisy.covariance) > np.diag(quiet.covariance)).all()

@@ -24,7 +24,6 @@ def sigmas(case, model=None) -> np.ndarray:
     ("scenario", "preset"),
     [
         ("paper", "flight"),
-        pytest.param("exciting_motion", "coarse", marks=pytest.mark.slow),
         pytest.param("single_arm_wheels", "flight", marks=pytest.mark.slow),
         # A table; delays, a lever arm and a mounting are unknown.
         pytest.param("air_bearing", "air_bearing", marks=pytest.mark.slow),

@@ -49,12 +49,8 @@ def check_gradient(goal, x, h, tolerance) -> None:
     assert len(values) == len(gradient)
 
 
-@pytest.mark.parametrize(
-    "criterion",
-    [pytest.param(name, marks=() if name == "worst" else pytest.mark.slow) for name in CRITERIA],
-)
-def test_gradients_are_those_of_differences(exciting, criterion):
-    goal = objective(exciting, criterion)
+def test_gradients_are_those_of_differences(exciting):
+    goal = objective(exciting)
     check_gradient(goal, parameters(goal), 2e-3, 1e-6)
 
 

@@ -1,8 +1,5 @@
 """Stops at any instant: against integrated motions, their gradients, and what they may hit."""
 
-import re
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from planning_cases import check_gradient, small_objective
@@ -14,7 +11,6 @@ from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.plan_problem import PlanProblem
 from cpid_drake.planning.planner import Planner
 from cpid_drake.planning.prediction import MotionSetting
-from cpid_drake.planning.search import Candidate, candidates
 from cpid_drake.planning.stopping import Stops, braked, needed_torque
 from cpid_drake.spacecraft.clearance import Clearance
 
@@ -67,16 +63,6 @@ def test_the_gradient_of_positions_at_rest(family, limits):
 
 
 @pytest.mark.slow
-def test_a_stop_can_hit_what_the_motion_does_not(family, limits, distances):
-    """A joint that comes to rest early lets the others leave the planned path."""
-    wide = replace(limits, lowest=-50 + 0 * limits.lowest, highest=50 + 0 * limits.highest)
-    weak, strong = (Stops(family, wide, a, distances) for a in (0.1, 1e3))
-    found = [x for x in drawn(family, 12, 0.4) if distances.is_kept(x, 0.1)]
-    assert all(strong.is_kept(x) for x in found)
-    assert not all(weak.is_kept(x) for x in found)
-
-
-@pytest.mark.slow
 def test_a_plan_may_be_stopped_at_any_instant():
     scenario = load_scenario(shipped_scenario("paper"))
     options = PlanOptions(
@@ -101,29 +87,6 @@ def test_a_plan_may_be_stopped_at_any_instant():
     assert (np.array(poses) >= limits.lowest).all()
     assert clearance.approaches(np.array(poses))[0].distance > 0.9 * 0.05
     assert needed_torque(problem.setting, motion, problem.checked_targets, 0.12) <= 1
-
-
-@pytest.mark.slow
-def test_motors_that_are_too_weak_for_stops_are_a_reason_to_refuse():
-    """The message gives a deceleration for which they are strong enough."""
-    scenario = load_scenario(shipped_scenario("paper"))
-    options = PlanOptions(
-        candidates=16, starts=1, iterations=1, targets=1, acceleration=20.0, is_stoppable=True
-    )
-    problem = PlanProblem(scenario, load_sensors("flight"), options)
-    fast = Candidate(next(iter(candidates(problem.limited, 16, options.seed))), 0.0)
-    assert problem.torque_of_stops(fast) > 1
-    assert problem.stops.is_kept(fast.parameters)
-    assert not problem.is_kept(fast)
-    never = PlanProblem(scenario, load_sensors("flight"), replace(options, is_stoppable=False))
-    assert never.is_kept(fast)
-    with pytest.raises(InputError, match="of a motor's torque with a heavy target") as refused:
-        Planner(problem).run()
-    gentle = float(re.search(r"--acceleration (\S+)", str(refused.value))[1])
-    assert 0.05 < gentle < 20.0
-    again = PlanProblem(scenario, load_sensors("flight"), replace(options, acceleration=gentle))
-    drawn = candidates(again.limited, 16, again.options.seed)
-    assert min(again.torque_of_stops(Candidate(x, 0.0)) for x in drawn) < 1
 
 
 def test_stops_need_an_acceleration():

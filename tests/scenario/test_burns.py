@@ -70,7 +70,6 @@ def test_the_base_moves_as_momentum_says(run):
     assert np.abs(base.p_WB - still.p_WB).max() > 1e-2
 
 
-@pytest.mark.slow
 def test_the_log_has_the_error_of_its_scale(run):
     """The seed determines it; the true thrust is the logged one times one plus the error."""
     simulation, context = run

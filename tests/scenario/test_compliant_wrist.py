@@ -39,15 +39,9 @@ def with_wrist(factor: float = 1.0, *, moves: bool = False):
     return scenario
 
 
-@pytest.fixture(
-    scope="module",
-    params=[
-        pytest.param(False, id="turns", marks=pytest.mark.slow),
-        pytest.param(True, id="turns and moves"),
-    ],
-)
-def compliant(request):
-    simulation = make_simulation(with_wrist(moves=request.param))
+@pytest.fixture(scope="module")
+def compliant():
+    simulation = make_simulation(with_wrist(moves=True))
     return simulation, simulation.run()
 
 
@@ -81,15 +75,14 @@ def test_the_joints_follow_their_motion(compliant):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("moves", [False, True])
-def test_a_stiff_wrist_is_a_rigid_grasp(moves):
+def test_a_stiff_wrist_is_a_rigid_grasp():
     rigid = with_wrist()
     rigid.simulation.wrist = None
     rigid = make_simulation(rigid)
     expected = rigid.telemetry(rigid.run()).quaternion_WB[-1]
     off = []
     for factor in (1.0, 100.0):
-        simulation = make_simulation(with_wrist(factor, moves=moves))
+        simulation = make_simulation(with_wrist(factor, moves=True))
         found = simulation.telemetry(simulation.run()).quaternion_WB[-1]
         off.append(np.linalg.norm(found - expected))
     assert off[0] > 1e-4
