@@ -41,14 +41,6 @@ def cpid(monkeypatch, capfd, tmp_path):
     return run
 
 
-@pytest.fixture(scope="module")
-def summary(paper_run):
-    return json.loads((paper_run.folder / "summary.json").read_text())
-
-
-# -- a full run ----------------------------------------------------------------------------------
-
-
 # -- usage ---------------------------------------------------------------------------------------
 
 
@@ -93,12 +85,13 @@ def test_accuracy_prints_its_table_and_writes_what_it_says(cpid, tmp_path):
         assert text in run.stdout
     summary = json.loads((tmp_path / "acc" / "summary.json").read_text())
     assert summary["scenario"] == "exciting_motion"
-    assert {entry["estimator"] for entry in summary["results"]} == {
-        "eq18",
-        "standard",
-        "relative",
-        "recursive_fit",
-        "trajectory_fit",
+    # Most of what Eq. 18 tells here is noise of the velocity: it leaves the target open.
+    assert {entry["estimator"]: entry["failed"] for entry in summary["results"]} == {
+        "eq18": 2,
+        "standard": 0,
+        "relative": 0,
+        "recursive_fit": 0,
+        "trajectory_fit": 0,
     }
     assert (tmp_path / "acc" / "accuracy_servicer.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "acc" / "report.html").read_text()

@@ -176,7 +176,7 @@ def test_a_log_without_motion_is_not_used(craft, suite, logs, skewed_target):
     assert "still determines nothing about the target, and was not used" in found.warnings
     assert found.logs["still"].rank == 0
     alone = identify(craft, logs["log 0"], sensors=suite)
-    assert found.parameters == pytest.approx(alone.parameters, rel=1e-6)
+    assert np.all(np.abs(found.parameters - alone.parameters) < 0.05 * sigmas(alone))
 
 
 @pytest.mark.slow

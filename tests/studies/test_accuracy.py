@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
 from cpid_drake.dynamics.momentum import total_momentum
@@ -21,29 +20,6 @@ def scenario():
     return load_scenario(shipped_scenario("exciting_motion"))
 
 
-@pytest.fixture(scope="module")
-def study(scenario):
-    return run_accuracy(scenario, trials=4, presets=["servicer"], seed=5)
-
-
-def result(study, estimator):
-    return next(r for r in study.results if r.estimator == estimator)
-
-
-@pytest.mark.slow
-def test_all_estimators_are_tried(study):
-    names = [r.estimator for r in study.results]
-    assert names == ["eq18", "standard", "relative", "recursive_fit", "trajectory_fit"]
-    assert all(r.failed == 0 and r.infeasible == 0 for r in study.results)
-
-
-@pytest.mark.slow
-def test_efficient_estimators_are_near_the_bound(study):
-    for name in ("trajectory_fit", "recursive_fit"):
-        assert result(study, name).ratio.max() < 2.5
-        assert result(study, name).nees_mean < chi2.ppf(0.9999, 40) / 4
-
-
 @pytest.mark.slow
 def test_same_seed_same_numbers_in_any_number_of_processes(scenario):
     options = {"trials": 2, "presets": ["servicer"], "estimators": ["standard"], "seed": 5}
@@ -53,15 +29,8 @@ def test_same_seed_same_numbers_in_any_number_of_processes(scenario):
     # Another number of threads adds up in another order: equal but for rounding.
     np.testing.assert_allclose(one.rmse, two.rmse, rtol=1e-6)
     assert (one.rmse != other.rmse).all()
-
-
-@pytest.mark.slow
-def test_every_trial_draws_noise_of_its_own(scenario):
-    """Equal trials would have errors without any spread about their mean."""
-    options = {"presets": ["servicer"], "estimators": ["relative"], "seed": 5}
-    result = run_accuracy(scenario, trials=3, **options).results[0]
-    spread = np.sqrt(result.rmse**2 - result.bias**2)
-    assert (spread > 0.01 * result.rmse).all()
+    # Each trial draws noise of its own: equal ones would have errors without any spread.
+    assert (np.sqrt(one.rmse**2 - one.bias**2) > 0.01 * one.rmse).all()
 
 
 @pytest.mark.parametrize(
@@ -174,7 +143,7 @@ def test_burns_add_momentum_at_a_constant_rate(scenario, case):
 def test_filter_sees_a_firing_and_the_study_says_when(scenario):
     firing = FiringConfig(5.0, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]))
     fired = replace(scenario, accuracy=replace(scenario.accuracy, firing=firing))
-    options = {"trials": 2, "presets": ["flight"], "estimators": ["recursive_fit"]}
+    options = {"trials": 1, "presets": ["flight"], "estimators": ["recursive_fit"]}
     study = run_accuracy(fired, **options)
     share, delay = study.results[0].detected
     assert share == 1.0
@@ -186,7 +155,7 @@ def test_filter_sees_a_firing_and_the_study_says_when(scenario):
 @pytest.mark.slow
 def test_the_truth_is_not_the_nominal_spacecraft_where_that_is_uncertain(scenario):
     uncertain = replace(scenario, known_bodies=replace(scenario.known_bodies, mass=0.01))
-    options = {"trials": 2, "presets": ["flight"], "estimators": ["trajectory_fit"]}
+    options = {"trials": 2, "presets": ["flight"], "estimators": ["standard"]}
     exact = run_accuracy(scenario, **options).results[0]
     rough = run_accuracy(uncertain, **options).results[0]
     assert (rough.crlb > exact.crlb).all()
