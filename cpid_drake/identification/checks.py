@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtri
 
-from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.whiteness import MOST_CORRELATED
+from cpid_drake.identification.consistency import with_consistency
 from cpid_drake.identification.problem import MOST_NOISE
 from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
@@ -27,37 +27,22 @@ MOST_UNEXPLAINED = 0.1
 LARGER_NOISE = "the noise is larger than the sensors' file declares"
 """The beginning of the failed check of larger noise, which makes other causes seem likely."""
 
-IMPOSSIBLE = 1e-4
-"""Probability of an estimate so far from every rigid body below which a check fails."""
-
-SMALLEST_VIOLATION = 1e-4
-"""A change of the parameters by this share of their scale fails no check: it is rounding."""
-
 MOST_REJECTED = 0.5
 """Share of unusable samples of one sensor above which a check fails."""
-
-ROUNDING = 1e-9
-"""A change of the inertia by this share of the inertia about C fails no check."""
 
 NEAREST = "distance of the nearest rigid body"
 """Name of the check that some rigid body has the estimate."""
 
-_SIGMAS = 4.0  # of a single quantity that no rigid body can have
 
-_NOT_NEGATIVE = {
-    "m": {0: 1.0},
-    "Ixx": {4: 1.0},
-    "Iyy": {5: 1.0},
-    "Izz": {6: 1.0},
-    "Ixx + Iyy - Izz": {4: 1.0, 5: 1.0, 6: -1.0},
-    "Ixx - Iyy + Izz": {4: 1.0, 5: -1.0, 6: 1.0},
-    "-Ixx + Iyy + Izz": {4: -1.0, 5: 1.0, 6: 1.0},
-}
-"""Sums of parameters that no rigid body makes negative: indices and factors of the parameters."""
+def checked(found: SolvedIdentification, tree: KinematicTree) -> SolvedIdentification:
+    """Return an identification with the checks of its residuals, its noise and its body.
 
+    Args:
+        found: the identification.
+        tree: the known spacecraft.
 
-def checked(found: SolvedIdentification) -> SolvedIdentification:
-    """Return an identification with the checks of its residuals, its noise and its body."""
+    """
+    found = with_consistency(found, tree)
     checks = [*found.checks, *_of_the_fit(found)]
     if found.rank:  # else no number is shown
         checks += _of_the_body(found)
@@ -145,48 +130,17 @@ def label_of(sensor: str) -> str:
 
 def _of_the_body(found: SolvedIdentification) -> Iterator[Check]:
     """Yield the checks that a rigid body has the estimate, within its covariance."""
-    parameters, covariance = found.parameters, found.covariance
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # NaN stays NaN
-    shown = np.isfinite(parameters)
-    if not np.isfinite(sigma[shown]).all():
+    shown = np.isfinite(found.parameters)
+    if not np.isfinite(np.diag(found.covariance)[shown]).all():
         if found.sensors is not None or not 0 < found.solution.row_count <= found.rank:
             yield Check("uncertainty", "the uncertainty of the estimate could not be computed")
         return  # as many rows as unknowns: no residuals show the noise
-    # The inertia of a small body far from C is a small difference of large numbers.
-    about_C = ROUNDING * np.nan_to_num(abs(parameters[0]) * np.nansum(parameters[1:4] ** 2))
-    for text, entries in _NOT_NEGATIVE.items():
-        places, signs = list(entries), np.array(list(entries.values()))
-        value = signs @ parameters[places]
-        own = np.sqrt(max(signs @ covariance[np.ix_(places, places)] @ signs, 0.0))
-        rounding = SMALLEST_VIOLATION * np.abs(parameters[places]).max() * (len(places) > 1)
-        if min(places) >= 4:
-            rounding += about_C
-        if shown[places].all() and value + _SIGMAS * own < -rounding:
-            sentence = f"no rigid body has the estimate: {text} = {value:.4g} ± {2 * own:.2g}"
-            yield Check.of(NEAREST, sentence, -value / own if own else np.inf, _SIGMAS)
-            return
-    if not found.is_observable:
-        sentence = "no rigid body agrees with what is known of the target, within its uncertainty"
-        if found.consistency is not None:
-            yield Check.of(NEAREST, sentence, passed=found.consistency.is_possible)
-        return
     problems = "; ".join(found.infeasibilities)
-    if problems and found.consistent is None:
-        yield Check(NEAREST, f"no rigid body is near the estimate: {problems}")
-        return
-    nearest = parameters if found.consistent is None else found.consistent.to_vector()
-    change = parameters - nearest
-    is_rounding = (
-        not problems
-        or np.abs(change / parameter_scale(nearest)).max() < SMALLEST_VIOLATION
-        or (np.abs(change[4:]).max() < about_C and abs(change[0]) < ROUNDING * nearest[0])
-    )
-    sigma = np.maximum(sigma, np.finfo(float).tiny)
-    scaled = covariance / sigma / sigma[:, None]
-    distance = float(change / sigma @ np.linalg.pinv(scaled, hermitian=True) @ (change / sigma))
-    sentence = (
-        f"no rigid body has the estimate within its uncertainty ({problems}): the momentum, the "
-        "spacecraft's model, units, signs or frames are not as assumed"
-    )
-    limit = float(chdtri(10, IMPOSSIBLE))
-    yield Check.of(NEAREST, sentence, 0.0 if is_rounding else distance, limit)
+    sentence = "no rigid body agrees with the estimate within its uncertainty"
+    sentence += f" ({problems})" if problems else ""
+    sentence += ": the momentum, the spacecraft's model, units, signs or frames are not as assumed"
+    consistency = found.consistency
+    if consistency is None:
+        yield Check.of(NEAREST, sentence, passed=not problems)
+    else:
+        yield Check.of(NEAREST, sentence, consistency.distance, consistency.radius)

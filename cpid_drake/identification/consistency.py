@@ -108,10 +108,10 @@ def _consistency_of(found: SolvedIdentification, bodies: RigidBodySet) -> Consis
     if np.isnan(distance):
         return None
     if distance > bodies.radius:
-        return Consistency(np.full((10, 2), np.nan), bodies.size, is_possible=False)
+        return Consistency(np.full((10, 2), np.nan), bodies.size, distance, bodies.radius)
     bounds = bodies.bounds()
-    if bounds is None:
-        return None
+    if bounds is None:  # the solver rounds, and only the estimate's surroundings are possible
+        return Consistency(found.intervals, bodies.size, distance, bodies.radius)
     known = np.isfinite(found.parameters)
     free = np.where(known[:, None], found.intervals, [-np.inf, np.inf])
     free = np.where(np.isnan(free), [-np.inf, np.inf], free)
@@ -123,14 +123,22 @@ def _consistency_of(found: SolvedIdentification, bodies: RigidBodySet) -> Consis
     empty = low > high
     low, high = np.where(empty, bounds[:, 0], low), np.where(empty, bounds[:, 1], high)
     intervals = np.stack([low, high], axis=1)
-    return Consistency(np.where(np.isfinite(intervals), intervals, np.nan), size, is_possible=True)
+    intervals = np.where(np.isfinite(intervals), intervals, np.nan)
+    return Consistency(intervals, size, distance, bodies.radius)
 
 
 def _plausible(found: SolvedIdentification, tree: KinematicTree) -> tuple[float, float]:
-    """Return a plausible mass [kg] and size [m] of the target."""
+    """Return a plausible mass [kg] and size [m] of the target.
+
+    The target is as large as the spacecraft, or as its own moments about C say.
+    """
     still = np.zeros((1, sum(body.joint >= 0 for body in tree.bodies)))
     known = relative_dynamics(tree, still, still)
-    size = REACH * float(np.sqrt(np.trace(known.I_K[0]) / 2 / known.mass))
+    squares = [np.trace(known.I_K[0]) / 2 / known.mass]
     mass = found.parameters[0]
-    share = mass / tree.mass
-    return (float(mass) if 1e-3 < share < 1e3 else tree.mass), size
+    if not 1e-3 < mass / tree.mass < 1e3:
+        mass = tree.mass
+    elif found.is_observable:
+        about_C = found.raw().to_standard_vector()
+        squares.append(np.sum(about_C[[4, 7, 9]]) / 2 / mass)
+    return float(mass), REACH * float(np.sqrt(max(squares)))

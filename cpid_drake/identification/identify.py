@@ -13,7 +13,6 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import CheckedLog, check_log, log_of_states
 from cpid_drake.identification.checks import checked
-from cpid_drake.identification.consistency import with_consistency
 from cpid_drake.identification.conventions import convention_of
 from cpid_drake.identification.estimators import choose_method
 from cpid_drake.identification.planar import in_capture_frame, in_frame, normal_in_base
@@ -173,8 +172,7 @@ def identify_together(
         found = in_capture_frame(found, R_CF)
     elif spacecraft.tree.normal_B is not None:
         found = replace(found, table=TableSetting(table))
-    found = with_consistency(found, spacecraft.tree)
-    found = checked(_with_logs(found, logged, record, known_bodies))
+    found = checked(_with_logs(found, logged, record, known_bodies), spacecraft.tree)
     if len(logs) == 1 and found.failures and not log.failures:
         convention = convention_of(spacecraft.tree, log.head, sensors)
         if convention is not None:

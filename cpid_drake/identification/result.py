@@ -199,13 +199,20 @@ class Consistency:
             that are not determined, their extreme values over all rigid bodies that agree with what
             is known. NaN without a bound, and if no rigid body agrees.
         size: largest distance of a part of the target from C that the bounds assume [m].
-        is_possible: whether any rigid body agrees with the estimate within its uncertainty.
+        distance: of the nearest rigid body from the estimate, in σ.
+        radius: largest distance, in σ, with which a body agrees with the estimate.
 
     """
 
     intervals: Intervals
     size: float
-    is_possible: bool
+    distance: float
+    radius: float
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether any rigid body agrees with the estimate within its uncertainty."""
+        return self.distance <= self.radius
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -146,7 +146,7 @@ class Simulation:
     def identification(self, root_context: Context) -> Identification:
         """Return the identification in a run's Context, with its checks; see `checks`."""
         context = self.identifier.GetMyContextFromRoot(root_context)
-        found = checked(self.identifier.identification(context))
+        found = checked(self.identifier.identification(context), self.spacecraft.tree)
         if self.forces.thrusters is None or isinstance(self.identifier, SensorIdentifier):
             return found
         text = THRUST_NOT_USED.format(f"{self.forces.thrust.time[0]:.4g}", found.estimator)

@@ -66,7 +66,7 @@ def result(skewed_target) -> Identification:
         condition=29.4,
         not_observable="Ixx",
         nearest=true,
-        consistency=Consistency(unknown[:, None] + half, 1.5, is_possible=True),
+        consistency=Consistency(unknown[:, None] + half, 1.5, 0.0, 6.0),
         combinations=Combinations("relative", true, root @ root.T, 200.0),
         sample_count=20,
         rejected={"gyro": 1},

@@ -21,8 +21,10 @@ from cpid_drake.identification.checks import checked
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
+from cpid_drake.sensing.suite import SensorSuite
 
 DURATION = 6.0
+KNOWN_SENSORS = {"sample_count": 100, "estimator": "trajectory_fit", "sensors": SensorSuite()}
 METHODS = ("least_squares", "trajectory_fit")
 SECOND_IS_SLOW = ("least_squares", pytest.param("trajectory_fit", marks=pytest.mark.slow))
 """A fit to a log that nothing explains takes long."""
@@ -85,14 +87,14 @@ class TestMomentum:
 class TestBodies:
     """Only estimates that some rigid body may have pass."""
 
-    def found(self, parameters, sigmas) -> SolvedIdentification:
+    def found(self, craft, parameters, sigmas) -> SolvedIdentification:
         """Return an identification with independent errors of its relative unknowns."""
-        form = relative_parameterization(400.0)
+        form = relative_parameterization(craft.mass)
         psi = form.from_parameters(np.array(parameters, dtype=float))
         jacobian = form.jacobian(psi)
         information = jacobian.T @ np.diag(np.array(sigmas, dtype=float) ** -2.0) @ jacobian
         solution = solution_of_information(psi, information, 1e6 * np.ones(10))
-        return SolvedIdentification(form, solution, sample_count=100, estimator="trajectory_fit")
+        return SolvedIdentification(form, solution, **KNOWN_SENSORS)
 
     @pytest.mark.parametrize(
         ("moments", "sigma", "is_trusted"),
@@ -104,38 +106,44 @@ class TestBodies:
             ((-2.0, 6.0, 7.0), 0.1, False),
         ],
     )
-    def test_the_distance_to_a_rigid_body_is_measured_in_sigma(self, moments, sigma, is_trusted):
-        found = self.found([50, 0.1, 0, 0, *moments, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [sigma]])
-        assert checked(found).passed == is_trusted
+    def test_the_distance_to_a_rigid_body_is_measured_in_sigma(self, craft, moments, sigma, is_trusted):
+        found = self.found(craft, [50, 0.1, 0, 0, *moments, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [sigma]])
+        assert checked(found, craft.tree).passed == is_trusted
 
-    def test_a_negative_mass_is_doubted(self):
-        found = self.found([-10, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [1.0, *3 * [1e-3], *6 * [0.1]])
-        assert "m = -10 ± 2" in checked(found).failures[0]
+    def test_a_negative_mass_is_doubted(self, craft):
+        found = self.found(craft, [-10, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [1.0, *3 * [1e-3], *6 * [0.1]])
+        assert "the mass -10 kg is not positive" in checked(found, craft.tree).failures[0]
 
-    def test_known_moments_are_tested_even_if_other_parameters_are_not_known(self):
+    def test_a_target_much_larger_than_the_spacecraft_is_a_rigid_body(self, craft):
+        target = [10 * craft.mass, 9.0, 1.0, 0.0, 4e4, 5e4, 4.5e4, 0, 0, 0]
+        found = checked(self.found(craft, target, [1.0, *3 * [1e-3], *6 * [10.0]]), craft.tree)
+        assert found.passed
+        np.testing.assert_allclose(found.consistency.intervals, found.intervals, rtol=1e-5)
+
+    def test_known_moments_are_tested_even_if_other_parameters_are_not_known(self, craft):
         """The three products of inertia are open; the moments violate the triangle inequality."""
         for moments, is_trusted in (((5.0, 6.0, 7.0), True), ((5.0, 6.0, 12.5), False)):
-            form = relative_parameterization(400.0)
+            form = relative_parameterization(craft.mass)
             psi = form.from_parameters(np.array([50, 0, 0, 0, *moments, 0, 0, 0], dtype=float))
             sigma = np.array([1.0, *3 * [0.1], 0.1, 1e9, 1e9, 0.1, 1e9, 0.1])
             found = solution_of_information(psi, np.diag(sigma**-2.0), 1e6 * np.ones(10))
-            found = SolvedIdentification(form, found, sample_count=100, estimator="trajectory_fit")
+            found = SolvedIdentification(form, found, **KNOWN_SENSORS)
             assert found.solution.rank == 7
-            assert checked(found).passed == is_trusted
+            assert checked(found, craft.tree).passed == is_trusted
 
-    def test_an_uncertainty_that_is_not_a_number_is_doubted(self):
-        found = self.found([50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
+    def test_an_uncertainty_that_is_not_a_number_is_doubted(self, craft):
+        found = self.found(craft, [50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
         broken = replace(found.solution, covariance=np.full((10, 10), np.nan))
-        assert "uncertainty" in checked(replace(found, solution=broken)).failures[0]
+        assert "uncertainty" in checked(replace(found, solution=broken), craft.tree).failures[0]
 
     @pytest.mark.parametrize(
         "change",
         [{"converged": False}, {"misfit": 11.0}, {"unexplained": 0.2}, {"rejected": {"gyro": 101}}],
     )
-    def test_every_other_reason_is_enough(self, change):
-        found = self.found([50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
-        assert checked(found).passed
-        assert len(checked(replace(found, **change)).failures) == 1
+    def test_every_other_reason_is_enough(self, craft, change):
+        found = self.found(craft, [50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
+        assert checked(found, craft.tree).passed
+        assert len(checked(replace(found, **change), craft.tree).failures) == 1
 
 
 class TestNoiseInRegressors:
