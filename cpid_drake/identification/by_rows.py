@@ -7,6 +7,7 @@ Several logs, and a prior, are the sum of their Gaussians.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,12 +15,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
+from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
+from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.rows_fit import (
     TARGET,
     LogRows,
@@ -28,8 +31,8 @@ from cpid_drake.estimation.rows_fit import (
     compare_momentum,
     disagreement,
 )
-from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.agreement import CONTRADICTED
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.whiteness import least_white, whiteness
 from cpid_drake.identification.problem import (
     ESTIMATED,
     MAY_MOVE,
@@ -44,7 +47,7 @@ from cpid_drake.identification.problem import (
 from cpid_drake.identification.result import Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
-from cpid_drake.identification.together import Part, combined, momentum_sigma, plausible
+from cpid_drake.identification.together import CONTRADICTED, with_sources
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite, sample_sigmas
 from cpid_drake.sensing.smoothed_motion import ErrorBlock
@@ -67,6 +70,8 @@ DISAGREE = (
 )
 """The failed check of these targets."""
 
+_MOST_ROUNDS = 10  # of linearizing a prior about the joint estimate
+_SMALL_STEP = 0.01  # of such a round, in σ
 _FEW_ROWS = 20  # fewer rows show no correlation in time
 
 
@@ -97,12 +102,86 @@ def identify_by_rows(
             the prior determines combinations of other unknowns.
 
     """
-    found = [
-        _identified(spacecraft, name, log, family, momentum, sensors) for name, log in logs.items()
-    ]
+    found = {
+        name: _identified(spacecraft, log, family, momentum, sensors) for name, log in logs.items()
+    }
     if len(found) == 1 and prior is None:
-        return found[0].found
-    return combined(spacecraft, found, prior)
+        return next(iter(found.values()))[0]
+    return _combined(spacecraft, found, prior)
+
+
+def _combined(
+    spacecraft: "Spacecraft",
+    logs: Mapping[str, tuple[SolvedIdentification, Gaussian]],
+    prior: TargetPrior | None,
+) -> SolvedIdentification:
+    """Return the estimate of one target from all logs and the prior, and whether they agree."""
+    found, sources = [each for each, _ in logs.values()], {n: g for n, (_, g) in logs.items()}
+    form, total = found[0].parameterization, reduce(Gaussian.add, sources.values())
+    x, scale = plausible(spacecraft, form)
+    count, largest, converged = sum(each.solution.row_count for each in found), KNOWN, True
+    if prior is not None:
+        x, logs_say, converged = prior.moved(form, x), total, False
+        for _ in range(_MOST_ROUNDS):
+            told = prior.gaussian(TARGET, form, x, scale)
+            # What only the prior determines is determined, however vague the prior is.
+            largest = max(KNOWN, 1.5 / float(told.singular_parts(scale)[1].min()))
+            total = logs_say.add(told)
+            step = solution_of(total, x, scale, largest=largest).values - x
+            x, converged = x + step, bool(np.linalg.norm(total.R @ step) < _SMALL_STEP)
+            if converged:
+                break
+        sources[prior.name] = told
+    solution = solution_of(total, x, scale, largest=largest, row_count=count)
+    common = found[0]
+    if len(logs) > 1:  # what belongs to one log is left out
+        common = replace(
+            common,
+            sample_count=sum(each.sample_count for each in found),
+            whiteness=least_white(each.whiteness for each in found if each.whiteness),
+            residuals={},
+            momentum=max((each.momentum for each in found), key=("zero", "known", "unknown").index),
+            misfit=1.0,
+            momentum_estimate=None,
+        )
+
+    def said(what: str) -> list[str]:
+        where = {n: f"{n}: " if len(logs) > 1 else "" for n in logs}
+        return [where[n] + text for n, (own, _) in logs.items() for text in getattr(own, what)]
+
+    common = replace(
+        common,
+        solution=solution,
+        converged=converged,
+        warnings=tuple(said("warnings")),
+        checks=tuple(Check("one log", text) for text in said("failures")),
+    )
+    return with_sources(
+        common,
+        Gaussian({TARGET: slice(0, 10)}, np.zeros((10, 10)), np.zeros(10)),
+        sources,
+        TARGET,
+        lambda gaussian: solution_of(gaussian.marginal([TARGET]), x, scale),
+        {name: (own.sample_count, own.failures) for name, (own, _) in logs.items()},
+        prior,
+    )
+
+
+def plausible(
+    spacecraft: "Spacecraft", form: Parameterization
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a plausible target's unknowns (10,), and their plausible sizes."""
+    model = Model(spacecraft.tree, SensorSuite())
+    psi, size = model.unknown(PSI).mean, model.plausible
+    if form.name == "relative":
+        return psi, size
+    inertia = np.full(3, psi[4])
+    x = form.from_parameters(np.concatenate([psi[:1], np.zeros(3), inertia, np.zeros(3)]))
+    if form.name == "standard":
+        return x, 2 * size
+    # 1/m of a light target has no plausible size.
+    mass, radius = spacecraft.mass, size[1] / size[0]
+    return x, 1e6 * np.concatenate([[1 / mass], 3 * [radius], 6 * [mass * radius**2]])
 
 
 def needs_of_rows(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
@@ -190,13 +269,12 @@ def _motion(
 
 def _identified(
     spacecraft: "Spacecraft",
-    name: str,
     log: "Telemetry | CheckedLog",
     family: RowFamily,
     momentum: TotalMomentum | None,
     sensors: SensorSuite | None,
-) -> Part:
-    """Return one log with its estimate."""
+) -> tuple[SolvedIdentification, Gaussian]:
+    """Return the estimate from one log, and the log's Gaussian of the target."""
     tree = spacecraft.tree
     suite, warnings = sensors, list[str]()
     if isinstance(log, Telemetry):
@@ -256,7 +334,7 @@ def _identified(
         warnings=tuple(warnings),
         checks=(*checks, *found.checks),
     )
-    return Part(name, found, target)
+    return found, target
 
 
 def _compared(
@@ -267,7 +345,8 @@ def _compared(
     x = np.append(np.zeros(rows.extra), zero.solve()[rows.unknowns])
     if not noise.is_known or rows.misfit(x)[1] < INTEGRATION:
         return None
-    return compare_momentum(rows, noise, momentum_sigma(spacecraft))
+    sigma = Model(spacecraft.tree, SensorSuite()).unknown(MOMENTUM).sigma  # of [L; v]
+    return compare_momentum(rows, noise, sigma * np.repeat([1.0, spacecraft.mass], 3))
 
 
 def _momentum(rows: LogRows, whole: Gaussian) -> MomentumEstimate | None:

@@ -126,13 +126,9 @@ def _of_bodies(result: Identification, is_marked: bool) -> Iterator[str]:
 
 def _of_logs(result: Identification) -> Iterator[str]:
     """Yield the lines about the separate estimates of logs and prior."""
-    parts = {**result.logs, **result.priors}
-    width = max(map(len, parts))
-    if len(result.logs) > 1:
-        yield f"  The logs {agreement_words(result)}. Each on its own:"
-    else:
-        yield "  The log and the prior on their own:"
-    for name, part in parts.items():
+    width = max(map(len, result.logs))
+    yield f"  The sources {agreement_words(result)}. Each on its own:"
+    for name, part in result.logs.items():
         low, high = part.intervals[0]
         places = decimals(high - low)
         mass = "m not known"

@@ -21,7 +21,6 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white, whiteness
-from cpid_drake.identification.agreement import with_agreement
 from cpid_drake.identification.checks import noise_warnings
 from cpid_drake.identification.comparison import (
     contradicted,
@@ -42,6 +41,7 @@ from cpid_drake.identification.problem import (
 from cpid_drake.identification.result import Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.together import with_sources
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -185,14 +185,16 @@ def _tested(
             text.removeprefix(where) for text in result.failures if text.startswith(where)
         )
         logs[log.name] = _counts(replace(found, logs=[alone]))[1], failures
-    return with_agreement(
+    if prior is not None:
+        own[prior.name] = answer.rows[0].moved(found.values[PSI])
+    return with_sources(
         result,
         conditioned(prior_of(found.model, found.logs, found.values, ())),
         own,
         PSI,
         lambda gaussian: solution_of(found.model, found.values, gaussian),
         logs,
-        None if prior is None else (prior, answer.rows[0].moved(found.values[PSI])),
+        prior,
     )
 
 

@@ -22,7 +22,7 @@ from cpid_drake.identification.target_prior import Combinations
 from cpid_drake.input_files.validation import Numbers
 from cpid_drake.resources import package_folders, resolve_model
 
-FORMAT = 2
+FORMAT = 3
 """Version of the keys of a result file."""
 
 AGREEMENT = "agreement"
@@ -249,8 +249,8 @@ class Identification:
         effects: estimates of the constant errors that the sensors declare, and of forces.
         undeclared: errors beyond these that the samples show; None if they were not looked for.
         table: what a table that carries the spacecraft leaves to be known; None without a table.
-        logs: the estimates from each log alone, by its name, if several logs or a prior were used.
-        priors: the prior alone, by its name; empty without one.
+        logs: the estimates from each log alone and, last, from the prior alone, by their names; if
+            several logs or a prior were used.
         dominated: names of the parameters that the prior determines more than the logs do.
         checks: see `cpid_drake.identification.checks`; those that failed come first.
         warnings: sentences for the reader.
@@ -283,7 +283,6 @@ class Identification:
     undeclared: UndeclaredErrors | None = None
     table: TableSetting | None = None
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
-    priors: Mapping[str, "Identification"] = field(default_factory=dict)
     dominated: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -309,7 +308,7 @@ class Identification:
 
     @property
     def agreement(self) -> Check | None:
-        """The check whether all logs have this target, or all others have that of one of them."""
+        """The check whether all sources, or all other sources, have this target."""
         return next((check for check in self.checks if check.name == AGREEMENT), None)
 
     @property

@@ -581,7 +581,7 @@ SENSORS = {
 def result(**changes: object) -> str:
     ten = TARGET.to_vector().tolist()
     document = {
-        "format": 2,
+        "format": 3,
         "parameters": ten,
         "covariance": np.eye(10).tolist(),
         "intervals": [[value - 2, value + 2] for value in ten],

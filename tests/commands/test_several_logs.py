@@ -58,7 +58,7 @@ class TestLogs:
         options = ("--json", "both.json", "--report", "both.html")
         code, stdout, stderr = cpid("identify", *halves, *FREE_FLYER, *options)
         assert (code, stderr) == (0, "")
-        assert "The logs agree (χ²" in stdout
+        assert "The sources agree (χ²" in stdout
         assert "first.csv   rank 10" in stdout
         result = read_result("both.json")
         assert [source.request.telemetry for source in result.sources] == list(halves)
@@ -86,7 +86,7 @@ class TestLogs:
         assert code == 4
         stdout = " ".join(stdout.split())  # lines may be as long as the terminal is wide
         assert stdout.startswith("failed check: the logs do not have the same target")
-        assert "a.csv and b.csv contradict each other, most in m" in stdout
+        assert "differs from the rest, most in m" in stdout
 
     def test_one_log_twice_is_refused(self, cpid, halves):
         Path("copy.csv").write_bytes(Path("first.csv").read_bytes())
@@ -104,7 +104,7 @@ class TestPrior:
             *("identify", second, *FREE_FLYER, "--prior", "1.json", "--json", "3.json")
         )
         assert code == 0
-        assert "the prior 1.json was used, and determines" in stderr
+        assert "the prior 1.json was used; it determines" in stderr
         assert "the prior 1.json  rank 10" in stdout
         both, after = read_result("2.json"), read_result("3.json")
         sigma = np.sqrt(np.diag(both.covariance))

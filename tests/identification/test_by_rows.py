@@ -137,10 +137,7 @@ class TestSeveralLogs:
     def test_a_log_of_another_target_is_named(self, craft, suite, logs, noisy, skewed_target):
         other = noisy(4, target=heavier(skewed_target, 1.02))
         found = identify_by_rows(craft, {**logs, "other": other}, RELATIVE_ROWS, sensors=suite)
-        assert "other disagrees most with the others, most in m: 61" in found.failures[0]
-        pair = {"log 0": logs["log 0"], "other": other}
-        two = identify_by_rows(craft, pair, RELATIVE_ROWS, sensors=suite)
-        assert "log 0 and other contradict each other" in two.failures[0]
+        assert "other differs from the rest, most in m: 61" in found.failures[0]
 
     def test_a_doubt_about_one_log_is_a_doubt_about_the_joint_estimate(self, craft, suite, logs):
         two = {name: logs[name] for name in ("log 0", "log 1")}
@@ -254,7 +251,7 @@ class TestPrior:
         prior = self.prior(skewed_target, 8.0)
         log = {"": logs["log 0"]}
         found = identify_by_rows(craft, log, STANDARD_ROWS, sensors=suite, prior=prior)
-        assert "the prior and the log contradict each other" in found.failures[0]
+        assert "the logs and the prior do not have the same target" in found.failures[0]
 
     def test_an_earlier_result_counts_like_its_log(self, craft, suite, logs):
         first, second = ({name: logs[name]} for name in ("log 0", "log 2"))

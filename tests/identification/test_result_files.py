@@ -85,8 +85,7 @@ def result(skewed_target) -> Identification:
             HeldOut(3.0, ("gyro.delay",), 4.0),
         ),
         table=TableSetting(np.array([0.0, 0.0, 1.0]), np.eye(3), unknown[3:7], np.eye(4)),
-        logs={"log.csv": alone},
-        priors={"the prior": alone},
+        logs={"log.csv": alone, "the prior": alone},
         dominated=("m",),
         checks=(
             Check("misfit", "the fit misses the samples", 4.0, 3.0),
@@ -184,7 +183,7 @@ REQUIRED = (
 )
 
 
-@pytest.mark.parametrize("version", [None, 1, 3])
+@pytest.mark.parametrize("version", [None, 2, 4])
 def test_a_file_of_another_version_is_refused_in_one_line(refusal, document, version):
     document["format"] = version
     said = refusal(document)

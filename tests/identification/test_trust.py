@@ -106,12 +106,18 @@ class TestBodies:
             ((-2.0, 6.0, 7.0), 0.1, False),
         ],
     )
-    def test_the_distance_to_a_rigid_body_is_measured_in_sigma(self, craft, moments, sigma, is_trusted):
-        found = self.found(craft, [50, 0.1, 0, 0, *moments, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [sigma]])
+    def test_the_distance_to_a_rigid_body_is_measured_in_sigma(
+        self, craft, moments, sigma, is_trusted
+    ):
+        found = self.found(
+            craft, [50, 0.1, 0, 0, *moments, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [sigma]]
+        )
         assert checked(found, craft.tree).passed == is_trusted
 
     def test_a_negative_mass_is_doubted(self, craft):
-        found = self.found(craft, [-10, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [1.0, *3 * [1e-3], *6 * [0.1]])
+        found = self.found(
+            craft, [-10, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [1.0, *3 * [1e-3], *6 * [0.1]]
+        )
         assert "the mass -10 kg is not positive" in checked(found, craft.tree).failures[0]
 
     def test_a_target_much_larger_than_the_spacecraft_is_a_rigid_body(self, craft):

@@ -12,22 +12,16 @@ from cpid_drake.report.page import Cell, Section, Table
 
 def logs_section(result: Identification) -> Section:
     """Return the section with the separate estimates beside the joint one."""
-    texts = []
-    if len(result.logs) > 1:
-        texts.append(
-            f"{len(result.logs)} logs of one target, each with its own start, momentum and biases. "
-            f"They {agreement_words(result)}."
-        )
-    if result.priors:
-        dominated = ", ".join(result.dominated) or "no parameter"
-        texts.append(f"A prior was used. It determines {dominated} more than the samples do.")
+    texts = [
+        f"{len(result.logs)} sources of one target; each log has its own start, momentum and "
+        f"biases. They {agreement_words(result)}."
+    ]
     return Section("Logs", texts=texts, tables=[_facts(result), _estimates(result)])
 
 
 def _facts(result: Identification) -> Table:
     rows: list[list[Cell | str]] = []
-    parts = {**result.logs, **result.priors}
-    for (name, part), source in zip_longest(parts.items(), result.sources):  # a prior has none
+    for (name, part), source in zip_longest(result.logs.items(), result.sources):
         rows.append(
             [
                 name,
@@ -44,7 +38,7 @@ def _facts(result: Identification) -> Table:
 
 
 def _estimates(result: Identification) -> Table:
-    parts = {"together": result, **result.logs, **result.priors}
+    parts = {"together": result, **result.logs}
     rows: list[list[Cell | str]] = []
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
         cells = [_cell(part.parameters[i], part.intervals[i]) for part in parts.values()]
