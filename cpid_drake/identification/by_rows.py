@@ -33,23 +33,14 @@ from cpid_drake.estimation.rows_fit import (
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white, whiteness
-from cpid_drake.identification.problem import (
-    ESTIMATED,
-    MAY_MOVE,
-    MOST_NOISE,
-    NOISE_ESTIMATED,
-    NOT_ESTIMATED,
-    NOT_ZERO,
-    SUSPECTED,
-    Estimator,
-    Problem,
-)
+from cpid_drake.identification.checks import MOST_NOISE, momentum_words
+from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.result import Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.together import CONTRADICTED, with_sources
 from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.noise_estimation import estimate_suite, sample_sigmas
+from cpid_drake.sensing.noise_estimation import sample_sigmas
 from cpid_drake.sensing.smoothed_motion import ErrorBlock
 from cpid_drake.sensing.smoothing import smooth_windows
 from cpid_drake.sensing.suite import SensorSuite
@@ -64,6 +55,9 @@ SMALL = 1e-3
 INTEGRATION = 1e-5
 """Residuals below this share of the momentum do not contradict zero: integration leaves as much."""
 
+NAME = "least_squares"
+"""The estimator's name."""
+
 DISAGREE = (
     "two halves of the samples have different targets: the spacecraft, a frame, a sign or a clock "
     "is not as assumed, or forces acted"
@@ -75,39 +69,30 @@ _SMALL_STEP = 0.01  # of such a round, in σ
 _FEW_ROWS = 20  # fewer rows show no correlation in time
 
 
-def identify_by_rows(
-    spacecraft: "Spacecraft",
-    logs: "Mapping[str, Telemetry | CheckedLog]",
-    family: RowFamily,
-    momentum: TotalMomentum | None = None,
-    sensors: SensorSuite | None = None,
-    prior: TargetPrior | None = None,
+def estimate(
+    known: Known,
+    logs: "Mapping[str, CheckedLog]",
+    progress: Callable[[str], None] = lambda step: None,
 ) -> SolvedIdentification:
     """Identify a target by least squares on momentum rows.
 
     Exact states and complete samples without declared sensors are used as they are; other samples
-    are smoothed to common times first. The result has its own failed checks; those of
-    `checks.checked` are not applied yet.
+    are smoothed to common times first.
 
     Args:
-        spacecraft: the known spacecraft.
-        logs: exact states, or checked samples, by the name of the log in messages.
-        family: the row family.
-        momentum: the total momentum of each log; default: zero, unless the samples contradict this.
-        sensors: the sensors' errors; None if they are not known.
-        prior: what is known of the target besides; None for nothing.
+        known: what is known besides the logs, and the row family.
+        logs: by their names.
+        progress: is not called.
 
     Raises:
         InputError: there are too few samples, or the attitude or position for smoothing is missing;
             the prior determines combinations of other unknowns.
 
     """
-    found = {
-        name: _identified(spacecraft, log, family, momentum, sensors) for name, log in logs.items()
-    }
-    if len(found) == 1 and prior is None:
+    found = {name: _identified(known, log) for name, log in logs.items()}
+    if len(found) == 1 and known.prior is None:
         return next(iter(found.values()))[0]
-    return _combined(spacecraft, found, prior)
+    return _combined(known.spacecraft, found, known.prior)
 
 
 def _combined(
@@ -184,9 +169,8 @@ def plausible(
     return x, 1e6 * np.concatenate([[1 / mass], 3 * [radius], 6 * [mass * radius**2]])
 
 
-def needs_of_rows(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
+def needs_of_rows(family: RowFamily, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:
     """Return the sensors that rows need: at least one sensor of each entry."""
-    assert family is not None
     if not family.uses_base_position:
         # A zero angular momentum is zero in any frame, so a gyro is enough and no attitude in W is
         # needed.
@@ -198,10 +182,10 @@ def needs_of_rows(family: RowFamily | None, momentum: TotalMomentum) -> tuple[tu
     return (("encoders",), ("attitude",), place)
 
 
-def best_rows(counts: Mapping[str, int]) -> str:
-    """Return "standard", or "relative" without samples of position and velocity."""
-    placed = counts.get("position") or counts.get("velocity")
-    return "standard" if placed else "relative"
+def best_rows(counts: Sequence[Mapping[str, int]]) -> str:
+    """Return "standard", or "relative" if a log has no samples of position and velocity."""
+    is_placed = all(count.get("position") or count.get("velocity") for count in counts)
+    return "standard" if is_placed else "relative"
 
 
 def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:
@@ -247,14 +231,14 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
 
 
 def _motion(
-    log: "Telemetry | CheckedLog", tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
+    log: "CheckedLog", tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
 ) -> Iterator[tuple[Telemetry, NDArray[np.float64], Sequence[ErrorBlock]]]:
     """Yield parts of the motion of a log and their errors; smoothed if a suite is given.
 
     See `LogRows.add`.
     """
-    if isinstance(log, Telemetry):
-        yield log, np.diag(sample_sigmas(log) ** 2)[None], ()
+    if log.states is not None:
+        yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None], ()
     elif suite is None:
         covariance = np.diag(sample_sigmas(log.head) ** 2)[None]
         for chunk in log.stream:
@@ -267,22 +251,16 @@ def _motion(
             yield each.telemetry, each.covariance(), each.errors
 
 
-def _identified(
-    spacecraft: "Spacecraft",
-    log: "Telemetry | CheckedLog",
-    family: RowFamily,
-    momentum: TotalMomentum | None,
-    sensors: SensorSuite | None,
-) -> tuple[SolvedIdentification, Gaussian]:
+def _identified(known: Known, log: "CheckedLog") -> tuple[SolvedIdentification, Gaussian]:
     """Return the estimate from one log, and the log's Gaussian of the target."""
-    tree = spacecraft.tree
-    suite, warnings = sensors, list[str]()
-    if isinstance(log, Telemetry):
-        suite, has_place, has_attitude = None, True, True
-    else:
-        if suite is None and complete_samples(log.head, family) is None:
-            suite, warnings = estimate_suite(log.head), [NOISE_ESTIMATED]
-        has_place, has_attitude = bool(len(log.head.position)), bool(len(log.head.attitude))
+    spacecraft, momentum, family = known.spacecraft, known.momentum, known.family
+    assert family is not None
+    tree, suite, warnings = spacecraft.tree, known.sensors, tuple[str, ...]()
+    if log.states is not None:
+        suite = None
+    elif suite is None and complete_samples(log.head, family) is None:
+        suite, warnings = suite_of(None, log)
+    has_place, has_attitude = bool(len(log.head.position)), bool(len(log.head.attitude))
     is_open = momentum is None or momentum.is_zero  # the samples may contradict zero
     is_tested = is_open and has_attitude
     free = TotalMomentum.unknown()
@@ -306,15 +284,9 @@ def _identified(
         tester = other, other.noise()
     compared = _compared(spacecraft, *tester) if is_open and tester[0].extra else None
     likely = 0.0 if compared is None else compared.probability
-    checks, is_zero = list[Check](), is_open
-    if likely >= NAMED and not rows.extra:
-        checks.append(Check("momentum", NOT_ESTIMATED.format(family.name)))
-    elif likely >= NAMED:
-        is_zero = False
-        warnings += [ESTIMATED] if momentum is None else []
-        checks += [] if momentum is None else [Check("momentum", NOT_ZERO)]
-    elif likely > SUSPECTED and momentum is None:
-        warnings.append(MAY_MOVE.format(f"{likely:.2g}"))
+    is_zero = is_open and not (likely >= NAMED and rows.extra)
+    cannot = "" if rows.extra else family.name
+    said, checks = momentum_words(likely, is_given=momentum is not None, cannot=cannot)
     whole, *halves = rows.gaussians(noise, is_zero=is_zero)
     own = np.zeros(rows.extra) if is_zero else whole.solve()[: rows.extra]
     target, estimate = whole.marginal([TARGET]), None
@@ -331,7 +303,7 @@ def _identified(
         found,
         momentum=momentum.name,
         momentum_estimate=estimate,
-        warnings=tuple(warnings),
+        warnings=(*warnings, *said),
         checks=(*checks, *found.checks),
     )
     return found, target
@@ -412,7 +384,7 @@ def _estimate(
         form,
         solution,
         sample_count=rows.sample_count,
-        estimator=LEAST_SQUARES.name,
+        estimator=NAME,
         rows=family.name,
         sensors=suite,
         whiteness=white,
@@ -420,27 +392,3 @@ def _estimate(
         checks=checks,
         misfit=misfit if misfit > MOST_NOISE else 1.0,
     )
-
-
-def _of_problems(
-    problems: Mapping[str, Problem],
-    momentum: TotalMomentum | None,
-    prior: TargetPrior | None,
-    progress: Callable[[str], None],
-) -> SolvedIdentification:
-    """Return the estimate by the rows of some logs."""
-    first = next(iter(problems.values()))
-    assert first.family is not None
-    logs = {n: p.log if p.states is None else p.states for n, p in problems.items()}
-    return identify_by_rows(first.spacecraft, logs, first.family, momentum, first.sensors, prior)
-
-
-LEAST_SQUARES = Estimator(
-    name="least_squares",
-    label="least squares on momentum rows",
-    good_for="exact logs of any length, and a quick look; several times less accurate with noise",
-    estimate=_of_problems,
-    needs=needs_of_rows,
-    default_rows=best_rows,
-    reports=24,
-)

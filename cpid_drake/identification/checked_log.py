@@ -65,6 +65,7 @@ class CheckedLog:
             momentum, and reasons why no table can have carried the spacecraft.
         unchecked: what could not be checked, each with the reason.
         first_burn: time at which thrusters first fire by the log of thrust [s]; infinite if never.
+        states: the caller's exact states, which were not sampled by sensors; else None.
 
     """
 
@@ -78,6 +79,7 @@ class CheckedLog:
     failures: tuple[str, ...] = ()
     unchecked: tuple[str, ...] = ()
     first_burn: float = np.inf
+    states: Telemetry | None = None
 
     @property
     def has_thrust(self) -> bool:
@@ -98,7 +100,7 @@ def log_of_states(telemetry: Telemetry) -> CheckedLog:
     }
     measurements = Measurements(telemetry.joint_names, samples)
     counts = {name: len(telemetry) for name in samples}
-    return CheckedLog(measurements, stream_of(measurements), counts=counts)
+    return CheckedLog(measurements, stream_of(measurements), counts=counts, states=telemetry)
 
 
 def check_log(

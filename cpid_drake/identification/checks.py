@@ -11,12 +11,18 @@ from dataclasses import replace
 import numpy as np
 
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.whiteness import MOST_CORRELATED
 from cpid_drake.identification.consistency import with_consistency
-from cpid_drake.identification.problem import MOST_NOISE
 from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.sensing.sensors import SENSORS
+
+SUSPECTED = 0.1
+"""Probability from which an error, or a momentum, that may act is mentioned."""
+
+MOST_NOISE = 3.0
+"""Ratio of the noise to the given one above which a check fails."""
 
 SEEN = 1.1
 """Factor of the noise from which a warning says so."""
@@ -105,6 +111,34 @@ def _of_the_noise(found: SolvedIdentification) -> Iterator[Check]:
         limit = max(test.band, 0.1) if name in larger else MOST_CORRELATED
         fails = test.fails or (name in coloured and name in larger)
         yield Check.of(f"correlation of {name}", sentence, test.lag_one, limit, not fails)
+
+
+def momentum_words(
+    probability: float, *, is_given: bool, cannot: str = "", where: str = ""
+) -> tuple[tuple[str, ...], tuple[Check, ...]]:
+    """Return the warnings and failed checks about a momentum that may not be zero.
+
+    Args:
+        probability: of a momentum that is not as given, or not zero.
+        is_given: whether the caller has given it.
+        cannot: name of the rows that cannot estimate it; empty if it was estimated.
+        where: beginning of all sentences.
+
+    """
+    text = f"{where}the samples contradict a total momentum of zero"
+    if probability >= NAMED and cannot:
+        text += f", and {cannot} cannot estimate it: identify with --momentum unknown and"
+        text += " another estimator, such as least_squares with --rows standard"
+        return (), (Check("momentum", text),)
+    if probability >= NAMED and is_given:
+        text += ", which may bias the estimate: identify with --momentum unknown"
+        return (), (Check("momentum", text),)
+    if probability >= NAMED:
+        return (f"{text}, so the momentum was estimated; say so with --momentum unknown",), ()
+    if probability <= SUSPECTED or is_given:
+        return (), ()
+    text = f"{where}the total momentum may not be zero (probability {probability:.2g})"
+    return (f"{text}; the intervals include it",), ()
 
 
 def noise_warnings(factors: Mapping[str, float]) -> tuple[str, ...]:

@@ -22,8 +22,8 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.identification.checks import SUSPECTED
 from cpid_drake.identification.effects import LEARNED, EffectEstimate, HeldOut, UndeclaredErrors
-from cpid_drake.identification.problem import SUSPECTED
 from cpid_drake.identification.result import Check
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import SENSORS

@@ -1,19 +1,78 @@
 """The registry of estimators. The command line, reports and studies read it.
 
-To add an estimator, write a function from the `problem.Problem` of each log to a
-`solved.SolvedIdentification`, and put its record here; see `problem.Estimator`.
+To add an estimator, write a function from what is known and from checked logs, by their names, to a
+`solved.SolvedIdentification`, and put its record here.
 """
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily, row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.identification.by_rows import LEAST_SQUARES
-from cpid_drake.identification.fitted import TRAJECTORY_FIT
-from cpid_drake.identification.online import RECURSIVE_FIT
-from cpid_drake.identification.problem import Estimator
+from cpid_drake.identification import by_rows, fitted, online
+from cpid_drake.identification.known import Known
+from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensing.suite import SensorSuite
+
+if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.identification.checked_log import CheckedLog
+
+LEAST_SQUARES, TRAJECTORY_FIT = by_rows.NAME, fitted.NAME
+"""The default estimators without and with the sensors' errors."""
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A record of an estimator.
+
+    Attributes:
+        name: its name on the command line, in result files and in scenarios.
+        label: its name in reports.
+        good_for: its recommended use, in one sentence.
+        estimate: its function of what is known, of the logs, and of a callback for progress.
+        uses_rows: whether it uses momentum rows, which know neither the log of thrust nor the
+            uncertainty of the spacecraft; else it uses all samples as they are.
+        reports: number of estimates over time in a report; smaller for slow estimators.
+
+    """
+
+    name: str
+    label: str
+    good_for: str
+    estimate: Callable[
+        [Known, "Mapping[str, CheckedLog]", Callable[[str], None]], SolvedIdentification
+    ]
+    uses_rows: bool = False
+    reports: int = 8
+
 
 ESTIMATORS: dict[str, Estimator] = {
-    record.name: record for record in (LEAST_SQUARES, RECURSIVE_FIT, TRAJECTORY_FIT)
+    record.name: record
+    for record in (
+        Estimator(
+            LEAST_SQUARES,
+            "least squares on momentum rows",
+            "exact logs of any length, and a quick look; several times less accurate with noise",
+            by_rows.estimate,
+            uses_rows=True,
+            reports=24,
+        ),
+        Estimator(
+            online.NAME,
+            "recursive fit (maximum likelihood, online)",
+            "an estimate online from noisy sensors; finds firings of thrusters",
+            online.estimate,
+        ),
+        Estimator(
+            TRAJECTORY_FIT,
+            "trajectory fit (maximum likelihood)",
+            "the best estimate from noisy sensors, after the motion; finds firings of thrusters",
+            fitted.estimate,
+        ),
+    )
 }
 """The estimators by name."""
 
@@ -25,7 +84,7 @@ def estimator_label(name: str) -> str:
 
 def methods() -> tuple[str, ...]:
     """Return all names that `choose_method` accepts: row families, then estimators without rows."""
-    others = tuple(name for name, record in ESTIMATORS.items() if record.default_rows is None)
+    others = tuple(name for name, record in ESTIMATORS.items() if not record.uses_rows)
     return (*ROW_FAMILIES, *others)
 
 
@@ -41,36 +100,67 @@ def choose_method(
     Args:
         estimator: name of an estimator, or of a row family (least squares on these rows); None for
             the estimator that is best for these data.
-        rows: name of a row family; None for the estimator's default.
+        rows: name of a row family; None for the default.
         momentum: the total momentum.
         has_sensors: whether the sensors' errors are known.
         has_thrust: whether the log says that thrusters fired.
 
     Raises:
-        InputError: no such estimator or rows, rows for an estimator that uses none, or an estimator
-            that cannot handle this momentum.
+        InputError: no such estimator or rows, rows for an estimator that uses none, or rows that
+            cannot handle this momentum.
 
     """
     if estimator is None:
-        best = [name for name, record in ESTIMATORS.items() if record.prefers_sensors]
         is_fit = (has_sensors or has_thrust) and rows is None
-        estimator = best[0] if is_fit else LEAST_SQUARES.name
+        estimator = TRAJECTORY_FIT if is_fit else LEAST_SQUARES
     if estimator in ROW_FAMILIES:
         if rows not in (None, estimator):
             raise InputError(
                 f"estimator '{estimator}' is least squares on rows '{estimator}', not '{rows}'; "
                 "give one of the two"
             )
-        estimator, rows = LEAST_SQUARES.name, estimator
+        estimator, rows = LEAST_SQUARES, estimator
     if estimator not in ESTIMATORS:
         choices = ", ".join((*ESTIMATORS, *ROW_FAMILIES))
         raise InputError(f"no estimator '{estimator}'; choose from {choices}")
     record = ESTIMATORS[estimator]
-    if momentum.name not in record.momenta:
-        allowed = " or ".join(record.momenta)
-        raise InputError(f"{record.name} needs a total momentum that is {allowed}")
     if rows is None:
         return record, None
-    if record.default_rows is None:
+    if not record.uses_rows:
         raise InputError(f"rows are for least_squares; {estimator} has none: leave rows out")
     return record, row_family(rows, momentum.is_unknown)
+
+
+def require_sensors(
+    counts: Mapping[str, int],
+    sensors: SensorSuite | None,
+    record: Estimator,
+    family: RowFamily | None,
+    momentum: TotalMomentum,
+) -> None:
+    """Refuse a log that lacks what an estimator needs.
+
+    Args:
+        counts: number of samples by sensor.
+        sensors: the sensors' errors, if they are known; samples of other sensors cannot be used.
+        record: the estimator.
+        family: its row family, if it uses rows.
+        momentum: the total momentum.
+
+    Raises:
+        InputError: a sensor that the estimator needs has no samples, or is not one of the given
+            sensors.
+
+    """
+    needs: tuple[tuple[str, ...], ...] = (("encoders",), ("attitude",))
+    if family is not None:
+        needs = by_rows.needs_of_rows(family, momentum)
+    present = counts.keys() if sensors is None else sensors.present().keys()
+    for choice in needs:
+        if any(counts.get(name) and name in present for name in choice):
+            continue
+        text = " or ".join(SENSORS[name].description for name in choice)
+        is_logged = any(counts.get(name) for name in choice)
+        reason = "is not one of the given sensors" if is_logged else "the log has no samples of"
+        who = f"{record.name} with {family.name} rows" if family else record.name
+        raise InputError(f"{who} needs {text}, which {reason}; see `cpid list estimators`")

@@ -11,13 +11,13 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.identification.by_rows import best_rows
 from cpid_drake.identification.checked_log import CheckedLog, check_log, log_of_states
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.conventions import convention_of
-from cpid_drake.identification.estimators import choose_method
+from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
+from cpid_drake.identification.known import Known
 from cpid_drake.identification.planar import in_capture_frame, in_frame, normal_in_base
-from cpid_drake.identification.problem import Estimator, Problem
-from cpid_drake.identification.requirements import require_sensors
 from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.table_setting import TableSetting, frame_of, is_oblique
@@ -130,56 +130,44 @@ def identify_together(
     """
     if not logs:
         raise InputError("there is no log to identify from")
-    logged = {}
+    where = {name: name if len(logs) > 1 else "" for name in logs}
+    checked_logs = {}
     for name, data in logs.items():
         progress(f"checking {name}")
-        with prefix_errors(name if len(logs) > 1 else ""):
-            logged[name] = _checked(spacecraft, data, sensors, planar)
-    spacecraft = _placed(spacecraft, logs, logged, planar)
+        with prefix_errors(where[name]):
+            checked_logs[name] = _checked(spacecraft, data, sensors, planar)
+    spacecraft = _placed(spacecraft, logs, checked_logs, planar)
     table = spacecraft.tree.normal_C
     is_tilted = len(logs) == 1 and prior is None and is_oblique(table)
     R_CF = frame_of(table) if table is not None and is_tilted else None
     if R_CF is not None:
         spacecraft = in_frame(spacecraft, R_CF)
-    is_exact = all(isinstance(data, Telemetry) for data in logs.values())
+    is_exact = all(log.states is not None for log in checked_logs.values())
+    has_sensors = sensors is not None or (known_bodies is not None and not is_exact)
+    has_thrust = any(log.has_thrust for log in checked_logs.values())
     assumed = momentum or TotalMomentum.zero()
-    record, family = choose_method(
-        estimator,
-        rows,
-        assumed,
-        has_sensors=sensors is not None or (known_bodies is not None and not is_exact),
-        has_thrust=any(log.has_thrust for log in logged.values()),
-    )
-    fewest = {name: min(log.counts.get(name, 0) for log in logged.values()) for name in SENSORS}
-    if family is None and record.default_rows is not None:
-        family = row_family(record.default_rows(fewest), assumed.is_unknown)
+    method, family = choose_method(estimator, rows, assumed, has_sensors, has_thrust)
+    if family is None and method.uses_rows:
+        counts = [log.counts for log in checked_logs.values()]
+        family = row_family(best_rows(counts), assumed.is_unknown)
+    for name, log in checked_logs.items():
+        with prefix_errors(where[name]):
+            require_sensors(log.counts, sensors, method, family, assumed)
     progress("identifying")
-    problems = {}
-    for name, log in logged.items():
-        with prefix_errors(name if len(logs) > 1 else ""):
-            require_sensors(log.counts, sensors, record, family, assumed)
-        data = logs[name]
-        states = data if isinstance(data, Telemetry) else None
-        problems[name] = Problem(spacecraft, log, states, sensors, assumed, family, known_bodies)
+    known = Known(spacecraft, sensors, momentum, known_bodies, prior, family)
     try:
-        found = record.estimate(problems, momentum, prior, progress)
+        found = method.estimate(known, checked_logs, progress)
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"{record.name} cannot calculate with these samples: they contradict each other, or "
+            f"{method.name} cannot calculate with these samples: they contradict each other, or "
             "are too large or too small; plot them, and compare units"
         ) from error
     if R_CF is not None:
         found = in_capture_frame(found, R_CF)
     elif spacecraft.tree.normal_B is not None:
         found = replace(found, table=TableSetting(table))
-    found = checked(_with_logs(found, logged, record, known_bodies), spacecraft.tree)
-    if len(logs) == 1 and found.failures and not log.failures:
-        convention = convention_of(spacecraft.tree, log.head, sensors)
-        if convention is not None:
-            first, *rest = found.checks  # the first failed
-            first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")
-            found = replace(found, checks=(first, *rest))
-    return found
+    found = _with_logs(found, checked_logs, method, known_bodies)
+    return _with_convention(checked(found, spacecraft.tree), spacecraft, checked_logs, sensors)
 
 
 def _checked(
@@ -212,7 +200,7 @@ def _placed(
 def _with_logs(
     found: SolvedIdentification,
     logs: Mapping[str, CheckedLog],
-    record: Estimator,
+    method: Estimator,
     known_bodies: BodyUncertainty | None,
 ) -> SolvedIdentification:
     """Return an identification with what the checks of its logs say."""
@@ -221,18 +209,18 @@ def _with_logs(
         where = f"{name}: " if len(logs) > 1 else ""
         said = [*log.warnings, *map("not checked: {}".format, log.unchecked)]
         added = [n for n, count in log.counts.items() if count and n not in STANDARD_SENSORS]
-        if added and not record.uses_added_sensors:
+        if added and method.uses_rows:
             unused = ", ".join(SENSORS[n].label for n in added)
-            said.append(f"{record.name} does not use the samples of {unused}")
+            said.append(f"{method.name} does not use the samples of {unused}")
         failed = list(log.failures)
-        if log.has_thrust and not record.uses_thrust:
-            failed.append(THRUST_NOT_USED.format(f"{log.first_burn:.4g}", record.name))
+        if log.has_thrust and method.uses_rows:
+            failed.append(THRUST_NOT_USED.format(f"{log.first_burn:.4g}", method.name))
         warnings += [where + text for text in said]
         checks += [Check("log", where + text) for text in failed]
         rejected.update(log.rejected)
-    if known_bodies is not None and not record.uses_known_bodies:
+    if known_bodies is not None and method.uses_rows:
         warnings.append(
-            f"{record.name} does not use the uncertainty of the spacecraft: its intervals are "
+            f"{method.name} does not use the uncertainty of the spacecraft: its intervals are "
             "those of an exact model"
         )
     return replace(
@@ -241,3 +229,21 @@ def _with_logs(
         checks=(*checks, *found.checks),
         rejected={name: count for name, count in rejected.items() if count},
     )
+
+
+def _with_convention(
+    found: SolvedIdentification,
+    spacecraft: Spacecraft,
+    logs: Mapping[str, CheckedLog],
+    sensors: SensorSuite | None,
+) -> SolvedIdentification:
+    """Return an identification with the convention that explains its failed checks, if any does."""
+    [log, *others] = logs.values()
+    if others or not found.failures or log.failures:
+        return found
+    convention = convention_of(spacecraft.tree, log.head, sensors)
+    if convention is None:
+        return found
+    first, *rest = found.checks  # the first failed
+    first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")
+    return replace(found, checks=(first, *rest))

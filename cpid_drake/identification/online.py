@@ -18,17 +18,17 @@ from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white
-from cpid_drake.identification.checks import noise_warnings
+from cpid_drake.identification.checks import momentum_words, noise_warnings
 from cpid_drake.identification.comparison import contradicted, larger_than_declared
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
-from cpid_drake.identification.fitted import needs_of_fit
-from cpid_drake.identification.problem import ESTIMATED, NOT_ZERO, Estimator, Problem
+from cpid_drake.identification.fitted import change_warnings
+from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.sensing.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.identification.checked_log import CheckedLog
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 NAME = "recursive_fit"
@@ -133,6 +133,7 @@ def identification_of_state(
         noise = state.noise
     present = model.suite.present()
     change = change_beyond_linear(model, state)
+    said, failed = momentum_words(1.0 if wrong else 0.0, is_given=momentum is not None)
     effects = effects_of(model, values, gaussian, LOG)
     tests = {name: sums.whiteness for name, sums in state.lags.items()}
     return SolvedIdentification(
@@ -148,11 +149,12 @@ def identification_of_state(
         momentum_changes=tuple(sorted(state.events)),
         warnings=(
             *noise_warnings(noise),
-            *_warnings(state),
-            *((ESTIMATED,) if wrong and momentum is None else ()),
+            *change_warnings(state.events),
+            *_bridged(state),
+            *said,
         ),
         checks=(
-            *((Check("momentum", NOT_ZERO),) if wrong and momentum is not None else ()),
+            *failed,
             *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
             *larger_than_declared(model, values, gaussian, effects),
         ),
@@ -164,13 +166,7 @@ def identification_of_state(
     )
 
 
-def _warnings(state: OnlineState) -> Iterator[str]:
-    if state.events:
-        times = "once" if len(state.events) == 1 else f"{len(state.events)} times"
-        yield (
-            f"the momentum changed {times}, last at {max(state.events):.3f} s; it was estimated "
-            "again from then on"
-        )
+def _bridged(state: OnlineState) -> Iterator[str]:
     if state.bridged > MOST_BRIDGED:
         yield (
             f"nothing explains {state.bridged:.3g} s of the log, whose samples of the base were "
@@ -178,44 +174,30 @@ def _warnings(state: OnlineState) -> Iterator[str]:
         )
 
 
-def estimate_online(
-    problems: Mapping[str, Problem],
-    momentum: TotalMomentum | None,
-    prior: TargetPrior | None = None,
+def estimate(
+    known: Known,
+    logs: "Mapping[str, CheckedLog]",
     progress: Callable[[str], None] = lambda step: None,
 ) -> SolvedIdentification:
     """Run the fit online over all samples, in order of time.
 
     Args:
-        problems: one problem, by the name of its log.
-        momentum: the total momentum; None for zero if the samples agree with this.
-        prior: none.
+        known: what is known besides the log.
+        logs: one log, by its name.
         progress: called before every step with a short description of it.
 
     Raises:
         InputError: there are several logs or a prior, or too few samples.
 
     """
-    if len(problems) > 1 or prior is not None:
+    if len(logs) > 1 or known.prior is not None:
         raise InputError(f"{NAME} identifies from one log without a prior; use the trajectory fit")
-    problem, suite, warnings = next(iter(problems.values())).with_sensors()
-    model = Model(problem.spacecraft.tree, suite, problem.known_bodies)
+    [log] = logs.values()
+    suite, warnings = suite_of(known.sensors, log)
+    model = Model(known.spacecraft.tree, suite, known.known_bodies)
     progress("fitting")
-    state = run(model, problem.log.stream)
-    found = identification_of_state(model, state, momentum)
+    state = run(model, log.stream)
+    found = identification_of_state(model, state, known.momentum)
     if state.known is None:
         warnings = (*warnings, NOT_STARTED)
     return replace(found, warnings=(*warnings, *found.warnings))
-
-
-RECURSIVE_FIT = Estimator(
-    name=NAME,
-    label="recursive fit (maximum likelihood, online)",
-    good_for="an estimate online from noisy sensors; finds firings of thrusters",
-    estimate=estimate_online,
-    needs=needs_of_fit,
-    uses_added_sensors=True,
-    uses_thrust=True,
-    uses_known_bodies=True,
-    reports=8,
-)

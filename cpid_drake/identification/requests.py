@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.uncertainty import BodyUncertainty, read_uncertainty
+from cpid_drake.dynamics.uncertainty import read_uncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import LONGEST_HEAD
 from cpid_drake.identification.identify import identify_together
+from cpid_drake.identification.known import Known
 from cpid_drake.identification.prior_files import load_prior
 from cpid_drake.identification.requirements import left_out_warning
 from cpid_drake.identification.result import Identification, Request, Source
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.resources import resolve_model, version_of
 from cpid_drake.sensing.files.telemetry_files import TelemetryStream, open_telemetry
 from cpid_drake.sensing.measurement_stream import (
@@ -31,29 +31,8 @@ from cpid_drake.sensing.measurement_stream import (
 )
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.presets import load_sensors
-from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.sensing.thinning import Excerpt, excerpt_of
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """The inputs of a request besides its telemetry.
-
-    Attributes:
-        spacecraft: the known spacecraft.
-        momentum: the total momentum; None if it is to be tested.
-        sensors: the sensors' errors; None if they are unknown.
-        known_bodies: uncertainty of the spacecraft; None if it is exact.
-        prior: what is known about the target; None for nothing.
-
-    """
-
-    spacecraft: Spacecraft
-    momentum: TotalMomentum | None
-    sensors: SensorSuite | None
-    known_bodies: BodyUncertainty | None
-    prior: TargetPrior | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +81,7 @@ class OpenLog:
 class Evidence:
     """An identification with its inputs and its logs."""
 
-    inputs: Inputs
+    inputs: Known
     logs: tuple[OpenLog, ...]
     found: SolvedIdentification
 
@@ -181,7 +160,7 @@ def _check_different(paths: Sequence[str]) -> None:
         seen[key] = path
 
 
-def opened_inputs(request: Request, progress: Callable[[str], None]) -> Inputs:
+def opened_inputs(request: Request, progress: Callable[[str], None]) -> Known:
     """Return the inputs of a request besides its telemetry.
 
     Args:
@@ -204,7 +183,7 @@ def opened_inputs(request: Request, progress: Callable[[str], None]) -> Inputs:
     if request.prior is not None:
         prior = load_prior(request.prior, spacecraft, craft.capture_frame)
     progress("reading the telemetry")
-    return Inputs(spacecraft, momentum, sensors, bodies, prior)
+    return Known(spacecraft, sensors, momentum, bodies, prior)
 
 
 def request_of_result(result: Identification, where: str) -> Request:

@@ -1,20 +1,15 @@
-"""What the estimators require of a log: its joints, their positions, and its sensors."""
+"""What the estimators require of the joints of a log, and of their positions."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily
-from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.problem import Estimator
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.screening import as_arrays, screen
 from cpid_drake.sensing.sensors import SENSORS
-from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -146,59 +141,3 @@ def limit_warnings(
         else:
             plain.append(text)
     return plain, degrees
-
-
-def require_sensors(
-    counts: Mapping[str, int],
-    sensors: SensorSuite | None,
-    estimator: Estimator,
-    family: RowFamily | None,
-    momentum: TotalMomentum,
-) -> None:
-    """Refuse a log that lacks what an estimator needs.
-
-    Args:
-        counts: number of samples by sensor.
-        sensors: the sensors' errors, if they are known; samples of other sensors cannot be used.
-        estimator: its record.
-        family: its row family, if it uses rows.
-        momentum: the total momentum.
-
-    Raises:
-        InputError: a sensor that the estimator needs has no samples, or is not one of the given
-            sensors; the message lists the estimators that could use the measurements.
-
-    """
-    present = counts.keys() if sensors is None else sensors.present().keys()
-
-    def missing(record: Estimator, rows: RowFamily | None) -> list[tuple[str, ...]]:
-        needs = record.needs(rows, momentum)
-        return [
-            choice for choice in needs if not any(counts.get(n) and n in present for n in choice)
-        ]
-
-    lacking = missing(estimator, family)
-    if not lacking:
-        return
-    usable = []
-    for record in ESTIMATORS.values():
-        if momentum.name not in record.momenta:
-            continue
-        rowless = record.default_rows is None
-        for rows in [None] if rowless else ROW_FAMILIES.values():
-            fits = rows is None or not momentum.is_unknown or rows.momentum_columns is not None
-            if fits and not missing(record, rows):
-                usable.append(_called(record, rows))
-    text = " or ".join(SENSORS[name].description for name in lacking[0])
-    is_logged = any(counts.get(name) for name in lacking[0])
-    reason = "is not one of the given sensors" if is_logged else "the log has no samples of"
-    would = (
-        f"these estimators can use the log: {', '.join(usable)}"
-        if usable
-        else "no estimator can do without"
-    )
-    raise InputError(f"{_called(estimator, family)} needs {text}, which {reason}; {would}")
-
-
-def _called(record: Estimator, rows: RowFamily | None) -> str:
-    return f"{record.name} with {rows.name} rows" if rows else record.name

@@ -25,13 +25,12 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.problem import NOISE_ESTIMATED
+from cpid_drake.identification.known import suite_of
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import Combinations, TargetPrior
 from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurement_stream import MeasurementStream
 from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -180,8 +179,7 @@ def validate(
     for name in ("attitude", "encoders"):
         if not log.counts.get(name):
             raise InputError(f"the log has no samples of {SENSORS[name].label}")
-    said = () if sensors is not None else (NOISE_ESTIMATED,)
-    sensors = sensors or estimate_suite(log.head)
+    sensors, said = suite_of(sensors, log)
     model = Model(spacecraft.tree, sensors, known_bodies)
     samples = LogState.of(model, log.stream)
     first = _first_predicted(samples, beginning)

@@ -31,7 +31,7 @@ from cpid_drake.estimation.least_squares import (
     updated_information,
 )
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
-from cpid_drake.identification.by_rows import LEAST_SQUARES
+from cpid_drake.identification.by_rows import NAME
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
@@ -271,7 +271,7 @@ class MomentumIdentifier(Identifier):
             self._parameterization,
             among_ten(solution, self._spacecraft.tree.unknowns),
             sample_count=int(samples),
-            estimator=LEAST_SQUARES.name,
+            estimator=NAME,
             rows=self._family.name,
         )
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES, STANDARD_ROWS
-from cpid_drake.identification.by_rows import identify_by_rows, needs_of_rows
-from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.problem import Estimator
+from cpid_drake.identification import by_rows
+from cpid_drake.identification.estimators import ESTIMATORS, Estimator
 from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
@@ -20,14 +19,13 @@ FREE_FLYER = (
 )
 
 
-def estimate_every_second(problems, momentum, prior, progress):
+def estimate_every_second(known, logs, progress):
     """Least squares on every second sample: an estimator that somebody might try."""
-    [problem] = problems.values()
+    [log] = logs.values()
     names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
-    head = problem.log.head
-    half = head.updated({name: head[name].where(slice(None, None, 2)) for name in names})
-    half = replace(problem.log, head=half)
-    found = identify_by_rows(problem.spacecraft, {"": half}, ROW_FAMILIES["standard"], momentum)
+    half = log.head.updated({n: log.head[n].where(slice(None, None, 2)) for n in names})
+    rows = replace(known, family=STANDARD_ROWS)
+    found = by_rows.estimate(rows, {"": replace(log, stream=[half], head=half)})
     return replace(found, estimator="every_second", rows=None)
 
 
@@ -36,7 +34,6 @@ EVERY_SECOND = Estimator(
     label="least squares on every second sample",
     good_for="tests",
     estimate=estimate_every_second,
-    needs=lambda family, momentum: needs_of_rows(STANDARD_ROWS, momentum),
     reports=3,
 )
 
