@@ -23,7 +23,7 @@ from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.identification.checks import SUSPECTED
-from cpid_drake.identification.effects import LEARNED, EffectEstimate, HeldOut, UndeclaredErrors
+from cpid_drake.identification.effects import LEARNED, EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.result import Check
 from cpid_drake.sensing.disturbances import Disturbances
 from cpid_drake.sensing.sensors import SENSORS
@@ -129,37 +129,26 @@ def undeclared_errors(
     is_one = len(found.logs) == 1
     alone = ((_shown(name, is_one), compared.alone[name]) for name in errors)
     others = {n: p for n, p in compared.probability.items() if p and n in errors and n not in named}
-    held_out = _held_out(found, question, named, rows) if named else None
-    if held_out is not None:
-        proposed = tuple(_shown(name, is_one) for name in held_out.proposed)
-        held_out = replace(held_out, proposed=proposed)
     return UndeclaredErrors(
         effects,
         {_shown(name, is_one): p for name, p in others.items()},
         _declarations(found.model.suite, effects),
         tuple(sorted(alone, key=lambda each: -each[1])),
-        held_out,
+        _held_out(found, question, named, rows) if named else None,
     )
 
 
 def words(undeclared: UndeclaredErrors) -> tuple[tuple[str, ...], tuple[Check, ...]]:
     """Return the warnings and failed checks that follow from errors nobody has declared."""
     warnings, checks = [], []
+    acting = "; ".join(effect.describe() for effect in undeclared.effects)
+    text = f"the samples show what the sensors do not declare: {acting}"
     if undeclared.is_proposed:
-        warnings.append(
-            f"the samples show what the sensors do not declare: {undeclared.describe()}; the "
-            "result includes it; add it to the file of the sensors "
-            f"({'; '.join(undeclared.declaration)}), or to a copy of the preset's file, which "
-            "`cpid list` shows"
-        )
+        declared = "; ".join(undeclared.declaration)
+        warnings.append(f"{text}; the result includes it; add to the sensors' file: {declared}")
     elif undeclared.effects:
-        sentence = (
-            "the samples show what the sensors do not declare, and the cause is not known: "
-            f"{undeclared.describe()}, which would explain them, does not predict the end of the "
-            "log better"
-        )
-        gain = None if undeclared.held_out is None else undeclared.held_out.gain
-        checks.append(Check("undeclared errors", sentence, gain))
+        text += "; the cause is not known, because this does not predict the end of the log better"
+        checks.append(Check("undeclared errors", text, undeclared.held_out))
     likely = {name: p for name, p in undeclared.suspected.items() if p > SUSPECTED}
     if likely:
         named = [f"{name} (probability {p:.2g})" for name, p in likely.items()]
@@ -214,7 +203,7 @@ def larger_than_declared(
     sentence = (
         "the errors of the sensors, or the forces, are about "
         f"{np.sqrt(chi_squared / freedom):.2g} times as large as their declared sigma, such as: "
-        f"{largest.summary()}, with a sigma of {largest.prior_sigma:.3g} {largest.unit}; declare "
+        f"{largest.describe()}, with a sigma of {largest.prior_sigma:.3g} {largest.unit}; declare "
         "what the hardware can have, or look for another cause"
     )
     return (Check(name, sentence, chi_squared, limit),)
@@ -247,24 +236,21 @@ def _log_of(name: str) -> str:
 
 def _held_out(
     found: Fit, question: Question, named: Sequence[str], rows: Sequence[Gaussian]
-) -> HeldOut | None:
+) -> float | None:
     """Return how well errors that the first part of every log proposes predict the rest."""
-    beginning, seconds = prior_of(found.model, found.logs, found.values, rows), 0.0
-    has_changes = False
+    beginning, has_changes = prior_of(found.model, found.logs, found.values, rows), False
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         start, end = log.blocks[0].start, log.blocks[-1].end
         k = sum(block.end <= start + FITTED * (end - start) for block in log.blocks)
         if not 0 < k < len(log.blocks):
             return None
-        seconds += end - log.blocks[k].start
         has_changes = has_changes or max(log.links, default=-1) >= k - 1
-        first = _first(found, log, rolled, k)
-        beginning = beginning.add(sweep(found.model, *first).gaussian)
+        beginning = beginning.add(sweep(found.model, *_first(found, log, rolled, k)).gaussian)
+    if has_changes:  # the rest's own samples have chosen them
+        return 0.0
     proposed = [n for n in question.answer(beginning, found.values).named if n in named]
-    if has_changes:
-        return HeldOut(seconds, tuple(proposed), 0.0)
-    gains = [_evidence(g, found, question, proposed) for g in (found.gaussian, beginning)]
-    return HeldOut(seconds, tuple(proposed), gains[0] - gains[1])
+    whole, first = (_evidence(g, found, question, proposed) for g in (found.gaussian, beginning))
+    return whole - first
 
 
 def _first(

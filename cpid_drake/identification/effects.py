@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.least_squares import quantile_95
@@ -64,58 +63,14 @@ class EffectEstimate:
         half = quantile_95() * self.sigma
         numbers = ", ".join(f"{shown(v, h):.3g} ± {h:.2g}" for v, h in zip(self.value, half))
         text = f"{numbers} {self.unit}" if len(self.value) == 1 else f"({numbers}) {self.unit}"
-        return self._words(text)
-
-    def summary(self) -> str:
-        """Return the size of the estimate in words: one number, even if there are several."""
-        if len(self.value) == 1:
-            return self.describe()
-        largest = int(np.argmax(np.abs(self.value) / self.sigma))
-        text = f"up to {abs(self.value[largest]):.3g} {self.unit}"
-        return self._words(text)
-
-    def _words(self, size: str) -> str:
         sensor, _, kind = self.name.rpartition(".")
         where = f" during {self.log}" if self.log else ""
-        return _WORDS.get(kind, f"{self.name}: {{}}").format(size, sensor=sensor) + where
+        return _WORDS.get(kind, f"{self.name}: {{}}").format(text, sensor=sensor) + where
 
 
 def shown(value: float, half: float) -> float:
     """Return a value as it is shown beside half the width of its interval: rounding errors as 0."""
     return value if abs(value) > _ROUNDING * half else 0.0
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """How well errors that the first part of a log proposes predict the rest of it.
-
-    Attributes:
-        seconds: length of the prediction, of all logs together [s].
-        proposed: names of the errors that the first part proposes.
-        gain: log of the ratio of the probability densities of the rest, with and without them; 0
-            if the momentum changes in the rest, whose own samples have chosen these changes.
-
-    """
-
-    seconds: Annotated[float, Ge(0)]
-    proposed: tuple[str, ...]
-    gain: float
-
-    @property
-    def is_better(self) -> bool:
-        """Whether some errors are proposed, and the rest is more probable with them."""
-        return bool(self.proposed) and self.gain > 0
-
-    def describe(self) -> str:
-        """Return the result in words."""
-        if not self.proposed:
-            return "the first two thirds of the log alone do not show them"
-        if not self.gain:
-            return f"the momentum changes in the other {self.seconds:.3g} s, which confirm nothing"
-        return (
-            f"the first two thirds of the log show {' and '.join(self.proposed)}, which makes the "
-            f"other {self.seconds:.3g} s more probable by a factor of exp({self.gain:.3g})"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +82,9 @@ class UndeclaredErrors:
         suspected: probability of every other candidate to act.
         declaration: what to add to the sensors' file: one line of YAML for each section.
         alone: gain of the log evidence by each candidate alone, the largest first.
-        held_out: prediction of samples that did not choose them; None without effects, and for a
-            log that is too short.
+        held_out: gain of the log evidence of the last third of the logs by the errors that the
+            first two thirds propose; 0 if they propose none, or if the momentum changes in the last
+            third. None without effects, and for a log that is too short.
 
     """
 
@@ -136,16 +92,26 @@ class UndeclaredErrors:
     suspected: dict[str, float]
     declaration: tuple[str, ...]
     alone: tuple[tuple[str, float], ...]
-    held_out: HeldOut | None = None
+    held_out: float | None = None
 
     @property
     def is_proposed(self) -> bool:
         """Whether these errors are proposed: samples that did not choose them confirm them."""
-        return bool(self.effects) and (self.held_out is None or self.held_out.is_better)
+        return bool(self.effects) and (self.held_out is None or self.held_out > 0)
 
-    def describe(self) -> str:
-        """Return the errors in words."""
-        return ", and ".join(effect.summary() for effect in self.effects)
+    def verdict(self) -> list[str]:
+        """Return sentences on what follows from the errors that act."""
+        if self.held_out is None:
+            tested = "The log is too short to predict a part of it from the rest."
+        else:
+            tested = (
+                "The errors that the first two thirds of the log show change the log evidence of "
+                f"the last third by {self.held_out:.3g}."
+            )
+        if not self.is_proposed:
+            return [tested, "They are not proposed, because they do not predict the rest better."]
+        declared = "; ".join(self.declaration)
+        return [tested, f"The result includes them; the sensors' file declares them by: {declared}"]
 
     def lines(self) -> list[str]:
         """Return the comparison of all candidates, and the proposal, as lines of text."""
@@ -154,14 +120,4 @@ class UndeclaredErrors:
         if not self.effects:
             return [*result, "  none explains the samples better: nothing to declare"]
         result += ["  these act:", *(f"    {effect.describe()}" for effect in self.effects)]
-        if self.held_out is None:
-            result.append("  the log is too short to predict a part of it from the rest")
-        else:
-            result.append(f"  {self.held_out.describe()}")
-        if not self.is_proposed:
-            return [*result, "  they are not proposed, because they do not predict the rest better"]
-        return [
-            *result,
-            "  the result includes them; to declare them, add to the file of the sensors:",
-            *(f"    {line}" for line in self.declaration),
-        ]
+        return [*result, *(f"  {sentence}" for sentence in self.verdict())]

@@ -17,10 +17,10 @@ from cpid_drake.identification.checks import checked
 from cpid_drake.identification.conventions import convention_of
 from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
 from cpid_drake.identification.known import Known
-from cpid_drake.identification.planar import in_capture_frame, in_frame, normal_in_base
+from cpid_drake.identification.planar import normal_in_base
 from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.identification.table_setting import TableSetting, frame_of, is_oblique
+from cpid_drake.identification.table_setting import TableSetting
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.processes import one_thread
 from cpid_drake.sensing.measurement_stream import MeasurementStream
@@ -137,11 +137,6 @@ def identify_together(
         with prefix_errors(where[name]):
             checked_logs[name] = _checked(spacecraft, data, sensors, planar)
     spacecraft = _placed(spacecraft, logs, checked_logs, planar)
-    table = spacecraft.tree.normal_C
-    is_tilted = len(logs) == 1 and prior is None and is_oblique(table)
-    R_CF = frame_of(table) if table is not None and is_tilted else None
-    if R_CF is not None:
-        spacecraft = in_frame(spacecraft, R_CF)
     is_exact = all(log.states is not None for log in checked_logs.values())
     has_sensors = sensors is not None or (known_bodies is not None and not is_exact)
     has_thrust = any(log.has_thrust for log in checked_logs.values())
@@ -162,10 +157,8 @@ def identify_together(
             f"{method.name} cannot calculate with these samples: they contradict each other, or "
             "are too large or too small; plot them, and compare units"
         ) from error
-    if R_CF is not None:
-        found = in_capture_frame(found, R_CF)
-    elif spacecraft.tree.normal_B is not None:
-        found = replace(found, table=TableSetting(table))
+    if spacecraft.tree.normal_B is not None:
+        found = replace(found, table=TableSetting(spacecraft.tree.normal_C))
     found = _with_logs(found, checked_logs, method, known_bodies)
     return _with_convention(checked(found, spacecraft.tree), spacecraft, checked_logs, sensors)
 

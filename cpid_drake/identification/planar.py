@@ -7,18 +7,14 @@ it, because a free spacecraft whose bodies are all symmetric about a plane moves
 and then shows more than four parameters.
 """
 
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
-from cpid_drake.dynamics.rows import eq18_to_world
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
-from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.identification.table_setting import PLACES, TableSetting
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import sensor_noise
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -73,45 +69,6 @@ def placed(
         normal = normal_in_base(measurements.attitude.value)
         spacecraft = spacecraft.on_table(normal)
     return spacecraft, warnings, failures_of(normal, measurements)
-
-
-def in_frame(spacecraft: Spacecraft, R_CF: NDArray[np.float64]) -> Spacecraft:
-    """Return the spacecraft with a frame F in the place of C, at the same origin."""
-    other = copy(spacecraft)
-    other.tree = replace(spacecraft.tree, R_BC=spacecraft.tree.R_BC @ R_CF)
-    return other
-
-
-def in_capture_frame(
-    found: SolvedIdentification, R_CF: NDArray[np.float64]
-) -> SolvedIdentification:
-    """Return an identification in a frame F, whose z axis is the table's normal, in C.
-
-    Of the ten parameters in C only the mass is known, unless F is C; the others of the four are
-    combinations of them.
-    """
-    places = np.array(PLACES[2])
-    table = TableSetting(
-        R_CF[:, 2],
-        R_CF.T,
-        found.parameters[places],
-        found.covariance[np.ix_(places, places)],
-    )
-    solution, keep = found.solution, np.arange(10) == 0
-    to_C, to_F = (eq18_to_world(R[None])[0] for R in (R_CF, R_CF.T))
-    unit = solution.unit.copy()
-    unit[1:4], unit[4:] = unit[1:4].max(), unit[4:].max()
-    hidden_directions = (to_C @ (solution.unit[:, None] * solution.unobservable.T)) / unit[:, None]
-    in_C = replace(
-        solution,
-        values=to_C @ solution.values,
-        unit=unit,
-        estimate=np.where(keep, solution.estimate, np.nan),
-        covariance=np.where(np.outer(keep, keep), solution.covariance, np.nan),
-        information=to_F.T @ solution.information @ to_F,
-        unobservable=np.linalg.qr(hidden_directions)[0].T,
-    )
-    return replace(found, solution=in_C, table=table)
 
 
 def is_held(measurements: Measurements) -> bool:

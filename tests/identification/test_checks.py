@@ -73,7 +73,7 @@ def test_a_log_read_with_much_better_sensors_names_the_noise_and_nothing_else(cr
     assert all(text in " ".join(found.failures) for text in ("angular velocity", "position"))
     assert "noise is larger than the sensors' file declares" in found.failures[0]
     said = " ".join((*found.failures, *found.warnings))
-    assert not any(word in said for word in ("most likely", "body", "lever arm", "add it to"))
+    assert not any(word in said for word in ("most likely", "body", "lever arm", "includes it"))
     assert not found.undeclared.effects
 
 

@@ -19,17 +19,10 @@ def effects_section(result: Identification) -> Section:
 
 def undeclared_section(undeclared: UndeclaredErrors) -> Section:
     """Return the section about errors that the samples show and the sensors do not declare."""
-    texts = ["The sensors' file does not declare these constants, but the samples show them."]
-    if undeclared.held_out is not None:
-        words = undeclared.held_out.describe()
-        texts.append(f"{words[0].upper()}{words[1:]}.")
-    if undeclared.is_proposed:
-        texts.append(
-            "The result includes them. To declare them, add to the file: "
-            f"{'; '.join(undeclared.declaration)}."
-        )
-    else:
-        texts.append("They are not proposed, because they do not predict the rest better.")
+    texts = [
+        "The sensors' file does not declare these constants, but the samples show them.",
+        *undeclared.verdict(),
+    ]
     gains = undeclared.alone[:SHOWN]
     rows: list[list[Cell | str]] = [[name, Cell(f"{gain:.1f}", gain)] for name, gain in gains]
     return Section(
