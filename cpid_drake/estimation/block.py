@@ -1,8 +1,4 @@
-"""Blocks: the samples of a log, cut into pieces of about a second, as they arrive.
-
-A change of the thrust kicks the arm: the accelerations of the joints change, and so does that of
-the base. A block therefore ends at such a change.
-"""
+"""Blocks: the samples of a log, cut into pieces of about a second, as they arrive."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -19,10 +15,7 @@ SHORTEST_BLOCK = 1.0
 """Length of a block [s]; longer ones if the encoders are slow."""
 
 SAMPLES_PER_BLOCK = 20
-"""Smallest number of encoder samples in a block."""
-
-SHORTEST_SHARE = 0.125
-"""Length of the shortest block that ends at a change of the thrust, as a share of others."""
+"""Smallest number of encoder samples in a block: they show how smooth the joints move."""
 
 _SLOWER = 1.2  # encoders that are slower than the suite's by this factor make longer blocks
 _STAMP = 1e-7  # rounding error of a stamp [s]
@@ -35,14 +28,12 @@ class Block:
     Attributes:
         start, end: [s].
         samples: the samples, and the thrust.
-        is_kicked: whether the thrust changes at the start.
 
     """
 
     start: float
     end: float
     samples: Measurements
-    is_kicked: bool = False
 
     @property
     def length(self) -> float:
@@ -51,8 +42,7 @@ class Block:
 
     def part(self, start: float, end: float) -> "Block":
         """Return a part of the block."""
-        is_kicked = self.is_kicked and start == self.start
-        return Block(start, end, after(self.samples, start, end), is_kicked)
+        return Block(start, end, after(self.samples, start, end))
 
 
 def after(measurements: Measurements, start: float, end: float) -> Measurements:
@@ -86,14 +76,12 @@ class BlockQueue:
         length: of a block [s].
         edge: end of the last complete block [s]; NaN before the first sample.
         waiting: samples after the edge.
-        is_kicked: whether the thrust changes at the edge.
 
     """
 
     length: float
     edge: float = np.nan
     waiting: Measurements | None = None
-    is_kicked: bool = False
 
     @classmethod
     def of(cls, suite: SensorSuite) -> "BlockQueue":
@@ -103,15 +91,7 @@ class BlockQueue:
     @property
     def next_edge(self) -> float:
         """End of the block that is not complete [s]; NaN before the first encoder sample."""
-        return self.edge + self.length + self._margin(self.waiting)
-
-    def _margin(self, waiting: Measurements | None) -> float:
-        """Return the length of the shortest block that ends at a change of the thrust [s].
-
-        It is zero without a log of thrust.
-        """
-        has_log = waiting is not None and THRUST in waiting.samples
-        return SHORTEST_SHARE * self.length if has_log else 0.0
+        return self.edge + self.length
 
     def added(self, measurements: Measurements, until: float) -> tuple["BlockQueue", list[Block]]:
         """Return the queue after adding samples, and the blocks that are complete.
@@ -128,19 +108,18 @@ class BlockQueue:
         length = self._length_for(waiting)
         if length > self.length:
             return replace(self, length=length).added(measurements, until)
-        edge, margin, is_kicked = self._first_edge(waiting), self._margin(waiting), self.is_kicked
+        edge = self._first_edge(waiting)
         blocks: list[Block] = []
-        while edge + self.length + margin + 2 * _STAMP <= until + 4 * _STAMP:
+        while edge + self.length + 2 * _STAMP <= until + 4 * _STAMP:
             # The first block contains both its first and its last sample.
             is_first = np.isnan(self.edge) and not blocks
             end = edge + self.length + (2 * _STAMP if is_first else 0.0)
-            change = _first_change(waiting, edge + margin, end + margin)
-            end = change or end + self._gap(waiting, end, until)
-            blocks.append(Block(edge, end, after(waiting, edge, end), is_kicked))
-            edge, is_kicked = end, change is not None
+            end += self._gap(waiting, end, until)
+            blocks.append(Block(edge, end, after(waiting, edge, end)))
+            edge = end
         if not blocks:
             return replace(self, waiting=waiting), []
-        return BlockQueue(self.length, edge, after(waiting, edge, np.inf), is_kicked), blocks
+        return BlockQueue(self.length, edge, after(waiting, edge, np.inf)), blocks
 
     def _gap(self, waiting: Measurements, end: float, until: float) -> float:
         """Return the time [s] by which a block without encoder samples is longer than others.
@@ -178,11 +157,7 @@ class BlockQueue:
         end = float(self.waiting.encoders.time[-1]) + _STAMP
         if end - start < 1e-3 * self.length:
             return []
-        blocks, is_kicked, margin = list[Block](), self.is_kicked, self._margin(self.waiting)
-        while change := _first_change(self.waiting, start + margin, end - margin):
-            blocks.append(Block(start, change, after(self.waiting, start, change), is_kicked))
-            start, is_kicked = change, True
-        return [*blocks, Block(start, end, after(self.waiting, start, end), is_kicked)]
+        return [Block(start, end, after(self.waiting, start, end))]
 
 
 def blocks_of(queue: BlockQueue, stream: Iterable[Measurements]) -> Iterator[Block]:
@@ -191,10 +166,3 @@ def blocks_of(queue: BlockQueue, stream: Iterable[Measurements]) -> Iterator[Blo
         queue, blocks = queue.added(chunk, chunk.last_time)
         yield from blocks
     yield from queue.finished()
-
-
-def _first_change(waiting: Measurements, start: float, end: float) -> float | None:
-    """Return the first time between two at which the thrust changes [s]; None if there is none."""
-    changes = waiting.thrust_changes
-    inside = changes[(changes > start) & (changes < end)]
-    return float(inside[0]) if len(inside) else None

@@ -102,10 +102,7 @@ def _changes(
     for log in found.logs:
         best, start, before = list[int](), 0, None
         rolled = roll(model, log, found.values)
-        for begin in range(0, len(log.blocks) - 1, TOGETHER):
-            first = begin
-            while first and rolled.models[first].motion.joints.is_kicked:
-                first -= 1
+        for first in range(0, len(log.blocks) - 1, TOGETHER):
             if first > start:
                 parts = log.part(start, first), rolled.part(start, first)
                 before = sweep(model, *parts, found.values, before=before).rows

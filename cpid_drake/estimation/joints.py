@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, JointPart
+from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.smoothness import JointSamples, Smoothness, smoothness_of
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -72,7 +72,7 @@ def joint_part(
         white = np.zeros_like(data)
         white[:, :K] = samples.whitening(Q, A @ c) @ both
         rows, target = rows_of(np.where(plain[:, None, None], white, data))
-    return JointPart(block.start, block.end, pieces, c, rows, target, block.is_kicked)
+    return JointPart(block.start, block.end, pieces, c, rows, target)
 
 
 def smoothed(parts: Sequence[JointPart]) -> list[JointPart]:
@@ -80,8 +80,6 @@ def smoothed(parts: Sequence[JointPart]) -> list[JointPart]:
     J = parts[0].coefficients.shape[1]
     carried, factors = np.zeros((J, ORDER, ORDER + 1)), []
     for part in parts:
-        if part.is_kicked:
-            carried = opened(carried)
         factors.append(triangles(joined(carried, part)))
         carried = factors[-1][:, part.size - ORDER : part.size, part.size - ORDER :]
     end = np.stack([np.linalg.lstsq(T[:, :-1], T[:, -1], rcond=1e-12)[0] for T in carried])
@@ -94,9 +92,6 @@ def smoothed(parts: Sequence[JointPart]) -> list[JointPart]:
         c = np.concatenate([np.array(inner).reshape(J, n), end], axis=1).T
         result.append(replace(part, coefficients=c))
         end = c[:ORDER].T
-        if part.is_kicked and k:
-            # Position and rate continue; the acceleration before the change is that of before.
-            end = _before_change(factors[k - 1], parts[k - 1].size, end)
     return result[::-1]
 
 
@@ -106,28 +101,6 @@ def joined(carried: NDArray[np.float64], part: JointPart) -> NDArray[np.float64]
     first = np.zeros((J, ORDER, K + 1))
     first[:, :, :ORDER], first[:, :, K] = carried[:, :, :ORDER], carried[:, :, ORDER]
     return np.concatenate([first, np.dstack([part.rows, part.target])], axis=1)
-
-
-def opened(carried: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what is known (J, ORDER, ORDER + 1) after a kick: the accelerations have changed."""
-    J = len(carried)
-    rows = np.zeros((J, ORDER + 1, ORDER + 2))
-    rows[:, 0, 0] = 1 / KICK
-    rows[:, 1:, 0], rows[:, 1:, 1:] = -carried[:, :, ORDER - 1], carried
-    return triangles(rows)[:, 1 : ORDER + 1, 1:]
-
-
-def _before_change(
-    T: NDArray[np.float64], size: int, end: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the end (J, ORDER) of a block whose next one has another acceleration."""
-    known = T[:, size - ORDER : size, size - ORDER :]
-    result = end.copy()
-    for j, rows in enumerate(known):
-        left = rows[:, -1] - rows[:, : ORDER - 1] @ end[j, : ORDER - 1] - rows[:, -2] * end[j, -1]
-        column = rows[:, ORDER - 1]
-        result[j, -1] += (column @ left) / (column @ column + KICK**-2)
-    return result
 
 
 def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:

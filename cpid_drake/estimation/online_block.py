@@ -11,8 +11,8 @@ from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.events import farthest
 from cpid_drake.estimation.fit import CLOSE, weights_of
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.joints import joined, joint_part, opened, triangles
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER, JointPart
+from cpid_drake.estimation.joints import joined, joint_part, triangles
+from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.links import Link, judged, linked, with_links
 from cpid_drake.estimation.log_state import LogState
@@ -111,11 +111,7 @@ def solved(
 
     It is linearized anew until χ² at the solution is what the last linearization predicts.
     """
-    n, gaussian, track = boundary_size(model), known.gaussian, known.track
-    if block.is_kicked:
-        track = opened(track)
-        kicked = np.arange(n - ORDER * model.joint_count, n)[ORDER - 1 :: ORDER]
-        gaussian = _changed(gaussian, kicked, np.full(len(kicked), KICK))
+    n, gaussian = boundary_size(model), known.gaussian
     walking, sigma = walking_columns(model)
     if len(walking):
         gaussian = _changed(gaussian, n + walking, sigma * np.sqrt(block.length))
@@ -125,7 +121,7 @@ def solved(
     elif is_linked:
         links = (*links, Link(block.start))
         gaussian = linked(model, gaussian, links[-1])
-    part, track = tracked(track, joint_part(block, model.suite, known.log.smoothness))
+    part, track = tracked(known.track, joint_part(block, model.suite, known.log.smoothness))
     nodes = [2 if gyro.bias_growth else 1 for gyro in model.gyros]
     bias = np.repeat(known.log.bias[0], np.array(nodes, int), axis=0)
     log = replace(known.log, blocks=(block,), joints=(part,), bias=(bias,))

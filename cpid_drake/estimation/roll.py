@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState, relate
 from cpid_drake.estimation.log_state import LogState
@@ -109,7 +108,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         if k < len(log.walks):
             still_to_come = still_to_come - log.walks[k]
     relate([part.motion for part in models])
-    for k, (part, block, joints) in enumerate(zip(models, log.blocks, log.joints, strict=True)):
+    for k, (part, block) in enumerate(zip(models, log.blocks, strict=True)):
         first = replace(state, psi=psi, bias=log.bias[k], constants=nominal[k])
         trajectory = part.motion.trajectory(first)
         trajectories.append(trajectory)
@@ -119,8 +118,6 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         )
         links += float(np.sum(part.links(first)[1] ** 2))
         state = jumped(part.motion.end(trajectory), moved)
-        if joints.is_kicked and k:
-            links += float(np.sum((kick_of(log, k) / KICK) ** 2))
         if k < len(log.walks):
             links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
         if k in log.links:
@@ -157,12 +154,6 @@ def first_bias(model: Model, log: LogState) -> NDArray[np.float64]:
     """Return the bias (G, 3) of each gyro at the start."""
     nodes = np.cumsum([0, *(2 if gyro.bias_growth else 1 for gyro in model.gyros)])
     return log.bias[0][nodes[:-1]]
-
-
-def kick_of(log: LogState, k: int) -> NDArray[np.float64]:
-    """Return the change (J,) of the joints' scaled accelerations at the start of block k."""
-    after, before = log.joints[k].coefficients, log.joints[k - 1].coefficients
-    return np.asarray(after[ORDER - 1] - before[-1])
 
 
 def jumped(state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:

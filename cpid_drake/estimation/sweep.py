@@ -20,7 +20,7 @@ from scipy.linalg import solve_triangular
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.effects import GyroBias, with_joint_changes
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
+from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory
 from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT
@@ -32,7 +32,6 @@ from cpid_drake.estimation.roll import (
     first_bias,
     first_values,
     jumped,
-    kick_of,
     walking_columns,
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
@@ -148,10 +147,6 @@ def sweep(
 
     motions = [part.motion for part in rolled.models]
     for k, trajectory in enumerate(with_joint_changes(motions, rolled.trajectories)):
-        part = rolled.models[k]
-        if part.motion.joints.is_kicked and k:
-            columns = np.arange(n - ORDER * model.joint_count, n)[ORDER - 1 :: ORDER]
-            carried = opened(columns, np.full(len(columns), KICK), kick_of(log, k), "kick")
         block, carried, rest, own = _eliminated(model, log, k, rolled, trajectory, carried)
         steps.append(block)
         rho2 += rest

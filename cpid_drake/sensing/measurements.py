@@ -129,12 +129,6 @@ class Measurements:
         return self.updated(kept | self.thrust_between(start, end))
 
     @property
-    def thrust_changes(self) -> NDArray[np.float64]:
-        """The times at which the thrust changes [s]."""
-        log = self.thrust
-        return log.time[(log.held_at(log.time, "left") != log.value).any(axis=1)]
-
-    @property
     def coasting(self) -> "Measurements":
         """The samples before thrusters fire for the first time; all samples if they never do."""
         fires = self.thrust.value.any(axis=1)

@@ -42,13 +42,10 @@ def log(seed=0, duration=6.0, rate=50.0, noise=1.0, gaps=(), rates=True):
     return Measurements(("a", "b", "c"), samples)
 
 
-def blocks_of(samples, length=1.0, kicked=()):
+def blocks_of(samples, length=1.0):
     end = float(samples.encoders.time[-1])
     edges = np.append(np.arange(-1e-7, end - 0.5 * length, length), end + 1e-7)
-    return [
-        Block(a, b, after(samples, a, b), is_kicked=k in kicked)
-        for k, (a, b) in enumerate(pairwise(edges.tolist()))
-    ]
+    return [Block(a, b, after(samples, a, b)) for a, b in pairwise(edges.tolist())]
 
 
 def evaluated(parts, times, derivative=0):
@@ -60,11 +57,9 @@ def evaluated(parts, times, derivative=0):
     return np.concatenate(values)
 
 
-@pytest.mark.parametrize("kicked", [(), (2,)])
-def test_blocks_that_follow_each_other_are_one_least_squares_problem(kicked):
-    """With positions, rates and accelerations in common; a kick changes the accelerations."""
-    samples = log(duration=4.0)
-    blocks = blocks_of(samples, kicked=kicked)
+def test_blocks_that_follow_each_other_are_one_least_squares_problem():
+    """With positions, rates and accelerations in common."""
+    blocks = blocks_of(log(duration=4.0))
     smoothness = Smoothness(3.0, np.full(3, 2.0), np.ones(3))
     parts = [joint_part(block, SUITE, smoothness) for block in blocks]
     sizes = [part.size for part in parts]
@@ -73,19 +68,13 @@ def test_blocks_that_follow_each_other_are_one_least_squares_problem(kicked):
     for j in range(3):
         A, b = [], []
         for part, start in zip(parts, first):
-            rows = np.zeros((part.size, n + len(kicked)))
+            rows = np.zeros((part.size, n))
             rows[:, start : start + part.size] = part.rows[j]
-            if part.is_kicked:  # the acceleration at the start is another one, by up to 1
-                rows[:, n] = part.rows[j][:, ORDER - 1]
             A.append(rows)
             b.append(part.target[j])
-        A += [np.eye(n + len(kicked))[n:]]
-        b += [np.zeros(len(kicked))]
         c = np.linalg.lstsq(np.vstack(A), np.concatenate(b), rcond=None)[0]
         for part, found, start in zip(parts, smoothed(parts), first):
-            expected = c[start : start + part.size].copy()
-            if part.is_kicked:
-                expected[ORDER - 1] += c[n]
+            expected = c[start : start + part.size]
             np.testing.assert_allclose(found.coefficients[:, j], expected, atol=1e-3 * SIGMA)
 
 

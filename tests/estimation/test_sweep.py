@@ -1,7 +1,6 @@
 """A sweep with its eliminations is one dense least-squares problem of all unknowns at once."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from sensing_cases import MOMENTUM, coarse_suite
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.joint_motion import KICK, ORDER
+from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.start import start_of
@@ -39,8 +38,7 @@ class Vector:
         self.bias = 3 * (sum(nodes) + 1)
         self.walks = sum(w.size for w in log.walks)
         self.jumps = 12 * len(log.links)
-        self.kicks = self.J * sum(part.is_kicked for part in log.joints)
-        self.size = self.first + self.joints + self.bias + self.walks + self.jumps + self.kicks
+        self.size = self.first + self.joints + self.bias + self.walks + self.jumps
 
     def at(self, x):
         """Return the log and the values after a change x of all unknowns."""
@@ -59,12 +57,9 @@ class Vector:
         )
         values[f"{MOMENTUM_OF_LOG}|{log.name}"] = np.concatenate([start.L, start.v_Wcm])
         c = x[at : at + self.joints].reshape(-1, self.J)
-        at, row, joints, kicked = at + self.joints, 0, [], self.size - self.kicks
+        at, row, joints = at + self.joints, 0, []
         for part in log.joints:
-            step = c[row : row + part.size].copy()
-            if part.is_kicked:  # the acceleration at the start is another one
-                step[ORDER - 1] += x[kicked : kicked + self.J]
-                kicked += self.J
+            step = c[row : row + part.size]
             joints.append(replace(part, coefficients=part.coefficients + step))
             row += part.size - ORDER
         b = x[at : at + self.bias].reshape(-1, 3)
@@ -106,10 +101,6 @@ def residuals(model, log, values):
     sigma = np.full(3 * len(walking), declared.torque_walk / declared.torque if walking else 0.0)
     parts += [w / sigma / np.sqrt(b.length) for w, b in zip(log.walks, log.blocks)]
     parts += [log.jumps[k] / s for k, s in log.links.items()]
-    for before, part in pairwise(log.joints):
-        if part.is_kicked:
-            kick = part.coefficients[ORDER - 1] - before.coefficients[-1]
-            parts.append(kick / KICK)
     parts.append(log.bias[0][0] / model.gyros[0].bias_sigma)
     for u in model.table:
         value = values[u.key(log.name)]
@@ -185,8 +176,6 @@ def problem(request, tmp_path_factory, skewed_target):
     bodies = BodyUncertainty(mass=0.01, com=0.002) if request.param == "bodies" else None
     model, samples = Model(case.craft.tree, suite, bodies), add_noise(suite, case.samples, 1)
     blocks = [case.block(a, b, samples) for a, b in ((0.999, 1.8), (1.8, 3.0))]
-    if request.param == "errors":
-        blocks[1] = replace(blocks[1], is_kicked=True)
     log = LogState.of_blocks(model, blocks)
     if request.param == "link":
         log = replace(log, links={0: JUMP}, jumps={0: 0.3 * JUMP})

@@ -18,9 +18,6 @@ ORDER = 3
 TIME_SCALE = 0.1
 """The time h that makes derivatives of different order comparable [s]."""
 
-KICK = 1.0
-"""σ of the change of a joint's scaled acceleration when thrusters switch; above 100 rad/s²."""
-
 DEGREE = 5
 """Degree of the splines."""
 
@@ -35,7 +32,6 @@ class JointPart:
         coefficients: (K, J) present values c; the first and the last `ORDER` are the scaled
             derivatives at both ends.
         rows, target: (J, K, K), (J, K) with rows c = target and unit noise: samples and jerk.
-        is_kicked: whether the thrust changes at the start, and the accelerations with it.
 
     """
 
@@ -45,7 +41,6 @@ class JointPart:
     coefficients: NDArray[np.float64]
     rows: NDArray[np.float64]
     target: NDArray[np.float64]
-    is_kicked: bool = False
 
     @property
     def size(self) -> int:
