@@ -17,6 +17,9 @@ SHORTEST_BLOCK = 1.0
 SAMPLES_PER_BLOCK = 20
 """Smallest number of encoder samples in a block: they show how smooth the joints move."""
 
+LONGEST_DELAY = 1.0
+"""Longest delay of a log of thrust [s]."""
+
 _SLOWER = 1.2  # encoders that are slower than the suite's by this factor make longer blocks
 _STAMP = 1e-7  # rounding error of a stamp [s]
 
@@ -46,11 +49,11 @@ class Block:
 
 
 def after(measurements: Measurements, start: float, end: float) -> Measurements:
-    """Return the samples with start < time ≤ end [s], and the thrust that holds at the start.
+    """Return the samples with start < time ≤ end [s], and the thrust that may act then.
 
     The stamps must increase.
     """
-    parts = measurements.thrust_between(start, end)
+    parts = measurements.thrust_between(start - LONGEST_DELAY, end + LONGEST_DELAY)
     for name, samples in measurements.samples.items():
         if name == THRUST:
             continue

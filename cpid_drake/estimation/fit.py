@@ -219,9 +219,11 @@ def prior_of(
         if unknown.walk:  # its prior is that of its first value: in the sweep
             continue
         for name in dict.fromkeys(unknown.key(log.name) for log in logs):
-            sizes[name] = unknown.size
-            R.append(1 / unknown.sigma)
-            z.append((unknown.mean - values[name]) / unknown.sigma)
+            sizes[name], sigma = unknown.size, unknown.sigma
+            if unknown.may_fail:
+                sigma = sigma * np.maximum(1.0, np.abs(values[name]) / FAR)
+            R.append(1 / sigma)
+            z.append((unknown.mean - values[name]) / sigma)
     diagonal = np.concatenate([np.empty(0), *R])
     right = np.concatenate([np.empty(0), *z])
     prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(diagonal), right]))

@@ -28,6 +28,7 @@ class LogState:
         smoothness: of the joint motion.
         start: attitude, centre of mass and momentum at the start; None before the first fit.
         bias: of each block: (nodes, 3) biases of all gyros [rad/s].
+        forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but the last: (w,) change at its end of the constants that walk.
         links: σ (12,) of a change of attitude, centre of mass, L and v at the end of some blocks.
         jumps: (12,) present value of these changes.
@@ -42,6 +43,7 @@ class LogState:
     smoothness: Smoothness
     bias: tuple[NDArray[np.float64], ...]
     walks: tuple[NDArray[np.float64], ...]
+    forces: tuple[NDArray[np.float64], ...]
     start: TrajectoryState | None = None
     links: dict[int, NDArray[np.float64]] = field(default_factory=dict)
     jumps: dict[int, NDArray[np.float64]] = field(default_factory=dict)
@@ -66,8 +68,10 @@ class LogState:
         bias = tuple(np.zeros((nodes, 3)) for _ in blocks)
         walking = sum(unknown.size for unknown in model.walking)
         walks = tuple(np.zeros(walking) for _ in blocks[1:])
-        weights: list[dict[str, NDArray[np.float64]]] = [{} for _ in blocks]
-        return cls(name, blocks, tuple(joints), smoothness, bias, walks, weights=tuple(weights))
+        forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
+        weights = tuple(dict[str, NDArray[np.float64]]() for _ in blocks)
+        parts = tuple(joints)
+        return cls(name, blocks, parts, smoothness, bias, walks, forces, weights=weights)
 
     @classmethod
     def of(
@@ -89,6 +93,7 @@ class LogState:
             blocks=self.blocks[first:end],
             joints=self.joints[first:end],
             bias=self.bias[first:end],
+            forces=self.forces[first:end],
             walks=self.walks[first : end - 1],
             weights=self.weights[first:end],
             links={k - first: s for k, s in self.links.items() if first <= k < end - 1},

@@ -124,7 +124,8 @@ def solved(
     part, track = tracked(known.track, joint_part(block, model.suite, known.log.smoothness))
     nodes = [2 if gyro.bias_growth else 1 for gyro in model.gyros]
     bias = np.repeat(known.log.bias[0], np.array(nodes, int), axis=0)
-    log = replace(known.log, blocks=(block,), joints=(part,), bias=(bias,))
+    forces = (model.no_forces(block.start, block.end),)
+    log = replace(known.log, blocks=(block,), joints=(part,), bias=(bias,), forces=forces)
     values, rolled = known.values, roll(model, log, known.values)
     here = _Boundary.at_start(model, log)
     before = replace(here, joints=known.log.joints[0].coefficients[-ORDER:])

@@ -109,7 +109,9 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             still_to_come = still_to_come - log.walks[k]
     relate([part.motion for part in models])
     for k, (part, block) in enumerate(zip(models, log.blocks, strict=True)):
-        first = replace(state, psi=psi, bias=log.bias[k], constants=nominal[k])
+        first = replace(
+            state, psi=psi, bias=log.bias[k], constants=nominal[k], forces=log.forces[k]
+        )
         trajectory = part.motion.trajectory(first)
         trajectories.append(trajectory)
         bent, moved = part.bent(trajectory)

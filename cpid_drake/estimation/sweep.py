@@ -24,6 +24,7 @@ from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory
 from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT
+from cpid_drake.estimation.likelihood.white_effects import White
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import (
     Rolled,
@@ -203,7 +204,8 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
     n, tail = boundary_size(model), swept.boundary
     x = solve_triangular(tail[:, :n], tail[:, -1] - tail[:, n:-1] @ g)
     x = np.concatenate([x, g])
-    bias, joints, walks, jumps = list(log.bias), list(log.joints), list(log.walks), {**log.jumps}
+    bias, forces, joints = list(log.bias), list(log.forces), list(log.joints)
+    walks, jumps = list(log.walks), {**log.jumps}
     k = len(log.blocks)
     for each in reversed(swept.steps):
         if isinstance(each, _Change):
@@ -216,10 +218,12 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
             continue
         k -= 1
         s = each.solved(x)
-        part, bias[k] = each.model, bias[k].copy()
+        part, bias[k], forces[k] = each.model, bias[k].copy(), forces[k].copy()
         for effect in part.effects:
             if isinstance(effect, GyroBias):
                 bias[k][effect.rows] += s[part.columns[effect.name]].reshape(-1, 3)
+            elif isinstance(effect, White):
+                forces[k][effect.force.rows] += s[part.columns[effect.name]]
         joints[k] = joints[k].moved(s[part.columns["joints"]])
         x[:n] = s[part.at_start[:n]]
     assert log.start is not None
@@ -227,6 +231,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
         log,
         start=jumped(log.start, x[:12]),
         bias=tuple(bias),
+        forces=tuple(forces),
         joints=tuple(joints),
         walks=tuple(walks),
         jumps=jumps,

@@ -18,7 +18,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import KNOWN
-from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
+from cpid_drake.estimation.likelihood.constants import OF_GRASP, VALVE_FORCE, Constants
 from cpid_drake.estimation.likelihood.priors import (
     FASTEST_DRIFT,
     FASTEST_TUMBLE,
@@ -26,6 +26,7 @@ from cpid_drake.estimation.likelihood.priors import (
     plausible_sizes,
     psi_scale,
 )
+from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.sensing.sensors import Gyro
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -49,6 +50,8 @@ class Unknown:
         sigma: (size,) σ before the first sample.
         scope: what has it.
         walk: σ of its change after 1 s, as a share of `sigma`; the prior is of the first value.
+        may_fail: whether it may be far from its mean, so that its prior has a heavy tail: it weighs
+            as a sample that is as far off.
 
     """
 
@@ -58,6 +61,7 @@ class Unknown:
     sigma: NDArray[np.float64]
     scope: Scope
     walk: float = 0.0
+    may_fail: bool = False
 
     def key(self, log: str) -> str:
         """Return the name of this unknown of a log, among those of all logs."""
@@ -110,7 +114,8 @@ class Model:
             zero, one = np.zeros(error.size), np.ones(error.size)
             walk = error.walk / error.sigma
             scope: Scope = "hardware" if has else "log"
-            table.append(Unknown(error.name, error.size, zero, one, scope, walk))
+            fails = error.kind == VALVE_FORCE
+            table.append(Unknown(error.name, error.size, zero, one, scope, walk, fails))
         mean = plausible_psi(mass, inertia)
         table.append(Unknown(PSI, 10, mean, WIDE * self.plausible, "target"))
         if self.known_bodies is not None:
@@ -137,6 +142,12 @@ class Model:
     def unknown(self, name: str) -> Unknown:
         """Return the unknown of this name."""
         return next(unknown for unknown in self.table if unknown.name == name)
+
+    def no_forces(self, start: float, end: float) -> NDArray[np.float64]:
+        """Return white forces (K,) of zero in a block from start to end [s]."""
+        is_planar = self.tree.normal_B is not None
+        forces = white_forces(self.suite.disturbances, start, end, is_planar)
+        return np.zeros(sum(force.size for force in forces))
 
     @property
     def joint_count(self) -> int:

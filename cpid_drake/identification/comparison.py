@@ -91,11 +91,12 @@ def with_plausible(sensors: SensorSuite, *, has_thrust: bool = False) -> SensorS
             own = {}
         setattr(result, name, replace(errors, **own))
     old = sensors.disturbances or Disturbances()
+    has_wrench = has_thrust and sensors.thrusters is None
     result.disturbances = replace(
         old,
         acceleration=old.acceleration or ACCELERATION,
         torque=old.torque or TORQUE,
-        thrust_scale=old.thrust_scale or (THRUST_SCALE if has_thrust else 0.0),
+        thrust_scale=old.thrust_scale or (THRUST_SCALE if has_wrench else 0.0),
     )
     return result
 
@@ -170,7 +171,7 @@ def larger_than_declared(
 
     Before the first sample the errors m, in units of their σ, have the covariance 1, after the last
     one V. The estimate of m therefore has the covariance 1 − V. Combinations that the samples do
-    not determine well, and errors that walk, are left out.
+    not determine well, errors that walk, and what may fail are left out.
 
     Args:
         model: the unknowns.
@@ -181,7 +182,8 @@ def larger_than_declared(
 
     """
     errors = model.constants.errors
-    steady = {name for name, error in errors.items() if not error.walk}
+    table = {unknown.name: unknown for unknown in model.table}
+    steady = {name for name in errors if not (table[name].walk or table[name].may_fail)}
     names = [name for name in gaussian.places if name.partition("|")[0] in steady]
     both = gaussian.marginal(names)
     m = np.concatenate([np.empty(0), *(values[name] for name in names)]) + both.solve()

@@ -25,6 +25,9 @@ class Disturbances:
     Attributes:
         acceleration: σ of each coordinate of a constant acceleration [m/s²].
         torque: σ of each coordinate of a constant torque [N·m].
+        acceleration_noise: white acceleration, as of an air-bearing floor: the velocity changes in
+            a time t by this value times √t [m/s²/√Hz].
+        torque_noise: white torque: the angular momentum changes likewise [N·m/√Hz].
         acceleration_walk: random walk of the acceleration: it changes in a time t by this value
             times √t [m/s²/√s].
         torque_walk: random walk of the torque [N·m/√s].
@@ -42,6 +45,8 @@ class Disturbances:
 
     acceleration: Size = 0.0
     torque: Size = 0.0
+    acceleration_noise: Size = 0.0
+    torque_noise: Size = 0.0
     acceleration_walk: Size = 0.0
     torque_walk: Size = 0.0
     thrust_scale: Size = 0.0
@@ -51,7 +56,7 @@ class Disturbances:
 
 
 WALK_PERIOD = 0.5
-"""Simulated random walks change in steps of this period [s]."""
+"""Simulated random walks and white forces change in steps of this period [s]."""
 
 
 class SimulatedDisturbance:
@@ -81,6 +86,7 @@ class SimulatedDisturbance:
         size = disturbances or Disturbances()
         self._seed = int(seed)
         self._walk = np.repeat([size.torque_walk, size.acceleration_walk], 3)
+        self._noise = np.repeat([size.torque_noise, size.acceleration_noise], 3)
         self._constant = np.repeat([size.torque, size.acceleration], 3) * self._normal(0, 1)[0]
         for part, given in ((slice(0, 3), torque_W), (slice(3, 6), acceleration_W)):
             if given is not None:
@@ -96,7 +102,7 @@ class SimulatedDisturbance:
     @property
     def walks(self) -> bool:
         """Whether torque or acceleration change with time."""
-        return bool(self._walk.any())
+        return bool(self._walk.any() or self._noise.any())
 
     def piece(self, number: int) -> NDArray[np.float64]:
         """Return [torque; acceleration] (6,) from number * `WALK_PERIOD` to the next multiple.
@@ -107,9 +113,11 @@ class SimulatedDisturbance:
         if not self.walks:
             return self._constant
         if number >= len(self._pieces):
-            steps = self._walk * np.sqrt(WALK_PERIOD) * self._normal(1, max(64, 2 * number))
+            count = max(64, 2 * number)
+            steps = self._walk * np.sqrt(WALK_PERIOD) * self._normal(1, count)
             walk = np.cumsum(steps, axis=0)
             self._pieces = self._constant + np.vstack([np.zeros(6), walk])
+            self._pieces += self._noise / np.sqrt(WALK_PERIOD) * self._normal(3, count + 1)
         return self._pieces[number]
 
     def at(self, time: float) -> NDArray[np.float64]:
@@ -122,5 +130,5 @@ class SimulatedDisturbance:
         return (float(k * WALK_PERIOD) for k in np.arange(first, last) if self.walks)
 
     def _normal(self, kind: int, count: int) -> NDArray[np.float64]:
-        """Return (count, 6) numbers of a stream: constant values (0), walks (1) or scale (2)."""
+        """Return (count, 6) numbers: constant values (0), walks (1), scale (2) or noise (3)."""
         return random_stream(self._seed, 0, 0, kind).standard_normal((count, 6))

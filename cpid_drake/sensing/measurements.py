@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.sensing.sensors import SENSORS, Gyro, SensorErrors, VectorSensor
 from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensing.thrusters import VALVE
 
 LONGEST_STEP = 0.02
 """Longest step between the instants at which the mean of an integrating gyro is computed [s]."""
@@ -65,7 +66,8 @@ class Measurements:
 
     Args:
         joint_names: the joints, in the order of columns of joint sensors.
-        samples: the samples, by the sensors' names in `SENSORS`, and by `THRUST`.
+        samples: the samples, by the sensors' names in `SENSORS`, by `THRUST`, and of each valve by
+            `VALVE` and its name.
         named: samples by sensor, as keywords; they replace those in `samples`.
 
     """
@@ -81,7 +83,8 @@ class Measurements:
     ) -> None:
         object.__setattr__(self, "joint_names", tuple(joint_names))
         object.__setattr__(self, "samples", {**(samples or {}), **named})
-        unknown = [name for name in self.samples if name not in SENSORS and name != THRUST]
+        others = (name for name in self.samples if name not in SENSORS and name != THRUST)
+        unknown = [name for name in others if not name.startswith(VALVE)]
         if unknown:
             raise TypeError(f"no sensor '{unknown[0]}'; the sensors are {', '.join(SENSORS)}")
 
@@ -104,8 +107,8 @@ class Measurements:
     def thrust(self) -> Samples:
         """The log of thrust: [τ; f] (N, 6), each of which holds from its time to the next.
 
-        The torque about B's origin [N·m] and the force [N] on the base, both in B. There is no
-        thrust before the first sample.
+        The torque about B's origin [N·m] and the force [N] on the base, both in B; if the suite has
+        thrusters, the openings (N, V) of the valves. There is no thrust before the first sample.
         """
         return self[THRUST]
 
@@ -113,6 +116,15 @@ class Measurements:
     def has_thrust(self) -> bool:
         """Whether a log of thrust says that thrusters fired."""
         return bool(self.thrust.value.any())
+
+    @property
+    def valves(self) -> dict[str, Samples]:
+        """The logged openings (N, 1) of each valve, by its name."""
+        return {
+            name.removeprefix(VALVE): samples
+            for name, samples in self.samples.items()
+            if name.startswith(VALVE)
+        }
 
     @property
     def last_time(self) -> float:

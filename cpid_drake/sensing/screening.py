@@ -24,6 +24,7 @@ from cpid_drake.sensing.sensors import (
 from cpid_drake.sensing.spikes import find_spikes
 from cpid_drake.sensing.stamps import usable_stamps
 from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensing.thrusters import VALVE
 
 __all__ = ["Screened", "ScreeningLimits", "ScreeningMemory", "as_arrays", "screen"]
 
@@ -69,13 +70,50 @@ def as_arrays(measurements: Measurements) -> Measurements:
     return measurements.updated(samples)
 
 
-def usable_thrust(measurements: Measurements) -> Measurements:
+def with_valves(measurements: Measurements, suite: SensorSuite | None) -> Measurements:
+    """Return measurements in which the openings of all valves (N, V) are the log of thrust.
+
+    Without thrusters in the suite, the log is as it is.
+
+    Raises:
+        InputError: the valves of the log are not those of the suite, a time or an opening is not
+            possible, or the log has force and torque, too.
+
+    """
+    valves, thrusters = measurements.valves, suite and suite.thrusters
+    if not valves or thrusters is None:
+        return measurements
+    missing, unknown = thrusters.valves.keys() - valves, valves.keys() - thrusters.valves
+    if missing:
+        raise InputError(f"the log has no column '{VALVE}{min(missing)}' of a valve of the sensors")
+    if unknown:
+        raise InputError(
+            f"the sensors' thrusters have no valve '{min(unknown)}', which the log has: describe "
+            "it, or leave out its column"
+        )
+    if THRUST in measurements.samples:
+        raise InputError("the log has both valves and the force of all thrusters: keep one of them")
+    for name, samples in valves.items():
+        time, value = np.asarray(samples.time, float), np.asarray(samples.value, float)
+        if not (np.isfinite(time).all() and (np.diff(time) > 0).all() and (value >= 0).all()):
+            raise InputError(
+                f"'{VALVE}{name}': times must increase, and openings must be numbers from 0"
+            )
+    time = np.unique(np.concatenate([samples.time for samples in valves.values()]))
+    openings = np.hstack([valves[name].held_at(time) for name in thrusters.valves])
+    changes = np.append(True, (openings[1:] != openings[:-1]).any(axis=1))
+    samples = {n: s for n, s in measurements.samples.items() if not n.startswith(VALVE)}
+    samples[THRUST] = Samples(time[changes], openings[changes])
+    return Measurements(measurements.joint_names, samples)
+
+
+def usable_thrust(measurements: Measurements, suite: SensorSuite | None = None) -> Measurements:
     """Return measurements whose samples of thrust have increasing times.
 
     A sample of the same time and value as the one before is left out.
 
     Raises:
-        InputError: samples of thrust are not finite numbers, have no six entries, or are not in the
+        InputError: samples of thrust are not finite numbers, or are not in the
             order of time. Without such a sample, a wrong thrust would hold on.
 
     """
@@ -86,9 +124,10 @@ def usable_thrust(measurements: Measurements) -> Measurements:
         time, value = np.asarray(log.time, float), np.asarray(log.value, float)
     except (TypeError, ValueError) as error:
         raise InputError(f"measurements: '{THRUST}' is not made of numbers: {error}") from error
-    if time.ndim != 1 or value.shape != (time.size, 6):
+    width = len(suite.thrusters.valves) if suite and suite.thrusters else 6
+    if time.ndim != 1 or value.shape != (time.size, width):
         raise InputError(
-            f"measurements: '{THRUST}' needs times (N,) and values (N, 6), torque and force, "
+            f"measurements: '{THRUST}' needs times (N,) and values (N, {width}), "
             f"not {time.shape} and {value.shape}"
         )
     usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
@@ -144,12 +183,12 @@ def screen(
         limits: limits of screening.
 
     Raises:
-        InputError: for the same reasons as `as_arrays` and `usable_thrust`.
+        InputError: for the same reasons as `as_arrays`, `with_valves` and `usable_thrust`.
 
     """
     memory = memory or ScreeningMemory()
     present = suite.present() if suite else {}
-    given = as_arrays(usable_thrust(measurements))
+    given = as_arrays(usable_thrust(with_valves(measurements, suite), suite))
     readable = {name: _readable(name, s, name in present, limits) for name, s in given.items()}
     stamps = {name: samples.time for name, samples in readable.items()}
     indices, unconfirmed = usable_stamps(stamps, memory, limits)

@@ -21,6 +21,7 @@ from cpid_drake.sensing.sensors import (
     SensorErrors,
     VectorSensor,
 )
+from cpid_drake.sensing.thrusters import Thrusters
 
 NUMERICAL_SIGMA = 1e-8
 """Smallest σ that estimators assume for a sensor, due to rounding [rad, m, rad/s, m/s]."""
@@ -41,6 +42,7 @@ class SensorSuite:
             Euler angles); None for no rounding.
         digits: former name of `decimals`, which files may still use.
         disturbances: external forces and torques that act while the sensors measure; None without.
+        thrusters: the valves that the log has columns of; None without.
 
     """
 
@@ -54,6 +56,7 @@ class SensorSuite:
     decimals: Decimals | None = None
     digits: Decimals | None = None
     disturbances: Disturbances | None = None
+    thrusters: Thrusters | None = None
 
     def __getitem__(self, name: str) -> SensorErrors:
         """Return the errors of a sensor that is present.
@@ -164,6 +167,9 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
             f"{where}: joint_rates.delay_ms must be 0: their stamps belong to the clock of the "
             "encoders; give encoders.delay_ms"
         )
+    if suite.thrusters is not None:
+        with prefix_errors(f"{where}: thrusters"):
+            suite.thrusters.check()
     if suite.disturbances is not None and suite.disturbances.orbit is not None:
         with prefix_errors(f"{where}: disturbances.orbit"):
             suite.disturbances.orbit.check()

@@ -38,7 +38,9 @@ class Vector:
         self.bias = 3 * (sum(nodes) + 1)
         self.walks = sum(w.size for w in log.walks)
         self.jumps = 12 * len(log.links)
+        self.forces = sum(f.size for f in log.forces)
         self.size = self.first + self.joints + self.bias + self.walks + self.jumps
+        self.size += self.forces
 
     def at(self, x):
         """Return the log and the values after a change x of all unknowns."""
@@ -72,8 +74,12 @@ class Vector:
         jumps = {
             k: u + x[at + 12 * i : at + 12 * i + 12] for i, (k, u) in enumerate(log.jumps.items())
         }
+        ends = np.cumsum([f.size for f in log.forces])[:-1]
+        steps = np.split(x[self.size - self.forces :], ends)
+        forces = tuple(f + s for f, s in zip(log.forces, steps))
         return replace(
             log,
+            forces=forces,
             start=start,
             joints=tuple(joints),
             bias=tuple(bias),
@@ -162,12 +168,20 @@ SUITES = {
             translational_compliance_um=10.0,
         ),
     ),
+    "white": coarse_suite(
+        gyro=Gyro(20.0, 0.005, 1.0, 5.0),
+        disturbances=Disturbances(acceleration_noise=1e-3, torque_noise=1e-2),
+    ),
 }
 
 
 @pytest.fixture(
     scope="module",
-    params=["errors", *(pytest.param(each, marks=pytest.mark.slow) for each in ("bodies", "link"))],
+    params=[
+        "errors",
+        "thrust",
+        *(pytest.param(each, marks=pytest.mark.slow) for each in ("bodies", "link")),
+    ],
 )
 def problem(request, tmp_path_factory, skewed_target):
     """A turned base: two blocks of 0.8 s and 1.2 s, at values that are not the best ones."""
@@ -187,7 +201,8 @@ def problem(request, tmp_path_factory, skewed_target):
         if u.name not in (PSI, MOMENTUM_OF_LOG):
             values[u.key(log.name)] = values[u.key(log.name)] + 0.3 * rng.normal(size=u.size)
     walks = tuple(0.01 * rng.normal(size=w.shape) for w in log.walks)
-    return model, replace(log, walks=walks), values
+    forces = tuple(0.3 * rng.normal(size=f.shape) for f in log.forces)
+    return model, replace(log, walks=walks, forces=forces), values
 
 
 def test_a_sweep_is_one_dense_problem(problem):

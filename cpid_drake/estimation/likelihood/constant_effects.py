@@ -10,7 +10,7 @@ import numpy as np
 
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
-from cpid_drake.estimation.likelihood.constants import COMPLIANCE, STRETCH, THRUST_SCALE
+from cpid_drake.estimation.likelihood.constants import COMPLIANCE, OF_THRUST, STRETCH
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
     MotionChange,
@@ -39,7 +39,9 @@ class Constant(Effect):
 
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""
-        if self.kind in _WRITE:
+        if self.kind in OF_THRUST:
+            change.thrust[self._motion.constants.of_thrust.index(self.name)] = self._sigma
+        elif self.kind in _WRITE:
             _WRITE[self.kind](self._motion, trajectory, self._sigma, change)
 
 
@@ -56,13 +58,6 @@ def _torque(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mo
     change.w[:] = sigma * elapsed * (trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2))
 
 
-def _thrust_scale(
-    motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
-) -> None:
-    """Write that of the scale of logged thrust."""
-    change.thrust[:] = sigma
-
-
 def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
     """Write that of the joints' zeros: the measured positions are the true ones plus these."""
     by_q, _ = joint_changes(motion, trajectory)
@@ -73,7 +68,6 @@ def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mot
 _WRITE: dict[str, Write] = {
     "acceleration": _acceleration,
     "torque": _torque,
-    THRUST_SCALE: _thrust_scale,
     COMPLIANCE: write_turns,
     STRETCH: write_shifts,
     "zero": _zeros,

@@ -15,6 +15,15 @@ from cpid_drake.sensing.suite import SensorSuite
 THRUST_SCALE = "thrust_scale"
 """Name of the error of the scale of logged thrust, common to all its components."""
 
+THRUSTERS = "thrusters"
+"""Name before the errors that all valves have in common."""
+
+VALVE_FORCE, VALVE_LOSS, VALVE_DELAY = "force", "loss", "valve_delay"
+"""Kinds of errors of thrusters with valves; see `cpid_drake.sensing.thrusters`."""
+
+OF_THRUST = (THRUST_SCALE, VALVE_FORCE, VALVE_LOSS, VALVE_DELAY)
+"""Kinds that change the thrust."""
+
 COMPLIANCE = "compliance"
 """Name of the compliance of the grasp about the axes of C."""
 
@@ -71,7 +80,7 @@ _KINDS = {
 
 def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError, ...]:
     """Return the constant errors with σ > 0 of a suite, for a spacecraft with so many joints."""
-    found = _of_forces(suite)
+    found = [*_of_forces(suite), *_of_valves(suite)]
     for sensor, errors in suite.present().items():
         for kind, (field, size, unit, scale) in _KINDS.items():
             name, sigma = f"{sensor}.{kind}", scale * getattr(errors, field, 0.0)
@@ -89,6 +98,21 @@ def _of_forces(suite: SensorSuite) -> list[ConstantError]:
         ConstantError(THRUST_SCALE, 1, size.thrust_scale, "%", 0.01),
         ConstantError(COMPLIANCE, 3, 1e-6 * size.compliance_urad, "µrad/(N·m)", 1e-6),
         ConstantError(STRETCH, 3, 1e-6 * size.translational_compliance_um, "µm/N", 1e-6),
+    ]
+
+
+def _of_valves(suite: SensorSuite) -> list[ConstantError]:
+    thrusters = suite.thrusters
+    if thrusters is None:
+        return []
+    delay = f"{THRUSTERS}.{VALVE_DELAY}"
+    return [
+        *(
+            ConstantError(f"{name}.{VALVE_FORCE}", 1, valve.force_sigma / valve.force, "%", 0.01)
+            for name, valve in thrusters.valves.items()
+        ),
+        ConstantError(f"{THRUSTERS}.{VALVE_LOSS}", 1, thrusters.loss, "%", 0.01),
+        ConstantError(delay, 1, 1e-3 * thrusters.delay_ms, "ms", 1e-3),
     ]
 
 
@@ -126,6 +150,11 @@ class Constants:
         zeros = [e for e in self.errors.values() if e.kind == "zero"]
         values = (error.sigma * constants[self._places[error.name]] for error in zeros)
         return sum(values, start=np.zeros(1))
+
+    @property
+    def of_thrust(self) -> list[str]:
+        """Names of the errors that change the thrust, of one entry each."""
+        return [error.name for error in self.errors.values() if error.kind in OF_THRUST]
 
     def place(self, name: str) -> slice:
         """Return the place of an error in the vector."""

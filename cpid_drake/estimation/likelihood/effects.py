@@ -46,9 +46,9 @@ class MotionChange:
         v_Wcm: (3, n) change of its velocity at the start, in W.
         a_Wcm: (3, n) change of its acceleration, in W.
         inverse_mass: (n,) change of the inverse 1/m of the system's mass [1/kg].
-        thrust: (n,) change of the scale of logged thrust.
-        position, velocity: (U, 3, n) change of position and velocity of the centre of mass because
-            all this changes the effect of logged thrust, in W; None without thrust.
+        thrust: (P, n) change of the errors of the thrust, in the order of `Constants.of_thrust`.
+        position, velocity: (U, 3, n) change of place and velocity of the centre of mass by thrust
+            and white forces, in W; None without them.
 
     """
 
@@ -65,9 +65,10 @@ class MotionChange:
     velocity: NDArray[np.float64] | None = None
 
     @classmethod
-    def zeros(cls, instants: int, n: int) -> "MotionChange":
-        """Return no change by n quantities."""
-        return cls(*np.zeros((3, instants, 3, n)), *np.zeros((4, 3, n)), *np.zeros((2, n)))
+    def zeros(cls, instants: int, n: int, of_thrust: int = 0) -> "MotionChange":
+        """Return no change by n quantities, with so many errors of the thrust."""
+        rest = np.zeros(n), np.zeros((of_thrust, n))
+        return cls(*np.zeros((3, instants, 3, n)), *np.zeros((4, 3, n)), *rest)
 
     def columns(self, part: slice) -> "MotionChange":
         """Return views of some columns."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.plane import HELD, NORMAL_W
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.constant_effects import Constant
 from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
 from cpid_drake.estimation.likelihood.effects import (
@@ -26,6 +27,8 @@ from cpid_drake.estimation.likelihood.effects import (
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.sensors import SensorModel, model_classes
+from cpid_drake.estimation.likelihood.white_effects import White, WhiteReading
+from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import Gyro
 from cpid_drake.sensing.suite import SensorSuite
@@ -45,8 +48,8 @@ class BlockModel:
         known_bodies: uncertainty of the known bodies; None if they are exact.
         step: longest step of the grid [s].
         constants: the constant errors; default: those of the suite.
-        nominal: (k,) values of the constant errors about which joint zeros are linear, in units of
-            their σ; default: zero.
+        nominal: (k,) values of the constant errors about which joint zeros and thrust are linear,
+            in units of their σ; default: zero.
         errors: (c,) errors of the known bodies that the tree already has, in units of their σ;
             default: zero.
 
@@ -74,11 +77,17 @@ class BlockModel:
         classes = {n: model for n, model in model_classes(measurements).items() if n in present}
         constants = constants or Constants.of(suite, joints.coefficients.shape[1])
         needed = [measurements[name].time for name, model in classes.items() if model.at_instants]
-        times, thrust = np.concatenate([np.empty(0), *needed]), measurements.thrust
-        zeros = constants.joint_zeros(np.zeros(constants.size) if nominal is None else nominal)
-        self.motion = BaseMotion(tree, joints, times, step, constants, suite.orbit, thrust, zeros)
+        times = np.concatenate([np.empty(0), *needed])
+        nominal = np.zeros(constants.size) if nominal is None else nominal
+        thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
+        zeros = constants.joint_zeros(nominal)
+        is_planar = tree.normal_B is not None
+        white = white_forces(suite.disturbances, joints.start, joints.end, is_planar)
+        self.motion = BaseMotion(
+            tree, joints, times, step, constants, suite.orbit, thrust, zeros, white
+        )
         biases = gyro_biases(suite, joints.start, joints.end)
-        self.sensors: dict[str, SensorModel] = {}
+        self.sensors: dict[str, SensorModel | WhiteReading] = {}
         first = len(self.motion.nodes)
         for name, model in classes.items():
             count = len(measurements[name]) if model.at_instants else 0
@@ -86,8 +95,10 @@ class BlockModel:
             samples, bias = measurements[name], biases.get(name)
             self.sensors[name] = model(name, samples, suite, self.motion, at, bias)
             first += count
+        self.sensors |= {force.name: WhiteReading(force) for force in white}
         joint_errors, target = JointErrors(self.motion), Target(self.motion)
         self.effects: list[Effect] = [Start(), Momentum(), *biases.values(), joint_errors]
+        self.effects += [White(self.motion, force) for force in white]
         self.effects += [*(Constant(self.motion, name) for name in constants.errors), target]
         self._everything = list(self.effects)
         if known_bodies is not None:
@@ -139,6 +150,12 @@ class BlockModel:
         if "acceleration" in errors:
             a, sigma = self.columns["acceleration"], errors["acceleration"].sigma
             result += [(a, p, sigma * elapsed**2 / 2 * one), (a, v, sigma * elapsed * one)]
+        to = {"p": p, "v": v, "L": L}
+        result += [
+            (self.columns[force.name], to[name], by)
+            for force in motion.white
+            for name, by in force.transitions().items()
+        ]
         if "torque" in errors:
             result.append((self.columns["torque"], L, errors["torque"].sigma * elapsed * one))
         return result
@@ -152,7 +169,7 @@ class BlockModel:
         known bodies included.
         """
         n, constants = self._width, self.motion.constants
-        change = MotionChange.zeros(len(self.motion.instants.times), n)
+        change = self._no_change(n)
         for effect in self._everything:
             effect.change_motion(trajectory, change.columns(self.columns[effect.name]))
         readings, last = self._response(trajectory, change)
@@ -185,10 +202,10 @@ class BlockModel:
         readings, end = dict[str, NDArray[np.float64]](), np.zeros(12)
         if not flexible:
             return readings, end
-        times, constants = self.motion.instants.times, self.motion.constants
-        change = MotionChange.zeros(len(times), 1)
+        constants = self.motion.constants
+        change = self._no_change(1)
         for effect in flexible:
-            each = MotionChange.zeros(len(times), effect.size)
+            each = self._no_change(effect.size)
             effect.change_motion(trajectory, each)
             value = trajectory.state.constants[constants.place(effect.name)]
             for name in ("w", "com", "com_rate"):
@@ -199,6 +216,15 @@ class BlockModel:
             last[:3] *= NORMAL_W[:, None]
         end[: len(last)] = last[:, 0]
         return readings, end[np.r_[0:3, 6:9, 3:6, 9:12]]
+
+    def _no_change(self, n: int) -> MotionChange:
+        motion = self.motion
+        instants, of_thrust = len(motion.times), len(motion.constants.of_thrust)
+        change = MotionChange.zeros(instants, n, of_thrust)
+        if not motion.white:
+            return change
+        position, velocity = np.zeros((2, instants, 3, n))
+        return replace(change, position=position, velocity=velocity)
 
     def _response(
         self, trajectory: Trajectory, change: MotionChange
@@ -230,10 +256,7 @@ class BlockModel:
         thrust, state, N = self.motion.thrust, trajectory.state, len(self.motion.nodes)
         if thrust is None:
             return None
-        scale = self.motion.scale(state)
-        by = thrust.momentum_change(
-            trajectory.R[:N], state.psi, scale, change.com[:N], change.thrust
-        )
+        by = thrust.momentum_change(trajectory.R[:N], state.psi, change.com[:N], change.thrust)
         change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by
         return by
 
@@ -246,12 +269,14 @@ class BlockModel:
         travel, rows = thrust.travel_change(
             trajectory.R[:N],
             state.psi,
-            self.motion.scale(state),
             xi,
             change.inverse_mass,
             change.thrust,
         )
-        return replace(change, position=travel[:, :3], velocity=travel[:, 3:]), rows
+        position, velocity = travel[:, :3], travel[:, 3:]
+        if change.position is not None and change.velocity is not None:
+            position, velocity = position + change.position, velocity + change.velocity
+        return replace(change, position=position, velocity=velocity), rows
 
     def _in_plane(
         self, rows: NDArray[np.float64], turn: NDArray[np.float64]

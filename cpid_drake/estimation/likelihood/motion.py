@@ -20,17 +20,20 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
+from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.likelihood.actuators import ThrustLog
 from cpid_drake.estimation.likelihood.attitude_steps import (
     integrated_attitude,
     step_angles,
     step_changes,
 )
-from cpid_drake.estimation.likelihood.constants import THRUST_SCALE, Constants
+from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, block_thrust
 from cpid_drake.estimation.likelihood.uniform_spline import (
@@ -38,7 +41,11 @@ from cpid_drake.estimation.likelihood.uniform_spline import (
     spline_weights,
     step_integrals,
 )
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.estimation.likelihood.white_force import (
+    ACCELERATION_NOISE,
+    TORQUE_NOISE,
+    WhiteForce,
+)
 
 TOGETHER = 32
 """So many blocks have their kinematics computed in one call."""
@@ -62,6 +69,7 @@ class TrajectoryState:
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         bias: (K, 3) biases of the gyros at the nodes of all gyros, gyro after gyro [rad/s].
         constants: (k,) constant errors in units of their σ; see `constants.Constants`.
+        forces: (K,) entries of white forces in units of their σ; see `white_force`.
 
     """
 
@@ -72,6 +80,7 @@ class TrajectoryState:
     L: NDArray[np.float64]
     bias: NDArray[np.float64]
     constants: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    forces: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +140,9 @@ class BaseMotion:
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
         constants: the constant errors, external forces among them; default: none.
         orbit: the orbit of W's origin, with its gravity gradient; default: none.
-        thrust: the log of thrust, whose samples (K, 6) hold until the next; default: none.
+        thrust: the log of thrust; default: none.
         zeros: (J,) by how much the joint motion is too large [rad or m]; default: nothing.
+        white: white forces, whose entries are in the state; default: none.
 
     Attributes:
         nodes: (N,) times of the grid [s].
@@ -148,9 +158,11 @@ class BaseMotion:
         step: float,
         constants: Constants | None = None,
         orbit: Orbit | None = None,
-        thrust: Samples | None = None,
+        thrust: ThrustLog | None = None,
         zeros: NDArray[np.float64] | None = None,
+        white: Sequence[WhiteForce] = (),
     ) -> None:
+        self.white = white
         self.tree, self.joints, self.orbit = tree, joints, orbit
         self.zeros = np.zeros(1) if zeros is None else zeros
         self.constants = constants or Constants()
@@ -176,8 +188,24 @@ class BaseMotion:
         """The thrust between the first and the last node; None if there is none."""
         if self._log is None:
             return None
-        grid, weights = self.grid.dynamics, self.interpolation
-        return block_thrust(self._log, self.nodes, self.times, grid, weights, self.orbit)
+        return block_thrust(
+            self._log,
+            self.nodes,
+            self.times,
+            self.grid.dynamics,
+            self.interpolation,
+            self.capture_pose,
+            self.orbit,
+        )
+
+    def capture_pose(
+        self, times: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return R_BC (M, 3, 3) and p_BC (M, 3) of the capture frame at times (M,)."""
+        q, qdot = np.moveaxis(self.joint_motion(times), 1, 0)
+        still = np.zeros((len(times), 3))
+        capture = propagate(self.tree, Telemetry.seen_from_base(q, qdot, still, still))[1]
+        return capture.R_WC, capture.p_WC
 
     def joint_motion(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return true positions and rates (M, 2, J) of the joints at times (M,) [s]."""
@@ -201,6 +229,9 @@ class BaseMotion:
         L, torque = state.L, self.constants.value(state.constants, "torque")
         if torque is not None:
             L = L + torque * (self.times - self.joints.start)[:, None]
+        for force in self.white:
+            if force.name == TORQUE_NOISE:
+                L = L + force.impulse(self.times) @ state.forces[force.rows]
         at_nodes = L if L.ndim == 1 else L[:N]
         J = None if self.orbit is None else self.grid.dynamics.inertia(state.psi)
         added, pushed = np.zeros(3), None
@@ -213,18 +244,18 @@ class BaseMotion:
             total = at_nodes + added
             if self.thrust is not None:
                 everywhere = np.broadcast_to(R, (N, 3, 3))
-                pushed = self.thrust.momentum(everywhere, state.psi, self.scale(state))
+                pushed = self.thrust.momentum(everywhere, state.psi)
                 total = total + pushed[:N]
             w = rotate(inverse[:N], _in_base(total, R) - h[:N])
             spline = UniformSpline(self.nodes[0], step, w)
             if self.thrust is not None:
-                spline = self.thrust.spline(w, inverse[:N], state.psi, self.scale(state))
+                spline = self.thrust.spline(w, inverse[:N], everywhere, state.psi)
             R = integrated_attitude(first, step_angles(spline.steps(), w, step))
             if np.abs(R - before).max() < 1e-12:
                 break
         travel = None
         if self.thrust is not None:
-            travel = self.thrust.travel(R, state.psi, self.scale(state))
+            travel = self.thrust.travel(R, state.psi)
         nodes = Trajectory(state, R, w, inverse, spline, total, travel)
         times = self.instants.times[N:]
         if not len(times):
@@ -255,11 +286,6 @@ class BaseMotion:
         steps = step_integrals(rates, self.nodes[1] - self.nodes[0])
         return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
 
-    def scale(self, state: TrajectoryState) -> float:
-        """Return the true thrust as a multiple of the logged one."""
-        error = self.constants.value(state.constants, THRUST_SCALE)
-        return 1.0 if error is None else 1.0 + float(error[0])
-
     def com_velocity(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
         """Return the velocity of the centre of mass in W at some instants, (M, 3) or (3,) [m/s]."""
         state, times = trajectory.state, self.instants.times[rows]
@@ -267,6 +293,9 @@ class BaseMotion:
         velocity = state.v_Wcm if self.orbit is None else self._drift(state, times)[:, 3:]
         if acceleration is not None:
             velocity = velocity + acceleration * (times - self.joints.start)[:, None]
+        for force in self.white:
+            if force.name == ACCELERATION_NOISE:
+                velocity = velocity + force.impulse(times) @ state.forces[force.rows]
         travel = trajectory.travel
         return velocity if travel is None else velocity + travel[rows, 3:]
 
@@ -280,6 +309,9 @@ class BaseMotion:
         acceleration = self.constants.value(state.constants, "acceleration")
         if acceleration is not None:
             position = position + acceleration * elapsed**2 / 2
+        for force in self.white:
+            if force.name == ACCELERATION_NOISE:
+                position = position + force.travel(times) @ state.forces[force.rows]
         travel = trajectory.travel
         return position if travel is None else position + travel[rows, :3]
 
@@ -339,8 +371,7 @@ class BaseMotion:
             turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)
             first, last = A[:-1], A[1:]
         if self.thrust is not None:  # it may change within a step: both ends have its mean
-            state = trajectory.state
-            mean = self.thrust.torque_by_attitude(R, state.psi, self.scale(state))
+            mean = self.thrust.torque_by_attitude(R, trajectory.state.psi)
             first, last = first.copy(), last.copy()
             first[:, 3:, :3] += mean
             last[:, 3:, :3] += mean

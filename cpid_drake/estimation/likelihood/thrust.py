@@ -1,19 +1,20 @@
 """Logged thrust in one block of the motion.
 
-Thrusters apply the force f at B's origin and the torque τ about it, both in B. The log has their
-values; they are constant from one sample to the next. With the system's mass m, its centre of mass
-ρ from B's origin, and the common error s of the scale, Newton's and Euler's laws about the system's
-centre of mass read, in W,
+The actuators of `actuators` push with forces f at points a from B's origin, with moments τ beside;
+all are constant from one sample to the next. With the system's mass m and its centre of mass ρ from
+B's origin, Newton's and Euler's laws about the system's centre of mass read, in W,
 
-    L' = (1 + s) R (τ − ρ × f),      v' = (1 + s) R f / m,      1/m = (m_k − μ) / m_k²,
+    L' = Σ R τ + R (a − ρ) × f,      v' = Σ f / m,      1/m = (m_k − μ) / m_k²,
 
 since μ = m_k m_T / m and m = m_k + m_T, with m_k the mass of the known bodies and m_T that of the
 target. The acceleration therefore depends on the target's mass, unlike all that follows from the
-conservation of momentum. To first order in a rotation ξ of the attitude in W and in changes of ρ,
-of 1/m and of the scale,
+conservation of momentum. To first order in a rotation ξ of the attitude in W, and in changes of ρ
+and of 1/m,
 
-    δL' = ξ × L' + (1 + s) R (f × δρ) + δs R (τ − ρ × f),
-    δv' = ξ × v' + (1 + s) R f δ(1/m) + δs R f / m.
+    δL' = ξ × L' + Σ f × R δρ,      δv' = ξ × v' + Σ f δ(1/m),
+
+but a force that is given in W does not turn with ξ: its parts are (ξ × R (a − ρ)) × f and zero. A
+delay δt of the log moves each change Δ of the thrust, as if −Δ δt acted at the instant.
 
 On a table, the torque about its normal and the force in its plane are all that acts.
 Source: Hughes 2004, Spacecraft Attitude Dynamics, ch. 3.
@@ -29,8 +30,14 @@ from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.estimation.likelihood.actuators import Actuators, ThrustLog
 from cpid_drake.estimation.likelihood.uniform_spline import RampedSpline
-from cpid_drake.sensing.measurements import Samples
+
+Weights = Callable[[NDArray[np.float64]], NDArray[np.float64] | csr_array]
+"""Returns the weights (Q, N) of the nodes at times (Q,)."""
+
+Pose = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""Returns R_BC (Q, 3, 3) and p_BC (Q, 3) at times (Q,)."""
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
@@ -40,95 +47,141 @@ def inverse_mass(known_mass: float, mu: float) -> float:
     return (known_mass - mu) / known_mass**2
 
 
+class _Push:
+    """V actuators at Q instants, for unit amplitudes."""
+
+    def __init__(
+        self, actuators: Actuators, times: NDArray[np.float64], to: Weights, pose: Pose
+    ) -> None:
+        self.in_world, self.to = actuators.in_world, to(times)
+        self._arm = np.broadcast_to(actuators.position, (len(times), *actuators.position.shape))
+        self._along, self._moment = actuators.direction[None], actuators.moment
+        on = actuators.on_target
+        if on.any():
+            R_BC, p_BC = pose(times)
+            turned = actuators.position @ np.swapaxes(R_BC, -1, -2)
+            self._arm = np.where(on[:, None], p_BC[:, None] + turned, self._arm)
+            turned = actuators.direction @ np.swapaxes(R_BC, -1, -2)
+            self._along = np.where((on & ~self.in_world)[:, None], turned, self._along)
+
+    def rotations(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return R_WB (Q, 3, 3), from those at the nodes (N, 3, 3)."""
+        return np.asarray((self.to @ R.reshape(-1, 9)).reshape(-1, 3, 3))
+
+    def forces(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return f (Q, V, 3) in W."""
+        turned = self._along @ np.swapaxes(self.rotations(R), -1, -2)
+        return np.where(self.in_world[:, None], self._along, turned)
+
+    def arms(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return R (a − ρ) (Q, V, 3) in W, with ρ (N, 3) at the nodes."""
+        rho = np.asarray(self.to @ com)[:, None]
+        return (self._arm - rho) @ np.swapaxes(self.rotations(R), -1, -2)
+
+    def torques(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the torques (Q, V, 3) about the system's centre of mass, in W."""
+        moments = self._moment @ np.swapaxes(self.rotations(R), -1, -2)
+        return moments + cross(self.arms(R, com), self.forces(R))
+
+
 class BlockThrust:
     """The thrust in one block, and the integrals of its effects up to U instants.
 
     Args:
-        log: samples [τ; f] (M, 6) [N·m, N], each of which holds until the next.
+        log: what the actuators do.
         nodes: (N,) times of the grid [s].
         times: (U,) instants from the first to the last node [s].
         grid: the known bodies' dynamics at the nodes.
-        interpolation: returns the weights (Q, N) of the nodes at times (Q,).
+        interpolation: see `Weights`.
+        pose: see `Pose`.
         orbit: the orbit of W's origin; None for none.
 
     """
 
     def __init__(
         self,
-        log: Samples,
+        log: ThrustLog,
         nodes: NDArray[np.float64],
         times: NDArray[np.float64],
         grid: RelativeDynamics,
-        interpolation: Callable[[NDArray[np.float64]], NDArray[np.float64] | csr_array],
+        interpolation: Weights,
+        pose: Pose,
         orbit: Orbit | None = None,
     ) -> None:
-        self._grid, self._nodes = grid, nodes
+        self._grid, self._nodes, samples = grid, nodes, log.samples
         is_free = grid.normal_B is None  # a table holds tilt and height
         self._turns = np.ones(3) if is_free else NORMAL_W
         self._moves = np.ones(3) if is_free else 1 - NORMAL_W
-        inside = (log.time > nodes[0]) & (log.time < nodes[-1])
-        edges = np.unique(np.concatenate([nodes, times, log.time[inside]]))
-        held = log.held_at(edges[:-1])
-        on = held.any(axis=1)
-        length, first = np.diff(edges)[on], edges[:-1][on]
-        points = first[:, None] + length[:, None] * (1 + _POINTS) / 2
-        self._points, self._wrench = points.ravel(), np.repeat(held[on], len(_POINTS), axis=0)
-        self._drift = _transition(nodes[0], times, orbit)
-        self._pulled_back = np.linalg.inv(_transition(nodes[0], self._points, orbit))[:, :, 3:]
-        self._weights = (length[:, None] * _WEIGHTS / 2).ravel()
-        self._to_points = interpolation(self._points)
-        ends = np.repeat(edges[1:][on], len(_POINTS))
-        self._before = np.searchsorted(ends, times, side="right")
-        before, after = log.held_at(log.time[inside], "left"), log.value[inside]
+        inside = (samples.time > nodes[0]) & (samples.time < nodes[-1])
+        before, after = samples.held_at(samples.time[inside], "left"), samples.value[inside]
         switched = (before != after).any(axis=1)
-        self._switches = log.time[inside][switched]
-        self._jumps = (after - before)[switched]
-        self._to_switches = interpolation(self._switches)
+        switches, jumps = samples.time[inside][switched], (after - before)[switched]
+        edges = np.unique(np.concatenate([nodes, times, samples.time[inside]]))
+        place = np.searchsorted(samples.time, edges[:-1], side="right") - 1
+        on = (place >= 0) & samples.value[place].any(axis=1)
+        place, length, first = place[on], np.diff(edges)[on], edges[:-1][on]
+        each = np.repeat(place, len(_POINTS))
+        points = (first[:, None] + length[:, None] * (1 + _POINTS) / 2).ravel()
+        weights = (length[:, None] * _WEIGHTS / 2).ravel()
+        ends = np.repeat(edges[1:][on], len(_POINTS))
+        # A delay acts where the thrust changes: there is a point, too.
+        late = np.zeros((len(switches), *log.by.shape[1:]))
+        if log.delay >= 0:
+            late[..., log.delay] = -jumps
+        order = np.argsort(np.concatenate([ends, switches]), kind="stable")
+        points = np.concatenate([points, switches])[order]
+        self._size = np.concatenate([samples.value[each], 0 * jumps])[order]
+        self._by = np.concatenate([log.by[each], late])[order]
+        self._weights = np.concatenate([weights, np.ones(len(switches))])[order]
+        ends = np.concatenate([ends, switches])[order]
+        self._before = np.searchsorted(ends, times, side="right")
+        self._push = _Push(log.actuators, points, interpolation, pose)
+        self._drift = _transition(nodes[0], times, orbit)
+        self._pulled_back = np.linalg.inv(_transition(nodes[0], points, orbit))[:, :, 3:]
+        self._switches, self._jumps = switches, jumps
+        self._at_switches = _Push(log.actuators, switches, interpolation, pose)
 
     # -- the motion --------------------------------------------------------------------------------
 
-    def momentum(
-        self, R: NDArray[np.float64], psi: NDArray[np.float64], scale: float
-    ) -> NDArray[np.float64]:
+    def momentum(self, R: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the angular momentum (U, 3) that the thrust has added, in W [N·m·s].
 
         Args:
             R: (N, 3, 3) attitudes R_WB at the nodes.
             psi: (10,) relative unknowns of the target.
-            scale: 1 + s.
 
         """
-        return self._accumulated(self._torque(R, psi, scale))
+        return self._accumulated(self._turns * self._sum(self._torques(R, psi)))
 
-    def travel(
-        self, R: NDArray[np.float64], psi: NDArray[np.float64], scale: float
-    ) -> NDArray[np.float64]:
+    def travel(self, R: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the thrust adds to position [m] and velocity [m/s] of the centre of mass.
 
         (U, 6) in W; the arguments are those of `momentum`.
         """
-        return self._travelled(self._acceleration(R, psi, scale)[..., None])[0][..., 0]
+        force = self._moves * self._sum(self._push.forces(R))
+        return self._travelled(self._inverse_mass(psi) * force[..., None])[0][..., 0]
 
     def spline(
         self,
         w: NDArray[np.float64],
         inverse: NDArray[np.float64],
+        R: NDArray[np.float64],
         psi: NDArray[np.float64],
-        scale: float,
     ) -> RampedSpline:
         """Return the spline of the angular velocity, whose slope jumps where the thrust does.
 
         Args:
             w: (N, 3) angular velocity at the nodes, in B [rad/s].
             inverse: (N, 3, 3) inverse of the system's inertia at the nodes, in B.
-            psi, scale: see `momentum`.
+            R, psi: see `momentum`.
 
         """
-        rho = self._to_switches @ self._grid.com(psi)
-        torque = self._jumps[:, :3] - cross(rho, self._jumps[:, 3:])
-        J_inverse = (self._to_switches @ inverse.reshape(-1, 9)).reshape(-1, 3, 3)
-        slopes = scale * rotate(J_inverse, torque)
+        push = self._at_switches
+        torque = np.einsum("sv,svi->si", self._jumps, push.torques(R, self._grid.com(psi)))
+        torque = rotate(np.swapaxes(push.rotations(R), -1, -2), torque)
+        J_inverse = (push.to @ inverse.reshape(-1, 9)).reshape(-1, 3, 3)
         step = self._nodes[1] - self._nodes[0]
+        slopes = rotate(J_inverse, torque)
         return RampedSpline(self._nodes[0], step, w, self._switches, slopes)
 
     # -- derivatives -------------------------------------------------------------------------------
@@ -137,83 +190,80 @@ class BlockThrust:
         self,
         R: NDArray[np.float64],
         psi: NDArray[np.float64],
-        scale: float,
         com: NDArray[np.float64],
-        share: NDArray[np.float64],
+        errors: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return the change (U, 3, n) of the angular momentum at unchanged attitude, in W.
 
         Args:
-            R, psi, scale: see `momentum`.
+            R, psi: see `momentum`.
             com: (N, 3, n) change of ρ at the nodes, in B.
-            share: (n,) change of s.
+            errors: (P, n) change of the errors of the thrust.
 
         """
-        n = com.shape[-1]
-        moved = (self._to_points @ com.reshape(len(com), -1)).reshape(-1, 3, n)
-        rate = scale * self._rotations(R) @ skew(self._wrench[:, 3:]) @ moved
-        rate = self._turns[:, None] * rate + self._torque(R, psi, 1.0)[..., None] * share
-        return self._accumulated(rate)
+        n, force = com.shape[-1], self._sum(self._push.forces(R))
+        moved = (self._push.to @ com.reshape(len(com), -1)).reshape(-1, 3, n)
+        rate = skew(force) @ (self._push.rotations(R) @ moved)
+        rate = rate + self._by_errors(self._torques(R, psi)) @ errors
+        return self._accumulated(self._turns[:, None] * rate)
 
     def torque_by_attitude(
-        self, R: NDArray[np.float64], psi: NDArray[np.float64], scale: float
+        self, R: NDArray[np.float64], psi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the mean derivative (N − 1, 3, 3) of L' by ξ in each step; see `momentum`."""
-        added = self.momentum(R, psi, scale)[: len(self._nodes)]
-        step = self._nodes[1] - self._nodes[0]
-        return -skew(np.diff(added, axis=0)) / step
+        by_turn = -skew(self._sum(self._torques(R, psi)))
+        world = self._push.in_world
+        if world.any():
+            arms = self._push.arms(R, self._grid.com(psi))[:, world]
+            forces = self._push.forces(R)[:, world]
+            size = self._size[:, world, None, None]
+            given = skew(forces) @ skew(arms) + skew(cross(arms, forces))
+            by_turn = by_turn + (size * given).sum(axis=1)
+        added = self._accumulated(self._turns[:, None] * by_turn)[: len(self._nodes)]
+        return np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0])
 
     def travel_change(
         self,
         R: NDArray[np.float64],
         psi: NDArray[np.float64],
-        scale: float,
         xi: NDArray[np.float64],
         inverse_mass: NDArray[np.float64],
-        share: NDArray[np.float64],
+        errors: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the changes of position and velocity of the centre of mass, in W.
 
         Args:
-            R, psi, scale: see `momentum`.
+            R, psi, errors: see `momentum_change`.
             xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
             inverse_mass: (n,) change of 1/m.
-            share: (n,) change of s.
 
         Returns:
             The changes (U, 6, n), and those at the start (6, n) that have the same effect at the
             end.
 
         """
-        acceleration, force = self._acceleration(R, psi, scale), self._force(R, scale)
-        turned = (self._to_points @ xi.reshape(len(xi), -1)).reshape(-1, 3, xi.shape[-1])
-        rate = self._moves[:, None] * (-skew(acceleration) @ turned)
-        rate += force[..., None] * inverse_mass
-        rate += (acceleration / scale)[..., None] * share
-        return self._travelled(rate)
+        forces, body = self._push.forces(R), ~self._push.in_world
+        turning = np.einsum("qv,qvi->qi", self._size[:, body], forces[:, body])
+        turned = (self._push.to @ xi.reshape(len(xi), -1)).reshape(-1, 3, xi.shape[-1])
+        rate = -skew(turning) @ turned + self._by_errors(forces) @ errors
+        rate = self._inverse_mass(psi) * rate + self._sum(forces)[..., None] * inverse_mass
+        return self._travelled(self._moves[:, None] * rate)
 
     # -- at the points -----------------------------------------------------------------------------
 
-    def _rotations(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray((self._to_points @ R.reshape(-1, 9)).reshape(-1, 3, 3))
+    def _torques(self, R: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self._push.torques(R, self._grid.com(psi))
 
-    def _torque(
-        self, R: NDArray[np.float64], psi: NDArray[np.float64], scale: float
-    ) -> NDArray[np.float64]:
-        """Return L' (Q, 3)."""
-        rho = self._to_points @ self._grid.com(psi)
-        moment = self._wrench[:, :3] - cross(rho, self._wrench[:, 3:])
-        return scale * self._turns * rotate(self._rotations(R), moment)
+    def _inverse_mass(self, psi: NDArray[np.float64]) -> float:
+        return inverse_mass(self._grid.mass, float(psi[0]))
 
-    def _force(self, R: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-        """Return the force (Q, 3) in W [N]."""
-        return scale * self._moves * rotate(self._rotations(R), self._wrench[:, 3:])
+    def _sum(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sum (Q, 3) over all actuators, from units (Q, V, 3)."""
+        return np.asarray(np.einsum("qv,qvi->qi", self._size, units))
 
-    def _acceleration(
-        self, R: NDArray[np.float64], psi: NDArray[np.float64], scale: float
-    ) -> NDArray[np.float64]:
-        """Return v' (Q, 3)."""
-        return inverse_mass(self._grid.mass, float(psi[0])) * self._force(R, scale)
+    def _by_errors(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivative (Q, 3, P) of this sum by the errors of the thrust."""
+        return np.asarray(np.einsum("qvp,qvi->qip", self._by, units))
 
     def _accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the integrals (U, ...) of rates (Q, ...) from the start to the instants."""
@@ -244,15 +294,17 @@ def _transition(
 
 
 def block_thrust(
-    log: Samples,
+    log: ThrustLog,
     nodes: NDArray[np.float64],
     times: NDArray[np.float64],
     grid: RelativeDynamics,
-    interpolation: Callable[[NDArray[np.float64]], NDArray[np.float64] | csr_array],
+    interpolation: Weights,
+    pose: Pose,
     orbit: Orbit | None = None,
 ) -> BlockThrust | None:
     """Return the thrust in a block; None if there is none. The arguments: see `BlockThrust`."""
-    inside = (log.time > nodes[0]) & (log.time < nodes[-1])
-    if not (log.value[inside].any() or log.held_at(nodes[0]).any()):
+    samples = log.samples
+    inside = (samples.time > nodes[0]) & (samples.time < nodes[-1])
+    if not (samples.value[inside].any() or samples.held_at(nodes[0]).any()):
         return None
-    return BlockThrust(log, nodes, times, grid, interpolation, orbit)
+    return BlockThrust(log, nodes, times, grid, interpolation, pose, orbit)

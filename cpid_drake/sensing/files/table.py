@@ -15,6 +15,8 @@ Columns, in SI units and radians; either all columns of a group are present or n
 
 Logs on a table have `yaw` instead of the quaternion; see `sensing.files.planar_columns`.
 
+- "valve:<name>": opening of a valve, 0 or 1 or between; see `sensing.thrusters`.
+
 Registered sensors (`sensing.sensors`) have columns of their own.
 """
 
@@ -45,6 +47,7 @@ from cpid_drake.sensing.sensors import (
     Sensor,
     sensors_of,
 )
+from cpid_drake.sensing.thrusters import VALVE
 
 LARGEST = 1e9
 """Largest plausible number in a file [SI units, rad]."""
@@ -127,7 +130,8 @@ def known_column(name: str) -> bool:
         name in columns for columns, _ in _base_groups()
     ):
         return True
-    return any(name.startswith(prefix) and name != prefix for prefix in _joint_prefixes())
+    prefixes = (VALVE, *_joint_prefixes())
+    return any(name.startswith(prefix) and name != prefix for prefix in prefixes)
 
 
 def check_columns(names: Sequence[str], where: str) -> None:
@@ -313,6 +317,7 @@ def _samples_of(
         value = np.zeros((len(read), len(THRUST_COLUMNS)))
         value[:, [THRUST_COLUMNS.index(name) for name in thrust]] = read.value
         samples[THRUST] = Samples(read.time, value)
+    samples |= {name: take(name, [name]) for name in column if name.startswith(VALVE)}
     return Measurements(joints, samples)
 
 
@@ -339,13 +344,17 @@ def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.fl
         }
         values = np.hstack([motion.time[:, None], *groups.values()])
         return ["time", *(name for group in groups for name in group)], values
-    everything = {**dict(motion.items()), THRUST: motion.thrust}
+    valves = {VALVE + name: samples for name, samples in motion.valves.items()}
+    everything = {**dict(motion.items()), THRUST: motion.thrust, **valves}
     time = np.unique(np.concatenate([samples.time for samples in everything.values()]))
     names, blocks = ["time"], [time[:, None]]
     for name, samples in everything.items():
         if not len(samples):
             continue
-        names += THRUST_COLUMNS if name == THRUST else SENSORS[name].columns_of(joints)
+        if name == THRUST:
+            names += THRUST_COLUMNS
+        else:
+            names += SENSORS[name].columns_of(joints) if name in SENSORS else (name,)
         block = np.full((time.size, samples.value.shape[1]), np.nan)
         block[np.searchsorted(time, samples.time)] = samples.value
         blocks.append(block)

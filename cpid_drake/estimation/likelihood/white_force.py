@@ -1,0 +1,90 @@
+"""White torque and acceleration, such as those of an air-bearing floor: means over short pieces.
+
+White noise of the size σ has the mean N(0, σ²/h) over a piece of the length h, independent of all
+others. These means, in units of their σ, are unknowns of a block, and their prior is a reading of
+zero, so that its noise factor and its robust weights come about as those of sensors do.
+
+Source: Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications, ch. 6.2 (piecewise
+constant white acceleration).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.plane import NORMAL_W
+from cpid_drake.sensing.disturbances import Disturbances
+
+PIECE = 0.5
+"""Length of a piece [s]."""
+
+TORQUE_NOISE, ACCELERATION_NOISE = "torque_noise", "acceleration_noise"
+"""Names of the two kinds: as effects, and as readings."""
+
+
+class WhiteForce:
+    """White torque about the system's centre of mass, or white acceleration of it, in W.
+
+    Attributes:
+        size: number of entries, those of each piece together.
+        rows: their places in `TrajectoryState.forces`.
+        middles: of the pieces [s].
+
+    Args:
+        name: `TORQUE_NOISE` or `ACCELERATION_NOISE`.
+        sigma: its size [N·m·√s or m/s²·√s].
+        first: place of its first entry in `TrajectoryState.forces`.
+        start, end: of the block [s].
+        is_planar: whether a table holds tilt and height.
+
+    """
+
+    def __init__(
+        self, name: str, sigma: float, first: int, start: float, end: float, is_planar: bool
+    ) -> None:
+        self.name, self._start, self._length = name, start, end - start
+        self.pieces = max(1, round(self._length / PIECE))
+        turn, move = (NORMAL_W[None], np.eye(3)[:2]) if is_planar else (np.eye(3), np.eye(3))
+        self._h = self._length / self.pieces
+        axes = turn if name == TORQUE_NOISE else move
+        self._axes = sigma / np.sqrt(self._h) * axes  # (d, 3)
+        self.size = self.pieces * len(axes)
+        self.rows = slice(first, first + self.size)
+        self.middles = start + self._h * (np.arange(self.pieces) + 0.5)
+
+    def impulse(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivative (U, 3, size) of the integral from the start by the entries."""
+        return self._by_entries(np.clip(self._since(times), 0.0, self._h))
+
+    def travel(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivative (U, 3, size) of the integral of this integral."""
+        t = np.maximum(self._since(times), 0.0)
+        inside = np.minimum(t, self._h)
+        return self._by_entries(inside**2 / 2 + self._h * (t - inside))
+
+    def _since(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return times[:, None] - self._start - self._h * np.arange(self.pieces)
+
+    def _by_entries(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        by = shares[:, None, :, None] * self._axes.T[:, None]
+        return by.reshape(len(shares), 3, self.size)
+
+    def transitions(self) -> dict[str, NDArray[np.float64]]:
+        """Return what L, or p and v, gain until the end by the entries (3, size)."""
+        end = np.array([self._start + self._length])
+        impulse, travel = self.impulse(end)[0], self.travel(end)[0]
+        if self.name == TORQUE_NOISE:
+            return {"L": impulse}
+        return {"p": travel, "v": impulse}
+
+
+def white_forces(
+    size: Disturbances | None, start: float, end: float, is_planar: bool
+) -> list[WhiteForce]:
+    """Return the white forces that are declared, in a block from start to end [s]."""
+    found: list[WhiteForce] = []
+    for name in (TORQUE_NOISE, ACCELERATION_NOISE):
+        sigma = 0.0 if size is None else float(getattr(size, name))
+        if sigma > 0:
+            first = found[-1].rows.stop if found else 0
+            found.append(WhiteForce(name, sigma, first, start, end, is_planar))
+    return found

@@ -1,0 +1,76 @@
+"""Thrusters whose valves are logged: where each pushes, how strongly, and what is not known of it.
+
+A log has one column `valve:NAME` for each valve: its opening u, from 0 (closed) to 1, which holds
+until the next row. With n = Σu, the valve pushes with the force
+
+    F (1 + s) u (1 − loss max(n − 1, 0)),
+
+a delay after the log. The relative errors s, the delay and the loss are unknowns; a valve that
+fails has a force far from the declared one, so the prior of s has a heavy tail.
+"""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt
+from numpy.typing import NDArray
+
+from cpid_drake.errors import InputError
+from cpid_drake.input_files.validation import Numbers
+
+VALVE = "valve:"
+"""Prefix of the columns of valves."""
+
+Vector = Annotated[NDArray[np.float64], Numbers(3)]
+
+
+@dataclass
+class Valve:
+    """One valve.
+
+    Attributes:
+        position: (3,) where it pushes, in the frame that `on` names [m].
+        direction: (3,) of the force on the spacecraft, of any length.
+        force: the force of the open valve [N].
+        force_sigma: σ of the force [N].
+        on: "body" for the base, in its frame B; "target" for the capture frame C.
+        axes: frame of the direction: "body" for that of the position, or "world".
+
+    """
+
+    position: Vector = field(default_factory=lambda: np.zeros(3))
+    direction: Vector = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    force: Annotated[float, Gt(0)] = 1.0
+    force_sigma: Annotated[float, Ge(0)] = 0.0
+    on: Literal["body", "target"] = "body"
+    axes: Literal["body", "world"] = "body"
+
+
+@dataclass
+class Thrusters:
+    """All valves.
+
+    Attributes:
+        valves: by name.
+        delay_ms: σ of the delay of all forces after the log [ms].
+        loss: σ of the share of the force that each further open valve costs.
+
+    """
+
+    valves: dict[str, Valve] = field(default_factory=dict)
+    delay_ms: Annotated[float, Ge(0)] = 0.0
+    loss: Annotated[float, Ge(0)] = 0.0
+
+    def check(self) -> None:
+        """Refuse thrusters without valves, and valves without a direction.
+
+        Raises:
+            InputError: for these reasons.
+
+        """
+        if not self.valves:
+            raise InputError("valves are missing: give position, direction and force of each")
+        for name, valve in self.valves.items():
+            if not 1e-100 < np.linalg.norm(valve.direction) < 1e100:
+                raise InputError(f"valves.{name}.direction must be of finite length, not zero")

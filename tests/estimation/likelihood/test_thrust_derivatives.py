@@ -1,0 +1,87 @@
+"""Derivatives of a block with thrust, valve by valve, agree with differences of its residuals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from block_cases import joints_of, make_case
+from scipy.spatial.transform import Rotation
+from sensing_cases import MOMENTUM, coarse_suite
+
+from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.sensing.measurements import THRUST, Samples
+from cpid_drake.sensing.suite import Disturbances
+from cpid_drake.sensing.thrusters import Thrusters, Valve
+
+SUITE = coarse_suite(
+    disturbances=Disturbances(acceleration_noise=1e-3, torque_noise=1e-2),
+    thrusters=Thrusters(
+        {
+            "a": Valve(np.array([0.3, 0.1, -0.2]), np.array([0, 1.0, 0.2]), 2.0, 0.1),
+            "b": Valve(np.array([0.1, 0.2, 0.1]), np.array([1, 0, 1.0]), 3.0, 0.3, "target"),
+            "c": Valve(
+                np.array([0.2, 0.0, 0.1]), np.array([0.3, 1, 0]), 1.0, 0.1, "target", "world"
+            ),
+        },
+        delay_ms=30.0,
+        loss=0.1,
+    ),
+)
+OPENINGS = Samples(
+    np.array([1.0, 1.2, 1.5, 2.1, 2.6]),
+    np.array([[1, 0, 0], [1, 1, 0], [0, 1.0, 1], [1, 1, 1], [0, 0, 0.5]]),
+)
+UNKNOWNS = ["attitude", "momentum", "psi", "forces"]
+ERRORS = ["a.force", "b.force", "c.force", "thrusters.loss", "thrusters.valve_delay"]
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory, skewed_target):
+    """Return a prediction by state and constant errors, the block's model, and a state."""
+    case = make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, MOMENTUM, 3.0)
+    samples = case.block(0.999, 2.2, case.samples.updated({THRUST: OPENINGS}))
+    constants = Constants.of(SUITE, 4)
+    nominal, joints = np.full(constants.size, 0.2), joints_of(samples, SUITE)
+    state = replace(case.state(0.999), constants=nominal, forces=np.linspace(-0.5, 0.5, 12))
+
+    def predicted(state):
+        model = BlockModel(
+            case.craft.tree,
+            joints,
+            samples.samples,
+            SUITE,
+            constants=constants,
+            nominal=state.constants,
+        )
+        trajectory = model.motion.trajectory(state)
+        parts = [each.residuals(trajectory).ravel() for each in model.sensors.values()]
+        return np.concatenate(parts), model, trajectory
+
+    return predicted, state, constants
+
+
+def changed(state, constants, name, entry, h):
+    if name == "attitude":
+        return replace(state, attitude=Rotation.from_rotvec(h * np.eye(3)[entry]) * state.attitude)
+    if name == "momentum":
+        key = "L" if entry < 3 else "v_Wcm"
+        return replace(state, **{key: getattr(state, key) + h * np.eye(3)[entry % 3]})
+    key, place = ("constants", constants.place(name).start) if name in ERRORS else (name, entry)
+    value = getattr(state, key)
+    return replace(state, **{key: value + h * np.eye(len(value))[place]})
+
+
+@pytest.mark.parametrize("name", [*UNKNOWNS, *ERRORS])
+def test_derivatives_are_those_of_differences(block, name):
+    """A delay moves steps of the rate, which splines through the nodes round off."""
+    predicted, state, constants = block
+    _, model, trajectory = predicted(state)
+    columns = {"attitude": "start", "forces": "torque_noise"}
+    first = model.columns[columns.get(name, name)].start
+    J = model.jacobian(trajectory)[0]
+    for entry in range({"attitude": 3, "momentum": 6, "psi": 10, "forces": 12}.get(name, 1)):
+        up, down = (predicted(changed(state, constants, name, entry, h))[0] for h in (1e-4, -1e-4))
+        expected = (down - up) / 2e-4
+        error = np.linalg.norm(J[:, first + entry] - expected) / np.linalg.norm(expected)
+        assert error < (0.15 if name == "thrusters.valve_delay" else 2e-3)
