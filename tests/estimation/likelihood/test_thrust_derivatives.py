@@ -44,6 +44,7 @@ def block(tmp_path_factory, skewed_target):
     constants = Constants.of(SUITE, 4)
     nominal, joints = np.full(constants.size, 0.2), joints_of(samples, SUITE)
     state = replace(case.state(0.999), constants=nominal, forces=np.linspace(-0.5, 0.5, 12))
+    state = replace(state, bias=np.zeros((2, 3)))
 
     def predicted(state):
         model = BlockModel(
