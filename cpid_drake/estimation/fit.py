@@ -22,6 +22,7 @@ from cpid_drake.estimation.smoothness import DECLARED, FAR
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
+from cpid_drake.sensing.sensors import SENSORS
 
 CLOSE = 1e-3
 """The fit ends when a step would reduce χ² by less than this."""
@@ -153,7 +154,7 @@ def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, 
     count = sum(rest.size for rest in residuals.values())
     free = 12 + 10 + 3 * len(model.gyros)
     for name, rest in residuals.items():
-        w = weights_of(rest)
+        w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
         near = rest[w == 1.0]  # what is far off says nothing about the noise
         tau = _correlation(near)
         lost = free / count + absorbed.get(name, 0.0) / rest.size

@@ -1,8 +1,10 @@
-"""Where a fit starts: linear least squares on the conservation of angular momentum.
+"""Where a fit starts: linear least squares on the balance of momentum.
 
 At about ten instants of every block, R_WB (J ω + h) = L about the system's centre of mass is linear
 in the target's ψ and in the L of each log; ω comes from the gyro or, without one, from the
-attitude. Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
+attitude. Logged thrust adds ∫ R (τ + (a − ρ) × f) to L, and moves the centre of mass by ∬ R f / m:
+both are linear in ψ, too, because ρ and 1/m are (see `likelihood.thrust`).
+Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
 """
 
 from collections.abc import Sequence
@@ -13,12 +15,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
+from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, first_sample
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.pushes import Pushed, pushes
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.sensing.measurements import Samples
@@ -89,32 +93,36 @@ def _balanced(
     model: Model, logs: Sequence[LogState]
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Return ψ (10,) and L (3,) of each log, from all rows and the vague prior."""
-    parts = [_rows(model, log) for log in logs]
     n = 10 + 3 * len(logs)
-    A = np.zeros((sum(map(len, parts)), n + 1))
-    first = 0
-    for k, rows in enumerate(parts):
-        block = A[first : first + len(rows)]
-        block[:, :10], block[:, 10 + 3 * k : 13 + 3 * k] = rows[:, :10], rows[:, 10:13]
-        block[:, -1] = rows[:, 13]
-        first += len(rows)
+    groups: list[list[NDArray[np.float64]]] = [[], []]  # of turning and of moving
+    for k, log in enumerate(logs):
+        for group, rows in zip(groups, _rows(model, log), strict=True):
+            A = np.zeros((len(rows), n + 1))
+            A[:, :10], A[:, 10 + 3 * k : 13 + 3 * k] = rows[:, :10], rows[:, 10:13]
+            A[:, -1] = rows[:, 13]
+            group.append(A)
     target = model.unknown(PSI)
     sizes = {PSI: 10} | {log.name: 3 for log in logs}
     sigma = np.concatenate([target.sigma, np.full(3 * len(logs), model.L_sigma)])
     mean = np.concatenate([target.mean, np.zeros(3 * len(logs))])
     prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(1 / sigma), np.zeros(n)]))
-    A[:, -1] -= A[:, :-1] @ mean
-    noise, found = 0.02 * float(np.std(A[:, -1])) + 1e-12 if len(A) else 1.0, prior
-    for _ in range(_REWEIGHTINGS if len(A) else 0):
-        found = prior.add(Gaussian.of_rows(sizes, A / noise))
-        rms = float(np.sqrt(np.mean((A[:, :-1] @ found.solve() - A[:, -1]) ** 2)))
-        noise = max(rms, 1e-9 * model.L_sigma)
+    found, parts = prior, [np.concatenate(group) for group in groups if any(map(len, group))]
+    for A in parts:
+        A[:, -1] -= A[:, :-1] @ mean
+    noise = [0.02 * float(np.std(A[:, -1])) + 1e-12 for A in parts]
+    for _ in range(_REWEIGHTINGS if parts else 0):
+        found = prior
+        for A, size in zip(parts, noise, strict=True):
+            found = found.add(Gaussian.of_rows(sizes, A / size))
+        x = found.solve()
+        rms = [float(np.sqrt(np.mean((A[:, :-1] @ x - A[:, -1]) ** 2))) for A in parts]
+        noise = [max(value, 1e-9 * model.L_sigma) for value in rms]
     x = mean + found.solve(held={PSI: undetermined(model, target.mean, found)[0]})
     return x[:10], np.split(x[10:], len(logs))
 
 
-def _rows(model: Model, log: LogState) -> NDArray[np.float64]:
-    """Return rows [Y | −Rᵀ | right side] (M, 14) about ψ and L of a log."""
+def _rows(model: Model, log: LogState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return rows [by ψ | by L | right side] (M, 14) of the turning and of the moving base."""
     attitude: tuple[float, NDArray[np.float64]] | None = None
     times, rates, attitudes, joints = [], [], [], []
     for block, part in zip(log.blocks, log.joints, strict=True):
@@ -129,17 +137,48 @@ def _rows(model: Model, log: LogState) -> NDArray[np.float64]:
         attitudes.append(R)
         joints.append(part.evaluate(t))
     if not times:
-        return np.empty((0, 14))
+        return np.empty((0, 14)), np.empty((0, 14))
     w, R, q = np.concatenate(rates), np.concatenate(attitudes), np.concatenate(joints)
-    normal_B = model.tree.normal_B
+    normal_B, t = model.tree.normal_B, np.concatenate(times)
     if normal_B is not None:
         w = (w @ normal_B)[:, None] * normal_B
-    dynamics = relative_dynamics(model.tree, q[:, 0], q[:, 1])
+    dynamics, Rt = relative_dynamics(model.tree, q[:, 0], q[:, 1]), np.swapaxes(R, 1, 2)
     known = np.einsum("nij,nj->ni", dynamics.I_K, w) + dynamics.h_K
-    A = np.concatenate([dynamics.regressor(w), -np.swapaxes(R, 1, 2), -known[..., None]], axis=2)
+    A = np.concatenate([dynamics.regressor(w), -Rt, -known[..., None]], axis=2)
+    moving = np.empty((0, 14))
+    pushed = pushes(model, log, t, R, q[:, 0], dynamics)
+    if pushed is not None:
+        A[:, :, :10] -= Rt @ pushed.L_by_psi
+        A[:, :, 13] += rotate(Rt, pushed.L)
+        moving = _moving(log, t, R, dynamics, pushed)
     if normal_B is not None:
         A = np.einsum("i,nij->nj", normal_B, A)
-    return np.asarray(A.reshape(-1, 14))
+        moving = moving.reshape(-1, 3, 14)[:, :2]
+    return A.reshape(-1, 14), moving.reshape(-1, 14)
+
+
+def _moving(
+    log: LogState,
+    t: NDArray[np.float64],
+    R: NDArray[np.float64],
+    dynamics: RelativeDynamics,
+    pushed: Pushed,
+) -> NDArray[np.float64]:
+    """Return rows (3 M, 14) of the centre of mass, without its start and its first velocity."""
+    samples = [_longest(block, POSITION) for block in log.blocks]
+    there = [each for each in samples if each is not None]
+    if not there:
+        return np.empty((0, 14))
+    at = np.concatenate([each.time for each in there])
+    place = np.concatenate([each.value for each in there])
+    p = np.stack([np.interp(t, at, x) for x in place.T], axis=1)
+    A = np.zeros((len(t), 3, 14))
+    A[:, :, :4] = R @ dynamics.com_regressor()
+    A[:, :, 0] += pushed.S / dynamics.mass**2
+    com = dynamics.com(np.zeros(10))
+    A[:, :, 13] = pushed.S / dynamics.mass - p - rotate(R, com)
+    drift, flat = np.column_stack([np.ones(len(t)), t - t[0]]), A.reshape(len(t), -1)
+    return np.asarray((flat - drift @ np.linalg.lstsq(drift, flat, rcond=None)[0]).reshape(-1, 14))
 
 
 def _rates(

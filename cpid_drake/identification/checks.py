@@ -97,7 +97,7 @@ def _of_the_noise(found: SolvedIdentification) -> Iterator[Check]:
     for name, factor in larger.items():
         if name not in coloured:
             sensor, _, log = name.partition(" of ")
-            part = f"that of the {SENSORS[sensor].label} {factor:.2g} times"
+            part = f"that of the {label_of(sensor)} {factor:.2g} times"
             noisier.setdefault(f"{log}: " if log else "", []).append(part)
     for where, parts in noisier.items():
         sentence = f"{where}{LARGER_NOISE}: {', '.join(parts)} the given one"
@@ -159,7 +159,8 @@ def noise_warnings(factors: Mapping[str, float]) -> tuple[str, ...]:
 def label_of(sensor: str) -> str:
     """Return the label of a sensor, or of a "sensor of log"."""
     name, of, log = sensor.partition(" ")
-    return f"{SENSORS[name].label}{of}{log}"
+    label = SENSORS[name].label if name in SENSORS else name.replace("_", " ")
+    return f"{label}{of}{log}"
 
 
 def _of_the_body(found: SolvedIdentification) -> Iterator[Check]:

@@ -36,6 +36,7 @@ from cpid_drake.identification.solved import ResidualSeries, SolvedIdentificatio
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.together import with_sources
 from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
@@ -220,6 +221,8 @@ def _residuals(found: Fit) -> dict[str, ResidualSeries]:
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         for block, rest, weights in zip(log.blocks, rolled.residuals, log.weights, strict=True):
             for name, value in rest.items():
+                if name not in SENSORS:  # white forces: their estimates are correlated
+                    continue
                 near = weights.get(name, np.ones(len(value))) == 1.0
                 times.setdefault(name, []).append(block.samples[name].time[near])
                 values.setdefault(name, []).append(value[near])

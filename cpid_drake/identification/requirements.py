@@ -66,6 +66,9 @@ class JointOrder:
         }
         measurements = Measurements(wanted, {**measurements.samples, **of_joints})
         positions = measurements.encoders
+        if not wanted:  # no joints: known at all times
+            times = measurements.attitude.time
+            positions = Samples(times, np.empty((len(times), 0)))
         value = positions.value
         missing_angles = np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0))
         if missing_angles.size:

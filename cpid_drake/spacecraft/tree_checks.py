@@ -40,7 +40,7 @@ def require_tree_on_free_base(
 
     """
     _require_free_base(model, plant, base)
-    _require_moved_capture_frame(model, plant, base, capture_frame)
+    _require_free_capture_frame(model, plant, capture_frame)
     for joint in _joints(plant):
         of_base = (
             isinstance(joint, QuaternionFloatingJoint)
@@ -91,16 +91,10 @@ def _require_free_base(model: ModelFile, plant: MultibodyPlant, base: RigidBody)
         raise model.error(f"bodies not connected to the base '{base.name()}': {loose}")
 
 
-def _require_moved_capture_frame(
-    model: ModelFile, plant: MultibodyPlant, base: RigidBody, capture_frame: Frame
+def _require_free_capture_frame(
+    model: ModelFile, plant: MultibodyPlant, capture_frame: Frame
 ) -> None:
-    carrier = capture_frame.body()
-    if carrier.index() in [body.index() for body in plant.GetBodiesWeldedTo(base)]:
-        raise model.error(
-            f"capture frame '{capture_frame.name()}' is on the base (body "
-            f"'{carrier.name()}'); it must be on a body that joints move against the base"
-        )
-    if plant.IsAnchored(carrier):
+    if plant.IsAnchored(capture_frame.body()):
         raise model.error(f"capture frame '{capture_frame.name()}' is fixed in the world")
 
 

@@ -47,7 +47,7 @@ def inverse_mass(known_mass: float, mu: float) -> float:
     return (known_mass - mu) / known_mass**2
 
 
-class _Push:
+class Push:
     """V actuators at Q instants, for unit amplitudes."""
 
     def __init__(
@@ -135,11 +135,11 @@ class BlockThrust:
         self._weights = np.concatenate([weights, np.ones(len(switches))])[order]
         ends = np.concatenate([ends, switches])[order]
         self._before = np.searchsorted(ends, times, side="right")
-        self._push = _Push(log.actuators, points, interpolation, pose)
+        self._push = Push(log.actuators, points, interpolation, pose)
         self._drift = _transition(nodes[0], times, orbit)
         self._pulled_back = np.linalg.inv(_transition(nodes[0], points, orbit))[:, :, 3:]
         self._switches, self._jumps = switches, jumps
-        self._at_switches = _Push(log.actuators, switches, interpolation, pose)
+        self._at_switches = Push(log.actuators, switches, interpolation, pose)
 
     # -- the motion --------------------------------------------------------------------------------
 

@@ -1,0 +1,430 @@
+#!/usr/bin/env python3
+"""Draws of simulated hardware logs, and what `cpid identify` says about them.
+
+`python hardware_draws.py KIND --draws N` identifies N draws of a kind and prints one line for each, worst
+error first. Kinds: valves, floor, pushed (see the functions of these names).
+"""
+
+import argparse
+import json
+import resource
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from hardware import ARCSEC, Array, Body, Craft, Joint, Valve, run, sines
+from rows import cli
+from scipy.spatial.transform import Rotation
+
+X, Y, Z = np.eye(3)
+
+
+@dataclass(eq=False)
+class Draw:
+    """Files of a draw, and its truth.
+
+    Attributes:
+        urdf, sensors: the model of the known spacecraft, and the file of its sensors.
+        logs: NPZ files.
+        truth: (10,) parameters of the target in the capture frame.
+        what: what was drawn, in words.
+        dead: name of the dead valve; empty for none.
+
+    """
+
+    urdf: Path
+    sensors: Path
+    logs: list[Path]
+    truth: Array
+    what: str
+    dead: str = ""
+
+
+def write(
+    folder: Path, craft: Craft, sensors: dict, logs: list[dict], what: str, dead: str = ""
+) -> Draw:
+    """Write a model, its sensors and logs (columns by name)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "craft.urdf").write_text(craft.urdf(), encoding="utf-8")
+    (folder / "sensors.yaml").write_text(yaml.safe_dump(sensors, sort_keys=False), encoding="utf-8")
+    paths = []
+    for k, columns in enumerate(logs):
+        paths.append(folder / f"log{k + 1}.npz")
+        np.savez(paths[-1], **columns)
+    truth = craft.target.parameters()
+    return Draw(folder / "craft.urdf", folder / "sensors.yaml", paths, truth, what, dead)
+
+
+def samples(rng, craft: Craft, times, found, q, sigma_m, sigma_rad, sigma_q, zero) -> dict:
+    """Return the columns of motion capture of pose and joints, with noise [m, rad]."""
+    n, noise = len(times), rng.standard_normal
+    p = found["p"] + sigma_m * noise((n, 3))
+    columns = {"time": times}
+    turn = Rotation.from_quat(found["quat"], scalar_first=True)
+    if craft.planar:
+        yaw = np.unwrap(turn.as_euler("ZYX")[:, 0]) + sigma_rad * noise(n)
+        columns |= {"x": p[:, 0], "y": p[:, 1], "yaw": yaw}
+    else:
+        quat = (turn * Rotation.from_rotvec(sigma_rad * noise((n, 3)))).as_quat(scalar_first=True)
+        columns |= dict(zip(("qw", "qx", "qy", "qz"), quat.T)) | dict(zip("xyz", p.T))
+    for k, joint in enumerate(craft.joints):
+        columns[f"q:{joint.name}"] = q[:, k] + zero[k] + sigma_q * noise(n)
+    return columns
+
+
+def pose_sensors(rate, sigma_m, sigma_rad) -> dict:
+    arc = float(sigma_rad / ARCSEC)
+    return {
+        "attitude": {"rate": rate, "cross_boresight_arcsec": arc, "boresight_arcsec": arc},
+        "position": {"rate": rate, "sigma": float(sigma_m)},
+    }
+
+
+def inside(rng, valves: list[Valve], rate: float, mass: float):
+    """Return a command: random pulses of 0.2 to 1 s of one or two valves, then a pause.
+
+    Of a few random choices that with the smallest error of pose and rates is fired.
+    """
+    u, until = np.zeros(len(valves)), 0
+    force = np.array([v.force * v.direction for v in valves])
+    moment = np.array([np.cross(v.position, f) for v, f in zip(valves, force)])
+
+    def command(row: int, now: dict) -> Array:
+        nonlocal u, until
+        if row < until:
+            return u
+        if u.any():
+            u, until = np.zeros(len(valves)), row + round(rate * rng.uniform(0.1, 0.6))
+            return u
+        length, R, state = rng.uniform(0.2, 1.0), now["R"], now["state"]
+        turn = Rotation.from_matrix(R).as_rotvec()
+        best = np.inf
+        for _ in range(6):
+            tried = np.zeros(len(valves))
+            tried[rng.choice(len(valves), rng.integers(1, 3), replace=False)] = 1.0
+            wrench = np.concatenate([tried @ moment, tried @ force]) * length
+            change = np.linalg.solve(now["M"], wrench)
+            w, v = now["V"][:3] + change[:3], R @ (now["V"][3:] + change[3:])
+            cost = np.sum((state[4:7] + 8 * v) ** 2) + 0.3 * np.sum((turn + 8 * w) ** 2)
+            if cost < best:
+                best, u = cost, tried
+        until = row + max(1, round(rate * length))
+        return u
+
+    return command
+
+
+def valves(seed: int, folder: Path, *, planar: bool | None = None, joint: bool | None = None,
+           declared: bool = True) -> Draw:  # fmt: skip
+    """A platform with on/off valves and no arm; one valve is dead, thrust is late.
+
+    Args:
+        seed: of the draw.
+        folder: for its files.
+        planar: on a table; None to draw.
+        joint: whether there is a joint, at rest; None to draw.
+        declared: whether the sensors' file has disturbances and σ of the thrusters.
+
+    """
+    rng = np.random.default_rng([12, 1, seed])
+    planar = bool(seed % 2 == 0) if planar is None else planar
+    joint = bool(seed // 2 % 2) if joint is None else joint
+    mass, share = rng.uniform(8, 40), rng.uniform(0.3, 0.8)
+    base = Body.drawn(rng, (1 - share) * mass, 0.35, 0.02 * rng.standard_normal(3))
+    target = Body.drawn(
+        rng, share * mass, 0.3, [rng.uniform(0.05, 0.2), *0.04 * rng.standard_normal(2)]
+    )
+    arm = [
+        Joint(
+            "hinge", "revolute", Z, np.array([0.18, 0, 0]), Body.drawn(rng, 0.3, 0.08, np.zeros(3))
+        )
+    ]
+    capture = np.array([0.2, 0.0, 0.0])
+    craft = Craft(base, target, arm if joint else [], capture, planar)
+    count = int(rng.integers(4, 13)) if planar else int(rng.integers(8, 13))
+    corners, fitted = rng.permutation(count), []
+    for k in range(count):
+        i = int(corners[k])
+        axis = np.roll([1.0 if i // 2 % 2 else -1.0, 0, 0], i % 2 if planar else i % 3)
+        place = rng.uniform(-0.25, 0.25, 3)
+        if planar:  # couples of both senses: beside the common centre of mass
+            place[2] = 0.0
+        fitted.append(Valve(place, axis, rng.uniform(0.2, 1.0), 1 + 0.05 * rng.standard_normal()))
+    dead = int(rng.integers(count))
+    fitted[dead].share = 0.0
+    rate, duration = float(rng.choice([10.0, 12.5, 16.0, 20.0])), rng.uniform(40, 120)
+    delay, loss = rng.uniform(0.03, 0.2), rng.uniform(0, 0.1)
+    white = rng.uniform(0.5e-3, 3e-3)
+    floor = white, white * mass * 0.2
+    sigma_m, sigma_rad = rng.uniform(0.5e-3, 2e-3), rng.uniform(1e-3, 3e-3)
+    times = np.arange(int(duration * rate)) / rate
+    angle = rng.uniform(-1, 1) * joint
+
+    def rest(t):
+        return np.full((len(t), int(joint)), angle), np.zeros((len(t), int(joint)))
+
+    found = run(craft, times, rest, rng, valves=fitted, delay=delay, loss=loss, floor=floor,
+                command=inside(rng, fitted, rate, mass))  # fmt: skip
+    columns = samples(rng, craft, times, found, rest(times)[0], sigma_m, sigma_rad, 1e-4, [0.0])
+    columns |= {f"valve:v{k + 1}": found["opening"][:, k] for k in range(count)}
+    sensors = pose_sensors(rate, sigma_m, sigma_rad) | {"encoders": {"rate": rate, "sigma": 1e-4}}
+    if seed % 3 == 0 and not planar:
+        sensors["gyro"] = {
+            "rate": rate,
+            "angle_random_walk": 0.3,
+            "bias": 60.0,
+            "bias_random_walk": 1.0,
+        }
+        w = found["w_B"] + 60 * ARCSEC * rng.standard_normal(3)
+        w = w + np.radians(0.3) / 60 * np.sqrt(rate) * rng.standard_normal(w.shape)
+        columns |= dict(zip(("bwx", "bwy", "bwz"), w.T))
+    thrusters = {"valves": {}}
+    for k, valve in enumerate(fitted):
+        place, axis = ([float(x) for x in v] for v in (valve.position, valve.direction))
+        entry = {"position": place, "direction": axis, "force": float(valve.force)}
+        if declared:
+            entry["force_sigma"] = float(0.05 * valve.force)
+        thrusters["valves"][f"v{k + 1}"] = entry
+    if declared:
+        thrusters = {"delay_ms": 150.0, "loss": 0.1, **thrusters}
+        a, t = map(float, floor)
+        sensors["disturbances"] = {"acceleration_noise": a, "torque_noise": t}
+    sensors["thrusters"] = thrusters
+    far = np.abs(found["p"]).max()
+    what = (
+        f"{'planar' if planar else '3-D'}{' joint' if joint else ''} {mass:.1f} kg, {100 * share:.0f} % "
+        f"unknown, {count} valves, {1e3 * delay:.0f} ms, loss {loss:.2f}, floor {1e3 * white:.1f} mm/s/√s, "
+        f"{duration:.0f} s at {rate:g} Hz, within {far:.1f} m"
+    )
+    return write(folder, craft, sensors, [columns], what, f"v{dead + 1}")
+
+
+def floor(seed: int, folder: Path, *, logs: int = 1, step: float = 0.0, white: bool = True,
+          size: float = 1.0) -> Draw:  # fmt: skip
+    """An arm on a table, seen at 5 Hz with gaps; noise three times the declared one.
+
+    Args:
+        seed: of the draw.
+        folder: for its files.
+        logs: number of logs of the same spacecraft and target.
+        step: by which somebody moves the base in the last log [m].
+        white: whether the white noise of the floor is declared.
+        size: factor of the white noise of the floor.
+
+    """
+    rng = np.random.default_rng([12, 2, seed])
+    base = Body.drawn(rng, rng.uniform(6, 15), 0.35, np.zeros(3))
+    target = Body.drawn(
+        rng, rng.uniform(2, 8), 0.25, [rng.uniform(0.05, 0.2), *0.03 * rng.standard_normal(2)]
+    )
+    lengths = rng.uniform(0.2, 0.35, int(rng.integers(2, 4)))
+    joints, place = [], np.array([0.2, 0.0, 0.0])
+    for k, length in enumerate(lengths):
+        link = Body.drawn(rng, rng.uniform(0.4, 1.5), 0.12, [length / 2, 0, 0])
+        joints.append(Joint(f"joint{k + 1}", "revolute", Z, place, link))
+        place = np.array([length, 0.0, 0.0])
+    craft = Craft(base, target, joints, place, planar=True)
+    mass = base.mass + target.mass + sum(j.body.mass for j in joints)
+    acceleration = size * rng.uniform(0.3e-3, 2e-3)
+    noise = acceleration, acceleration * mass * 0.2
+    sigma_m, sigma_rad, sigma_q = rng.uniform(0.5e-3, 1e-3), rng.uniform(1e-3, 2e-3), 2e-3
+    zero, rate, columns, lost = 1e-2 * rng.standard_normal(len(joints)), 5.0, [], 0.0
+    for number in range(logs):
+        times = np.arange(int(rng.uniform(40, 60) * rate)) / rate
+        motion = sines(rng, rng.uniform(0.4, 0.9, len(joints)), 0.04, 0.15)
+        start = np.array([0, 0, 0.02 * rng.standard_normal(), *0.1 * rng.standard_normal(2), 0])
+        when, long = 0.6 * times[-1], 1.0
+
+        def push(t, last=number == logs - 1, when=when, long=long):
+            ahead = np.sign(long / 2 - (t - when)) if 0 <= t - when < long else 0.0
+            return X * last * ahead * 4 * step / long**2
+
+        found = run(craft, times, motion, rng, momentum=start, floor=noise, push=push)
+        log = samples(
+            rng,
+            craft,
+            times,
+            found,
+            motion(times)[0],
+            3 * sigma_m,
+            3 * sigma_rad,
+            3 * sigma_q,
+            zero,
+        )
+        for _ in range(int(rng.integers(2, 6))):
+            t = rng.uniform(3, times[-1] - 6)
+            gone = (times > t) & (times < t + rng.uniform(1, 3))
+            names = [n for n in log if n.startswith("q:")]
+            names += ["x", "y", "yaw"] if rng.random() < 0.5 else []
+            for name in names:
+                log[name] = np.where(gone, np.nan, log[name])
+        columns.append(log)
+    sensors = pose_sensors(rate, sigma_m, sigma_rad)
+    sensors["encoders"] = {"rate": rate, "sigma": sigma_q, "zero_mrad": 10.0}
+    if white:
+        sensors["disturbances"] = dict(
+            zip(("acceleration_noise", "torque_noise"), map(float, noise))
+        )
+    what = (
+        f"{len(joints)} joints, {mass:.1f} kg, {target.mass:.1f} unknown, floor "
+        f"{1e3 * acceleration:.1f} mm/s/√s, {len(columns[0]['time']) / rate:.0f} s"
+    )
+    return write(folder, craft, sensors, columns, what)
+
+
+def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | None = None) -> Draw:
+    """A captured body, measured relative to the base, and thrust along W's axes in every row.
+
+    Args:
+        seed: of the draw.
+        folder: for its files.
+        planar: on a table; None to draw.
+        on: "body" or "target", where the thrust acts; None to draw.
+
+    """
+    rng = np.random.default_rng([12, 3, seed])
+    planar = bool(seed % 2) if planar is None else planar
+    on = ("target", "body")[seed // 2 % 2] if on is None else on
+    base = Body.drawn(rng, rng.uniform(5, 20), 0.35, 0.02 * rng.standard_normal(3))
+    target = Body.drawn(rng, rng.uniform(5, 20), 0.35, 0.04 * rng.standard_normal(3))
+    names = ("x", "y", "yaw") if planar else ("x", "y", "z", "yaw", "pitch", "roll")
+    axes = {"x": X, "y": Y, "z": Z, "yaw": Z, "pitch": Y, "roll": X}
+    joints = [
+        Joint(n, "prismatic" if n in "xyz" else "revolute", axes[n], np.zeros(3)) for n in names
+    ]
+    joints[0].origin = np.array([0.45, 0.0, 0.0])
+    craft = Craft(base, target, joints, np.zeros(3), planar)
+    mass = base.mass + target.mass
+    size = np.array([0.03 if n in "xyz" else 0.1 for n in names])
+    motion = sines(rng, size, 0.03, 0.12)
+    rate, duration = float(rng.choice([10.0, 16.0, 25.0, 50.0])), rng.uniform(15, 60)
+    times = np.arange(int(duration * rate)) / rate
+    width = 2 if planar else 3
+    place = 0.1 * rng.standard_normal(3) * ([1, 1, 0] if planar else 1)
+    fitted = [
+        Valve(place, axis, 1.0, 1 + 0.05 * rng.standard_normal(), on, "world")
+        for axis in np.eye(3)[:width]
+    ]
+    phase, speed = rng.uniform(0, 6.28, (width, 2)), rng.uniform(0.3, 1.5, (width, 2))
+    force = mass * rng.uniform(0.005, 0.02, width)
+
+    def command(row, now):
+        wave = np.sin(speed * times[row] + phase).sum(axis=1)
+        back = 0.05 * now["state"][4:7] + 0.3 * (now["R"] @ now["V"][3:])
+        return force * wave - mass * 0.1 * back[:width]
+
+    white = rng.uniform(0.5e-3, 2e-3)
+    noise, delay = (white, white * mass * 0.2), rng.uniform(0.0, 0.1)
+    sigma_m, sigma_rad = rng.uniform(0.5e-3, 2e-3), rng.uniform(1e-3, 3e-3)
+    found = run(craft, times, motion, rng, valves=fitted, delay=delay, floor=noise, command=command)
+    columns = samples(
+        rng, craft, times, found, motion(times)[0], sigma_m, sigma_rad, 1.5e-3, np.zeros(6)
+    )
+    columns |= {f"valve:f{'xyz'[k]}": found["opening"][:, k] for k in range(width)}
+    sensors = pose_sensors(rate, sigma_m, sigma_rad) | {"encoders": {"rate": rate, "sigma": 1.5e-3}}
+    sensors["disturbances"] = dict(zip(("acceleration_noise", "torque_noise"), map(float, noise)))
+    valve = {
+        "position": [float(x) for x in place],
+        "force": 1.0,
+        "force_sigma": 0.05,
+        "on": on,
+        "axes": "world",
+    }
+    entries = {
+        f"f{'xyz'[k]}": {**valve, "direction": [float(x) for x in np.eye(3)[k]]}
+        for k in range(width)
+    }
+    sensors["thrusters"] = {"delay_ms": 100.0, "valves": entries}
+    far = np.abs(found["p"]).max()
+    what = (
+        f"{'planar' if planar else '3-D'}, on {on}, {base.mass:.1f} + {target.mass:.1f} kg, {1e3 * delay:.0f} ms, "
+        f"floor {1e3 * white:.1f} mm/s/√s, {duration:.0f} s at {rate:g} Hz, within {far:.1f} m"
+    )
+    return write(folder, craft, sensors, [columns], what)
+
+
+KINDS = {"valves": valves, "floor": floor, "pushed": pushed}
+
+
+def identified(draw: Draw, *words: str) -> dict:
+    """Return what `cpid identify` says about a draw, compared with the truth."""
+    out = draw.urdf.with_name("found.json")
+    out.unlink(missing_ok=True)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = cli("identify", *draw.logs, "--spacecraft", draw.urdf, "--base", "base",
+               "--capture-frame", "capture_point", "--sensors", draw.sensors, "--json", out, *words)  # fmt: skip
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    text = done.stderr + done.stdout
+    row = {"code": done.returncode, "seconds": seconds, "what": draw.what, "text": text}
+    row |= {"known": 0, "inside": 0, "worst": np.nan, "mass": np.nan, "changes": 0}
+    row["named"] = not draw.dead or f"{draw.dead} " in text.replace(",", " ").replace(":", " ")
+    if out.exists():
+        found = json.loads(out.read_text(encoding="utf-8"))
+        estimate, intervals = (np.array(found[k], dtype=float) for k in ("parameters", "intervals"))
+        sigma = np.diff(intervals, axis=1)[:, 0] / 2 / 1.959964
+        error = (estimate - draw.truth) / sigma
+        known = np.isfinite(error)
+        row |= {"known": int(known.sum()), "inside": int(np.sum(np.abs(error[known]) < 1.959964))}
+        if known.any():
+            row |= {"worst": float(np.abs(error[known]).max()), "mass": float(error[0])}
+            row |= {"relative": float(sigma[0] / draw.truth[0])}
+        row["changes"] = len(found.get("momentum_changes") or [])
+    return row
+
+
+def table(rows: dict[int, dict]) -> str:
+    """Return rows by seed as lines, the worst first, and their sum."""
+    order = sorted(
+        rows, key=lambda s: (-rows[s]["code"], -np.nan_to_num(rows[s]["worst"], nan=99.0))
+    )
+    lines = ["seed exit worst/σ m err/σ σ(m)/m   in  changes dead   s  draw"]
+    for seed in order:
+        r = rows[seed]
+        lines.append(
+            f"{seed:4} {r['code']:4} {r['worst']:7.2f} {r['mass']:7.2f} {100 * r.get('relative', np.nan):5.1f}% "
+            f"{r['inside']:2}/{r['known']:<2} {r['changes']:5} {'named' if r['named'] else '-':>6} "
+            f"{r['seconds']:5.1f}  {r['what']}"
+        )
+    good = [r for r in rows.values() if r["code"] in (0, 3)]
+    inside, known = (sum(r[key] for r in good) for key in ("inside", "known"))
+    lines.append(
+        f"answered {len(good)} of {len(rows)}, intervals of these hold {inside} of {known}, "
+        f"{sum(r['named'] for r in rows.values())} named, {max(r['seconds'] for r in rows.values()):.0f} s at most"
+    )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Identify draws of one kind."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("kind", choices=list(KINDS))
+    parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument(
+        "--option", action="append", default=[], help="of the draw: NAME=VALUE (YAML)"
+    )
+    parser.add_argument("--words", default="", help="further words for cpid identify")
+    parser.add_argument("--keep", type=Path, help="folder for the files")
+    args = parser.parse_args()
+    options = {n: yaml.safe_load(v) for n, _, v in (o.partition("=") for o in args.option)}
+    rows = {}
+    with tempfile.TemporaryDirectory() as temporary:
+        for seed in range(args.first, args.first + args.draws):
+            folder = (args.keep or Path(temporary)) / f"{args.kind}{seed}"
+            draw = KINDS[args.kind](seed, folder, **options)
+            rows[seed] = identified(draw, *args.words.split())
+            (folder / "said.txt").write_text(rows[seed]["text"], encoding="utf-8")
+            print(
+                f"{seed}: {rows[seed]['code']}, {rows[seed]['worst']:.2f} σ",
+                file=sys.stderr,
+                flush=True,
+            )
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()
