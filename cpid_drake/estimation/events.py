@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.estimation.evidence import Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
@@ -34,9 +33,6 @@ TOGETHER = 12
 
 LATER = 8
 """So many blocks after these ends are used to judge them."""
-
-FARTHEST = (0.5, 1.0, 1.0)
-"""σ of a change of attitude [rad], of the centre of mass [m] and of its velocity [m/s]."""
 
 HELD = (0, 1, 5, 6, 7, 11)
 """Entries that a table holds: tilt, height, and their momenta."""
@@ -76,7 +72,7 @@ def fit_with_events(
         return found, []
     now, wide = found, found
     for last in [False] * (ROUNDS - 1) + [True]:
-        logs = [opened(model, log, range(len(log.blocks) - 1)) for log in now.logs]
+        logs = [log.opened(model, range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values)
         if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
             return found, []  # changes do not explain the samples
@@ -85,7 +81,7 @@ def fit_with_events(
             break
         cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
         now = replace(wide, logs=cut)
-    logs = [opened(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
+    logs = [log.opened(model, each) for log, each in zip(wide.logs, changes, strict=True)]
     events = [
         Event(log.name, float(log.blocks[k].end))
         for log, each in zip(logs, changes, strict=True)
@@ -110,7 +106,7 @@ def _changes(
             end = min(first + TOGETHER + LATER + 1, len(log.blocks))
             ends = range(min(TOGETHER, end - first - 1))
             wide = log.part(first, end)
-            wide = opened(model, wide, {*wide.links, *ends})
+            wide = wide.opened(model, {*wide.links, *ends})
             carried = sweep(
                 model, wide, rolled.part(first, end), found.values, carry=ends, before=before
             )
@@ -137,18 +133,6 @@ def _compared(
     candidates = {name: log.links[k] for name, k in names.items()}
     held = {} if model.tree.normal_B is None else dict.fromkeys(names, HELD)
     return question.answer(total, values, candidates, held)
-
-
-def opened(model: Model, log: LogState, ends: Sequence[int] | set[int] | range) -> LogState:
-    """Return a log that is open at the ends of some blocks, and closed at all others."""
-    jumps = {k: log.jumps.get(k, np.zeros(12)) for k in sorted(ends)}
-    return replace(log, links=dict.fromkeys(jumps, farthest(model)), jumps=jumps)
-
-
-def farthest(model: Model) -> NDArray[np.float64]:
-    """Return σ (12,) of a change of attitude, centre of mass, L and v."""
-    turn, place, speed = FARTHEST
-    return np.repeat([turn, place, model.L_sigma, speed], 3)
 
 
 def _cut(model: Model, log: LogState, changes: Sequence[int]) -> LogState:

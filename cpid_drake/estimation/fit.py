@@ -100,6 +100,9 @@ def fit(
     logs = list(logs)
     if values is None or any(log.start is None for log in logs):
         values, logs = start_of(model, logs, values)
+        if any(log.links for log in logs):
+            wide = fit(model, logs, rows=rows, values=values)
+            values, logs = wide.values, [log.opened(model, ()) for log in wide.logs]
     now = _point(model, logs, values, rows)
     damping, growth, converged, settled, sweeps = _FIRST_DAMPING, 2.0, False, False, 0
     total, swept = prior_of(model, logs, values, rows), list[Swept]()

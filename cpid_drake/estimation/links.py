@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.estimation.events import HELD, farthest
+from cpid_drake.estimation.events import HELD
 from cpid_drake.estimation.evidence import Comparison, compare
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.sweep import EXACT
@@ -46,7 +46,7 @@ def linked(model: Model, gaussian: Gaussian, link: Link) -> Gaussian:
     """Return what is known after a change at the boundary, which is a further unknown."""
     n = gaussian.size
     rows = np.zeros((12 + n, n + 13))
-    rows[:12, n : n + 12] = np.diag(1 / farthest(model))
+    rows[:12, n : n + 12] = np.diag(1 / model.farthest)
     rows[12:, :n], rows[12:, n : n + 12] = gaussian.R, -gaussian.R[:, :12]
     rows[12:, -1] = gaussian.z
     return Gaussian.of_rows({**gaussian.sizes, link.name: 12}, rows)
@@ -67,12 +67,12 @@ def compared(model: Model, gaussian: Gaussian, names: Sequence[str]) -> Comparis
     """Return the comparison of changes that are unknowns of these names."""
     held = {} if model.tree.normal_B is None else dict.fromkeys(names, HELD)
     odds = dict.fromkeys(names, ODDS)
-    return compare(gaussian, dict.fromkeys(names, farthest(model)), [PSI], held, odds)
+    return compare(gaussian, dict.fromkeys(names, model.farthest), [PSI], held, odds)
 
 
 def _prior_sigma(model: Model, link: Link) -> NDArray[np.float64]:
     """Return σ (12,) of a change that acts with its probability, and has its size."""
-    sigma = farthest(model)
+    sigma = model.farthest
     share = np.full(12, np.sqrt(link.probability) * link.size)
     if model.tree.normal_B is not None:
         share[list(HELD)] = 0.0

@@ -13,7 +13,7 @@ from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.smoothness import Smoothness
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import ATTITUDE
 
 
@@ -85,6 +85,23 @@ class LogState:
         """
         stream = [samples] if isinstance(samples, Measurements) else samples
         return cls.of_blocks(model, blocks_of(BlockQueue.of(model.suite), stream), name)
+
+    def opened(self, model: Model, ends: Iterable[int]) -> "LogState":
+        """Return the log open at the ends of some blocks, and closed at all others."""
+        jumps = {k: self.jumps.get(k, np.zeros(12)) for k in sorted(set(ends))}
+        return replace(self, links=dict.fromkeys(jumps, model.farthest), jumps=jumps)
+
+    @property
+    def thrust(self) -> Samples:
+        """The log of thrust of all blocks."""
+        parts = [block.samples.thrust for block in self.blocks]
+        time, first = np.unique(np.concatenate([part.time for part in parts]), return_index=True)
+        return Samples(time, np.concatenate([part.value for part in parts])[first])
+
+    @property
+    def has_thrust(self) -> bool:
+        """Whether thrusters fire."""
+        return any(block.samples.has_thrust for block in self.blocks)
 
     def part(self, first: int, end: int) -> "LogState":
         """Return the blocks from `first` up to `end`; its start is that of the whole log."""

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.events import opened
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.fit import Fit, fit, prior_of, spread
 from cpid_drake.estimation.gaussian import Gaussian
@@ -204,7 +203,7 @@ def _changes(model: Model, found: Fit) -> list[int]:
     if not ends:
         return []
     noise = {n: max(1.0, spread(rest)) for n, rest in rolled.all_residuals().items()}
-    quiet = opened(model, replace(log, noise=noise), ends)
+    quiet = replace(log, noise=noise).opened(model, ends)
     carried = sweep(model, quiet, rolled, found.values, carry=ends).gaussian
     total = prior_of(model, [quiet], found.values, ()).add(carried)
     names = [name for name in total.places if name.startswith("link ")]

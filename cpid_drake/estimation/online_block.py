@@ -8,7 +8,6 @@ from scipy.linalg import solve_triangular
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.events import farthest
 from cpid_drake.estimation.fit import CLOSE, weights_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import joined, joint_part, triangles
@@ -117,7 +116,7 @@ def solved(
         gaussian = _changed(gaussian, n + walking, sigma * np.sqrt(block.length))
     links = known.links
     if known.is_lost:
-        gaussian = _changed(gaussian, np.arange(12), farthest(model))
+        gaussian = _changed(gaussian, np.arange(12), model.farthest)
     elif is_linked:
         links = (*links, Link(block.start))
         gaussian = linked(model, gaussian, links[-1])

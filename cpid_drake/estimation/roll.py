@@ -1,5 +1,6 @@
 """Prediction of a log: the samples of all blocks at given values of all unknowns."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,8 +76,19 @@ def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.floa
     return np.concatenate([np.empty(0), *parts])
 
 
-def roll(model: Model, log: LogState, values: Values) -> Rolled:
+def roll(
+    model: Model,
+    log: LogState,
+    values: Values,
+    starts: Mapping[int, TrajectoryState] | None = None,
+) -> Rolled:
     """Predict all samples of a log.
+
+    Args:
+        model: the unknowns.
+        log: the log.
+        values: of the unknowns.
+        starts: states at the start of some blocks, to which `log.jumps` is set; default: none.
 
     Raises:
         InputError: no rigid body has these values.
@@ -120,6 +132,8 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         )
         links += float(np.sum(part.links(first)[1] ** 2))
         state = jumped(part.motion.end(trajectory), moved)
+        if starts and k + 1 in starts and k in log.links:
+            log.jumps[k] = jump_between(state, starts[k + 1])
         if k < len(log.walks):
             links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
         if k in log.links:
@@ -156,6 +170,13 @@ def first_bias(model: Model, log: LogState) -> NDArray[np.float64]:
     """Return the bias (G, 3) of each gyro at the start."""
     nodes = np.cumsum([0, *(2 if gyro.bias_growth else 1 for gyro in model.gyros)])
     return log.bias[0][nodes[:-1]]
+
+
+def jump_between(state: TrajectoryState, other: TrajectoryState) -> NDArray[np.float64]:
+    """Return the change (12,) from a state to another one; see `jumped`."""
+    turn = (other.attitude * state.attitude.inv()).as_rotvec()
+    move = other.p_Wcm - state.p_Wcm
+    return np.concatenate([turn, move, other.L - state.L, other.v_Wcm - state.v_Wcm])
 
 
 def jumped(state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:

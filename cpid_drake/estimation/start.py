@@ -1,9 +1,8 @@
-"""Where a fit starts: linear least squares on the balance of momentum.
+"""Where a fit starts: linear least squares on the conservation of angular momentum.
 
 At about ten instants of every block, R_WB (J ω + h) = L about the system's centre of mass is linear
 in the target's ψ and in the L of each log; ω comes from the gyro or, without one, from the
-attitude. Logged thrust adds ∫ R (τ + (a − ρ) × f) to L, and moves the centre of mass by ∬ R f / m:
-both are linear in ψ, too, because ρ and 1/m are (see `likelihood.thrust`).
+attitude. A log with thrust has further rows, and other ones: see `thrust_start`.
 Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
 """
 
@@ -15,15 +14,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
-from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
-from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, first_sample
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.pushes import Pushed, pushes
-from cpid_drake.estimation.roll import Values
+from cpid_drake.estimation.roll import Values, roll
+from cpid_drake.estimation.thrust_start import SeenMotion, balanced_with_thrust, seen_states
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Quantity, sensors_of
@@ -39,6 +37,9 @@ def start_of(
 ) -> tuple[Values, list[LogState]]:
     """Return values of all unknowns, and the logs with a start.
 
+    A log with thrust is open at the ends of its blocks: what is not yet known of the thrust adds
+    up, and each block starts where its own samples show.
+
     Args:
         model: the unknowns.
         logs: the logs.
@@ -47,12 +48,25 @@ def start_of(
     """
     given = values or {}
     values = model.start([log.name for log in logs]) | given
-    psi, momenta = _balanced(model, logs)
+    motions = [_motion(model, log) for log in logs]
+    psi, momenta = _balanced(model, logs, motions)
+    if any(log.has_thrust for log in logs):
+        pushed, momenta = balanced_with_thrust(model, logs, motions)
+        psi = pushed.pop(PSI)
+        values = values | pushed | given
     psi = given.get(PSI, psi)
     if not all(_is_possible(model, log, psi) for log in logs):
         psi = model.start([""])[PSI]
     started = []
-    for log, L in zip(logs, momenta, strict=True):
+    for log, L, motion in zip(logs, momenta, motions, strict=True):
+        if log.has_thrust and motion is not None:
+            states = seen_states(log, motion, psi)
+            state = replace(states[0], bias=log.bias[0])
+            values[f"{MOMENTUM}|{log.name}"] = np.concatenate([state.L, state.v_Wcm])
+            log = replace(log, start=state).opened(model, [k - 1 for k in states if k])
+            roll(model, log, values | {PSI: psi}, states)
+            started.append(log)
+            continue
         block, joints = log.blocks[0], log.joints[0].evaluate(np.array([log.blocks[0].start]))
         dynamics = relative_dynamics(model.tree, joints[:, 0], joints[:, 1])
         inverse = dynamics.mobility(psi)[0]
@@ -90,41 +104,49 @@ def _is_possible(model: Model, log: LogState, psi: NDArray[np.float64]) -> bool:
 
 
 def _balanced(
-    model: Model, logs: Sequence[LogState]
+    model: Model, logs: Sequence[LogState], motions: Sequence[SeenMotion | None]
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Return ψ (10,) and L (3,) of each log, from all rows and the vague prior."""
+    parts = [_rows(model, motion) for motion in motions]
     n = 10 + 3 * len(logs)
-    groups: list[list[NDArray[np.float64]]] = [[], []]  # of turning and of moving
-    for k, log in enumerate(logs):
-        for group, rows in zip(groups, _rows(model, log), strict=True):
-            A = np.zeros((len(rows), n + 1))
-            A[:, :10], A[:, 10 + 3 * k : 13 + 3 * k] = rows[:, :10], rows[:, 10:13]
-            A[:, -1] = rows[:, 13]
-            group.append(A)
+    A = np.zeros((sum(map(len, parts)), n + 1))
+    first = 0
+    for k, rows in enumerate(parts):
+        block = A[first : first + len(rows)]
+        block[:, :10], block[:, 10 + 3 * k : 13 + 3 * k] = rows[:, :10], rows[:, 10:13]
+        block[:, -1] = rows[:, 13]
+        first += len(rows)
     target = model.unknown(PSI)
     sizes = {PSI: 10} | {log.name: 3 for log in logs}
     sigma = np.concatenate([target.sigma, np.full(3 * len(logs), model.L_sigma)])
     mean = np.concatenate([target.mean, np.zeros(3 * len(logs))])
     prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(1 / sigma), np.zeros(n)]))
-    found, parts = prior, [np.concatenate(group) for group in groups if any(map(len, group))]
-    for A in parts:
-        A[:, -1] -= A[:, :-1] @ mean
-    noise = [0.02 * float(np.std(A[:, -1])) + 1e-12 for A in parts]
-    for _ in range(_REWEIGHTINGS if parts else 0):
-        found = prior
-        for A, size in zip(parts, noise, strict=True):
-            found = found.add(Gaussian.of_rows(sizes, A / size))
-        x = found.solve()
-        rms = [float(np.sqrt(np.mean((A[:, :-1] @ x - A[:, -1]) ** 2))) for A in parts]
-        noise = [max(value, 1e-9 * model.L_sigma) for value in rms]
+    A[:, -1] -= A[:, :-1] @ mean
+    noise, found = 0.02 * float(np.std(A[:, -1])) + 1e-12 if len(A) else 1.0, prior
+    for _ in range(_REWEIGHTINGS if len(A) else 0):
+        found = prior.add(Gaussian.of_rows(sizes, A / noise))
+        rms = float(np.sqrt(np.mean((A[:, :-1] @ found.solve() - A[:, -1]) ** 2)))
+        noise = max(rms, 1e-9 * model.L_sigma)
     x = mean + found.solve(held={PSI: undetermined(model, target.mean, found)[0]})
     return x[:10], np.split(x[10:], len(logs))
 
 
-def _rows(model: Model, log: LogState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return rows [by ψ | by L | right side] (M, 14) of the turning and of the moving base."""
+def _rows(model: Model, motion: SeenMotion | None) -> NDArray[np.float64]:
+    """Return rows [Y | −Rᵀ | right side] (M, 14) about ψ and L of a log."""
+    if motion is None:
+        return np.empty((0, 14))
+    dynamics, w, Rt = motion.dynamics, motion.w, np.swapaxes(motion.R, 1, 2)
+    known = np.einsum("nij,nj->ni", dynamics.I_K, w) + dynamics.h_K
+    A = np.concatenate([dynamics.regressor(w), -Rt, -known[..., None]], axis=2)
+    if model.tree.normal_B is not None:
+        A = np.einsum("i,nij->nj", model.tree.normal_B, A)
+    return np.asarray(A.reshape(-1, 14))
+
+
+def _motion(model: Model, log: LogState) -> SeenMotion | None:
+    """Return what the samples of a log show of its motion; None if they show nothing."""
     attitude: tuple[float, NDArray[np.float64]] | None = None
-    times, rates, attitudes, joints = [], [], [], []
+    times, rates, attitudes, places, joints = [], [], [], [], []
     for block, part in zip(log.blocks, log.joints, strict=True):
         t = np.linspace(block.start, block.end, _INSTANTS + 2)[1:-1]
         found = _rates(block, t, attitude)
@@ -135,50 +157,35 @@ def _rows(model: Model, log: LogState) -> tuple[NDArray[np.float64], NDArray[np.
         times.append(t)
         rates.append(w)
         attitudes.append(R)
+        places.append(_places(block, t))
         joints.append(part.evaluate(t))
     if not times:
-        return np.empty((0, 14)), np.empty((0, 14))
-    w, R, q = np.concatenate(rates), np.concatenate(attitudes), np.concatenate(joints)
-    normal_B, t = model.tree.normal_B, np.concatenate(times)
+        return None
+    w, q = np.concatenate(rates), np.concatenate(joints)
+    normal_B = model.tree.normal_B
     if normal_B is not None:
         w = (w @ normal_B)[:, None] * normal_B
-    dynamics, Rt = relative_dynamics(model.tree, q[:, 0], q[:, 1]), np.swapaxes(R, 1, 2)
-    known = np.einsum("nij,nj->ni", dynamics.I_K, w) + dynamics.h_K
-    A = np.concatenate([dynamics.regressor(w), -Rt, -known[..., None]], axis=2)
-    moving = np.empty((0, 14))
-    pushed = pushes(model, log, t, R, q[:, 0], dynamics)
-    if pushed is not None:
-        A[:, :, :10] -= Rt @ pushed.L_by_psi
-        A[:, :, 13] += rotate(Rt, pushed.L)
-        moving = _moving(log, t, R, dynamics, pushed)
-    if normal_B is not None:
-        A = np.einsum("i,nij->nj", normal_B, A)
-        moving = moving.reshape(-1, 3, 14)[:, :2]
-    return A.reshape(-1, 14), moving.reshape(-1, 14)
+    dynamics = relative_dynamics(model.tree, q[:, 0], q[:, 1])
+    return SeenMotion(
+        np.concatenate(times),
+        np.concatenate(attitudes),
+        w,
+        *np.moveaxis(np.concatenate(places), 1, 0),
+        q[:, 0],
+        dynamics,
+    )
 
 
-def _moving(
-    log: LogState,
-    t: NDArray[np.float64],
-    R: NDArray[np.float64],
-    dynamics: RelativeDynamics,
-    pushed: Pushed,
-) -> NDArray[np.float64]:
-    """Return rows (3 M, 14) of the centre of mass, without its start and its first velocity."""
-    samples = [_longest(block, POSITION) for block in log.blocks]
-    there = [each for each in samples if each is not None]
-    if not there:
-        return np.empty((0, 14))
-    at = np.concatenate([each.time for each in there])
-    place = np.concatenate([each.value for each in there])
-    p = np.stack([np.interp(t, at, x) for x in place.T], axis=1)
-    A = np.zeros((len(t), 3, 14))
-    A[:, :, :4] = R @ dynamics.com_regressor()
-    A[:, :, 0] += pushed.S / dynamics.mass**2
-    com = dynamics.com(np.zeros(10))
-    A[:, :, 13] = pushed.S / dynamics.mass - p - rotate(R, com)
-    drift, flat = np.column_stack([np.ones(len(t)), t - t[0]]), A.reshape(len(t), -1)
-    return np.asarray((flat - drift @ np.linalg.lstsq(drift, flat, rcond=None)[0]).reshape(-1, 14))
+def _places(block: Block, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return position and velocity (M, 2, 3) of B's origin in W at times; NaN without samples."""
+    place, cheb = _longest(block, POSITION), np.polynomial.chebyshev
+    if place is None:
+        return np.full((len(t), 2, 3), np.nan)
+    middle, half = (block.start + block.end) / 2, block.length / 2
+    c = cheb.chebfit((place.time - middle) / half, place.value, min(_DEGREE, len(place) - 2))
+    at = (t - middle) / half
+    both = cheb.chebval(at, c).T, cheb.chebval(at, cheb.chebder(c)).T / half
+    return np.stack(both, axis=1)
 
 
 def _rates(

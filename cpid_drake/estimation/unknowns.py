@@ -36,6 +36,9 @@ WIDE = 1e3
 PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"
 """Names of the target's unknowns, of the known bodies' errors, and of a log's momentum."""
 
+FARTHEST = (0.5, 1.0, 1.0)
+"""σ of a change of attitude [rad], of the centre of mass [m] and of its velocity [m/s]."""
+
 Scope = Literal["log", "hardware", "target"]
 
 
@@ -142,6 +145,12 @@ class Model:
     def unknown(self, name: str) -> Unknown:
         """Return the unknown of this name."""
         return next(unknown for unknown in self.table if unknown.name == name)
+
+    @property
+    def farthest(self) -> NDArray[np.float64]:
+        """σ (12,) of a change of attitude, centre of mass, L and v between two blocks."""
+        turn, place, speed = FARTHEST
+        return np.repeat([turn, place, self.L_sigma, speed], 3)
 
     def no_forces(self, start: float, end: float) -> NDArray[np.float64]:
         """Return white forces (K,) of zero in a block from start to end [s]."""

@@ -10,7 +10,6 @@ from sensing_cases import coarse_suite, true_psi
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, blocks_of
-from cpid_drake.estimation.events import farthest
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.links import Link, closed, judged
@@ -154,9 +153,9 @@ def linked_gaussian(model):
     """Return rows about ψ and a change, and the change."""
     link = Link(1.0)
     rng = np.random.default_rng(0)
-    unit = np.concatenate([model.plausible, 1e-3 * farthest(model)])
+    unit = np.concatenate([model.plausible, 1e-3 * model.farthest])
     rows = np.column_stack([rng.normal(size=(40, 22)) / unit, rng.normal(size=40)])
-    prior = np.column_stack([np.zeros((12, 10)), np.diag(1 / farthest(model)), np.zeros(12)])
+    prior = np.column_stack([np.zeros((12, 10)), np.diag(1 / model.farthest), np.zeros(12)])
     gaussian = Gaussian.of_rows({PSI: 10, link.name: 12}, np.vstack([rows, prior]))
     return gaussian, link
 
@@ -193,6 +192,6 @@ def test_evidence_judges_a_change(model, linked_gaussian):
     gaussian, link = linked_gaussian
     (none,) = judged(model, gaussian, [link])
     assert none.probability < 0.1
-    step_ = np.concatenate([np.zeros(10), 1e-2 * farthest(model)])
+    step_ = np.concatenate([np.zeros(10), 1e-2 * model.farthest])
     (acts,) = judged(model, gaussian.moved(-step_), [link])
     assert acts.probability > 0.99
