@@ -33,7 +33,7 @@ from cpid_drake.estimation.rows_fit import (
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white, whiteness
-from cpid_drake.identification.checks import MOST_NOISE, momentum_words
+from cpid_drake.identification.checks import momentum_words
 from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.result import Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
@@ -362,7 +362,6 @@ def _estimate(
     if not noise.is_known:
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
     to_errors, to_rows = rows.misfit(x)
-    misfit = min(to_errors, to_rows / SMALL)
     is_complete = solution.rank == len(spacecraft.tree.unknowns)
     is_judged = is_complete and noise.is_known and to_rows > SMALL
     checks: tuple[Check, ...] = ()
@@ -390,5 +389,5 @@ def _estimate(
         whiteness=white,
         residuals=residuals,
         checks=checks,
-        misfit=misfit if misfit > MOST_NOISE else 1.0,
+        misfit=min(to_errors, to_rows / SMALL),
     )

@@ -44,7 +44,7 @@ POWER = 0.9
 BEGINNING = 0.3
 """Share of a log to which start, momentum and biases are fitted."""
 
-_SMALL = 1e-6  # share of a plausible target that stands for no target, or of a σ for a known value
+_SMALL = 1e-6  # share of a σ for a known value
 
 _UNITS = {
     "rad": (180 / np.pi, "deg"),
@@ -87,7 +87,6 @@ class SensorError:
         rms: root mean square of the error's magnitude.
         largest: largest error.
         noise: root mean square of the sensor's noise alone.
-        without_target: root mean square of the error of a prediction without a target.
         in_sigma: root mean square of the residuals of the whole log in σ, with the target that
             explains it best: about 1 if the model is right.
 
@@ -99,7 +98,6 @@ class SensorError:
     rms: float
     largest: float
     noise: float
-    without_target: float
     in_sigma: float
 
 
@@ -198,21 +196,18 @@ def validate(
         model = model.with_prior(MOMENTUM, value, _SMALL * model.unknown(MOMENTUM).sigma)
     psi, test = model.unknown(PSI), _test(model, own, target)
     given = _rows(target, own.parameterization, model).add(_about(psi.mean, psi.sigma))
-    nothing = _about(_SMALL * psi.mean, _SMALL * model.plausible)
-    predicted, alone = (
-        _predicted(model, samples, own.residuals, first, each) for each in (given, nothing)
-    )
+    predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
     for name, rest in own.residuals.items():
-        found, other = (_sizes(each, name, first) for each in (predicted, alone))
+        found = _sizes(predicted, name, first)
         if not len(found):
             continue
         sigmas = next(m.sensors[name].scale for m in predicted.models if name in m.sensors)
         factor, unit = _UNITS[SENSORS[name].quantity.unit]
-        sizes = (_rms(found), float(found.max()), float(np.linalg.norm(sigmas)), _rms(other))
-        rms, largest, noise, alone_rms = (factor * size for size in sizes)
+        sizes = _rms(found), float(found.max()), float(np.linalg.norm(sigmas))
+        rms, largest, noise = (factor * size for size in sizes)
         in_sigma = _rms(rest.value)
-        errors.append(SensorError(name, unit, len(found), rms, largest, noise, alone_rms, in_sigma))
+        errors.append(SensorError(name, unit, len(found), rms, largest, noise, in_sigma))
     start, end = samples.blocks[first].start, samples.blocks[-1].end
     said = (*own.failures, *said, *own.warnings)
     return Validation(start, end, own.momentum, tuple(errors), test, said)

@@ -48,7 +48,7 @@ class Kind:
 PAGE = Kind("an HTML page", (".html", ".htm"), b"<!doctype html")
 RESULT = Kind("a result of `cpid identify`", (".json",), b"{", (b'"covariance"', b'"estimator"'))
 VALIDATION = Kind(
-    "a validation of `cpid validate`", (".json",), b"{", (b'"in_sigma"', b'"without_target"')
+    "a validation of `cpid validate`", (".json",), b"{", (b'"in_sigma"', b'"is_valid"')
 )
 SUMMARY = Kind("a summary of `cpid`", (".json",), b"{", (b'"wall_seconds"',))
 TRUTH = Kind("a true target of `cpid simulate`", (".json",), b"{", (b'"inertia_entries"',))

@@ -41,8 +41,8 @@ def test_the_right_target_is_valid(craft, suite, skewed_target, momentum_W):
     found = validate(craft, target, add_noise(suite, exact, seed=2), sensors=suite)
     assert found.momentum == ("zero" if momentum_W is None else "unknown")
     assert found.in_sigma < 2
-    for error in found.errors:
-        assert error.rms < 0.2 * error.without_target
+    for error in found.errors if momentum_W is None else ():  # else it is extrapolated as well
+        assert error.rms < 5 * error.noise
 
 
 def test_a_wrong_target_is_valid_only_if_it_is_uncertain(craft, suite, log, skewed_target):
