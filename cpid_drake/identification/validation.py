@@ -55,28 +55,6 @@ _UNITS = {
 
 
 @dataclass(frozen=True)
-class TargetTest:
-    """The χ² test of the difference of a given target from the log's own estimate.
-
-    Attributes:
-        chi_squared: of the difference; infinite if no target explains the log.
-        freedom: number of combinations of parameters that the samples determine.
-        heavier: how much heavier than this target another one must be to be noticed with
-            probability `POWER`, whatever its other parameters, as a share of the mass.
-
-    """
-
-    chi_squared: float
-    freedom: int
-    heavier: float
-
-    @property
-    def probability(self) -> float:
-        """Probability of so large a χ² with the right target."""
-        return float(chdtrc(self.freedom, self.chi_squared)) if self.freedom else 1.0
-
-
-@dataclass(frozen=True)
 class SensorError:
     """The error of the predictions of one sensor's samples, in the unit `unit`.
 
@@ -109,7 +87,11 @@ class Validation:
         start, end: first and last time of the prediction [s].
         momentum: the total momentum that was assumed: "zero", "unknown" or "known".
         errors: of each sensor of the base.
-        test: of the target.
+        chi_squared: of the difference of the target from the log's own estimate; infinite if no
+            target explains the log.
+        freedom: number of combinations of parameters that the samples determine.
+        heavier: how much heavier than this target another one must be to be noticed with
+            probability `POWER`, whatever its other parameters, as a share of the mass.
         warnings: sentences for the reader.
 
     """
@@ -118,7 +100,9 @@ class Validation:
     end: float
     momentum: str
     errors: tuple[SensorError, ...]
-    test: TargetTest
+    chi_squared: float
+    freedom: int
+    heavier: float
     warnings: tuple[str, ...] = ()
 
     @property
@@ -128,8 +112,8 @@ class Validation:
 
     @property
     def probability(self) -> float:
-        """Probability of so unlikely a test with the right target."""
-        return self.test.probability
+        """Probability of so large a χ² with the right target."""
+        return float(chdtrc(self.freedom, self.chi_squared)) if self.freedom else 1.0
 
     @property
     def is_target_right(self) -> bool:
@@ -194,7 +178,7 @@ def validate(
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, _SMALL * model.unknown(MOMENTUM).sigma)
-    psi, test = model.unknown(PSI), _test(model, own, target)
+    psi = model.unknown(PSI)
     given = _rows(target, own.parameterization, model).add(_about(psi.mean, psi.sigma))
     predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
@@ -210,7 +194,8 @@ def validate(
         errors.append(SensorError(name, unit, len(found), rms, largest, noise, in_sigma))
     start, end = samples.blocks[first].start, samples.blocks[-1].end
     said = (*own.failures, *said, *own.warnings)
-    return Validation(start, end, own.momentum, tuple(errors), test, said)
+    test = _test(model, own, target)
+    return Validation(start, end, own.momentum, tuple(errors), *test, said)
 
 
 def _first_predicted(log: LogState, beginning: float) -> int:
@@ -242,10 +227,10 @@ def _about(psi: NDArray[np.float64], sigma: NDArray[np.float64]) -> Gaussian:
     return Gaussian.of_rows({PSI: 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
 
 
-def _test(model: Model, own: SolvedIdentification, target: TargetPrior) -> TargetTest:
-    """Return the test of a target by a log's own estimate."""
+def _test(model: Model, own: SolvedIdentification, target: TargetPrior) -> tuple[float, int, float]:
+    """Return χ², freedom and `heavier` of the test of a target by a log's own estimate."""
     if not own.converged:
-        return TargetTest(np.inf, 10, np.inf)
+        return np.inf, 10, np.inf
     form, known = own.parameterization, own.solution
     combinations = Combinations(form.name, known.values, known.information, model.mass)
     log = TargetPrior("the log", own.parameters, own.covariance, combinations)
@@ -254,13 +239,13 @@ def _test(model: Model, own: SolvedIdentification, target: TargetPrior) -> Targe
     ranks = [np.linalg.matrix_rank(each.R * model.plausible) for each in (*both, together)]
     freedom = int(ranks[0] + ranks[1] - ranks[2])
     if not freedom:
-        return TargetTest(0.0, 0, np.inf)
+        return 0.0, 0, np.inf
     vague = _about(model.unknown(PSI).mean, model.unknown(PSI).sigma)
     psi = both[0].add(vague).solve()
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
     variance = sum(mass @ each.add(vague).covariance() @ mass for each in both)
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
-    return TargetTest(together.rho2, freedom, float(np.sqrt(needed * variance)))
+    return together.rho2, freedom, float(np.sqrt(needed * variance))
 
 
 def _predicted(
