@@ -35,10 +35,10 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white, whiteness
 from cpid_drake.identification.checks import momentum_words
 from cpid_drake.identification.known import Known, suite_of
-from cpid_drake.identification.result import Check, MomentumEstimate
+from cpid_drake.identification.result import IMPROBABLE, Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
-from cpid_drake.identification.together import CONTRADICTED, with_sources
+from cpid_drake.identification.together import with_sources
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import sample_sigmas
 from cpid_drake.sensing.smoothed_motion import ErrorBlock
@@ -64,8 +64,6 @@ DISAGREE = (
 )
 """The failed check of these targets."""
 
-_MOST_ROUNDS = 10  # of linearizing a prior about the joint estimate
-_SMALL_STEP = 0.01  # of such a round, in σ
 _FEW_ROWS = 20  # fewer rows show no correlation in time
 
 
@@ -104,18 +102,15 @@ def _combined(
     found, sources = [each for each, _ in logs.values()], {n: g for n, (_, g) in logs.items()}
     form, total = found[0].parameterization, reduce(Gaussian.add, sources.values())
     x, scale = plausible(spacecraft, form)
-    count, largest, converged = sum(each.solution.row_count for each in found), KNOWN, True
+    count, largest = sum(each.solution.row_count for each in found), KNOWN
     if prior is not None:
-        x, logs_say, converged = prior.moved(form, x), total, False
-        for _ in range(_MOST_ROUNDS):
+        logs_say, x = total, prior.moved(form, x)
+        for _ in range(4):  # each squares the error of linearizing it about the joint estimate
             told = prior.gaussian(TARGET, form, x, scale)
             # What only the prior determines is determined, however vague the prior is.
             largest = max(KNOWN, 1.5 / float(told.singular_parts(scale)[1].min()))
             total = logs_say.add(told)
-            step = solution_of(total, x, scale, largest=largest).values - x
-            x, converged = x + step, bool(np.linalg.norm(total.R @ step) < _SMALL_STEP)
-            if converged:
-                break
+            x = solution_of(total, x, scale, largest=largest).values
         sources[prior.name] = told
     solution = solution_of(total, x, scale, largest=largest, row_count=count)
     common = found[0]
@@ -137,7 +132,6 @@ def _combined(
     common = replace(
         common,
         solution=solution,
-        converged=converged,
         warnings=tuple(said("warnings")),
         checks=tuple(Check("one log", text) for text in said("failures")),
     )
@@ -367,8 +361,8 @@ def _estimate(
     checks: tuple[Check, ...] = ()
     if is_judged:
         chi_squared, freedom, chance = disagreement(halves)
-        limit = float(chdtri(freedom, CONTRADICTED)) if freedom else None
-        checks = (Check.of("halves", DISAGREE, chi_squared, limit, chance >= CONTRADICTED),)
+        limit = float(chdtri(freedom, IMPROBABLE)) if freedom else None
+        checks = (Check.of("halves", DISAGREE, chi_squared, limit, chance >= IMPROBABLE),)
     residuals, white = {}, None
     if is_complete and count > _FEW_ROWS:
         names = {"linear": family.linear_unit, "angular": "N·m·s"}

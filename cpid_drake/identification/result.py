@@ -25,6 +25,9 @@ from cpid_drake.resources import package_folders, resolve_model
 FORMAT = 3
 """Version of the keys of a result file."""
 
+IMPROBABLE = 1e-4
+"""Probability of what the data show, if all is as assumed, below which a check fails."""
+
 AGREEMENT = "agreement"
 """Name of the check whether several sources have the same target."""
 
