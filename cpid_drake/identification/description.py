@@ -9,13 +9,6 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.identification.consistency import REACH
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.table_setting import MORE_MOTION
-
-ADVICE = (
-    "turn the target about three axes (joints with different axes moving at different "
-    "times), with larger angles and rates, or log longer"
-)
-"""The advice if the motion does not determine all parameters."""
 
 
 def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -79,7 +72,7 @@ def describe(result: Identification) -> list[str]:
         lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result, is_marked)] if result.consistency is not None else []
     if not result.is_observable:
-        lines += ["", *gap_sentences(result)]
+        lines += ["", *result.gap()]
     return lines
 
 
@@ -139,19 +132,6 @@ def agreement_words(result: Identification) -> str:
     if result.logs:
         return f"{verb} (χ² {check.statistic:.3g}; the check fails above {check.limit:.3g})"
     return f"{verb}s (χ² {check.statistic:.3g})"
-
-
-def gap_sentences(result: Identification) -> list[str]:
-    """Return sentences on what is not known, why, and how to see it."""
-    table = result.table
-    if table is not None and result.is_complete:
-        return table.sentences()
-    which = "Not all ten" if table is None else "Not all of them"
-    lines = [*([] if table is None else table.sentences())]
-    lines.append(f"{which} are known: {result.not_observable}.")
-    if table is not None or not result.failures:  # else another motion would not help
-        lines.append(f"To see the rest: {ADVICE if table is None else MORE_MOTION}.")
-    return lines
 
 
 def _table(cells: list[tuple[str, str, str, str, str]]) -> list[str]:

@@ -136,7 +136,9 @@ def identify_together(
         progress(f"checking {name}")
         with prefix_errors(where[name]):
             checked_logs[name] = _checked(spacecraft, data, sensors, planar)
-    spacecraft = _placed(spacecraft, logs, checked_logs, planar)
+    normal_B = next(iter(checked_logs.values())).normal_B
+    if normal_B is not None:
+        spacecraft = spacecraft.on_table(normal_B)
     is_exact = all(log.states is not None for log in checked_logs.values())
     has_sensors = sensors is not None or (known_bodies is not None and not is_exact)
     has_thrust = any(log.has_thrust for log in checked_logs.values())
@@ -172,22 +174,10 @@ def _checked(
     """Return a log that has been screened and checked; exact states need no checks."""
     if isinstance(data, Telemetry):
         spacecraft.require_joints(data)
-        return log_of_states(data)
+        is_placed = planar and spacecraft.tree.normal_B is None
+        normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
+        return replace(log_of_states(data), normal_B=normal_B)
     return check_log(spacecraft, data, sensors, planar)
-
-
-def _placed(
-    spacecraft: Spacecraft,
-    logs: Mapping[str, Telemetry | Measurements | MeasurementStream],
-    logged: Mapping[str, CheckedLog],
-    planar: bool | None,
-) -> Spacecraft:
-    """Return the spacecraft, on a table if the first log is one of a table."""
-    name, data = next(iter(logs.items()))
-    normal_B = logged[name].normal_B
-    if isinstance(data, Telemetry) and planar and spacecraft.tree.normal_B is None:
-        normal_B = normal_in_base(data.quaternion_WB)
-    return spacecraft if normal_B is None else spacecraft.on_table(normal_B)
 
 
 def _with_logs(

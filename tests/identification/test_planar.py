@@ -113,7 +113,7 @@ def test_a_log_of_x_y_and_yaw_is_recognized(craft, table):
     np.testing.assert_allclose(found.parameters[KNOWN], same.parameters[KNOWN], rtol=1e-4)
     assert found.is_complete
     assert not found.is_observable
-    assert "turn the target" not in found.explain()
+    assert "larger angles" not in found.explain()
 
 
 def test_its_noise_is_estimated_from_what_is_measured(craft):
