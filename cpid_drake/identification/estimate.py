@@ -19,15 +19,7 @@ IN_PLANE = (2, 3, 4)
 
 
 def at_momentum(gaussian: Gaussian, values: Values, momentum: TotalMomentum, log: str) -> Gaussian:
-    """Return what is known if a log has this momentum; the same if it is unknown.
-
-    Args:
-        gaussian: of x − values.
-        values: of all unknowns.
-        momentum: the total momentum.
-        log: name of the log.
-
-    """
+    """Return what is known if a log has this momentum; the same if it is unknown."""
     if momentum.is_unknown:
         return gaussian
     key = f"{MOMENTUM}|{log}"
@@ -49,9 +41,7 @@ def solution_of(
     A vague prior of the target is no information and is taken out; a guess remains.
 
     Args:
-        model: the unknowns.
-        values: of all unknowns.
-        gaussian: of x − values.
+        model, values, gaussian: as in all functions here, of one log or of many.
         residual_sum: sum of squares of the samples' residuals.
         row_count: number of these.
 
@@ -75,15 +65,7 @@ def solution_of(
 def effects_of(
     model: Model, values: Values, gaussian: Gaussian, log: str
 ) -> tuple[EffectEstimate, ...]:
-    """Return the estimates of constant errors of a log; of those that walk, the last value.
-
-    Args:
-        model: the unknowns.
-        values: of all unknowns.
-        gaussian: of x − values.
-        log: name of the log.
-
-    """
+    """Return the estimates of constant errors of a log; of those that walk, the last value."""
     errors = model.constants.errors
     unknowns = [u for u in model.table if u.name in errors and u.key(log) in gaussian.places]
     if not unknowns:
@@ -104,15 +86,7 @@ def effects_of(
 def momentum_of(
     model: Model, values: Values, gaussian: Gaussian, log: str
 ) -> MomentumEstimate | None:
-    """Return L at the start of a log, and v_WScm if positions are measured; None if it is known.
-
-    Args:
-        model: the unknowns.
-        values: of all unknowns.
-        gaussian: of x − values.
-        log: name of the log.
-
-    """
+    """Return L at the start of a log, and v_WScm if positions are measured; None if it is known."""
     key = f"{MOMENTUM}|{log}"
     if key not in gaussian.places:
         return None
