@@ -255,6 +255,17 @@ class TestPrior:
         assert np.all(np.abs(found.parameters - alone.parameters) < 0.1 * sigmas(alone))
         np.testing.assert_allclose(sigmas(found), sigmas(alone), rtol=0.02)
 
+    def test_a_known_centre_of_mass_is_as_exact_as_the_prior_says(
+        self, craft, suite, logs, skewed_target
+    ):
+        """The rows' unknown is m c: the prior is linear about the mass that the log shows."""
+        parameters, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
+        parameters[1], covariance[1, 1] = skewed_target.p_CTcm_C[0], 1e-12
+        prior, log = TargetPrior("a drawing", parameters, covariance), {"": logs["log 0"]}
+        found = identify_by_rows(craft, log, STANDARD_ROWS, sensors=suite, prior=prior)
+        assert sigmas(found)[1] == pytest.approx(1e-6, rel=0.01)
+        assert found.parameters[1] == pytest.approx(parameters[1], abs=3e-6)
+
     def test_a_prior_of_another_target_is_doubted(self, craft, suite, logs, skewed_target):
         prior = self.prior(skewed_target, 8.0)
         log = {"": logs["log 0"]}
