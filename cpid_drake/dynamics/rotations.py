@@ -60,6 +60,13 @@ def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArra
     return by_sine
 
 
+def exponentials(r: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotations (..., 3, 3) of rotation vectors (..., 3): Rodrigues' formula."""
+    K, angle = skew(r), np.linalg.norm(r, axis=-1)[..., None, None]
+    sine, cosine = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    return np.asarray(np.eye(3) + sine * K + cosine * (K @ K))
+
+
 def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
     """Return Jr (..., 3, 3) with exp(r + dr) = exp(r) exp(Jr dr) for vectors r (..., 3).
 

@@ -32,8 +32,8 @@ from cpid_drake.estimation.rows_fit import (
     disagreement,
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.estimation.whiteness import least_white, whiteness
-from cpid_drake.identification.checks import momentum_words
+from cpid_drake.estimation.whiteness import MOST_CORRELATED, NEGLIGIBLE, least_white, whiteness
+from cpid_drake.identification.checks import MOST_NOISE, momentum_words
 from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.result import IMPROBABLE, Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
@@ -41,7 +41,6 @@ from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.together import with_sources
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import sample_sigmas
-from cpid_drake.sensing.smoothed_motion import ErrorBlock
 from cpid_drake.sensing.smoothing import smooth_windows
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -63,6 +62,12 @@ DISAGREE = (
     "is not as assumed, or forces acted"
 )
 """The failed check of these targets."""
+
+CORRELATED = (
+    "the residuals of the rows are correlated from sample to sample, which noise is not: the "
+    "spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
+)
+"""The failed check of these residuals."""
 
 _FEW_ROWS = 20  # fewer rows show no correlation in time
 
@@ -176,10 +181,13 @@ def needs_of_rows(family: RowFamily, momentum: TotalMomentum) -> tuple[tuple[str
     return (("encoders",), ("attitude",), place)
 
 
-def best_rows(counts: Sequence[Mapping[str, int]]) -> str:
-    """Return "standard", or "relative" if a log has no samples of position and velocity."""
-    is_placed = all(count.get("position") or count.get("velocity") for count in counts)
-    return "standard" if is_placed else "relative"
+def best_rows(counts: Sequence[Mapping[str, int]], sensors: SensorSuite | None) -> str:
+    """Return "standard", or "relative" if samples must be smoothed or have no velocity.
+
+    An error of the base's velocity enters all standard rows of a sample, and no relative one.
+    """
+    is_complete = all(count.get("joint_rates") and count.get("velocity") for count in counts)
+    return "standard" if is_complete and sensors is None else "relative"
 
 
 def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:
@@ -226,23 +234,23 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
 
 def _motion(
     log: "CheckedLog", tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
-) -> Iterator[tuple[Telemetry, NDArray[np.float64], Sequence[ErrorBlock]]]:
+) -> Iterator[tuple[Telemetry, NDArray[np.float64]]]:
     """Yield parts of the motion of a log and their errors; smoothed if a suite is given.
 
     See `LogRows.add`.
     """
     if log.states is not None:
-        yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None], ()
+        yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None]
     elif suite is None:
         covariance = np.diag(sample_sigmas(log.head) ** 2)[None]
         for chunk in log.stream:
             samples = complete_samples(chunk, family)
             if samples is not None:
-                yield samples, covariance, ()
+                yield samples, covariance
     else:
         position, normal_B = family.uses_base_position, tree.normal_B
         for each in smooth_windows(log.stream, suite, with_position=position, normal_B=normal_B):
-            yield each.telemetry, each.covariance(), each.errors
+            yield each.telemetry, each.covariance()
 
 
 def _identified(known: Known, log: "CheckedLog") -> tuple[SolvedIdentification, Gaussian]:
@@ -363,7 +371,7 @@ def _estimate(
         chi_squared, freedom, chance = disagreement(halves)
         limit = float(chdtri(freedom, IMPROBABLE)) if freedom else None
         checks = (Check.of("halves", DISAGREE, chi_squared, limit, chance >= IMPROBABLE),)
-    residuals, white = {}, None
+    residuals, white = dict[str, ResidualSeries](), None
     if is_complete and count > _FEW_ROWS:
         names = {"linear": family.linear_unit, "angular": "N·m·s"}
         series = list(zip(names.items(), rows.residuals(x), strict=True))
@@ -373,6 +381,12 @@ def _estimate(
             if shown.value.size
         }
         white = whiteness(np.hstack([each.neighbours for each in residuals.values()]))
+    # Other rows contain the slope of a few positions, whose errors are correlated.
+    is_white = suite is not None and not family.uses_base_position
+    if is_judged and is_white and white is not None:
+        fails = white.lag_one > MOST_CORRELATED and to_errors > NEGLIGIBLE
+        check = Check.of("correlation", CORRELATED, white.lag_one, MOST_CORRELATED, not fails)
+        checks = (*checks, check)
     return SolvedIdentification(
         form,
         solution,

@@ -7,8 +7,9 @@ known is a condition on this Gaussian; see `at_momentum`.
 import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation import gaussian as gaussians
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import LeastSquaresSolution, solution_of_information
+from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.identification.effects import EffectEstimate
@@ -36,9 +37,7 @@ def solution_of(
     residual_sum: float = np.nan,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
-    """Return the target's ψ about the nominal mass of the known bodies, by the samples alone.
-
-    A vague prior of the target is no information and is taken out; a guess remains.
+    """Return the target's ψ about the nominal mass of the known bodies.
 
     Args:
         model, values, gaussian: as in all functions here, of one log or of many.
@@ -46,16 +45,10 @@ def solution_of(
         row_count: number of these.
 
     """
-    target = gaussian.marginal([PSI])
-    held, sizes = undetermined(model, values[PSI], gaussian)
-    psi = values[PSI] + target.solve(held={PSI: held})
-    information = target.R.T @ target.R
-    if not model.has_guess:
-        prior = next(unknown for unknown in model.table if unknown.name == PSI)
-        information = information - np.diag(prior.sigma**-2.0)
-    return solution_of_information(
-        psi,
-        information,
+    _, sizes = undetermined(model, values[PSI], gaussian)
+    return gaussians.solution_of(
+        gaussian.marginal([PSI]).moved(-values[PSI]),
+        values[PSI],
         sizes,
         residual_sum=residual_sum,
         row_count=row_count,

@@ -146,7 +146,7 @@ def identify_together(
     method, family = choose_method(estimator, rows, assumed, has_sensors, has_thrust)
     if family is None and method.uses_rows:
         counts = [log.counts for log in checked_logs.values()]
-        family = row_family(best_rows(counts), assumed.is_unknown)
+        family = row_family(best_rows(counts, sensors), assumed.is_unknown)
     for name, log in checked_logs.items():
         with prefix_errors(where[name]):
             require_sensors(log.counts, sensors, method, family, assumed)

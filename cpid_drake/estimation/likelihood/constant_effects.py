@@ -52,7 +52,7 @@ def _acceleration(
 
 def _torque(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
     """Write that of a torque about the system's centre of mass, in W."""
-    elapsed = (motion.instants.times - motion.joints.start)[:, None, None]
+    elapsed = (motion.times - motion.joints.start)[:, None, None]
     change.w[:] = sigma * elapsed * (trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2))
 
 

@@ -123,7 +123,7 @@ class Target(Effect):
 
     def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         """See `Effect`."""
-        dynamics = self._motion.instants.dynamics
+        dynamics = self._motion.dynamics
         change.w[:] = -trajectory.inverse @ dynamics.regressor(trajectory.w)
         by_torque = self._motion.gradient_by_psi(trajectory)
         if by_torque is not None:
@@ -328,7 +328,7 @@ def write_change(
     change: MotionChange, by: MotionSensitivity, motion: BaseMotion, trajectory: Trajectory
 ) -> None:
     """Write a sensitivity into `change`; v = −(ω × ρ + ρ') is solved for the change of ρ'."""
-    rho = motion.instants.dynamics.com(trajectory.state.psi)
+    rho = motion.dynamics.com(trajectory.state.psi)
     change.w[:], change.com[:] = by.w, by.com
     change.com_rate[:] = skew(rho) @ by.w - skew(trajectory.w) @ by.com - by.v
 
@@ -338,9 +338,9 @@ def _relative_to_base(
 ) -> tuple[KinematicTree, Telemetry, RelativeDynamics]:
     """Return the tree with the target attached, and all motions of both relative to the base."""
     psi, tree = trajectories[0].state.psi, motions[0].tree
-    dynamics = RelativeDynamics.joined([motion.instants.dynamics for motion in motions])
+    dynamics = RelativeDynamics.joined([motion.dynamics for motion in motions])
     phi = parameters_to_standard(relative_parameterization(dynamics.mass).to_parameters(psi))
-    joints = np.concatenate([motion.joint_motion(motion.instants.times) for motion in motions])
+    joints = np.concatenate([motion.joint_motion(motion.times) for motion in motions])
     w = np.concatenate([trajectory.w for trajectory in trajectories])
     v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
     telemetry = Telemetry.seen_from_base(joints[:, 0], joints[:, 1], w, v)

@@ -152,7 +152,7 @@ class BlockModel:
         known bodies included.
         """
         n, constants = self._width, self.motion.constants
-        change = MotionChange.zeros(len(self.motion.instants.times), n)
+        change = MotionChange.zeros(len(self.motion.times), n)
         for effect in self._everything:
             effect.change_motion(trajectory, change.columns(self.columns[effect.name]))
         readings, last = self._response(trajectory, change)
@@ -185,7 +185,7 @@ class BlockModel:
         readings, end = dict[str, NDArray[np.float64]](), np.zeros(12)
         if not flexible:
             return readings, end
-        times, constants = self.motion.instants.times, self.motion.constants
+        times, constants = self.motion.times, self.motion.constants
         change = MotionChange.zeros(len(times), 1)
         for effect in flexible:
             each = MotionChange.zeros(len(times), effect.size)

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
-from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
@@ -56,7 +56,7 @@ class SensorModel(ABC):
         samples: M samples at times within the motion.
         suite: the sensors' errors.
         motion: motion of the base.
-        instants: rows of the samples in `BaseMotion.instants`, if the sensor needs them there.
+        instants: rows of the samples in `BaseMotion.times`, if the sensor needs them there.
         bias: bias of the sensor, if it has one.
 
     Attributes:
@@ -185,12 +185,12 @@ class AttitudeModel(SensorModel):
         return np.asarray((normal_B @ self._errors.R_BS)[None])
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        predicted = Rotation.from_matrix(trajectory.rotations(self._times(trajectory)))
+        predicted = trajectory.rotations(self._times(trajectory))
         mounting = self._constant(trajectory, "mounting")
         if mounting is not None:
-            predicted = predicted * Rotation.from_rotvec(mounting)
-        measured = Rotation.from_quat(self.samples.value, scalar_first=True)
-        return np.asarray((predicted.inv() * measured).as_rotvec() @ self._R_BS)
+            predicted = predicted @ exponentials(mounting)
+        turned = np.swapaxes(predicted, -1, -2) @ self._R_WB
+        return np.asarray(Rotation.from_matrix(turned).as_rotvec() @ self._R_BS)
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
@@ -203,6 +203,11 @@ class AttitudeModel(SensorModel):
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"mounting": np.broadcast_to(self._R_BS.T, (len(self.samples), 3, 3))}
+
+    @cached_property
+    def _R_WB(self) -> NDArray[np.float64]:
+        """The measured attitudes (M, 3, 3)."""
+        return np.asarray(Rotation.from_quat(self.samples.value, scalar_first=True).as_matrix())
 
     @cached_property
     def _R_BS(self) -> NDArray[np.float64]:
@@ -290,7 +295,7 @@ class TranslationModel(SensorModel):
 
     @cached_property
     def _dynamics(self) -> RelativeDynamics:
-        return self._motion.instants.part(self._at).dynamics
+        return self._motion.dynamics.part(self._at)
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
         predicted = self._predicted(trajectory)
@@ -341,7 +346,7 @@ class PositionModel(TranslationModel):
 
     def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
         state, motion = trajectory.state, self._motion
-        rho = rotate(trajectory.R[: len(motion.nodes)], motion.grid.dynamics.com(state.psi))
+        rho = rotate(trajectory.R[: len(motion.nodes)], motion.grid.com(state.psi))
         return motion.com_position(trajectory, slice(0, len(motion.nodes))) - rho
 
 
@@ -376,7 +381,7 @@ class VelocityModel(TranslationModel):
 
     def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
         state, motion, N = trajectory.state, self._motion, len(self._motion.nodes)
-        dynamics, w = motion.grid.dynamics, trajectory.w[:N]
+        dynamics, w = motion.grid, trajectory.w[:N]
         relative = cross(w, dynamics.com(state.psi)) + dynamics.com_rate(state.psi)
         velocity = motion.com_velocity(trajectory, slice(0, N))
         return velocity - rotate(trajectory.R[:N], relative)
