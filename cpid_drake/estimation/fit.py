@@ -9,10 +9,11 @@ Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (we
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
@@ -37,7 +38,6 @@ MOST_SWEEPS = 30
 _SMALLEST_GAIN = 1e-3  # share of the expected fall of χ² for which a step is accepted
 _REJECTED = 12  # steps in a row
 _FIRST_DAMPING = 1.0  # information that a step is zero, as a share of the prior's
-_MEDIAN = {1: 0.674, 2: 0.833, 3: 0.888}  # of the root mean square of so many unit normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,6 @@ class Fit:
     cost: float
     sweeps: int
     converged: bool
-    residuals: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,8 +190,8 @@ def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.floa
 
 def spread(rest: NDArray[np.float64]) -> float:
     """Return the σ of residuals (M, d), whatever less than half of them are; 0 without any."""
-    size = np.sqrt(np.mean(rest**2, axis=1))
-    return float(np.median(size)) / _MEDIAN.get(rest.shape[1], 0.888) if len(size) else 0.0
+    square = np.sum(rest**2, axis=1)
+    return float(np.sqrt(np.median(square) / chdtri(rest.shape[1], 0.5))) if len(square) else 0.0
 
 
 def prior_of(

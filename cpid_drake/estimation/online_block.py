@@ -27,10 +27,7 @@ BOUNDARY = "boundary"
 """Name of what is at the end of the last block: attitude, p, L, v, biases and joints."""
 
 MOST_LINEARIZATIONS = 6
-"""A block is linearized so many times at most."""
-
-HALVINGS = 6
-"""A step to an impossible target is halved so many times."""
+"""A block is linearized so many times at most, and a step to an impossible target halved."""
 
 UNLIKELY = 6.0
 """Noise does not explain a block whose χ² is above its expectation by so many σ."""
@@ -136,7 +133,7 @@ def _stepped(
     model: Model, log: LogState, swept: Swept, values: Values, g: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], LogState, Values, Rolled]:
     """Return a step g, or the part of it for which a motion can be predicted, and its end."""
-    for _ in range(HALVINGS):
+    for _ in range(MOST_LINEARIZATIONS):
         change = {name: g[place] for name, place in swept.gaussian.places.items()}
         better = back(model, log, swept, change)
         there = {name: value + change[name] for name, value in values.items()}

@@ -23,24 +23,21 @@ Write = Callable[[BaseMotion, Trajectory, float, MotionChange], None]
 """Writes the change of the motion by σ of each entry of an error."""
 
 
-class Constant(Effect):
-    """A constant error.
+def constant_effect(motion: BaseMotion, name: str) -> Effect:
+    """Return the effect of a constant error.
 
     Args:
         motion: the base's motion.
         name: of the error.
 
     """
+    error = motion.constants.errors[name]
 
-    def __init__(self, motion: BaseMotion, name: str) -> None:
-        error = motion.constants.errors[name]
-        self.name, self.size, self.kind = name, error.size, error.kind
-        self._motion, self._sigma = motion, error.sigma
+    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
+        if error.kind in _WRITE:
+            _WRITE[error.kind](motion, trajectory, error.sigma, change)
 
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """See `Effect`."""
-        if self.kind in _WRITE:
-            _WRITE[self.kind](self._motion, trajectory, self._sigma, change)
+    return Effect(name, error.size, change_motion)
 
 
 def _acceleration(

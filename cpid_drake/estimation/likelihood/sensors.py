@@ -230,13 +230,9 @@ class GyroModel(SensorModel):
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        at_nodes = change.w[: len(xi)]
-        if self._offsets.any():
-            times = self._times(trajectory)
-            weights = sum(
-                share * self._motion.interpolation(times + offset)
-                for share, offset in zip(self._shares, self._offsets)
-            )
+        at_nodes, times = change.w[: len(xi)], self._times(trajectory)
+        if len(self._points) > 1:
+            weights = sum(w * self._motion.interpolation(times + t) for t, w in self._points)
             flat = np.asarray(weights @ at_nodes.reshape(len(at_nodes), -1))
             by_motion = flat.reshape(-1, *at_nodes.shape[1:])
         else:
@@ -264,28 +260,19 @@ class GyroModel(SensorModel):
             matrix[tuple(zip(*OFF_DIAGONAL))] = misalignment
         return matrix
 
-    @property
-    def _period(self) -> float:
+    @cached_property
+    def _points(self) -> tuple[tuple[float, float], ...]:
+        """Times relative to the stamp at which w is averaged [s], each with its weight."""
         assert isinstance(self._errors, Gyro)
-        return 1 / self._errors.rate if self._errors.integrates else 0.0
-
-    @property
-    def _offsets(self) -> NDArray[np.float64]:
-        """Times (Q,), relative to the stamp, at which w is averaged [s]."""
-        return self._period * (_POINTS - 1) / 2 if self._period else np.zeros(1)
-
-    @property
-    def _shares(self) -> NDArray[np.float64]:
-        """(Q,) the weights of these times."""
-        return _POINT_WEIGHTS / 2 if self._period else np.ones(1)
+        if not self._errors.integrates:
+            return ((0.0, 1.0),)
+        times = (_POINTS - 1) / (2 * self._errors.rate)
+        return tuple(zip(times.tolist(), (_POINT_WEIGHTS / 2).tolist(), strict=True))
 
     def _mean_w(self, trajectory: Trajectory, later: float = 0.0) -> NDArray[np.float64]:
         """Return w (M, 3) in B, averaged over the sample period if the gyro integrates."""
         times = self._times(trajectory) + later
-        if not self._period:
-            return trajectory.spline(times)
-        parts = [s * trajectory.spline(times + t) for s, t in zip(self._shares, self._offsets)]
-        return np.asarray(np.sum(parts, axis=0))
+        return np.asarray(sum(w * trajectory.spline(times + t) for t, w in self._points))
 
 
 class TranslationModel(SensorModel):
