@@ -57,17 +57,9 @@ INTEGRATION = 1e-5
 NAME = "least_squares"
 """The estimator's name."""
 
-DISAGREE = (
-    "two halves of the samples have different targets: the spacecraft, a frame, a sign or a clock "
-    "is not as assumed, or forces acted"
-)
-"""The failed check of these targets."""
-
-CORRELATED = (
-    "the residuals of the rows are correlated from sample to sample, which noise is not: the "
-    "spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
-)
-"""The failed check of these residuals."""
+_CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
+DISAGREE = f"two halves of the samples have different targets: {_CAUSE}"
+CORRELATED = f"the residuals of the rows are correlated, which noise is not: {_CAUSE}"
 
 _FEW_ROWS = 20  # fewer rows show no correlation in time
 
@@ -382,11 +374,10 @@ def _estimate(
         }
         white = whiteness(np.hstack([each.neighbours for each in residuals.values()]))
     # Other rows contain the slope of a few positions, whose errors are correlated.
-    is_white = suite is not None and not family.uses_base_position
-    if is_judged and is_white and white is not None:
+    if is_judged and white is not None and not (suite is None or family.uses_base_position):
         fails = white.lag_one > MOST_CORRELATED and to_errors > NEGLIGIBLE
-        check = Check.of("correlation", CORRELATED, white.lag_one, MOST_CORRELATED, not fails)
-        checks = (*checks, check)
+        correlation = white.lag_one, MOST_CORRELATED, not fails
+        checks = (*checks, Check.of("correlation", CORRELATED, *correlation))
     return SolvedIdentification(
         form,
         solution,
