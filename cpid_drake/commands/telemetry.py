@@ -169,7 +169,7 @@ def map_columns(
 def convert(
     file: FileArgument,
     out: Annotated[
-        Path, typer.Argument(metavar="OUT", help="File to write: .csv, .npz, .parquet or .jsonl.")
+        Path, typer.Argument(metavar="OUT", help="File to write: .csv, .npz or .parquet.")
     ],
     columns: options.ColumnsOption = None,
     topic: options.TopicOption = None,

@@ -234,14 +234,16 @@ def _motion(
     if log.states is not None:
         yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None]
     elif suite is None:
-        covariance = np.diag(sample_sigmas(log.head) ** 2)[None]
-        for chunk in log.stream:
+        covariance = np.diag(sample_sigmas(log.measurements) ** 2)[None]
+        for chunk in log.measurements.blocks():
             samples = complete_samples(chunk, family)
             if samples is not None:
                 yield samples, covariance
     else:
         position, normal_B = family.uses_base_position, tree.normal_B
-        for each in smooth_windows(log.stream, suite, with_position=position, normal_B=normal_B):
+        for each in smooth_windows(
+            log.measurements, suite, with_position=position, normal_B=normal_B
+        ):
             yield each.telemetry, each.covariance()
 
 
@@ -252,9 +254,10 @@ def _identified(known: Known, log: "CheckedLog") -> tuple[SolvedIdentification, 
     tree, suite, warnings = spacecraft.tree, known.sensors, tuple[str, ...]()
     if log.states is not None:
         suite = None
-    elif suite is None and complete_samples(log.head, family) is None:
+    elif suite is None and complete_samples(log.measurements, family) is None:
         suite, warnings = suite_of(None, log)
-    has_place, has_attitude = bool(len(log.head.position)), bool(len(log.head.attitude))
+    has_place = bool(len(log.measurements.position))
+    has_attitude = bool(len(log.measurements.attitude))
     is_open = momentum is None or momentum.is_zero  # the samples may contradict zero
     is_tested = is_open and has_attitude
     free = TotalMomentum.unknown()

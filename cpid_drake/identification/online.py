@@ -184,7 +184,7 @@ def estimate(
     suite, warnings = suite_of(known.sensors, log)
     model = Model(known.spacecraft.tree, suite, known.known_bodies)
     progress("fitting")
-    state = run(model, log.stream)
+    state = run(model, log.measurements.blocks())
     found = identification_of_state(model, state, known.momentum)
     if state.known is None:
         warnings = (*warnings, NOT_STARTED)

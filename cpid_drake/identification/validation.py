@@ -29,7 +29,6 @@ from cpid_drake.identification.known import suite_of
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import Combinations, TargetPrior
 from cpid_drake.processes import one_thread
-from cpid_drake.sensing.measurement_stream import MeasurementStream
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
@@ -125,7 +124,7 @@ class Validation:
 def validate(
     spacecraft: Spacecraft,
     target: TargetPrior,
-    data: Measurements | MeasurementStream,
+    data: Measurements,
     *,
     sensors: SensorSuite | None = None,
     momentum: TotalMomentum | None = None,
@@ -163,7 +162,7 @@ def validate(
             raise InputError(f"the log has no samples of {SENSORS[name].label}")
     sensors, said = suite_of(sensors, log)
     model = Model(spacecraft.tree, sensors, known_bodies)
-    samples = LogState.of(model, log.stream)
+    samples = LogState.of(model, log.measurements)
     first = _first_predicted(samples, beginning)
     own = identify(
         spacecraft,

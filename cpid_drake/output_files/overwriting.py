@@ -59,9 +59,8 @@ MODEL = Kind("a model", (".urdf", ".sdf", ".xml", ".mjcf", ".dmd.yaml"), is_edit
 CSV_LOG = Kind("a CSV log", (".csv",), marks=(b"time",))
 NPZ_LOG = Kind("an NPZ log", (".npz",), b"pk")
 PARQUET_LOG = Kind("a Parquet log", (".parquet",), b"par1")
-JSON_LINES_LOG = Kind("a log of JSON lines", (".jsonl", ".ndjson"), b"{", (b'"time"',))
 
-LOGS = (CSV_LOG, NPZ_LOG, PARQUET_LOG, JSON_LINES_LOG)
+LOGS = (CSV_LOG, NPZ_LOG, PARQUET_LOG)
 """The kinds of logs that are written."""
 
 _KINDS = (PAGE, RESULT, PNG, SVG, YAML, MODEL, *LOGS)

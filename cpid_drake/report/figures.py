@@ -115,7 +115,7 @@ def write_figures(
         together("convergence", convergence_pictures(log.estimates, truth), 2),
         together("residuals", residual_pictures(found), 2),
         singular_value_picture(found.singular_values),
-        together("base-motion", motion_pictures(evidence.log.excerpt.measurements), 2),
+        together("base-motion", motion_pictures(evidence.log.data.thinned()), 2),
     ]
     if found.consistent is not None:
         pictures.append(together("ellipsoid", ellipsoid_pictures(found.consistent, truth), 3))

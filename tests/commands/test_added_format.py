@@ -60,6 +60,6 @@ def test_messages_name_an_added_format(added, run_cpid):
     Path("log.xml").write_text("")
     code, _, stderr = run_cpid("identify", "log.xml", *FREE_FLYER)
     assert code == 2
-    assert ".csv, .npz, .parquet, .mat, .jsonl, .ndjson, .mcap, .db3, .json files" in stderr
+    assert ".csv, .npz, .parquet, .mcap, .db3, .json files" in stderr
     with pytest.raises(InputError, match=r"is written as .csv, .npz, .parquet, .*, .json"):
         write_telemetry("log.mcap", read_telemetry("log.json"))

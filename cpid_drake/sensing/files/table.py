@@ -14,8 +14,6 @@ Columns, in SI units and radians; either all columns of a group are present or n
   next. Without the columns of the torque, the force acts at B's origin.
 
 Logs on a table have `yaw` instead of the quaternion; see `sensing.files.planar_columns`.
-
-Registered sensors (`sensing.sensors`) have columns of their own.
 """
 
 from collections import Counter

@@ -1,6 +1,6 @@
 """Telemetry from and to files, in any format of the registry `FORMATS`."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,10 +13,8 @@ from cpid_drake.resources import NOT_A_FILE, resolve_model
 from cpid_drake.sensing.files.column_map import ColumnMap
 from cpid_drake.sensing.files.columnar import NPZ, PARQUET
 from cpid_drake.sensing.files.csv_format import CSV
-from cpid_drake.sensing.files.formats import Format, ReadOptions, Topics
-from cpid_drake.sensing.files.json_lines import JSON_LINES
+from cpid_drake.sensing.files.formats import Format, ReadOptions
 from cpid_drake.sensing.files.mapped_columns import MappedColumns, columns_of
-from cpid_drake.sensing.files.matlab import MATLAB
 from cpid_drake.sensing.files.table import (
     LARGEST_TABLE,
     Problems,
@@ -24,13 +22,7 @@ from cpid_drake.sensing.files.table import (
     TelemetryTable,
     table_of,
 )
-from cpid_drake.sensing.measurement_stream import (
-    CHUNK_SECONDS,
-    joined,
-    rechunked,
-    time_interval,
-)
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.measurements import Measurements, Samples, concatenated
 
 
 def _read_bag(file: Path, where: str, options: ReadOptions) -> Measurements:
@@ -41,7 +33,7 @@ def _read_bag(file: Path, where: str, options: ReadOptions) -> Measurements:
 
 ROSBAG = Format("ROS 2 bag", (".mcap", ".db3"), _read_bag, is_bag=True)
 
-FORMATS: list[Format] = [CSV, NPZ, PARQUET, MATLAB, JSON_LINES, ROSBAG]
+FORMATS: list[Format] = [CSV, NPZ, PARQUET, ROSBAG]
 """All formats of telemetry files; append one to add it."""
 
 
@@ -92,167 +84,51 @@ def inspect_telemetry(
     Args:
         path: the file, or a bag's folder.
         topics: topics of a bag; see `rosbag.read_rosbag`.
-        columns, joints: see `open_telemetry`.
-
-    Raises:
-        InputError: no such file or folder, a file of another kind, or one in which nothing can be
-            read: see also `table.check_columns`.
-
-    """
-    stream = open_telemetry(path, topics=topics, leave_out_bad=True, columns=columns, joints=joints)
-    pieces, size = [], 0
-    try:
-        for piece in stream.pieces(Problems()):
-            pieces.append(piece)
-            size += sum(samples.value.size for _, samples in piece.items())
-            if size > LARGEST_TABLE:
-                raise InputError(f"{path}: more than {LARGEST_TABLE} numbers; split the file")
-        measurements = joined(pieces)
-    except MemoryError as error:
-        raise InputError(f"{path}: the file does not fit into memory") from error
-    return TelemetryFile(
-        measurements,
-        stream.row_count,
-        stream.problems,
-        dict(stream.partial),
-        stream.ignored,
-        stream.left_out_joints,
-    )
-
-
-def open_telemetry(
-    path: str | Path,
-    *,
-    leave_out_bad: bool = False,
-    topics: Mapping[str, str] | None = None,
-    columns: ColumnMap | str | Path | None = None,
-    joints: Collection[str] | None = None,
-    start: float = -np.inf,
-    end: float = np.inf,
-    seconds: float = CHUNK_SECONDS,
-) -> "TelemetryStream":
-    """Return the samples in a telemetry file of any length as a stream of chunks.
-
-    CSV, NPZ and Parquet files are read piece by piece. ROS 2 bags are read into memory at once.
-
-    Args:
-        path: the file, or a bag's folder.
-        leave_out_bad: leave out rows that have a problem, instead of refusing the file.
-        topics: topics of a bag; see `rosbag.read_rosbag`.
         columns: a map of the file's columns, or the map's YAML file; None for the package's own
             columns.
         joints: the spacecraft's joints, if they are known; columns of other joints are then left
             out, unless one of the spacecraft's is missing.
-        start, end: first and last time to return [s]. The whole file is checked in any case.
-        seconds: length of a chunk [s].
 
     Raises:
-        InputError: for the same reasons as `inspect_telemetry` and `columns_of`, here or when the
-            stream is read; also for the first bad row, unless bad rows are left out.
+        InputError: no such file or folder, a file of another kind, or one in which nothing can be
+            read: see also `columns_of` and `table.check_columns`.
 
     """
     file, kind = format_of(path)
     if topics and not kind.is_bag:
         raise InputError(f"{path}: topics are for ROS 2 bags")
-    selected = columns_of(columns, joints)
-    return TelemetryStream(
-        file, str(path), kind, topics, selected, leave_out_bad, start, end, seconds
+    selected, problems = columns_of(columns, joints), Problems()
+    try:
+        return _read(file, str(path), kind, ReadOptions(problems, selected, topics), selected)
+    except MemoryError as error:
+        raise InputError(f"{path}: the file does not fit into memory") from error
+
+
+def _read(
+    file: Path, where: str, kind: Format, options: ReadOptions, columns: MappedColumns
+) -> TelemetryFile:
+    problems = options.problems
+    contents = kind.read(file, where, options)
+    if isinstance(contents, Measurements) and not columns.is_house_format:
+        contents = _raw_table(contents, columns, where)
+    if isinstance(contents, Measurements):
+        count = sum(len(s) for _, s in contents.items()) + problems.count
+        return TelemetryFile(contents, count, problems, {}, ())
+    converter, pieces, size = TableConverter(problems), list[Measurements](), 0
+    ignored: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    for table in [contents] if isinstance(contents, TelemetryTable) else contents:
+        pieces.append(converter.measurements(columns.house(table)))
+        ignored, left_out = table.ignored, tuple(columns.left_out([*table.columns, *table.ignored]))
+        size += table.values.size
+        if size > LARGEST_TABLE:
+            raise InputError(f"{where}: more than {LARGEST_TABLE} numbers; split the file")
+    measurements = concatenated(pieces)
+    if not np.isfinite(measurements.interval[0]) and not problems.count:
+        raise InputError(f"{where}: the file has no samples")
+    return TelemetryFile(
+        measurements, converter.row_count, problems, dict(converter.partial), ignored, left_out
     )
-
-
-class TelemetryStream:
-    """The samples of a telemetry file as a `MeasurementStream`; see `open_telemetry`.
-
-    Attributes:
-        problems: the problems in the file and their places, when it has been read to its end.
-        row_count: number of rows, when the file has been read to its end.
-        partial: by sensor, the number of incomplete samples, which are left out, when the file has
-            been read to its end.
-        ignored: columns of unknown names.
-        left_out_joints: joints of the file that the spacecraft does not have.
-
-    """
-
-    def __init__(
-        self,
-        file: Path,
-        where: str,
-        kind: Format,
-        topics: Topics,
-        columns: MappedColumns,
-        leave_out_bad: bool,
-        start: float,
-        end: float,
-        seconds: float,
-    ) -> None:
-        self._file, self._where, self._kind = file, where, kind
-        self._topics, self._columns = topics, columns
-        self._leave_out_bad = leave_out_bad
-        self._start, self._end, self._seconds = start, end, seconds
-        self._joint_names: tuple[str, ...] | None = None
-        self._at_once: tuple[Measurements, Problems] | None = None
-        self.problems = Problems()
-        self.row_count = 0
-        self.partial: Mapping[str, int] = {}
-        self.ignored: tuple[str, ...] = ()
-        self.left_out_joints: tuple[str, ...] = ()
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The joints, in the order of columns of joint sensors."""
-        if self._joint_names is None:
-            self._joint_names = next(self.pieces(Problems())).joint_names
-        return self._joint_names
-
-    def __iter__(self) -> Iterator[Measurements]:
-        return rechunked(self._checked(), self._seconds)
-
-    def _checked(self) -> Iterator[Measurements]:
-        problems = Problems()
-        for piece in self.pieces(problems):
-            if not self._leave_out_bad:
-                refuse_problems(problems, self._where)
-            yield piece.between(self._start, self._end)
-
-    def pieces(self, problems: Problems) -> Iterator[Measurements]:
-        """Yield the samples without problems, as the file's format cuts them; at least once.
-
-        Args:
-            problems: found problems are added to it.
-
-        Raises:
-            InputError: the file cannot be read, or has no samples.
-
-        """
-        if self._at_once is not None:
-            measurements, found = self._at_once
-            problems.add_all(found)
-            yield measurements
-            return
-        converter = TableConverter(problems)
-        columns = self._columns
-        options = ReadOptions(problems, columns, self._topics)
-        contents = self._kind.read(self._file, self._where, options)
-        if isinstance(contents, Measurements) and not columns.is_house_format:
-            contents = _raw_table(contents, columns, self._where)
-        if isinstance(contents, Measurements):
-            self._joint_names = contents.joint_names
-            self.row_count = sum(len(s) for _, s in contents.items()) + problems.count
-            self.problems = problems
-            self._at_once = contents, problems  # to read it again would need the same memory
-            yield contents
-            return
-        is_empty = True
-        for table in [contents] if isinstance(contents, TelemetryTable) else contents:
-            piece = converter.measurements(columns.house(table))
-            self._joint_names, self.ignored = piece.joint_names, table.ignored
-            self.left_out_joints = tuple(columns.left_out([*table.columns, *table.ignored]))
-            is_empty = is_empty and time_interval(piece) is None
-            yield piece
-        if is_empty and not problems.count:
-            raise InputError(f"{self._where}: the file has no samples")
-        self.problems, self.partial = problems, converter.partial
-        self.row_count = converter.row_count
 
 
 def _raw_table(measurements: Measurements, columns: MappedColumns, where: str) -> TelemetryTable:
