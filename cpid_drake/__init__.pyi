@@ -13,6 +13,7 @@ from .resources import shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
 from .scenario.simulation import Simulation, initial_state, make_simulation
+from .sensing.files.conversion import from_columns as from_columns
 from .sensing.files.telemetry_files import read_telemetry, write_telemetry
 from .sensing.measurements import Measurements
 from .sensing.presets import load_sensors
@@ -54,6 +55,7 @@ __all__ = [
     "TotalMomentum",
     "Waypoints",
     "export_target",
+    "from_columns",
     "identify",
     "identify_together",
     "initial_state",

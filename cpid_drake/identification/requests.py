@@ -19,11 +19,8 @@ from cpid_drake.identification.requirements import left_out_warning
 from cpid_drake.identification.result import Identification, Request, Source
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.resources import resolve_model, version_of
-from cpid_drake.sensing.files.telemetry_files import (
-    TelemetryFile,
-    inspect_telemetry,
-    refuse_problems,
-)
+from cpid_drake.sensing.files.conversion import TelemetryFile
+from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -56,8 +53,8 @@ class OpenLog:
     def rejected(self) -> Counter[str]:
         """Number of samples that were not used because of the file, by sensor."""
         rejected = Counter(self.file.partial)
-        if self.file.problems.count:
-            rejected["rows"] = self.file.problems.count
+        if self.file.problems:
+            rejected["rows"] = len(self.file.problems)
         return rejected
 
     def source(self) -> Source:

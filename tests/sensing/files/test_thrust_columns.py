@@ -7,8 +7,7 @@ import pytest
 
 from cpid_drake import InputError, read_telemetry, write_telemetry
 from cpid_drake.sensing.burns import Burn, log_of_burns
-from cpid_drake.sensing.files.table import THRUST_COLUMNS
-from cpid_drake.sensing.files.telemetry_files import FORMATS
+from cpid_drake.sensing.files.telemetry_files import FORMATS, THRUST_COLUMNS
 from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
 
 BURNS = (
