@@ -43,8 +43,9 @@ def read_csv(file: Path, where: str) -> Table:
         if not rows:
             continue
         columns = []
+        is_plain = not any("_" in line for _, line in block)
         for name, cells in zip(header, zip(*rows)):
-            values, others = _numbers(cells)
+            values, others = _numbers(cells, is_plain)
             columns.append(values)
             for row, text in others.items():
                 texts.setdefault(name, {})[count + row] = text
@@ -186,11 +187,11 @@ def _cells(
     return rows, kept
 
 
-def _numbers(cells: tuple[str, ...]) -> tuple[NDArray[np.float64], dict[int, str]]:
+def _numbers(cells: tuple[str, ...], is_plain: bool) -> tuple[NDArray[np.float64], dict[int, str]]:
     """Return the cells of a column as numbers (n,), NaN where they are empty or text; the texts."""
     try:
-        values = np.array([float(cell) if cell else np.nan for cell in cells])
-        if np.isfinite(values).all() and not any("_" in cell for cell in cells):
+        values = np.array([float(cell) for cell in cells])
+        if is_plain and np.isfinite(values).all():  # Python's float reads "1_000", too
             return values, {}
     except ValueError:
         values = np.full(len(cells), np.nan)
