@@ -18,7 +18,7 @@ from .sensing.files.telemetry_files import read_telemetry, write_telemetry
 from .sensing.measurements import Measurements
 from .sensing.presets import load_sensors
 from .sensing.suite import SensorSuite
-from .spacecraft.export.files import export_target
+from .spacecraft.export import export_target
 from .spacecraft.spacecraft import Spacecraft
 from .systems.adaptive_joint_controller import AdaptiveJointController
 from .systems.identifier import MomentumIdentifier
