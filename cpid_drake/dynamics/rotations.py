@@ -130,17 +130,6 @@ def exp(r: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def log(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vector (3,) of one rotation (3, 3), also if it is half a turn."""
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
-    x, y, z = (h - f) / 2, (c - g) / 2, (d - b) / 2
-    sine, cosine = math.sqrt(x * x + y * y + z * z), (a + e + i - 1) / 2
-    if sine < 1e-9:
-        return np.array([x, y, z] if cosine > 0 else [math.pi, 0.0, 0.0])
-    factor = math.atan2(sine, cosine) / sine
-    return np.array([factor * x, factor * y, factor * z])
-
-
 def quaternion_to_matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation (3, 3) of one quaternion (4,) of any norm but zero."""
     w, x, y, z = (quaternion / math.sqrt(quaternion @ quaternion)).tolist()
