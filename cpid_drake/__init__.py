@@ -11,7 +11,7 @@ The public names, in order of their dependencies:
 - `validate`: predicts a log that was not used to identify a target;
 - `TotalMomentum`: zero, unknown or known;
 - `SensorSuite`, `load_sensors`, `Measurements`: sensors and their samples, each at its own rate;
-- `read_telemetry`, `write_telemetry`: logs as files;
+- `read_telemetry`, `write_telemetry`, `from_columns`: logs as files, or from columns in memory;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `AdaptiveJointController`, `JointMotionSource`, `SceneVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`, `Waypoints`, `Spline`: joint motions;

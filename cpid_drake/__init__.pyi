@@ -13,11 +13,12 @@ from .resources import shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
 from .scenario.simulation import Simulation, initial_state, make_simulation
+from .sensing.files.conversion import from_columns as from_columns
 from .sensing.files.telemetry_files import read_telemetry, write_telemetry
 from .sensing.measurements import Measurements
 from .sensing.presets import load_sensors
 from .sensing.suite import SensorSuite
-from .spacecraft.export.files import export_target
+from .spacecraft.export import export_target
 from .spacecraft.spacecraft import Spacecraft
 from .systems.adaptive_joint_controller import AdaptiveJointController
 from .systems.identifier import MomentumIdentifier
@@ -54,6 +55,7 @@ __all__ = [
     "TotalMomentum",
     "Waypoints",
     "export_target",
+    "from_columns",
     "identify",
     "identify_together",
     "initial_state",

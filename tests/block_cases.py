@@ -25,9 +25,8 @@ from cpid_drake.sensing.sensors import (
     JointSensor,
     Sensor,
     VectorSensor,
-    register_sensor,
 )
-from cpid_drake.sensing.suite import SensorSuite, suite_type
+from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.studies import trials
 
 DURATION = 4.0
@@ -39,11 +38,19 @@ CONSTANT = Gyro(10.0, 0.02, 2.0)
 WALKING = Gyro(20.0, 0.005, 1.0, 5.0)
 
 
+@dataclass
+class RichSuite(SensorSuite):
+    """A suite with the added sensors."""
+
+    gyro_2: Gyro | None = None
+    tracker_2: AttitudeSensor | None = None
+
+
 @contextmanager
 def added_sensors():
-    """Register a second gyro and a second star tracker."""
+    """Add a second gyro and a second star tracker to the table."""
     for sensor in ADDED:
-        register_sensor(sensor)
+        SENSORS[sensor.name] = sensor
     try:
         yield
     finally:
@@ -53,7 +60,7 @@ def added_sensors():
 
 def rich_suite() -> SensorSuite:
     """Return all sensors of the base, a walking and a constant gyro bias, and two trackers."""
-    return suite_type()(
+    return RichSuite(
         attitude=AttitudeSensor(5.0, 5.0, 40.0, np.array([0.0, 0.6, 0.8])),
         gyro=WALKING,
         position=VectorSensor(5.0, 1e-3),

@@ -13,7 +13,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.sensing.measurements import Measurements, Samples, ideal_measurements
 from cpid_drake.sensing.sensors import (
     SENSORS,
-    STANDARD_SENSORS,
     AttitudeSensor,
     Gyro,
     JointSensor,
@@ -175,7 +174,7 @@ def every_sensor(**changes) -> SensorSuite:
 def log_of(telemetry, decimals=None) -> Measurements:
     """Return a log of all quantities at common times, rounded to a number of decimals."""
     samples = {}
-    for name in STANDARD_SENSORS:
+    for name in SENSORS:
         value = SENSORS[name].quantity.ideal(telemetry)
         samples[name] = Samples(
             telemetry.time, value if decimals is None else np.round(value, decimals)

@@ -48,7 +48,7 @@ def export(
     """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
     resolve_model(result)
     from cpid_drake.identification.result_files import read_result
-    from cpid_drake.spacecraft.export.files import export_target
+    from cpid_drake.spacecraft.export import export_target
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
     found = read_result(result)

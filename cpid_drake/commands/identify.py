@@ -80,7 +80,7 @@ def identify(
     for warning in result.warnings:
         console.print(f"warning: {warning}")
     if not quiet:
-        options.print_lines(describe(result, options.line_width()))
+        options.print_lines(describe(result))
     if diagnose:
         undeclared = result.undeclared
         nothing = [

@@ -20,7 +20,7 @@ from cpid_drake.resources import MODELS_PACKAGE, resolve_model
 
 T = TypeVar("T")
 
-LOG_KINDS = "CSV, NPZ, Parquet, MATLAB, JSON lines or ROS 2 bag."
+LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
 
 ScenarioArgument = Annotated[
     str,

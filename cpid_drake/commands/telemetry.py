@@ -12,7 +12,7 @@ from cpid_drake.output_files.overwriting import LOGS, YAML, Output, check_output
 from cpid_drake.resources import package_folders, resolve_model
 
 if TYPE_CHECKING:
-    from cpid_drake.sensing.files.telemetry_files import TelemetryFile
+    from cpid_drake.sensing.files.conversion import TelemetryFile
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 telemetry = typer.Typer(
@@ -21,6 +21,8 @@ telemetry = typer.Typer(
     "origin takes three steps: `map` writes a map of its columns, `check --columns` and "
     "`identify --columns` read the log with it.",
 )
+
+_SHOWN = 100  # problems of a file that are listed
 
 FileArgument = Annotated[str, typer.Argument(metavar="FILE", help=options.LOG_KINDS)]
 
@@ -60,12 +62,12 @@ def check(
     out = Console(markup=False, highlight=False, soft_wrap=True)
     out.print("\n".join(contents(found, file)))
     errors, warnings, unchecked = _comparisons(found, craft)
-    errors = [*(str(problem) for problem in found.problems.first), *errors]
+    hidden = max(len(found.problems) - _SHOWN, 0)
+    errors = [*found.problems[:_SHOWN], *errors]
     for warning in warnings:
         out.print(f"warning: {warning}")
     for problem in errors:
         out.print(f"error: {problem}")
-    hidden = max(found.problems.count - len(found.problems.first), 0)
     if hidden:
         out.print(f"... and {hidden} more")
     for text in unchecked:
@@ -169,7 +171,7 @@ def map_columns(
 def convert(
     file: FileArgument,
     out: Annotated[
-        Path, typer.Argument(metavar="OUT", help="File to write: .csv, .npz, .parquet or .jsonl.")
+        Path, typer.Argument(metavar="OUT", help="File to write: .csv, .npz or .parquet.")
     ],
     columns: options.ColumnsOption = None,
     topic: options.TopicOption = None,

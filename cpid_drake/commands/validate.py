@@ -146,7 +146,7 @@ def validate(
 def _described(validation: "Validation", threshold: float) -> list[str]:
     from cpid_drake.identification.validation import POWER
 
-    test, size = validation.test, validation.in_sigma
+    size = validation.in_sigma
     if not validation.is_target_right:
         verdict = (
             "not valid: the log's own estimate differs; from the right target it differs so much "
@@ -161,26 +161,24 @@ def _described(validation: "Validation", threshold: float) -> list[str]:
         verdict = f"valid: the log agrees with this target (p = {validation.probability:.2g})"
     lines = [
         verdict,
-        f"{_noticed(test.heavier)} (probability {100 * POWER:g} %)",
-        f"χ² of the target {test.chi_squared:.3g}, of {test.freedom} combinations of parameters "
-        f"that the log determines; total momentum {validation.momentum}",
+        f"{_noticed(validation.heavier)} (probability {100 * POWER:g} %)",
+        f"χ² of the target {validation.chi_squared:.3g}, of {validation.freedom} combinations of "
+        f"parameters that the log determines; total momentum {validation.momentum}",
         "",
         f"Predicted {validation.start:.6g} to {validation.end:.6g} s from the joint motion:",
-        f"  {'':9}{'samples':>8}{'rms error':>10}{'largest':>9}{'noise':>9}{'no target':>10}"
-        f"{'':9}{'residual':>9}",
+        f"  {'':9}{'samples':>8}{'rms error':>10}{'largest':>9}{'noise':>9}{'':9}{'residual':>9}",
     ]
     for error in validation.errors:
-        numbers = (error.rms, error.largest, error.noise, error.without_target)
+        numbers = (error.rms, error.largest, error.noise)
         lines.append(
             f"  {error.sensor:9}{error.samples:8}"
-            + "".join(f"{number:{width}.3g}" for number, width in zip(numbers, (10, 9, 9, 10)))
+            + "".join(f"{number:{width}.3g}" for number, width in zip(numbers, (10, 9, 9)))
             + f" {error.unit:8}{error.in_sigma:7.3g} σ"
         )
     return [
         *lines,
         "",
-        "  No target: rms error of a prediction with the spacecraft alone. Residual: of a fit of",
-        "  the whole log with the target that explains it best.",
+        "  Residual: of a fit of the whole log with the target that explains it best.",
     ]
 
 

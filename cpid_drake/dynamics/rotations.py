@@ -60,6 +60,13 @@ def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArra
     return by_sine
 
 
+def exponentials(r: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotations (..., 3, 3) of rotation vectors (..., 3): Rodrigues' formula."""
+    K, angle = skew(r), np.linalg.norm(r, axis=-1)[..., None, None]
+    sine, cosine = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    return np.asarray(np.eye(3) + sine * K + cosine * (K @ K))
+
+
 def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
     """Return Jr (..., 3, 3) with exp(r + dr) = exp(r) exp(Jr dr) for vectors r (..., 3).
 
@@ -121,17 +128,6 @@ def exp(r: NDArray[np.float64]) -> NDArray[np.float64]:
             [xz - y, yz + x, 1 - x2 - y2],
         ]
     )
-
-
-def log(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vector (3,) of one rotation (3, 3), also if it is half a turn."""
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
-    x, y, z = (h - f) / 2, (c - g) / 2, (d - b) / 2
-    sine, cosine = math.sqrt(x * x + y * y + z * z), (a + e + i - 1) / 2
-    if sine < 1e-9:
-        return np.array([x, y, z] if cosine > 0 else [math.pi, 0.0, 0.0])
-    factor = math.atan2(sine, cosine) / sine
-    return np.array([factor * x, factor * y, factor * z])
 
 
 def quaternion_to_matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,8 +11,8 @@ Corrections of the paper (Ning et al. 2016) that these rows contain:
   point (subscript n_i as in Eqs. 7 and 18), not the velocity of the target's centre of mass;
 - d_no is the capture point, and L is the angular momentum about that point;
 - in Eqs. 7, 10 and 14, c and I are expressed in W and change as the target turns, so these
-  equations can be solved at one instant only. In Eq. 18, c and I are expressed in C and are
-  constant, so its rows can be stacked over time;
+  equations can be solved at one instant only (they are in tests/paper_equations.py). In Eq. 18, c
+  and I are expressed in C and are constant, so its rows can be stacked over time;
 - two samples never suffice: they give rank 9 of 10. With n = ω1 × ω2 in C, I = n nᵀ satisfies
   I ω1 = I ω2 = 0. Three generic samples give rank 10.
 """
@@ -29,7 +29,6 @@ from cpid_drake.dynamics.parameterizations import (
     STANDARD,
     Parameterization,
     relative_parameterization,
-    tensor_to_vector,
     vector_to_tensor,
 )
 from cpid_drake.dynamics.rotations import cross, skew
@@ -48,62 +47,6 @@ def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
     """
     v = np.asarray(v)
     return (v @ _INERTIA_OPERATOR).reshape(*v.shape, 6)
-
-
-# -- the paper's equations, one instant at a time, in W ----------------------------------------
-
-
-def linear_rows(samples: MomentumSamples) -> Rows:
-    """Return rows (N, 3, 4) and right-hand sides (N, 3) of [P  ω̃] (1/m, c') = −v_C, in W.
-
-    c' = `p_CTcm_W` changes as the target turns. The rows are Eq. 6 times 1/m, where v_ni + ω_ni ×
-    b_ni is the velocity of the capture point. Source: Ning et al. 2016, Eqs. 6 and 7.
-    """
-    A = np.concatenate([samples.P[:, :, None], skew(samples.motion.w_WC)], axis=2)
-    return A, -samples.motion.v_WC
-
-
-def angular_rows(samples: MomentumSamples) -> Rows:
-    """Return rows (N, 3, 9) and right-hand sides (N, 3) of [P̃  [#ω]] (c', [I'#]) = −L, in W.
-
-    L is the known bodies' angular momentum about the capture point. The target's term m c' × v_n
-    equals P̃ c' because m v_n = −P. Source: Ning et al. 2016, Eq. 10 (sums from i = 0).
-    """
-    A = np.concatenate([skew(samples.P), inertia_operator(samples.motion.w_WC)], axis=2)
-    return A, -samples.L
-
-
-def instantaneous_rows(samples: MomentumSamples) -> Rows:
-    """Return the rows (N, 6, 10) in (1/m, c', [I'#]), c' and I' in W, separately for each instant.
-
-    Source: Ning et al. 2016, Eq. 14, with two corrections: the sums start at i = 0, and v on
-    the right-hand side is that of the capture point.
-    """
-    top, b_top = linear_rows(samples)
-    bottom, b_bottom = angular_rows(samples)
-    A = np.zeros((len(samples), 6, 10))
-    A[:, :3, :4] = top
-    A[:, 3:, 1:] = bottom
-    return A, np.concatenate([b_top, b_bottom], axis=1)
-
-
-def eq18_to_world(R_WC: ArrayLike) -> NDArray[np.float64]:
-    """Return T (N, 10, 10) with (1/m, c', [I'#]) in W = T (1/m, c, [I#]) in C.
-
-    c' = A c and I' = A I Aᵀ with A = R_WC, whose inverse is its transpose. Source: Ning et al.
-    2016, Eqs. 15, 16 and 17.
-    """
-    R_WC = np.asarray(R_WC, dtype=float)
-    T = np.zeros((len(R_WC), 10, 10))
-    T[:, 0, 0] = 1.0
-    T[:, 1:4, 1:4] = R_WC
-    for j, unit in enumerate(np.eye(6)):
-        I_W = R_WC @ vector_to_tensor(unit) @ np.swapaxes(R_WC, -1, -2)
-        T[:, 4:, 4 + j] = tensor_to_vector(I_W)
-    return T
-
-
-# -- row families that stack over time, in C ----------------------------------------------------
 
 
 def _eq18(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.float64]:
@@ -320,14 +263,3 @@ def row_family(name: str, unknown_momentum: bool = False) -> RowFamily:
         others = ", ".join(n for n, other in ROW_FAMILIES.items() if other.momentum_columns)
         raise InputError(f"rows '{name}' cannot estimate an unknown momentum; use {others}")
     return family
-
-
-def com_position_rows(samples: MomentumSamples) -> Rows:
-    """Return rows A (N − 1, 3, 4), b (N − 1, 3) in (m, m c): the centre of mass does not move.
-
-    [p_WC − p_WC(0)   R_WC − R_WC(0)] (m, m c) = −m_k (r_k − r_k(0)), in W, relative to the first
-    sample. No velocities are used; the total linear momentum must be zero.
-    """
-    p_WC, R_WC, r = samples.motion.p_WC, samples.motion.R_WC, samples.p_WKcm
-    A = np.concatenate([(p_WC[1:] - p_WC[0])[:, :, None], R_WC[1:] - R_WC[0]], axis=2)
-    return A, -samples.mass * (r[1:] - r[0])

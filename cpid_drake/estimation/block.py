@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.sensing.measurement_stream import joined
-from cpid_drake.sensing.measurements import THRUST, Measurements
+from cpid_drake.sensing.measurements import THRUST, Measurements, concatenated
 from cpid_drake.sensing.sensors import Quantity, sensors_of
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -104,7 +103,9 @@ class BlockQueue:
             until: time up to which all samples have been added [s].
 
         """
-        waiting = measurements if self.waiting is None else joined([self.waiting, measurements])
+        waiting = measurements
+        if self.waiting is not None:
+            waiting = concatenated([self.waiting, measurements])
         if np.isnan(self.edge) and not len(waiting.encoders):
             # The first block starts at the first encoder sample: earlier samples are not needed.
             return replace(self, waiting=after(waiting, until, np.inf)), []

@@ -9,10 +9,11 @@ Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (we
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
@@ -22,6 +23,7 @@ from cpid_drake.estimation.smoothness import DECLARED, FAR
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
+from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensing.sensors import SENSORS
 
 CLOSE = 1e-3
@@ -37,7 +39,6 @@ MOST_SWEEPS = 30
 _SMALLEST_GAIN = 1e-3  # share of the expected fall of χ² for which a step is accepted
 _REJECTED = 12  # steps in a row
 _FIRST_DAMPING = 1.0  # information that a step is zero, as a share of the prior's
-_MEDIAN = {1: 0.674, 2: 0.833, 3: 0.888}  # of the root mean square of so many unit normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,6 @@ class Fit:
     cost: float
     sweeps: int
     converged: bool
-    residuals: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, 
 def _correlation(rest: NDArray[np.float64]) -> float:
     """Return the correlation time of noise of which residuals, if they are small, are a part."""
     part = min(1.0, float(np.mean(rest**2))) if rest.size else 0.0
-    return 1 + part * (correlation_time(rest) - 1)
+    return 1 + part * (whiteness(rest).correlation_time - 1)
 
 
 def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:
@@ -194,24 +194,8 @@ def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.floa
 
 def spread(rest: NDArray[np.float64]) -> float:
     """Return the σ of residuals (M, d), whatever less than half of them are; 0 without any."""
-    size = np.sqrt(np.mean(rest**2, axis=1))
-    return float(np.median(size)) / _MEDIAN.get(rest.shape[1], 0.888) if len(size) else 0.0
-
-
-def correlation_time(rest: NDArray[np.float64]) -> float:
-    """Return how many successive residuals (M, d) are worth one: 1 + 2 Σ ρ(lag).
-
-    The sum ends before the first pair of neighbours that is not positive (Geyer 1992).
-    """
-    n = len(rest)
-    total = float(np.sum(rest**2))
-    if n < 8 or total <= 0:
-        return 1.0
-    lags = range(1, min(n // 3, 60))
-    rho = np.array([float(np.sum(rest[k:] * rest[:-k])) / total for k in lags])
-    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
-    end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-    return max(1.0, 1 + 2 * float(pairs[:end].sum()))
+    square = np.sum(rest**2, axis=1)
+    return float(np.sqrt(np.median(square) / chdtri(rest.shape[1], 0.5))) if len(square) else 0.0
 
 
 def prior_of(

@@ -12,12 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.estimation.least_squares import (
-    KNOWN,
-    LeastSquaresSolution,
-    solution_of_combinations,
-    triangle,
-)
+from cpid_drake.estimation.least_squares import KNOWN, LeastSquaresSolution, triangle
 
 _NEGLIGIBLE = 1e-13  # share of the largest singular value of scaled columns that is rounding error
 
@@ -51,9 +46,15 @@ class Gaussian:
             rho2: sum of squares from elsewhere.
 
         """
-        n = rows.shape[1] - 1
         T = triangle(rows)
-        return cls(_places(sizes), T[:n, :n], T[:n, n], rho2 + float(T[n, n]) ** 2)
+        return cls.of_triangle(sizes, T[:-1], rho2 + float(T[-1, -1]) ** 2)
+
+    @classmethod
+    def of_triangle(
+        cls, sizes: Mapping[str, int], T: NDArray[np.float64], rho2: float = 0.0
+    ) -> "Gaussian":
+        """Return the distribution of a triangle [R | z] (n, n + 1); see `of_rows`."""
+        return cls(_places(sizes), T[:, :-1], T[:, -1], rho2)
 
     @property
     def size(self) -> int:
@@ -93,9 +94,10 @@ class Gaussian:
         others = [name for name in self.places if name not in names]
         order = np.concatenate([self.indices(others), self.indices(names)])
         gone = self.size - len(self.indices(names))
-        T = triangle(np.column_stack([self.R[:, order], self.z]))[gone:, gone:]
+        T = triangle(np.column_stack([self.R[:, order], self.z]))
         sizes = {name: self.sizes[name] for name in names}
-        return Gaussian.of_rows(sizes, T, self.rho2)
+        rho2 = self.rho2 + float(T[-1, -1]) ** 2
+        return Gaussian.of_triangle(sizes, T[gone:-1, gone:], rho2)
 
     def condition(self, values: Mapping[str, ArrayLike]) -> "Gaussian":
         """Return the distribution of the others if some unknowns have the given values."""
@@ -202,23 +204,34 @@ def solution_of(
         target: of n unknowns.
         nominal: (n,) values of combinations that are not determined.
         scale: (n,) plausible sizes of the unknowns.
-        largest: largest σ of a determined combination, as a share of its plausible size.
+        largest: largest σ of a determined combination, as a share of its plausible size: noise in
+            the regressors has the same effect as information.
         residual_sum, row_count: of the rows themselves, for the record.
 
     """
     moved = target.moved(nominal)
     U, sizes, axes = np.linalg.svd(moved.R * scale)
-    seen = sizes > max(1 / largest, 1e-13 * float(sizes[0]))
-    x = axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen])
-    return solution_of_combinations(
-        nominal + scale * x,
-        target.R.T @ target.R,
-        scale,
-        sizes,
-        axes.T,
-        seen,
-        residual_sum=residual_sum,
+    seen = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
+    x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
+    rank, unobservable = int(seen.sum()), axes[~seen]
+    is_open = np.linalg.norm(unobservable, axis=0) > 1e-3
+    # The others have their plausible size as σ; entries that are known contain little of them.
+    sigma = 1 / np.where(seen, sizes, np.sqrt(sizes**2 + 1.0))
+    root = scale[:, None] * axes.T * sigma
+    covariance = root @ root.T
+    covariance[is_open, :] = covariance[:, is_open] = np.nan
+    return LeastSquaresSolution(
+        estimate=np.where(is_open, np.nan, x),
+        covariance=covariance,
+        information=target.R.T @ target.R,
+        rank=rank,
+        singular_values=sizes,
+        condition_number=sizes[0] / sizes[-1] if rank == len(scale) else np.inf,
+        unobservable=unobservable,
+        residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
         row_count=row_count,
+        values=x,
+        unit=scale,
     )
 
 

@@ -43,8 +43,6 @@ def joint_part(
 ) -> JointPart:
     """Return a block's own information about its joints, about a motion that fits it alone.
 
-    Errors of rounded samples are not white; see `rounding`.
-
     Args:
         block: the samples.
         suite: the sensors' errors.
@@ -54,24 +52,13 @@ def joint_part(
     """
     samples, pieces = JointSamples.of(block, suite), smoothness.pieces(block.length)
     P, A, y = samples.penalty(pieces), samples.design(pieces), samples.values
-    (N, J), K = y.shape, A.shape[1]
-    w = np.ones((N, J)) if weights is None else weights
+    K = A.shape[1]
+    w = np.ones(y.shape) if weights is None else weights
     jerk = np.column_stack([P, np.zeros(len(P))]) / smoothness.jerk[:, None, None]
-    data = np.dstack([w.T[..., None] * A, (w * y).T])
-
-    def rows_of(data: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        T = triangles(np.concatenate([jerk, data / smoothness.noise[:, None, None]], axis=1))
-        return T[:, :K, :K], T[:, :K, K]
-
-    rows, target = rows_of(data)
+    data = np.dstack([w.T[..., None] * A, (w * y).T]) / smoothness.noise[:, None, None]
+    T = triangles(np.concatenate([jerk, data], axis=1))
+    rows, target = T[:, :K, :K], T[:, :K, K]
     c = np.stack([np.linalg.lstsq(R, b, rcond=1e-12)[0] for R, b in zip(rows, target)], axis=1)
-    plain = (w == 1).all(axis=0)
-    if N >= K and samples.is_rounded and plain.any():
-        Q, R = np.linalg.qr(A)
-        both = np.dstack([np.broadcast_to(R, (J, K, K)), (Q.T @ y).T])
-        white = np.zeros_like(data)
-        white[:, :K] = samples.whitening(Q, A @ c) @ both
-        rows, target = rows_of(np.where(plain[:, None, None], white, data))
     return JointPart(block.start, block.end, pieces, c, rows, target)
 
 

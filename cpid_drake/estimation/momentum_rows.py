@@ -1,4 +1,4 @@
-"""Momentum rows of samples, and how errors of the samples change them."""
+"""Momentum rows of samples, and the errors that the errors of the samples make in them."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -95,12 +95,26 @@ def changed(telemetry: Telemetry, shift: NDArray[np.float64]) -> Telemetry:
     )
 
 
-def row_derivatives(
-    telemetry: Telemetry, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum
+def error_square(
+    telemetry: Telemetry,
+    covariance: NDArray[np.float64],
+    tree: KinematicTree,
+    family: RowFamily,
+    momentum: TotalMomentum,
 ) -> NDArray[np.float64]:
-    """Return the derivatives (q, N, rows per sample, k + 11) w.r.t. the quantities of `changed`."""
-    step, N, q = 1e-6, len(telemetry), 12 + 2 * len(telemetry.joint_names)
+    """Return the expectation (k + 11, k + 11) of δᵀ δ for the errors δ of all rows of samples.
+
+    Args:
+        telemetry: N samples.
+        covariance: (N or 1, q, q) of their errors as changes of the q quantities of `changed`.
+        tree, family, momentum: see `momentum_rows`.
+
+    """
+    step, N, q = 1e-6, len(telemetry), covariance.shape[-1]
     rows = momentum_rows(tree, telemetry, family, momentum)
     moved = changed(telemetry, np.repeat(step * np.eye(q), N, axis=0))
-    difference = momentum_rows(tree, moved, family, momentum).reshape(q, *rows.shape) - rows
-    return np.asarray(difference.reshape(q, N, -1, rows.shape[1]) / step)
+    by = (momentum_rows(tree, moved, family, momentum).reshape(q, *rows.shape) - rows) / step
+    flat = np.moveaxis(by.reshape(q, N, -1), 0, 1)
+    return np.asarray(
+        flat.reshape(-1, rows.shape[1]).T @ (covariance @ flat).reshape(-1, rows.shape[1])
+    )

@@ -33,6 +33,7 @@ from cpid_drake.estimation.online_block import (
     NAME,
     Known,
     at_end,
+    is_likely,
     last_bias,
     solved,
     tracked,
@@ -258,29 +259,30 @@ def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState,
         parts = [each.block.part(a, b) for a, b in pairwise(edges.tolist())]
     is_explained = True
     for part in parts:
-        known, rejected = state.known, dict[str, int]()
+        known, is_gap, found = state.known, not len(part.samples.encoders), None
         assert known is not None
-        is_gap = not len(part.samples.encoders)
-        is_likely = False
         try:
             if not is_gap:
                 found = solved(model, known, part, is_judged=is_judged)
-                is_likely, rejected = found.is_likely, found.rejected
         except (InputError, np.linalg.LinAlgError):
             pass
-        if not (is_likely or is_gap or each.is_cut):
+        is_good = found is not None and is_likely(*found[1:])
+        if not (is_good or is_gap or each.is_cut):
             return state, False
-        if not is_likely:
+        rejected = Counter(state.rejected)
+        if found is None or not is_good:
             joints = {name: part.samples[name] for name in OF_JOINTS}
             alone = replace(part, samples=replace(part.samples, samples=joints))
-            rejected = {n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS}
+            rejected.update({n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS})
             found = solved(model, known, alone, is_judged=False, is_linked=False)
-        if not (is_gap or is_likely):
+        if not (is_gap or is_good):
             is_explained = False
             state = replace(state, bridged=state.bridged + part.length)
-        total = Counter(state.rejected) + Counter(rejected)
-        state = replace(state, rejected=total, known=replace(found.known(model), is_lost=is_gap))
-        state = state.with_residuals(found.rolled.residuals[0])
+        after, log, rolled = found
+        if is_good:
+            rejected.update({name: int(np.sum(w < 1)) for name, w in log.weights[0].items()})
+        state = replace(state, rejected=rejected, known=replace(after, is_lost=is_gap))
+        state = state.with_residuals(rolled.residuals[0])
     return state, is_explained
 
 

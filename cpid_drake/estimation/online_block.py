@@ -26,10 +26,7 @@ BOUNDARY = "boundary"
 """Name of what is at the end of the last block: attitude, p, L, v, biases and joints."""
 
 MOST_LINEARIZATIONS = 6
-"""A block is linearized so many times at most."""
-
-HALVINGS = 6
-"""A step to an impossible target is halved so many times."""
+"""A block is linearized so many times at most, and a step to an impossible target halved."""
 
 UNLIKELY = 6.0
 """Noise does not explain a block whose χ² is above its expectation by so many σ."""
@@ -59,54 +56,19 @@ class Known:
     is_lost: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """A block, linearized near its solution.
-
-    Attributes:
-        values, log, rolled: at the solution.
-        gaussian: about what is at the end of the block and all unknowns, and of the links.
-        links: with that at the start of the block as the last one.
-        track: rows about the joints at the end.
-        about: see `Known`.
-
-    """
-
-    values: Values
-    log: LogState
-    rolled: Rolled
-    gaussian: Gaussian
-    links: tuple[Link, ...]
-    track: NDArray[np.float64]
-    about: Values
-
-    def known(self, model: Model) -> Known:
-        """Return what is known at the end."""
-        end = self.rolled.models[0].motion.end(self.rolled.trajectories[0])
-        bias = (last_bias(model, self.log.bias[0]),)
-        log = replace(self.log, start=end, bias=bias, weights=({},))
-        return Known(self.values, log, self.gaussian, self.links, self.track, self.about)
-
-    @property
-    def is_likely(self) -> bool:
-        """Whether noise explains the samples."""
-        rest = [
-            self.log.weighted(0, name, each).ravel()
-            for name, each in self.rolled.residuals[0].items()
-        ]
-        count = sum(map(len, rest))
-        return float(sum(r @ r for r in rest)) < count + UNLIKELY * np.sqrt(2 * count)
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Number of samples that weigh less than others, by sensor."""
-        return {name: int(np.sum(w < 1)) for name, w in self.log.weights[0].items()}
+def is_likely(log: LogState, rolled: Rolled) -> bool:
+    """Return whether noise explains the samples of a block."""
+    rest = [log.weighted(0, name, each) for name, each in rolled.residuals[0].items()]
+    count = sum(each.size for each in rest)
+    return sum(float(np.sum(r * r)) for r in rest) < count + UNLIKELY * np.sqrt(2 * count)
 
 
 def solved(
     model: Model, known: Known, block: Block, *, is_judged: bool, is_linked: bool = True
-) -> Solved:
-    """Return a block's solution, with a link at its start: a judged one, or an open one.
+) -> tuple[Known, LogState, Rolled]:
+    """Return what is known at the end of a block, and the block at its solution.
+
+    A link at its start is judged, or open.
 
     It is linearized anew until χ² at the solution is what the last linearization predicts.
     """
@@ -146,7 +108,9 @@ def solved(
         log, rolled, here = weighted, ahead, there
         if abs(excess) < CLOSE and is_settled:
             break
-    return Solved(values, log, rolled, after, links, track, known.about)
+    end = rolled.models[0].motion.end(rolled.trajectories[0])
+    last = replace(log, start=end, bias=(last_bias(model, log.bias[0]),), weights=({},))
+    return Known(values, last, after, links, track, known.about), log, rolled
 
 
 def _linear(model: Model, known: Known, log: LogState, rolled: Rolled, values: Values) -> Rolled:
@@ -165,7 +129,7 @@ def _stepped(
     model: Model, log: LogState, swept: Swept, values: Values, g: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], LogState, Values, Rolled]:
     """Return a step g, or the part of it for which a motion can be predicted, and its end."""
-    for _ in range(HALVINGS):
+    for _ in range(MOST_LINEARIZATIONS):
         change = {name: g[place] for name, place in swept.gaussian.places.items()}
         better = back(model, log, swept, change)
         there = {name: value + change[name] for name, value in values.items()}
@@ -211,14 +175,15 @@ def _swept(
     """Return a linearized block after which the links are still unknowns."""
     before = np.column_stack([gaussian.R, gaussian.z])
     swept = sweep(model, log, rolled, values, before=before)
-    rows = np.column_stack([swept.gaussian.R, swept.gaussian.z])
+    T = np.column_stack([swept.gaussian.R, swept.gaussian.z])
     sizes = {name: size for name, size in gaussian.sizes.items() if name != BOUNDARY}
-    return replace(swept, gaussian=Gaussian.of_rows(sizes, rows, swept.gaussian.rho2))
+    return replace(swept, gaussian=Gaussian.of_triangle(sizes, T, swept.gaussian.rho2))
 
 
 def at_end(model: Model, swept: Swept) -> Gaussian:
     """Return what is known at the end of a block."""
-    return Gaussian.of_rows({BOUNDARY: boundary_size(model), **swept.gaussian.sizes}, swept.rows)
+    sizes = {BOUNDARY: boundary_size(model), **swept.gaussian.sizes}
+    return Gaussian.of_triangle(sizes, swept.rows)
 
 
 def _moved(gaussian: Gaussian, *steps: NDArray[np.float64]) -> Gaussian:

@@ -1,19 +1,20 @@
 """Least squares on the momentum rows of a log: what they tell about the target, as a Gaussian.
 
-The rows A x = b of a log are linear in the target's unknowns and in the log's own momentum. Their
-errors come from the errors of the samples, and are inside A as well (`noisy_rows`). Here
+The rows A x = b of a log are linear in the target's unknowns and in the log's own momentum. All of
+them weigh the same. Their errors come from the errors of the samples, and are inside A as well:
 
-- their shape follows from the errors of the samples, by finite differences; of smoothed samples,
-  whose errors are known, it is also the weight of the rows;
 - their size and their correlation in time are those of the residuals (Newey and West 1987, "A
   simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
   matrix");
-- the bias is subtracted, and is also a σ, because its size is known roughly only; a combination of
-  whose information more than a quarter is noise is left out.
+- errors δA inside A add E[δAᵀ δA] to AᵀA, which looks like information, and a bias of
+  −(AᵀA)⁻¹ E[δAᵀ (δA x − δb)]. The shape of this expectation follows from the errors of the samples.
+  The bias is subtracted, and is also a σ, because its size is known roughly only; a combination of
+  whose information more than a quarter is noise is left out (Fuller 1987, Measurement Error Models,
+  ch. 1 and 2).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
@@ -28,20 +29,14 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.evidence import compare
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import (
+    DEFAULT_RANK_TOLERANCE,
     empty_information,
     triangle,
     updated_information,
 )
-from cpid_drake.estimation.momentum_rows import momentum_columns, row_blocks, row_derivatives
-from cpid_drake.estimation.noisy_rows import (
-    LEAST_SHARE,
-    expected_square,
-    row_weights,
-    without_bias,
-)
+from cpid_drake.estimation.momentum_rows import error_square, momentum_columns, row_blocks
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.smoothed_motion import ErrorBlock
 from cpid_drake.sensing.thinning import EvenSelection
 
 TARGET, MOMENTUM = "target", "momentum"
@@ -53,6 +48,7 @@ ROUNDING = 1e-8
 _MOST_KEPT = 20_000  # samples whose residuals are kept for their correlation in time
 _MOST_SHOWN = 4_000  # samples of a long log that a page shows
 _MOST_CHANGED = 200  # complete samples of a block that show the shape of its errors
+_NOISE = 0.25  # share of the information about a combination that may be noise
 _FEWEST = 20  # independent residuals that determine their correlation
 _NOTHING = 1e-12  # size of combinations that have no effect, as a share of the columns
 _ROUNDS = 4  # of the size of the errors, which depends on the solution
@@ -60,18 +56,16 @@ _ROUNDS = 4  # of the size of the errors, which depends on the solution
 
 @dataclass(frozen=True, eq=False)
 class RowNoise:
-    """The errors of the weighted rows of a log.
+    """The errors of the rows of a log.
 
     Attributes:
         variance: their variance.
         correlation_time: number of samples with the information of one independent sample.
         factor: `variance` divided by that of the errors of the samples; 0 if these are not known.
         is_known: whether there are more rows than unknowns, so that residuals show the errors.
-        scatter: (3, k + u, k + u) covariance of Aᵀ (A x − b), for all rows and for each half; None
-            if it is not known. Of smoothed samples it is that of the splines' errors, else of sums
-            of the residuals over successive samples that are correlated. It contains what the
-            variance misses, such as errors that grow with the motion.
-        least: least size of the scatter, in units of `variance` and `correlation_time`.
+        scatter: (k + u, k + u) covariance of Aᵀ (A x − b), from sums of residuals over successive
+            samples that are correlated; None if it is not known. It contains what the variance
+            misses, such as errors that grow with the motion.
 
     """
 
@@ -80,7 +74,6 @@ class RowNoise:
     factor: float = 0.0
     is_known: bool = False
     scatter: NDArray[np.float64] | None = None
-    least: float = 1.0
 
 
 class LogRows:
@@ -104,11 +97,9 @@ class LogRows:
         self.extra, self.unknowns = momentum_columns(tree, family, momentum), tree.unknowns
         self._angular = 3 if tree.normal_B is None else 1  # angular rows of a sample
         size = self.extra + len(self.unknowns)
-        self._plain = empty_information(size)
-        self._halves = [empty_information(size), empty_information(size)]  # weighted, of all parts
-        self._errors = np.zeros((size + 1, size + 1))  # E[δᵀ δ] of the errors of weighted rows
-        self._spread: NDArray[np.float64] | None = None  # `RowNoise.scatter` of smoothed samples
-        self._first: list[Samples] = []  # rows, and below them weighted rows
+        self._halves = [empty_information(size), empty_information(size)]  # of all parts
+        self._errors = np.zeros((size + 1, size + 1))  # E[δᵀ δ] of the errors of the rows
+        self._first: list[Samples] = []
         self._shown = EvenSelection(_MOST_SHOWN)
         self._p_WB = np.zeros(3)  # at the first sample
         self.sample_count = self.row_count = 0
@@ -127,90 +118,50 @@ class LogRows:
         result[: self.extra, : self.extra] = whole[np.ix_(self.momenta, self.momenta)]
         return result
 
-    def add(
-        self,
-        telemetry: Telemetry,
-        covariance: NDArray[np.float64],
-        errors: Sequence[ErrorBlock] = (),
-    ) -> None:
+    def add(self, telemetry: Telemetry, covariance: NDArray[np.float64]) -> None:
         """Add samples.
 
         Args:
             telemetry: the motion at N instants.
             covariance: (N, q, q) of the errors of each sample as changes of the q quantities of
                 `momentum_rows.changed`, or (1, q, q) if it is the same for all.
-            errors: of smoothed samples, the independent parts of these errors.
 
         """
         if not self.sample_count and len(telemetry):
             self._p_WB = telemetry.p_WB[0]
         for own, rows in row_blocks(telemetry, *self._problem):
-            flat = rows.reshape(-1, rows.shape[-1])
-            self._plain = updated_information(self._plain, flat)
-            self.row_count += int(np.count_nonzero(flat[:, self.extra :].any(axis=1)))
-            white, middle = rows, len(rows) // 2
+            samples, middle = Samples(telemetry.time[own], rows), len(rows) // 2
+            for k, half in enumerate((rows[:middle], rows[middle:])):
+                flat = half.reshape(-1, rows.shape[-1])
+                self._halves[k] = updated_information(self._halves[k], flat)
+                self.row_count += int(np.count_nonzero(flat[:, self.extra :].any(axis=1)))
             if covariance.any():
-                C = covariance[own] if len(covariance) > 1 else covariance
-                every = 1 if errors else -(-len(rows) // _MOST_CHANGED)
-                part = telemetry.select(own).select(slice(None, None, every))
-                derivatives = row_derivatives(part, *self._problem)
-                if errors:
-                    x, weights = row_weights(rows, derivatives, C)
-                    white, derivatives = weights @ rows, weights @ derivatives
-                    self._add_spread(white, derivatives @ np.append(x, -1.0), own, errors)
-                self._errors += len(rows) / len(part) * expected_square(derivatives, C)
-            for k, half in enumerate((white[:middle], white[middle:])):
-                if half.size:
-                    flat = half.reshape(-1, half.shape[-1])
-                    self._halves[k] = updated_information(self._halves[k], flat)
-            kept = Samples(telemetry.time[own], np.concatenate([rows, white], axis=1))
-            kept = kept.where(slice(0, max(_MOST_KEPT - self.sample_count, 0)))
+                some = slice(own.start, own.stop, -(-len(rows) // _MOST_CHANGED))
+                part, C = telemetry.select(some), covariance
+                C = C[some] if len(C) > 1 else C
+                self._errors += len(rows) / len(part) * error_square(part, C, *self._problem)
+            kept = samples.where(slice(0, max(_MOST_KEPT - self.sample_count, 0)))
             self._first += [kept] if len(kept) else []
-            self._shown.add(Samples(telemetry.time[own], rows))
+            self._shown.add(samples)
             self.sample_count += len(rows)
-
-    def _add_spread(
-        self,
-        white: NDArray[np.float64],
-        effects: NDArray[np.float64],
-        own: slice,
-        errors: Sequence[ErrorBlock],
-    ) -> None:
-        """Add to the scatter the effects of the errors of splines.
-
-        The error of one coefficient enters many samples: its effects are summed before squaring.
-        """
-        A, middle = white[..., :-1], len(white) // 2
-        effects = np.moveaxis(effects, 0, -1)
-        if self._spread is None:
-            self._spread = np.zeros((3, A.shape[-1], A.shape[-1]))
-        for block in errors:
-            effect = np.swapaxes(effects[:, :, block.columns] @ block.basis[own], -1, -2) @ A
-            gains = np.zeros((3, len(block.covariance), A.shape[-1]))
-            for k, half in ((1, slice(0, middle)), (2, slice(middle, None))):
-                np.add.at(gains[k], block.support[own][half], effect[half])
-            gains[0] = gains[1] + gains[2]
-            self._spread += np.swapaxes(gains, -1, -2) @ block.covariance @ gains
 
     def misfit(self, x: NDArray[np.float64]) -> tuple[float, float]:
         """Return the sizes of the residuals at unknowns x (k + u,), as ratios.
 
-        The first is that of the weighted residuals to the errors of the samples, infinite if these
-        are not known, and the second that of the residuals to the rows.
+        The first is that to the errors of the samples, infinite if these are not known, and the
+        second that to the rows.
         """
-        unit = np.append(x, -1.0)
-        squares = sum(float(np.sum((half @ unit) ** 2)) for half in self._halves)
-        expected = float(unit @ self._errors @ unit)
-        size = float(np.sum(self._plain[:, -1] ** 2))
-        rest = float(np.sum((self._plain @ unit) ** 2))
+        unit, rows = np.append(x, -1.0), np.vstack(self._halves)
+        squares, expected = self.residual_sum(x), float(unit @ self._errors @ unit)
+        size = float(np.sum(rows[:, -1] ** 2))
         return (
             float(np.sqrt(squares / expected)) if expected > 0 else np.inf,
-            float(np.sqrt(rest / size)) if size > 0 else 0.0,
+            float(np.sqrt(squares / size)) if size > 0 else 0.0,
         )
 
     def residual_sum(self, x: NDArray[np.float64]) -> float:
-        """Return the sum of squares of the residuals, without weights, at x (k + u,)."""
-        return float(np.sum((self._plain @ np.append(x, -1.0)) ** 2))
+        """Return the sum of squares of the residuals at x (k + u,)."""
+        return float(np.sum((np.vstack(self._halves) @ np.append(x, -1.0)) ** 2))
 
     def residuals(self, x: NDArray[np.float64]) -> list[tuple[Samples, int, NDArray[np.float64]]]:
         """Return the residuals b − A x at x of the linear and of the angular rows.
@@ -222,14 +173,14 @@ class LogRows:
             return []
         m = shown.value.shape[1]
         linear, angular = slice(0, m - self._angular), slice(m - self._angular, m)
-        first = np.concatenate([-(part.value[:, :m] @ unit) for part in self._first])
+        first = np.concatenate([-(part.value @ unit) for part in self._first])
         every, time, value = self._shown.every, shown.time, -(shown.value @ unit)
         if self.sample_count <= _MOST_KEPT:
             every, time, value = 1, np.concatenate([part.time for part in self._first]), first
         return [(Samples(time, value[:, k]), every, first[:, k]) for k in (linear, angular)]
 
     def noise(self, *, is_zero: bool = False) -> RowNoise:
-        """Return the errors of the weighted rows, from the residuals at their best unknowns.
+        """Return the errors of the rows, from the residuals at their best unknowns.
 
         Args:
             is_zero: whether the momentum is zero; else it is free.
@@ -247,8 +198,8 @@ class LogRows:
             free = self.row_count - used
             if free < 1:
                 return noise
-            rests = [part.value[:, part.value.shape[1] // 2 :] @ unit for part in self._first]
-            time = whiteness(np.concatenate(rests)).correlation_time
+            rests = np.concatenate([part.value @ unit for part in self._first])
+            time = whiteness(rests).correlation_time
             if self.row_count / time - used < _FEWEST:
                 time = 1.0
             # Residuals are smaller than errors by what the unknowns take of them.
@@ -256,26 +207,16 @@ class LogRows:
             squares, expected = np.sum((root @ unit) ** 2), float(unit @ self._errors @ unit)
             variance = larger * float(squares) / self.row_count
             factor = variance * self.row_count / expected if expected > 0 else 0.0
-            noise = RowNoise(max(variance, least), time, factor, True)
-            if self._spread is not None:
-                factor = max(factor, 1.0)  # the errors of the samples are known
-                scatter = factor * self._spread
-                noise = replace(noise, factor=factor, scatter=scatter, least=LEAST_SHARE)
-            else:
-                noise = replace(noise, scatter=self._scatter(rests, int(np.ceil(time)), larger))
+            scatter = larger * self._scatter(rests, int(np.ceil(time)))
+            noise = RowNoise(max(variance, least), time, factor, True, scatter)
         return noise
 
-    def _scatter(
-        self, rests: Sequence[NDArray[np.float64]], length: int, larger: float
-    ) -> NDArray[np.float64]:
-        """Return `RowNoise.scatter`, from residuals that are correlated over some samples."""
-        white = [part.value[:, part.value.shape[1] // 2 :, :-1] for part in self._first]
-        scores = np.concatenate(
-            [np.einsum("nmc,nm->nc", A, r) for A, r in zip(white, rests, strict=True)]
-        )
+    def _scatter(self, rests: NDArray[np.float64], length: int) -> NDArray[np.float64]:
+        """Return `RowNoise.scatter`, from residuals (N, m) that are correlated in time."""
+        A = np.concatenate([part.value[..., :-1] for part in self._first])
+        scores = np.einsum("nmc,nm->nc", A, rests)
         sums = np.add.reduceat(scores, np.arange(0, len(scores), length), axis=0)
-        scatter = larger * self.sample_count / len(scores) * sums.T @ sums
-        return np.array([scatter, scatter / 2, scatter / 2])
+        return np.asarray(self.sample_count / len(scores) * sums.T @ sums)
 
     def gaussians(
         self, noise: RowNoise, *, is_zero: bool = False
@@ -305,13 +246,50 @@ class LogRows:
 
         The unknowns before the first one are zero.
         """
-        weight = 1 / np.sqrt(noise.variance * noise.correlation_time)
+        weight, share = 1 / np.sqrt(noise.variance * noise.correlation_time), 0.5 if part else 1.0
         flat = weight * np.vstack(self._halves[part - 1 : part] if part else self._halves)
-        E = (0.5 if part else 1.0) * weight**2 * noise.factor * self._errors
+        E = share * weight**2 * noise.factor * self._errors
         scatter = None
         if noise.scatter is not None:
-            scatter = weight**4 * noise.scatter[part][first:, first:]
-        return without_bias(flat[:, first:], E[first:, first:], scatter, noise.least)
+            scatter = share * weight**4 * noise.scatter[first:, first:]
+        return without_bias(flat[:, first:], E[first:, first:], scatter)
+
+
+def without_bias(
+    rows: NDArray[np.float64], E: NDArray[np.float64], scatter: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], int]:
+    """Return rows (r, c + 1) with independent errors of unit size and without bias.
+
+    The second result is the number of unknowns that the rows determine.
+
+    Args:
+        rows: (n, c + 1) rows [A | b] with errors of unit size.
+        E: (c + 1, c + 1) expectation of δᵀ δ for their errors δ.
+        scatter: (c, c) covariance of Aᵀ (A x − b), if it is larger than AᵀA.
+
+    """
+    A, b = rows[:, :-1], rows[:, -1]
+    norms = np.linalg.norm(A, axis=0)
+    # A column that is zero up to rounding must not be scaled to unit length.
+    largest = norms.max(initial=0.0) or 1.0
+    scale = np.where(norms > 1e-12 * largest, norms, largest)
+    U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    seen = (s > DEFAULT_RANK_TOLERANCE * s[0]) & (s[0] > 0)
+    U, s, Vt = U[:, seen], s[seen], Vt[seen]
+    y, X = U.T @ b, (Vt / s[:, None] / scale).T  # x = X y
+    shares, Q = np.linalg.eigh(X.T @ E[:-1, :-1] @ X)
+    whiten = axes = Q.T[shares < _NOISE]
+    if scatter is not None:
+        sizes, turn = np.linalg.eigh(axes @ X.T @ scatter @ X @ axes.T)
+        whiten = turn.T @ axes / np.sqrt(np.maximum(sizes, 1.0))[:, None]
+    left = whiten - whiten @ X.T @ E[:-1, :-1] @ X
+    right = whiten @ (y - X.T @ E[:-1, -1])
+    # The bias, times an unknown of unit σ, is eliminated.
+    table = np.zeros((len(left) + 1, A.shape[1] + 2))
+    table[0, 0] = 1.0
+    table[1:, 0], table[1:, -1] = right - left @ y, right
+    table[1:, 1:-1] = left @ (s[:, None] * Vt * scale)
+    return triangle(table)[1 : len(table), 1:], int(seen.sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,6 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, spline_basis
-from cpid_drake.estimation.likelihood.rounding import RoundedSamples, whitening
 from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
 from cpid_drake.sensing.splines import DerivativeSamples
 from cpid_drake.sensing.suite import SensorSuite
@@ -51,6 +50,7 @@ _RIDGE = 1e-2  # of the penalty, for the factorization: any λ has the same evid
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
 _PATIENCE = 2  # numbers of pieces without gain after which no more are tried
 _REWEIGHTINGS = 6
+_SAME = 0.05  # change of a weight that does not matter
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +86,16 @@ def smoothness_of(
     samples = [JointSamples.of(block, suite) for block in blocks]
     usual = float(np.median([block.length for block in blocks]))
     weights = [np.ones(each.values.shape) for each in samples]
-    before = 0
-    while True:  # outliers look like a rough motion or like noise, until they are known
+    for _ in range(_REWEIGHTINGS):  # outliers look like a rough motion or like noise, until known
         pieces = _best_pieces(samples, usual, weights)
         evidence = _Evidence(samples, pieces / usual, weights)
-        smoothness, is_changed = evidence.robust()
-        if not is_changed or pieces <= before:
-            return smoothness, evidence.weights
-        weights, before = evidence.weights, pieces
+        u, noise = evidence.best()
+        before, weights = weights, evidence.weights_of(u, noise)
+        change = max(np.abs(a - b).max(initial=0.0) for a, b in zip(before, weights, strict=True))
+        if change < _SAME:
+            break
+    jerk = np.exp(u / 2) * noise
+    return Smoothness(FINER * pieces / usual, jerk, np.maximum(noise, 1.0)), before
 
 
 def _best_pieces(
@@ -103,7 +105,7 @@ def _best_pieces(
     best, least, in_vain = PIECES[0], np.inf, 0
     for pieces in PIECES:
         evidence = _Evidence(samples, pieces / usual, weights)
-        value = float(evidence.values(evidence.best()[:, None]).sum())
+        value = float(evidence.values(evidence.best()[0][:, None]).sum())
         if value < least - _WORTH:
             best, least, in_vain = pieces, value, 0
         else:
@@ -119,54 +121,40 @@ class JointSamples:
 
     Attributes:
         start, end: [s].
-        parts: of each sensor: samples, derivative and σ; and the step of its resolution.
-        count: number of joints.
+        parts: of each sensor: samples, derivative and σ.
+        values: (N, J) all samples in units of σ.
 
     """
 
     start: float
     end: float
-    parts: list[tuple[DerivativeSamples, float]]
-    count: int
+    parts: list[DerivativeSamples]
+    values: NDArray[np.float64]
 
     @classmethod
     def of(cls, block: Block, suite: SensorSuite) -> "JointSamples":
         """Return the samples in a block of the sensors in a suite."""
-        parts = []
-        for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES)):
-            for name in [sensor.name for sensor in sensors_of(quantity)]:
-                if name in suite.present() and len(block.samples[name]):
-                    one = (block.samples[name], derivative, float(suite.sigmas(name)[0]))
-                    parts.append((one, suite.step(name)))
-        return cls(block.start, block.end, parts, len(block.samples.joint_names))
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """(N, J) in units of σ."""
-        values = [samples.value / sigma for (samples, _, sigma), _ in self.parts]
-        return np.concatenate([np.empty((0, self.count)), *values])
-
-    @property
-    def is_rounded(self) -> bool:
-        """Whether a sensor has a resolution."""
-        return any(step for _, step in self.parts)
+        parts = [
+            (block.samples[sensor.name], derivative, float(suite.sigmas(sensor.name)[0]))
+            for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES))
+            for sensor in sensors_of(quantity)
+            if sensor.name in suite.present() and len(block.samples[sensor.name])
+        ]
+        values = [samples.value / sigma for samples, _, sigma in parts]
+        nothing = np.empty((0, len(block.samples.joint_names)))
+        return cls(block.start, block.end, parts, np.concatenate([nothing, *values]))
 
     def key(self) -> tuple[object, ...]:
         """Return what the design depends on."""
-        times = [
-            (np.round(s.time - self.start, 9).tobytes(), d, sigma)
-            for (s, d, sigma), _ in self.parts
-        ]
+        times = [(np.round(s.time - self.start, 9).tobytes(), d, x) for s, d, x in self.parts]
         return round(self.end - self.start, 9), *times
 
     def design(self, pieces: int) -> NDArray[np.float64]:
         """Return A (N, K) of the samples in units of σ."""
-        parts = [
-            spline_basis(self.start, self.end, pieces, s.time, d) / sigma
-            for (s, d, sigma), _ in self.parts
-        ]
-        K = spline_basis(self.start, self.end, pieces, np.empty(0), 0).shape[1]
-        return np.concatenate([np.empty((0, K)), *parts])
+        times = [(np.empty(0), 0, 1.0), *((s.time, d, sigma) for s, d, sigma in self.parts)]
+        return np.concatenate(
+            [spline_basis(self.start, self.end, pieces, t, d) / sigma for t, d, sigma in times]
+        )
 
     def penalty(self, pieces: int) -> NDArray[np.float64]:
         """Return P (3 pieces, K): |P c|² is the integral of the squared jerk."""
@@ -186,17 +174,6 @@ class JointSamples:
         free = [spline_basis(self.start, self.end, pieces, middle, d) for d in range(ORDER)]
         rows = np.concatenate([*free, self.penalty(pieces)])
         return float(2 * np.sum(np.log(np.abs(np.diag(np.linalg.qr(rows, mode="r"))))))
-
-    def whitening(self, Q: NDArray[np.float64], smooth: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return W (J, K, K) that whitens Qᵀ e of rounded samples; `smooth` (N, J) without e."""
-        ends = np.cumsum([len(s) for (s, _, _), _ in self.parts])[:-1]
-        rounded = [
-            RoundedSamples(q, s.value, sigma * value, sigma, step)
-            for ((s, _, sigma), step), q, value in zip(
-                self.parts, np.split(Q, ends), np.split(smooth, ends), strict=True
-            )
-        ]
-        return whitening(rounded)
 
 
 class _Design:
@@ -259,43 +236,33 @@ class _Evidence:
     def __init__(
         self, samples: Sequence[JointSamples], rate: float, weights: list[NDArray[np.float64]]
     ) -> None:
-        self.samples, self.J = samples, samples[0].count
-        self.pieces = [max(1, round(rate * (each.end - each.start))) for each in samples]
-        self.weights = [each.copy() for each in weights]
+        self._samples, self._weights, self._J = samples, weights, weights[0].shape[1]
+        self._pieces = [max(1, round(rate * (each.end - each.start))) for each in samples]
         groups = defaultdict(list)
         for k, (each, w) in enumerate(zip(samples, weights, strict=True)):
-            for j in range(self.J):
-                groups[each.key(), w[:, j].tobytes()].append((k, j))
-        self.designs: list[tuple[_Design, NDArray[np.intp], NDArray[np.intp]]] = []
-        self.rate = rate
+            key = each.key()
+            for j in range(self._J):
+                groups[key, w[:, j].tobytes()].append((k, j))
+        self._designs: list[tuple[_Design, NDArray[np.intp], NDArray[np.intp]]] = []
         for group in groups.values():
-            self._add(group)
-
-    def _add(self, group: list[tuple[int, int]]) -> None:
-        """Add the evidence of some blocks and joints of one design, with their present weights."""
-        (first, joint), (blocks, joints) = group[0], np.array(group).T
-        w = self.weights[first][:, joint]
-        A, P = self._design(first), self.samples[first].penalty(self.pieces[first])
-        y = np.stack([self.samples[k].values[:, j] for k, j in group], axis=1)
-        try:
-            log_volume = self.samples[first].log_volume(self.pieces[first])
-            design = _Design(w[:, None] * A, P, w[:, None] * y, log_volume)
-        except np.linalg.LinAlgError:  # too few samples say nothing about smoothness
-            return
-        self.designs.append((design, blocks, joints))
-
-    def _design(self, k: int) -> NDArray[np.float64]:
-        """Return the rows of the samples of a block."""
-        return self.samples[k].design(self.pieces[k])
+            (k, joint), (blocks, joints) = group[0], np.array(group).T
+            first, pieces, w = samples[k], self._pieces[k], weights[k][:, joint]
+            y = np.stack([samples[k].values[:, j] for k, j in group], axis=1)
+            A, P = w[:, None] * first.design(pieces), first.penalty(pieces)
+            try:
+                design = _Design(A, P, w[:, None] * y, first.log_volume(pieces))
+            except np.linalg.LinAlgError:  # too few samples say nothing about smoothness
+                continue
+            self._designs.append((design, blocks, joints))
 
     def _sums(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return sums of squares (J, G), their freedom (J, 1) and volume (J, G) at u (J, G)."""
         S, volume, count = np.zeros(u.shape), np.zeros(u.shape), np.zeros((len(u), 1))
-        for design, blocks, joints in self.designs:
+        for design, blocks, joints in self._designs:
             each, log_det = design.squares(u[joints])
             np.add.at(S, joints, each)
             np.add.at(volume, joints, log_det)
-            samples = [[len(self.weights[k]) - ORDER] for k in blocks]
+            samples = [[len(self._weights[k]) - ORDER] for k in blocks]
             np.add.at(count, joints, np.array(samples, float))
         return S, count, volume
 
@@ -303,13 +270,16 @@ class _Evidence:
         """Return −2 log(evidence) (J, G) at u = log λ (J, G), up to a constant."""
         S, count, volume = self._sums(u)
         freedom = DECLARED + count
-        weights = sum(np.sum(np.log(each), axis=0) for each in self.weights)
+        weights = sum(np.sum(np.log(each), axis=0) for each in self._weights)
         volume -= 2 * np.asarray(weights)[:, None]
         return np.asarray(freedom * np.log((DECLARED + S) / freedom) + volume)
 
-    def best(self) -> NDArray[np.float64]:
-        """Return u = log λ (J,): the smoothest of a grid that is not much worse, then parabolas."""
-        values = self.values(np.broadcast_to(_GRID, (self.J, len(_GRID))))
+    def best(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return u = log λ (J,) and the noise factors (J,).
+
+        The smoothest u of a grid that is not much worse than the best one; then parabolas.
+        """
+        values = self.values(np.broadcast_to(_GRID, (self._J, len(_GRID))))
         u = _GRID[np.argmax(values < values.min(axis=1)[:, None] + _WORTH, axis=1)]
         for step in (0.75, 0.1):
             at = u[:, None] + step * np.arange(-4, 5)
@@ -318,41 +288,18 @@ class _Evidence:
             a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
             shift = np.clip(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12), -1, 1)
             u = np.take_along_axis(at, k, 1)[:, 0] + step * shift
-        return np.asarray(u)
+        S, count, _ = self._sums(u[:, None])
+        return u, np.sqrt((DECLARED + S) / (DECLARED + count))[:, 0]
 
-    def robust(self) -> tuple[Smoothness, bool]:
-        """Return the best smoothness, with outliers weighted less, and whether a weight changed."""
-        is_changed = False
-        for _ in range(_REWEIGHTINGS):
-            u = self.best()
-            S, count, _ = self._sums(u[:, None])
-            noise = np.sqrt((DECLARED + S) / (DECLARED + count))[:, 0]
-            if not self._reweight(u, noise):
-                break
-            is_changed = True
-        jerk, rate = np.exp(u / 2) * noise, FINER * self.rate
-        return Smoothness(rate, jerk, np.maximum(noise, 1.0)), is_changed
-
-    def _reweight(self, u: NDArray[np.float64], noise: NDArray[np.float64]) -> bool:
-        """Weight the samples by their residuals; return whether a weight changed."""
-        changed: list[tuple[int, int]] = []
-        kept = []
-        for design, blocks, joints in self.designs:
-            c, same = design.coefficients(u[joints]), np.ones(len(blocks), bool)
-            for k in np.unique(blocks):
-                own = np.flatnonzero(blocks == k)
-                j = joints[own]
-                left = self.samples[k].values[:, j] - self._design(k) @ c[:, own]
-                new = np.minimum(1.0, FAR / np.maximum(np.abs(left) / noise[j], 1e-9))
-                same[own] = np.abs(new - self.weights[k][:, j]).max(axis=0) < 0.05
-                self.weights[k][:, j] = np.where(same[own], self.weights[k][:, j], new)
-                changed += [(int(k), int(each)) for each in j[~same[own]]]
-            if same.all():
-                kept.append((design, blocks, joints))
-            else:
-                for k in np.unique(blocks[same]):
-                    changed += [(int(k), int(each)) for each in joints[same & (blocks == k)]]
-        self.designs = kept
-        for block, joint in changed:
-            self._add([(block, joint)])
-        return bool(changed)
+    def weights_of(
+        self, u: NDArray[np.float64], noise: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """Return the weights (N, J) of every block that the residuals show."""
+        result = [w.copy() for w in self._weights]
+        rows = [each.design(n) for each, n in zip(self._samples, self._pieces, strict=True)]
+        for design, blocks, joints in self._designs:
+            c = design.coefficients(u[joints])
+            for n, (k, j) in enumerate(zip(blocks, joints, strict=True)):
+                size = np.abs(self._samples[k].values[:, j] - rows[k] @ c[:, n]) / noise[j]
+                result[k][:, j] = np.minimum(1.0, FAR / np.maximum(size, 1e-9))
+        return result

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
 from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.rotations import exponentials
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, first_sample
 from cpid_drake.estimation.gaussian import Gaussian
@@ -218,7 +219,7 @@ def _rates(
         steps = np.moveaxis((w[..., 1:] + w[..., :-1]) / 2 * np.diff(grid, axis=1), 0, -1)
         R = np.broadcast_to(before[1], (len(t), 3, 3))
         for k in range(steps.shape[1]):
-            R = R @ Rotation.from_rotvec(steps[:, k]).as_matrix()
+            R = R @ exponentials(steps[:, k])
         return np.asarray(cheb.chebval(share(t), c).T), np.asarray(R), t
     if attitude is None:
         return None

@@ -156,14 +156,15 @@ def sweep(
             sigma = walk_sigma * np.sqrt(log.blocks[k].length)
             carried = opened(n + walking, sigma, log.walks[k], "walk")
         if k in log.links and k in carry:
-            carried, rest = _with_link(carried, log.links[k], log.jumps[k])
-            rho2 += rest
+            T = with_change(carried, np.arange(12), log.links[k], log.jumps[k], is_kept=True)
+            carried, rest = T[:-1], T[-1, -1]
+            rho2 += float(rest) ** 2
             links.append(k)
         elif k in log.links:
             carried = opened(np.arange(12), log.links[k], log.jumps[k], "jump")
     sizes = {u.key(log.name): u.size for u in model.table}
     sizes |= {f"link {k}|{log.name}": 12 for k in links}
-    gaussian = Gaussian.of_rows(sizes, carried[n:, n:], rho2)
+    gaussian = Gaussian.of_triangle(sizes, carried[n:, n:], rho2)
     return Swept(gaussian, carried[:n], steps, absorbed)
 
 
@@ -296,25 +297,23 @@ def with_change(
     columns: NDArray[np.intp],
     sigma: NDArray[np.float64],
     now: NDArray[np.float64],
+    *,
+    is_kept: bool = False,
 ) -> NDArray[np.float64]:
-    """Return the triangle [u | entries | right side] if some entries change by u ~ N(0, σ²)."""
-    m = len(columns)
-    rows = np.zeros((m + len(carried), m + carried.shape[1]))
-    rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
-    rows[m:, :m], rows[m:, m:] = -carried[:, columns], carried
+    """Return the triangle [u | entries | right side] if some entries change by u ~ N(0, σ²).
+
+    If u is kept as a further unknown, it is [entries | u | right side].
+    """
+    m, n = len(columns), carried.shape[1] - 1
+    rows = np.zeros((m + len(carried), m + n + 1))
+    u, rest = (slice(n, n + m), slice(0, n)) if is_kept else (slice(0, m), slice(m, m + n))
+    rows[:m, u], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
+    rows[m:, u], rows[m:, rest], rows[m:, -1] = (
+        -carried[:, columns],
+        carried[:, :-1],
+        carried[:, -1],
+    )
     return triangle(rows)
-
-
-def _with_link(
-    carried: NDArray[np.float64], sigma: NDArray[np.float64], now: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
-    """Return the carried rows with a change at this boundary as twelve more unknowns."""
-    rows = np.zeros((12 + len(carried), carried.shape[1] + 12))
-    rows[:12, -13:-1], rows[:12, -1] = np.diag(1 / sigma), -now / sigma
-    rows[12:, : carried.shape[1] - 1], rows[12:, -1] = carried[:, :-1], carried[:, -1]
-    rows[12:, -13:-1] = -carried[:, :12]
-    T = triangle(rows)
-    return T[:-1], float(T[-1, -1]) ** 2
 
 
 def boundary_size(model: Model) -> int:

@@ -136,12 +136,6 @@ class Model:
         object.__setattr__(model, "table", tuple(table))
         return model
 
-    @property
-    def has_guess(self) -> bool:
-        """Whether the target has another prior than the vague one, which is no information."""
-        target = next(unknown for unknown in self.table if unknown.name == PSI)
-        return not np.array_equal(target.sigma, WIDE * self.plausible)
-
     def unknown(self, name: str) -> Unknown:
         """Return the unknown of this name."""
         return next(unknown for unknown in self.table if unknown.name == name)

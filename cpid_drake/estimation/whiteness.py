@@ -1,7 +1,7 @@
 """Whiteness of residuals: a correct model leaves residuals that are not correlated in time."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,9 @@ NEGLIGIBLE = 0.5
 
 MOST_CORRELATED = 0.7
 """Correlation of residuals from sample to sample above which a check fails."""
+
+LAGS = 60
+"""Longest distance of two residuals whose correlation counts, in samples."""
 
 BAND = 3.3
 """Band of white residuals in σ. A report tests several sensors, so the band is a wide one."""
@@ -61,85 +64,72 @@ def least_white(tests: Iterable[Whiteness]) -> Whiteness | None:
     return max(tests, key=distance, default=None)
 
 
-def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
-    """Return the whiteness of residuals (N, channels) at N successive instants.
-
-    All channels are scaled to the same size. The correlation time is 1 + 2 Σ ρ_k up to where pairs
-    of ρ turn negative (Geyer 1992, "Practical Markov Chain Monte Carlo", initial positive
-    sequence).
-    """
-    count = len(residuals)
-    rho, channels = autocorrelation(residuals) if count else (np.zeros(0), 0)
-    if count < 4 or not channels:
-        return Whiteness(0.0, 1.0, 1.0, count, 0.0)
-    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
-    end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-    time = 2 * float(pairs[:end].sum()) - 1
-    band, rms = BAND / np.sqrt(count * channels), np.sqrt(np.mean(residuals**2))
-    return Whiteness(float(rho[1]), float(band), max(time, 1.0), count, float(rms))
-
-
-def autocorrelation(residuals: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-    """Return the autocorrelation of residuals (N, channels) at lags 0, 1, ... N/2 samples.
-
-    It is the mean over all channels that are not constant; the second result is their number.
-    """
-    residuals = residuals - residuals.mean(axis=0)
-    size = np.sqrt(np.mean(residuals**2, axis=0))
-    scaled = residuals[:, size > 0] / size[size > 0]
-    count, channels = scaled.shape
-    if not channels:
-        return np.zeros(count // 2), 0
-    spectrum = np.abs(np.fft.rfft(scaled, 2 * count, axis=0)) ** 2
-    covariance = np.fft.irfft(spectrum, axis=0)[: count // 2].sum(axis=1)
-    return covariance / covariance[:1], channels
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LagSums:
-    """Sums over residuals that are added block by block: the whiteness in constant memory.
+    """Sums over residuals that are added block by block: their whiteness in constant memory.
 
-    The mean is taken as zero, and the correlation is that of the first-order process with the same
-    correlation of neighbours.
+    Their mean is zero. Blocks are shorter than the log: only neighbours within a block count.
 
     Attributes:
-        count: number of samples.
+        products: (`LAGS` + 1,) sums of products of residuals that are 0, 1, 2, … samples apart.
+        pairs: (`LAGS` + 1,) their numbers.
         channels: number of entries of a sample.
-        square: sum of squares.
-        pairs: number of pairs of neighbours.
-        product: sum of their products.
 
     """
 
-    count: int = 0
-    channels: int = 0
-    square: float = 0.0
-    pairs: int = 0
-    product: float = 0.0
+    products: NDArray[np.float64] = field(default_factory=lambda: np.zeros(LAGS + 1))
+    pairs: NDArray[np.float64] = field(default_factory=lambda: np.zeros(LAGS + 1))
+    channels: int = 1
 
     def added(self, residuals: NDArray[np.float64]) -> "LagSums":
         """Return the sums after adding successive residuals (N, channels).
 
         Outliers are reduced to six times the usual size.
         """
-        usual = float(np.median(np.abs(residuals))) if len(residuals) else 0.0
-        limit = 6 * max(1.0, 1.5 * usual)
-        rest = np.clip(residuals, -limit, limit)
-        return LagSums(
-            self.count + len(rest),
-            rest.shape[1],
-            self.square + float(np.sum(rest**2)),
-            self.pairs + max(len(rest) - 1, 0),
-            self.product + float(np.sum(rest[1:] * rest[:-1])),
-        )
+        N, channels = residuals.shape
+        usual = float(np.median(np.abs(residuals))) if N else 0.0
+        rest = np.clip(residuals, -9 * usual, 9 * usual) if usual else residuals
+        products, pairs = self.products.copy(), self.pairs.copy()
+        for lag in range(min(N, LAGS + 1)):
+            products[lag] += np.vdot(rest[lag:], rest[: N - lag])
+            pairs[lag] += (N - lag) * channels
+        return LagSums(products, pairs, channels)
+
+    @property
+    def correlation(self) -> NDArray[np.float64]:
+        """The autocorrelation at 0, 1, 2, … samples, as far as the residuals reach."""
+        if not self.products[0] > 0:
+            return np.zeros(0)
+        reached = int(np.sum(self.pairs >= self.pairs[0] / 2))
+        means = self.products[:reached] / self.pairs[:reached]
+        return np.clip(means / means[0], -1.0, 1.0)
 
     @property
     def whiteness(self) -> Whiteness:
-        """The whiteness of all residuals so far."""
-        if self.pairs < 4 or self.square == 0:
-            return Whiteness(0.0, 1.0, 1.0, self.count, 0.0)
-        lag_one = float(np.clip(self.product / self.pairs * self.count / self.square, -1, 1))
-        band = BAND / np.sqrt(self.pairs * self.channels)
-        time = min((1 + lag_one) / max(1 - lag_one, 1e-9), self.count)
-        rms = np.sqrt(self.square / self.count / self.channels)
-        return Whiteness(lag_one, float(band), max(time, 1.0), self.count, float(rms))
+        """The whiteness of all residuals so far.
+
+        The correlation time is 1 + 2 Σ ρ_k up to where pairs of ρ turn negative (Geyer 1992,
+        "Practical Markov Chain Monte Carlo", initial positive sequence).
+        """
+        rho, count = self.correlation, round(self.pairs[0] / self.channels)
+        if count < 4 or len(rho) < 2:
+            return Whiteness(0.0, 1.0, 1.0, count, 0.0)
+        pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+        end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+        time = 2 * float(pairs[:end].sum()) - 1
+        rms = float(np.sqrt(self.products[0] / self.pairs[0]))
+        return Whiteness(
+            float(rho[1]), float(BAND / np.sqrt(self.pairs[1])), max(time, 1.0), count, rms
+        )
+
+
+def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
+    """Return the whiteness of residuals (N, channels), whose channels may have any size."""
+    found = scaled_sums(residuals).whiteness
+    return replace(found, rms=float(np.sqrt(np.mean(residuals**2))) if residuals.size else 0.0)
+
+
+def scaled_sums(residuals: NDArray[np.float64]) -> LagSums:
+    """Return the sums over residuals (N, channels), each channel in units of its own size."""
+    size = np.sqrt(np.mean(residuals**2, axis=0)) if len(residuals) else np.zeros(0)
+    return LagSums().added(residuals[:, : len(size)][:, size > 0] / size[size > 0])

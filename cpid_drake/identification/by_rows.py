@@ -32,16 +32,15 @@ from cpid_drake.estimation.rows_fit import (
     disagreement,
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.estimation.whiteness import least_white, whiteness
-from cpid_drake.identification.checks import MOST_NOISE, momentum_words
+from cpid_drake.estimation.whiteness import MOST_CORRELATED, NEGLIGIBLE, least_white, whiteness
+from cpid_drake.identification.checks import momentum_words
 from cpid_drake.identification.known import Known, suite_of
-from cpid_drake.identification.result import Check, MomentumEstimate
+from cpid_drake.identification.result import IMPROBABLE, Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
-from cpid_drake.identification.together import CONTRADICTED, with_sources
+from cpid_drake.identification.together import with_sources
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import sample_sigmas
-from cpid_drake.sensing.smoothed_motion import ErrorBlock
 from cpid_drake.sensing.smoothing import smooth_windows
 from cpid_drake.sensing.suite import SensorSuite
 
@@ -58,14 +57,10 @@ INTEGRATION = 1e-5
 NAME = "least_squares"
 """The estimator's name."""
 
-DISAGREE = (
-    "two halves of the samples have different targets: the spacecraft, a frame, a sign or a clock "
-    "is not as assumed, or forces acted"
-)
-"""The failed check of these targets."""
+_CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
+DISAGREE = f"two halves of the samples have different targets: {_CAUSE}"
+CORRELATED = f"the residuals of the rows are correlated, which noise is not: {_CAUSE}"
 
-_MOST_ROUNDS = 10  # of linearizing a prior about the joint estimate
-_SMALL_STEP = 0.01  # of such a round, in σ
 _FEW_ROWS = 20  # fewer rows show no correlation in time
 
 
@@ -104,18 +99,15 @@ def _combined(
     found, sources = [each for each, _ in logs.values()], {n: g for n, (_, g) in logs.items()}
     form, total = found[0].parameterization, reduce(Gaussian.add, sources.values())
     x, scale = plausible(spacecraft, form)
-    count, largest, converged = sum(each.solution.row_count for each in found), KNOWN, True
+    count, largest = sum(each.solution.row_count for each in found), KNOWN
     if prior is not None:
-        x, logs_say, converged = prior.moved(form, x), total, False
-        for _ in range(_MOST_ROUNDS):
+        logs_say, x = total, prior.moved(form, x)
+        for _ in range(4):  # each squares the error of linearizing it about the joint estimate
             told = prior.gaussian(TARGET, form, x, scale)
             # What only the prior determines is determined, however vague the prior is.
             largest = max(KNOWN, 1.5 / float(told.singular_parts(scale)[1].min()))
             total = logs_say.add(told)
-            step = solution_of(total, x, scale, largest=largest).values - x
-            x, converged = x + step, bool(np.linalg.norm(total.R @ step) < _SMALL_STEP)
-            if converged:
-                break
+            x = solution_of(total, x, scale, largest=largest).values
         sources[prior.name] = told
     solution = solution_of(total, x, scale, largest=largest, row_count=count)
     common = found[0]
@@ -137,7 +129,6 @@ def _combined(
     common = replace(
         common,
         solution=solution,
-        converged=converged,
         warnings=tuple(said("warnings")),
         checks=tuple(Check("one log", text) for text in said("failures")),
     )
@@ -182,10 +173,13 @@ def needs_of_rows(family: RowFamily, momentum: TotalMomentum) -> tuple[tuple[str
     return (("encoders",), ("attitude",), place)
 
 
-def best_rows(counts: Sequence[Mapping[str, int]]) -> str:
-    """Return "standard", or "relative" if a log has no samples of position and velocity."""
-    is_placed = all(count.get("position") or count.get("velocity") for count in counts)
-    return "standard" if is_placed else "relative"
+def best_rows(counts: Sequence[Mapping[str, int]], sensors: SensorSuite | None) -> str:
+    """Return "standard", or "relative" if samples must be smoothed or have no velocity.
+
+    An error of the base's velocity enters all standard rows of a sample, and no relative one.
+    """
+    is_complete = all(count.get("joint_rates") and count.get("velocity") for count in counts)
+    return "standard" if is_complete and sensors is None else "relative"
 
 
 def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:
@@ -232,23 +226,25 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
 
 def _motion(
     log: "CheckedLog", tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
-) -> Iterator[tuple[Telemetry, NDArray[np.float64], Sequence[ErrorBlock]]]:
+) -> Iterator[tuple[Telemetry, NDArray[np.float64]]]:
     """Yield parts of the motion of a log and their errors; smoothed if a suite is given.
 
     See `LogRows.add`.
     """
     if log.states is not None:
-        yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None], ()
+        yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None]
     elif suite is None:
-        covariance = np.diag(sample_sigmas(log.head) ** 2)[None]
-        for chunk in log.stream:
+        covariance = np.diag(sample_sigmas(log.measurements) ** 2)[None]
+        for chunk in log.measurements.blocks():
             samples = complete_samples(chunk, family)
             if samples is not None:
-                yield samples, covariance, ()
+                yield samples, covariance
     else:
         position, normal_B = family.uses_base_position, tree.normal_B
-        for each in smooth_windows(log.stream, suite, with_position=position, normal_B=normal_B):
-            yield each.telemetry, each.covariance(), each.errors
+        for each in smooth_windows(
+            log.measurements, suite, with_position=position, normal_B=normal_B
+        ):
+            yield each.telemetry, each.covariance()
 
 
 def _identified(known: Known, log: "CheckedLog") -> tuple[SolvedIdentification, Gaussian]:
@@ -258,9 +254,10 @@ def _identified(known: Known, log: "CheckedLog") -> tuple[SolvedIdentification, 
     tree, suite, warnings = spacecraft.tree, known.sensors, tuple[str, ...]()
     if log.states is not None:
         suite = None
-    elif suite is None and complete_samples(log.head, family) is None:
+    elif suite is None and complete_samples(log.measurements, family) is None:
         suite, warnings = suite_of(None, log)
-    has_place, has_attitude = bool(len(log.head.position)), bool(len(log.head.attitude))
+    has_place = bool(len(log.measurements.position))
+    has_attitude = bool(len(log.measurements.attitude))
     is_open = momentum is None or momentum.is_zero  # the samples may contradict zero
     is_tested = is_open and has_attitude
     free = TotalMomentum.unknown()
@@ -362,15 +359,14 @@ def _estimate(
     if not noise.is_known:
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
     to_errors, to_rows = rows.misfit(x)
-    misfit = min(to_errors, to_rows / SMALL)
     is_complete = solution.rank == len(spacecraft.tree.unknowns)
     is_judged = is_complete and noise.is_known and to_rows > SMALL
     checks: tuple[Check, ...] = ()
     if is_judged:
         chi_squared, freedom, chance = disagreement(halves)
-        limit = float(chdtri(freedom, CONTRADICTED)) if freedom else None
-        checks = (Check.of("halves", DISAGREE, chi_squared, limit, chance >= CONTRADICTED),)
-    residuals, white = {}, None
+        limit = float(chdtri(freedom, IMPROBABLE)) if freedom else None
+        checks = (Check.of("halves", DISAGREE, chi_squared, limit, chance >= IMPROBABLE),)
+    residuals, white = dict[str, ResidualSeries](), None
     if is_complete and count > _FEW_ROWS:
         names = {"linear": family.linear_unit, "angular": "N·m·s"}
         series = list(zip(names.items(), rows.residuals(x), strict=True))
@@ -380,6 +376,11 @@ def _estimate(
             if shown.value.size
         }
         white = whiteness(np.hstack([each.neighbours for each in residuals.values()]))
+    # Other rows contain the slope of a few positions, whose errors are correlated.
+    if is_judged and white is not None and not (suite is None or family.uses_base_position):
+        fails = white.lag_one > MOST_CORRELATED and to_errors > NEGLIGIBLE
+        correlation = white.lag_one, MOST_CORRELATED, not fails
+        checks = (*checks, Check.of("correlation", CORRELATED, *correlation))
     return SolvedIdentification(
         form,
         solution,
@@ -390,5 +391,5 @@ def _estimate(
         whiteness=white,
         residuals=residuals,
         checks=checks,
-        misfit=misfit if misfit > MOST_NOISE else 1.0,
+        misfit=min(to_errors, to_rows / SMALL),
     )

@@ -1,9 +1,7 @@
 """The checks of a log before the target is identified from it, whatever the log's length."""
 
-from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,34 +10,18 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification.planar import placed
 from cpid_drake.identification.requirements import (
-    JointOrder,
+    in_joint_order,
     left_out_warning,
     limit_warnings,
     other_joints,
 )
 from cpid_drake.sensing.files.consistency import check_consistency
 from cpid_drake.sensing.files.motion_checks import MotionFindings, check_motion
-from cpid_drake.sensing.measurement_stream import (
-    MeasurementStream,
-    Stream,
-    in_one_chunk,
-    joined,
-    stream_of,
-    time_interval,
-)
 from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.screening import Screened, screen
-from cpid_drake.sensing.sensors import SENSORS, STANDARD_SENSORS
+from cpid_drake.sensing.screening import screen
+from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-LONGEST_HEAD = 20_000
-"""Number of samples of one sensor that are kept in memory of a stream.
-
-A shorter log is kept as a whole. The number suffices to estimate the noise of the sensors, and to
-find wrong units and conventions. Of a longer log, the part is kept in which the arm moves most.
-"""
-
 
 LONGEST_STEP = 3600.0
 """Usual step of the fastest sensor above which the stamps are not in seconds [s]."""
@@ -53,9 +35,7 @@ class CheckedLog:
     """Screened samples, joints in the spacecraft's order.
 
     Attributes:
-        head: all samples if the log is not long, else the part in which the arm moves most.
-        stream: all samples.
-        is_long: whether the stream has more samples than the head.
+        measurements: the samples.
         counts: number of samples by sensor.
         rejected: number of unusable samples by sensor, which are left out.
         warnings: joints that the spacecraft does not have, weak contradictions in the log,
@@ -69,9 +49,7 @@ class CheckedLog:
 
     """
 
-    head: Measurements
-    stream: MeasurementStream
-    is_long: bool = False
+    measurements: Measurements
     counts: Mapping[str, int] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -86,33 +64,24 @@ class CheckedLog:
         """Whether thrusters fire, by the log of thrust."""
         return bool(np.isfinite(self.first_burn))
 
-    @cached_property
-    def measurements(self) -> Measurements:
-        """All samples in memory, for estimators that need them at once."""
-        return joined(self.stream) if self.is_long else self.head
-
 
 def log_of_states(telemetry: Telemetry) -> CheckedLog:
     """Return exact states as the samples of ideal sensors, all at the same times."""
     samples = {
-        name: Samples(telemetry.time, SENSORS[name].quantity.ideal(telemetry))
-        for name in STANDARD_SENSORS
+        name: Samples(telemetry.time, SENSORS[name].quantity.ideal(telemetry)) for name in SENSORS
     }
     measurements = Measurements(telemetry.joint_names, samples)
     counts = {name: len(telemetry) for name in samples}
-    return CheckedLog(measurements, stream_of(measurements), counts=counts, states=telemetry)
+    return CheckedLog(measurements, counts=counts, states=telemetry)
 
 
 def check_log(
     spacecraft: Spacecraft,
-    data: Measurements | MeasurementStream,
+    data: Measurements,
     sensors: SensorSuite | None = None,
     planar: bool | None = None,
 ) -> CheckedLog:
-    """Screen and check a log; read a stream once.
-
-    Measurements, and streams with at most `LONGEST_HEAD` samples of every sensor, are kept in
-    memory.
+    """Screen and check a log.
 
     Args:
         spacecraft: the known spacecraft.
@@ -125,48 +94,25 @@ def check_log(
         InputError: the log lacks a joint of the spacecraft, or its times cannot be in s.
 
     """
-    in_memory = isinstance(data, Measurements)
-    chunks = in_one_chunk(data) if isinstance(data, Measurements) else data
-    recent, most = deque[Measurements](), -np.inf
-    head: tuple[Measurements, ...] = ()
-    counts, rejected = Counter[str](), Counter[str]()
-    is_long, first_burn = False, np.inf
-    lowest: NDArray[np.float64] = np.full(len(spacecraft.joint_names), np.inf)
-    highest = -lowest
-    for screened in _screened(spacecraft, chunks, sensors):
-        chunk = screened.measurements
-        recent.append(chunk)
-        while not in_memory and _largest_count(list(recent)[1:]) > LONGEST_HEAD:
-            recent.popleft()
-        moved = _motion(spacecraft, recent)
-        if moved > most or not is_long:
-            head, most = tuple(recent), moved
-        counts.update({name: len(samples) for name, samples in chunk.items()})
-        rejected.update(screened.rejected)
-        fires = chunk.thrust.value.any(axis=1)
-        first_burn = min(first_burn, chunk.thrust.time[fires].min(initial=np.inf))
-        is_long = not in_memory and max(counts.values()) > LONGEST_HEAD
-        positions = chunk.encoders.value
-        lowest = np.fmin(lowest, positions.min(axis=0, initial=np.inf))
-        highest = np.fmax(highest, positions.max(axis=0, initial=-np.inf))
-    beginning = joined(head) if head else Measurements(spacecraft.joint_names)
+    _refuse_slow(data, sensors)
+    screened = screen(in_joint_order(data, spacecraft), sensors)
+    measurements = screened.measurements
+    counts = {name: len(samples) for name, samples in measurements.items()}
+    fires = measurements.thrust.value.any(axis=1)
+    first_burn = float(measurements.thrust.time[fires].min(initial=np.inf))
+    positions = measurements.encoders.value
+    lowest = positions.min(axis=0, initial=np.inf)
+    highest = positions.max(axis=0, initial=-np.inf)
     joints = [body for body in spacecraft.tree.bodies if body.joint >= 0]
     sliding = [spacecraft.joint_names[body.joint] for body in joints if body.prismatic]
-    consistency = check_consistency(beginning, sliding)
-    spacecraft, notes, failures = placed(spacecraft, beginning, planar)
+    consistency = check_consistency(measurements, sliding)
+    spacecraft, notes, failures = placed(spacecraft, measurements, planar)
     tree = spacecraft.tree
     motion = MotionFindings(unchecked=["unit and point of the position, signs of joints (table)"])
     if tree.normal_B is None or tree.normal_C is not None:  # else its centre of mass may rise
-        motion = check_motion(tree, spacecraft.joint_names, beginning)
+        motion = check_motion(tree, spacecraft.joint_names, measurements)
     beyond, degrees = limit_warnings(spacecraft, lowest, highest)
     agrees = not (motion.errors or motion.warnings or motion.unchecked)
-    unchecked = list(motion.unchecked)
-    interval = time_interval(beginning)
-    if is_long and interval is not None:
-        unchecked.append(
-            "units and conventions before {:.4g} s and after {:.4g} s (the log is long; the arm "
-            "moves most between them)".format(*interval)
-        )
     others = other_joints(data.joint_names, spacecraft)
     warnings = (
         *([left_out_warning(others)] if others else ()),
@@ -182,52 +128,16 @@ def check_log(
         *(() if agrees else degrees),
         *failures,
     )
-    stream: MeasurementStream = stream_of(beginning)
-    if is_long:
-        stream = Stream(
-            spacecraft.joint_names,
-            lambda: (s.measurements for s in _screened(spacecraft, chunks, sensors)),
-        )
     return CheckedLog(
-        beginning,
-        stream,
-        is_long,
+        measurements,
         counts,
-        rejected,
+        screened.rejected,
         warnings,
         tree.normal_B,
         failures,
-        tuple(unchecked),
-        float(first_burn),
+        tuple(motion.unchecked),
+        first_burn,
     )
-
-
-def _largest_count(pieces: Sequence[Measurements]) -> int:
-    """Return the largest number of samples of one sensor in several pieces."""
-    counts = Counter[str]()
-    for piece in pieces:
-        counts.update({name: len(samples) for name, samples in piece.items()})
-    return max(counts.values(), default=0)
-
-
-def _motion(spacecraft: Spacecraft, pieces: Iterable[Measurements]) -> float:
-    """Return the variance of the positions of all joints but rotors, summed."""
-    angles = np.concatenate([piece.encoders.value for piece in pieces])
-    joints = [k for k in range(angles.shape[1]) if not spacecraft.tree.is_rotor(k)]
-    return float(angles[:, joints].var(axis=0).sum()) if len(angles) else 0.0
-
-
-def _screened(
-    spacecraft: Spacecraft, chunks: MeasurementStream, sensors: SensorSuite | None
-) -> Iterator[Screened]:
-    """Yield the screened samples of every chunk."""
-    order, memory = JointOrder(spacecraft), None
-    for chunk in chunks:
-        if memory is None:
-            _refuse_slow(chunk, sensors)
-        screened = screen(order(chunk), sensors, memory)
-        memory = screened.memory
-        yield screened
 
 
 def _refuse_slow(measurements: Measurements, sensors: SensorSuite | None) -> None:

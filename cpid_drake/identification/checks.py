@@ -61,23 +61,11 @@ def _of_the_fit(found: SolvedIdentification) -> Iterator[Check]:
     """Yield the checks of the solver and of the residuals."""
     sentence = "the estimator did not converge: its result is not the best fit"
     yield Check.of("convergence", sentence, passed=found.converged)
-    white = found.whiteness
-    limit, sentence = MOST_NOISE, f"the fit misses the samples by {found.misfit:.2g} times the "
-    if found.misfit <= MOST_NOISE and found.rows is not None:
-        limit = 1.0
-        sentence = (
-            f"the momentum balance misses the samples by {found.misfit:.2g} times their errors: "
-            "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
-        )
-    elif found.misfit <= MOST_NOISE and white is not None and not white.is_white:
-        limit = 1.0
-        sentence += (
-            f"assumed noise, and its residuals are correlated ({white.lag_one:+.2f}), so noise "
-            "does not explain them"
-        )
-    else:
-        sentence += "assumed noise"
-    yield Check.of("misfit", sentence, found.misfit, limit)
+    sentence = (
+        f"the momentum balance misses the samples by {found.misfit:.2g} times their errors: the "
+        "spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
+    )
+    yield Check.of("misfit", sentence, found.misfit, MOST_NOISE)
     sentence = f"nothing explains {100 * found.unexplained:.0f} % of the log"
     yield Check.of("unexplained share", sentence, found.unexplained, MOST_UNEXPLAINED)
     yield from _of_the_noise(found)

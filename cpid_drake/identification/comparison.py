@@ -45,8 +45,8 @@ ACCELERATION, TORQUE = 1e-3, 1e-2
 THRUST_SCALE = 0.1
 """σ of the error of the scale of logged thrust that is looked for."""
 
-IMPROBABLE = 1e-6
-"""Probability of so large errors, if their σ is right, below which a check fails."""
+FAR_TOO_LARGE = 1e-6
+"""Probability of so large errors below which a check fails: a declared σ is a rough number."""
 
 FITTED = 2 / 3
 """Share of a log that proposes errors; the rest judges them."""
@@ -198,7 +198,7 @@ def larger_than_declared(
             freedom += int(seen.sum())
     if not freedom:
         return ()
-    limit, name = float(chdtri(freedom, IMPROBABLE)), "declared sizes"
+    limit, name = float(chdtri(freedom, FAR_TOO_LARGE)), "declared sizes"
     if chi_squared < limit:
         return (Check(name, "", chi_squared, limit, passed=True),)
     largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)

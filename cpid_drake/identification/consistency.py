@@ -17,12 +17,9 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
 from cpid_drake.estimation.rows_fit import TARGET
-from cpid_drake.identification.result import Consistency
+from cpid_drake.identification.result import IMPROBABLE, Consistency
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import Combinations
-
-OUTSIDE = 1e-4
-"""Probability that the true unknowns are outside of the confidence region."""
 
 REACH = 3.0
 """Plausible distance of a part of the target from C, in radii of gyration of the spacecraft."""
@@ -60,12 +57,12 @@ def _bodies(found: SolvedIdentification, tree: KinematicTree) -> RigidBodySet | 
     solution = found.solution
     if not solution.rank or not np.isfinite(solution.values).all():
         return None
-    radius = float(chdtri(solution.rank, OUTSIDE))
+    radius = float(chdtri(solution.rank, IMPROBABLE))
     freedom = solution.row_count - solution.rank
     if found.sensors is None:
         if freedom < 1:
             return None
-        radius = solution.rank * float(fdtri(solution.rank, freedom, 1 - OUTSIDE))
+        radius = solution.rank * float(fdtri(solution.rank, freedom, 1 - IMPROBABLE))
     known = _determined(solution)
     if not (np.isfinite(known.R).all() and np.isfinite(known.z).all()):
         return None

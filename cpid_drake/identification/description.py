@@ -9,13 +9,6 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.identification.consistency import REACH
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.table_setting import MORE_MOTION
-
-ADVICE = (
-    "turn the target about three axes (joints with different axes moving at different "
-    "times), with larger angles and rates, or log longer"
-)
-"""The advice if the motion does not determine all parameters."""
 
 
 def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -30,18 +23,8 @@ def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDA
     return moments, axes
 
 
-_WIDE = 81
-"""Number of characters of the table with all columns."""
-
-
-def describe(result: Identification, width: int | None = None) -> list[str]:
-    """Return a result as lines of text: parameters, their uncertainty, and advice.
-
-    Args:
-        result: the identification.
-        width: number of characters of a line, at least 60; None for any number. Tables fit into it.
-
-    """
+def describe(result: Identification) -> list[str]:
+    """Return a result as lines of text: parameters, their uncertainty, and advice."""
     how = result.estimator + (f" with {result.rows} rows" if result.rows else "")
     source = result.sources[0] if len(result.sources) == 1 else None
     frame = "" if result.spacecraft is None else f" in {result.spacecraft.capture_frame}"
@@ -64,7 +47,7 @@ def describe(result: Identification, width: int | None = None) -> list[str]:
             spread, is_marked = f"{spread}*", True
         last = f"{nearest[k]:.{places}f}" if np.isfinite(nearest[k]) else ""
         cells.append((name, known, spread, unit, last))
-    lines += [*_table(cells, is_wide=width is None or width >= _WIDE), ""]
+    lines += [*_table(cells), ""]
     if result.consistent is not None:
         moments, axes = principal_axes(result.consistent)
         lines.append("  principal moments [kg·m²] and axes in C")
@@ -89,7 +72,7 @@ def describe(result: Identification, width: int | None = None) -> list[str]:
         lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result, is_marked)] if result.consistency is not None else []
     if not result.is_observable:
-        lines += ["", *gap_sentences(result)]
+        lines += ["", *result.gap()]
     return lines
 
 
@@ -151,33 +134,14 @@ def agreement_words(result: Identification) -> str:
     return f"{verb}s (χ² {check.statistic:.3g})"
 
 
-def gap_sentences(result: Identification) -> list[str]:
-    """Return sentences on what is not known, why, and how to see it."""
-    table = result.table
-    if table is not None and result.is_complete:
-        return table.sentences()
-    which = "Not all ten" if table is None else "Not all of them"
-    lines = [*([] if table is None else table.sentences())]
-    lines.append(f"{which} are known: {result.not_observable}.")
-    if table is not None or not result.failures:  # else another motion would not help
-        lines.append(f"To see the rest: {ADVICE if table is None else MORE_MOTION}.")
-    return lines
-
-
-def _table(cells: list[tuple[str, str, str, str, str]], is_wide: bool) -> list[str]:
-    """Return the table of the parameters; in a narrow one the last column is a second table."""
-    if is_wide:
-        return [
-            f"  {name:4}{known:>16}{spread:>34}   {unit:6}{last:>16}".rstrip()
-            for name, known, spread, unit, last in cells
-        ]
+def _table(cells: list[tuple[str, str, str, str, str]]) -> list[str]:
+    """Return the table of the parameters, as narrow as its columns are."""
     sizes = [max(map(len, column)) for column in zip(*cells)]
-    first = [
-        f"  {name:4}{known:>{sizes[1]}}  {spread:>{sizes[2]}} {unit}".rstrip()
-        for name, known, spread, unit, _ in cells
+    return [
+        f"  {name:4}{known:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
+        f"  {last:>{sizes[4]}}".rstrip()
+        for name, known, spread, unit, last in cells
     ]
-    second = [f"  {name:4}{last:>{sizes[4]}} {unit}".rstrip() for name, _, _, unit, last in cells]
-    return [*first, "", *second]
 
 
 def decimals(width: float) -> int:

@@ -12,10 +12,6 @@ from cpid_drake.input_files.validation import Numbers
 LEARNED = 0.5
 """Share of the prior σ below which the samples have determined an entry."""
 
-_ROUNDING = 1e-3  # share of the interval below which a value is a rounding error
-SHOWN = 8
-"""Number of candidates in a comparison."""
-
 _WORDS = {
     "acceleration": "an external acceleration of {}, in W",
     "torque": "an external torque of {} about the centre of mass, in W",
@@ -64,16 +60,11 @@ class EffectEstimate:
     def describe(self) -> str:
         """Return the estimate in words, with 95 % intervals."""
         half = quantile_95() * self.sigma
-        numbers = ", ".join(f"{shown(v, h):.3g} ± {h:.2g}" for v, h in zip(self.value, half))
+        numbers = ", ".join(f"{v:.3g} ± {h:.2g}" for v, h in zip(self.value, half))
         text = f"{numbers} {self.unit}" if len(self.value) == 1 else f"({numbers}) {self.unit}"
         sensor, _, kind = self.name.rpartition(".")
         where = f" during {self.log}" if self.log else ""
         return _WORDS.get(kind, f"{self.name}: {{}}").format(text, sensor=sensor) + where
-
-
-def shown(value: float, half: float) -> float:
-    """Return a value as it is shown beside half the width of its interval: rounding errors as 0."""
-    return value if abs(value) > _ROUNDING * half else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +110,7 @@ class UndeclaredErrors:
     def lines(self) -> list[str]:
         """Return the comparison of all candidates, and the proposal, as lines of text."""
         result = ["  errors that the sensors do not declare, each alone: gain of log evidence"]
-        result += [f"    {name:24}{gain:10.1f}" for name, gain in self.alone[:SHOWN]]
+        result += [f"    {name:24}{gain:10.1f}" for name, gain in self.alone]
         if not self.effects:
             return [*result, "  none explains the samples better: nothing to declare"]
         result += ["  these act:", *(f"    {effect.describe()}" for effect in self.effects)]

@@ -7,8 +7,9 @@ known is a condition on this Gaussian; see `at_momentum`.
 import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation import gaussian as gaussians
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import LeastSquaresSolution, solution_of_information
+from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.identification.effects import EffectEstimate
@@ -19,15 +20,7 @@ IN_PLANE = (2, 3, 4)
 
 
 def at_momentum(gaussian: Gaussian, values: Values, momentum: TotalMomentum, log: str) -> Gaussian:
-    """Return what is known if a log has this momentum; the same if it is unknown.
-
-    Args:
-        gaussian: of x − values.
-        values: of all unknowns.
-        momentum: the total momentum.
-        log: name of the log.
-
-    """
+    """Return what is known if a log has this momentum; the same if it is unknown."""
     if momentum.is_unknown:
         return gaussian
     key = f"{MOMENTUM}|{log}"
@@ -44,28 +37,18 @@ def solution_of(
     residual_sum: float = np.nan,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
-    """Return the target's ψ about the nominal mass of the known bodies, by the samples alone.
-
-    A vague prior of the target is no information and is taken out; a guess remains.
+    """Return the target's ψ about the nominal mass of the known bodies.
 
     Args:
-        model: the unknowns.
-        values: of all unknowns.
-        gaussian: of x − values.
+        model, values, gaussian: as in all functions here, of one log or of many.
         residual_sum: sum of squares of the samples' residuals.
         row_count: number of these.
 
     """
-    target = gaussian.marginal([PSI])
-    held, sizes = undetermined(model, values[PSI], gaussian)
-    psi = values[PSI] + target.solve(held={PSI: held})
-    information = target.R.T @ target.R
-    if not model.has_guess:
-        prior = next(unknown for unknown in model.table if unknown.name == PSI)
-        information = information - np.diag(prior.sigma**-2.0)
-    return solution_of_information(
-        psi,
-        information,
+    _, sizes = undetermined(model, values[PSI], gaussian)
+    return gaussians.solution_of(
+        gaussian.marginal([PSI]).moved(-values[PSI]),
+        values[PSI],
         sizes,
         residual_sum=residual_sum,
         row_count=row_count,
@@ -75,15 +58,7 @@ def solution_of(
 def effects_of(
     model: Model, values: Values, gaussian: Gaussian, log: str
 ) -> tuple[EffectEstimate, ...]:
-    """Return the estimates of constant errors of a log; of those that walk, the last value.
-
-    Args:
-        model: the unknowns.
-        values: of all unknowns.
-        gaussian: of x − values.
-        log: name of the log.
-
-    """
+    """Return the estimates of constant errors of a log; of those that walk, the last value."""
     errors = model.constants.errors
     unknowns = [u for u in model.table if u.name in errors and u.key(log) in gaussian.places]
     if not unknowns:
@@ -104,15 +79,7 @@ def effects_of(
 def momentum_of(
     model: Model, values: Values, gaussian: Gaussian, log: str
 ) -> MomentumEstimate | None:
-    """Return L at the start of a log, and v_WScm if positions are measured; None if it is known.
-
-    Args:
-        model: the unknowns.
-        values: of all unknowns.
-        gaussian: of x − values.
-        log: name of the log.
-
-    """
+    """Return L at the start of a log, and v_WScm if positions are measured; None if it is known."""
     key = f"{MOMENTUM}|{log}"
     if key not in gaussian.places:
         return None

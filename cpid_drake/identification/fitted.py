@@ -264,7 +264,7 @@ def cramer_rao_bound(
     Args:
         tree: the known bodies.
         psi: (10,) relative unknowns of the target.
-        measurements: ideal samples of the sensors, or a stream of them.
+        measurements: ideal samples of the sensors.
         sensors: the sensors' errors.
         momentum: the total momentum, marked as unknown if it is to be estimated; default: zero.
         known_bodies: uncertainty of the known bodies, which are estimated too.

@@ -23,9 +23,7 @@ from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.table_setting import TableSetting
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.processes import one_thread
-from cpid_drake.sensing.measurement_stream import MeasurementStream
 from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.sensors import SENSORS, STANDARD_SENSORS
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -41,7 +39,7 @@ LOG = "log"
 
 def identify(
     spacecraft: Spacecraft,
-    data: Telemetry | Measurements | MeasurementStream,
+    data: Telemetry | Measurements,
     *,
     estimator: str | None = None,
     rows: str | None = None,
@@ -56,9 +54,8 @@ def identify(
     Args:
         spacecraft: the known spacecraft.
         data: exact states at common times, or samples of sensors, each at its own times, as from
-            `read_telemetry`, or a stream of such samples of any length, as from `open_telemetry`,
-            which is read several times. The joints of measurements may be in any order. Exact
-            states may belong to unconnected instants; measurements must belong to one motion.
+            `read_telemetry`. The joints of measurements may be in any order. Exact states may
+            belong to unconnected instants; measurements must belong to one motion.
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
             row family, which means least squares on these rows. Default: the trajectory fit if
             sensors or known bodies are given and no rows, else least squares.
@@ -99,7 +96,7 @@ def identify(
 @one_thread
 def identify_together(
     spacecraft: Spacecraft,
-    logs: Mapping[str, Telemetry | Measurements | MeasurementStream],
+    logs: Mapping[str, Telemetry | Measurements],
     *,
     estimator: str | None = None,
     rows: str | None = None,
@@ -136,7 +133,9 @@ def identify_together(
         progress(f"checking {name}")
         with prefix_errors(where[name]):
             checked_logs[name] = _checked(spacecraft, data, sensors, planar)
-    spacecraft = _placed(spacecraft, logs, checked_logs, planar)
+    normal_B = next(iter(checked_logs.values())).normal_B
+    if normal_B is not None:
+        spacecraft = spacecraft.on_table(normal_B)
     is_exact = all(log.states is not None for log in checked_logs.values())
     has_sensors = sensors is not None or (known_bodies is not None and not is_exact)
     has_thrust = any(log.has_thrust for log in checked_logs.values())
@@ -144,7 +143,7 @@ def identify_together(
     method, family = choose_method(estimator, rows, assumed, has_sensors, has_thrust)
     if family is None and method.uses_rows:
         counts = [log.counts for log in checked_logs.values()]
-        family = row_family(best_rows(counts), assumed.is_unknown)
+        family = row_family(best_rows(counts, sensors), assumed.is_unknown)
     for name, log in checked_logs.items():
         with prefix_errors(where[name]):
             require_sensors(log.counts, sensors, method, family, assumed)
@@ -165,29 +164,17 @@ def identify_together(
 
 def _checked(
     spacecraft: Spacecraft,
-    data: Telemetry | Measurements | MeasurementStream,
+    data: Telemetry | Measurements,
     sensors: SensorSuite | None,
     planar: bool | None,
 ) -> CheckedLog:
     """Return a log that has been screened and checked; exact states need no checks."""
     if isinstance(data, Telemetry):
         spacecraft.require_joints(data)
-        return log_of_states(data)
+        is_placed = planar and spacecraft.tree.normal_B is None
+        normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
+        return replace(log_of_states(data), normal_B=normal_B)
     return check_log(spacecraft, data, sensors, planar)
-
-
-def _placed(
-    spacecraft: Spacecraft,
-    logs: Mapping[str, Telemetry | Measurements | MeasurementStream],
-    logged: Mapping[str, CheckedLog],
-    planar: bool | None,
-) -> Spacecraft:
-    """Return the spacecraft, on a table if the first log is one of a table."""
-    name, data = next(iter(logs.items()))
-    normal_B = logged[name].normal_B
-    if isinstance(data, Telemetry) and planar and spacecraft.tree.normal_B is None:
-        normal_B = normal_in_base(data.quaternion_WB)
-    return spacecraft if normal_B is None else spacecraft.on_table(normal_B)
 
 
 def _with_logs(
@@ -201,10 +188,6 @@ def _with_logs(
     for name, log in logs.items():
         where = f"{name}: " if len(logs) > 1 else ""
         said = [*log.warnings, *map("not checked: {}".format, log.unchecked)]
-        added = [n for n, count in log.counts.items() if count and n not in STANDARD_SENSORS]
-        if added and method.uses_rows:
-            unused = ", ".join(SENSORS[n].label for n in added)
-            said.append(f"{method.name} does not use the samples of {unused}")
         failed = list(log.failures)
         if log.has_thrust and method.uses_rows:
             failed.append(THRUST_NOT_USED.format(f"{log.first_burn:.4g}", method.name))
@@ -234,7 +217,7 @@ def _with_convention(
     [log, *others] = logs.values()
     if others or not found.failures or log.failures:
         return found
-    convention = convention_of(spacecraft.tree, log.head, sensors)
+    convention = convention_of(spacecraft.tree, log.measurements, sensors)
     if convention is None:
         return found
     first, *rest = found.checks  # the first failed

@@ -42,4 +42,4 @@ def suite_of(sensors: SensorSuite | None, log: "CheckedLog") -> tuple[SensorSuit
     if sensors is not None:
         return sensors, ()
     text = "the sensors' noise was estimated from the log; give the sensors if you know them"
-    return estimate_suite(log.head), (text,)
+    return estimate_suite(log.measurements), (text,)

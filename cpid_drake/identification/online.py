@@ -1,6 +1,6 @@
 """The fit online, block after block, as an estimator and as an identification at any time."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -45,9 +45,6 @@ NOT_LINEAR = (
     "linear about the target; use the trajectory fit"
 )
 """The failed check if the first blocks were linearized about another target."""
-
-MOST_BRIDGED = 3.0
-"""Length of unexplained pieces above which the result has a warning [s]."""
 
 
 def model_of(
@@ -150,7 +147,6 @@ def identification_of_state(
         warnings=(
             *noise_warnings(noise),
             *change_warnings(state.events),
-            *_bridged(state),
             *said,
         ),
         checks=(
@@ -164,14 +160,6 @@ def identification_of_state(
         momentum_estimate=momentum_of(model, values, gaussian, LOG),
         effects=effects,
     )
-
-
-def _bridged(state: OnlineState) -> Iterator[str]:
-    if state.bridged > MOST_BRIDGED:
-        yield (
-            f"nothing explains {state.bridged:.3g} s of the log, whose samples of the base were "
-            "not used: forces acted, a sensor failed, or the spacecraft differs from its model"
-        )
 
 
 def estimate(
@@ -196,7 +184,7 @@ def estimate(
     suite, warnings = suite_of(known.sensors, log)
     model = Model(known.spacecraft.tree, suite, known.known_bodies)
     progress("fitting")
-    state = run(model, log.stream)
+    state = run(model, log.measurements.blocks())
     found = identification_of_state(model, state, known.momentum)
     if state.known is None:
         warnings = (*warnings, NOT_STARTED)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
+from cpid_drake.identification.checks import MOST_NOISE
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import sensor_noise
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -31,7 +32,6 @@ RISE = 0.2
 HEIGHT = 0.005
 """Change of the height that a base on a table may have in any case, as a standard deviation [m]."""
 
-_MOST_NOISE = 3.0  # ratio of the tilt's spread to the noise of a base that does not tilt
 _LEAST_TURN = 0.05  # largest ratio of the tilt's spread to the turn of a base that only turns
 
 ASSUMED = (
@@ -93,7 +93,7 @@ def looks_planar(tree: KinematicTree, measurements: Measurements) -> bool:
     except InputError:
         return False
     turns = np.ptp(np.unwrap(2 * np.arctan2(attitude[:, 3], attitude[:, 0])))
-    is_level = wobble < _MOST_NOISE * noise + 1e-9 and wobble < _LEAST_TURN * turns
+    is_level = wobble < MOST_NOISE * noise + 1e-9 and wobble < _LEAST_TURN * turns
     return is_level and not _contradictions(normal, attitude, position)
 
 

@@ -4,7 +4,6 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import numpy as np
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import read_uncertainty
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.checked_log import LONGEST_HEAD
 from cpid_drake.identification.identify import identify_together
 from cpid_drake.identification.known import Known
 from cpid_drake.identification.prior_files import load_prior
@@ -21,41 +19,29 @@ from cpid_drake.identification.requirements import left_out_warning
 from cpid_drake.identification.result import Identification, Request, Source
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.resources import resolve_model, version_of
-from cpid_drake.sensing.files.telemetry_files import TelemetryStream, open_telemetry
-from cpid_drake.sensing.measurement_stream import (
-    FromZero,
-    MeasurementStream,
-    head_of,
-    moved,
-    time_interval,
-)
+from cpid_drake.sensing.files.conversion import TelemetryFile
+from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.presets import load_sensors
-from cpid_drake.sensing.thinning import Excerpt, excerpt_of
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 @dataclass(frozen=True, eq=False)
 class OpenLog:
-    """A log that is being read.
+    """A log that has been read.
 
     Attributes:
         request: the request.
         file: the telemetry file.
-        data: the samples in the window; a stream if they are many. Their time starts at the first.
-        interval: returns first and last time, when all samples have been read [s].
+        data: the samples in the window. Their time starts at the first.
+        interval: first and last time in the file's own time [s].
 
     """
 
     request: Request
-    file: TelemetryStream
-    data: Measurements | MeasurementStream
-    interval: Callable[[], tuple[float, float]]
-
-    @cached_property
-    def excerpt(self) -> Excerpt:
-        """All samples, or an even selection if they are many."""
-        return excerpt_of(self.data)
+    file: TelemetryFile
+    data: Measurements
+    interval: tuple[float, float]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -67,14 +53,14 @@ class OpenLog:
     def rejected(self) -> Counter[str]:
         """Number of samples that were not used because of the file, by sensor."""
         rejected = Counter(self.file.partial)
-        if self.file.problems.count:
-            rejected["rows"] = self.file.problems.count
+        if self.file.problems:
+            rejected["rows"] = len(self.file.problems)
         return rejected
 
     def source(self) -> Source:
         """Return the record of the log for a result file."""
         hashes = {option: file_hash(name) for option, name in self.request.files().items()}
-        return Source(self.request, hashes, *self.interval(), version_of("cpid-drake") or "")
+        return Source(self.request, hashes, *self.interval, version_of("cpid-drake") or "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +227,7 @@ def file_hash(path: str | Path) -> str | None:
 
 
 def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
-    """Return the log of a request; a short one is read into memory.
+    """Return the log of a request.
 
     Args:
         request: the request.
@@ -256,27 +242,17 @@ def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
     # A window of a single time is allowed: a result can come from one sample.
     if not first <= last:
         raise InputError(f"--from {first:g} --to {last:g}: the interval is empty")
-    file = open_telemetry(
-        request.telemetry,
-        leave_out_bad=request.leave_out_bad,
-        topics=request.topics,
-        columns=request.columns,
-        joints=joints,
-        start=first,
-        end=last,
+    file = inspect_telemetry(
+        request.telemetry, topics=request.topics, columns=request.columns, joints=joints
     )
-    try:
-        head, is_all = head_of(file, LONGEST_HEAD)
-    except MemoryError as error:
-        raise InputError(f"{request.telemetry}: the file does not fit into memory") from error
-    interval = None if head is None else time_interval(head)
-    if head is None or interval is None:
+    if not request.leave_out_bad:
+        refuse_problems(file.problems, request.telemetry)
+    data = file.measurements.between(first, last)
+    start, end = data.interval
+    if not start <= end:
         limited = request.start is not None or request.end is not None
         raise InputError(
             f"{request.telemetry}: there are no samples"
             + (" between --from and --to" if limited else "")
         )
-    if is_all:
-        return OpenLog(request, file, moved(head, interval[0]), lambda: interval)
-    stream = FromZero(file, interval[0])
-    return OpenLog(request, file, stream, lambda: stream.interval)
+    return OpenLog(request, file, data.after(start), (start, end))

@@ -23,94 +23,59 @@ def left_out_warning(joints: Iterable[str]) -> str:
     return f"left out joints that the spacecraft does not have: {', '.join(joints)}"
 
 
-class JointOrder:
-    """Puts the joints of measurements into the spacecraft's order, and leaves out other joints.
+def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measurements:
+    """Return measurements with their joints in the spacecraft's order, without other joints.
 
     The angle of a rotor (a balanced wheel) has no effect, so its positions may be missing (all
-    NaN): the integral of its rates, from zero, replaces them. The integrals continue from one chunk
-    of a log to the next.
-
-    Args:
-        spacecraft: the known spacecraft.
-
-    """
-
-    def __init__(self, spacecraft: Spacecraft) -> None:
-        self._spacecraft = spacecraft
-        self._rotors: dict[int, tuple[float, float, float]] = {}  # time, rate and angle at the end
-
-    def __call__(self, measurements: Measurements) -> Measurements:
-        """Return the next chunk with its joints in the spacecraft's order.
-
-        Raises:
-            InputError: a joint of the spacecraft is missing; the positions of a joint that is not a
-                rotor are missing; both the positions and the rates of a rotor are missing; shapes
-                do not match.
-
-        """
-        have, wanted = measurements.joint_names, self._spacecraft.joint_names
-        missing = [name for name in wanted if name not in have]
-        if missing:
-            raise InputError(
-                f"there is no column 'q:{missing[0]}'; the spacecraft's joints are "
-                f"{', '.join(wanted)}, the log's are {', '.join(map(repr, have))}; if the log "
-                "has other names for its columns, give --columns (`cpid telemetry map` writes such "
-                "a file)"
-            )
-        measurements = as_arrays(measurements)
-        order = [have.index(name) for name in wanted]
-        of_joints = {
-            name: Samples(samples.time, samples.value[:, order])
-            for name, samples in measurements.items()
-            if name in measurements.samples and SENSORS[name].quantity.width is None
-        }
-        measurements = Measurements(wanted, {**measurements.samples, **of_joints})
-        positions = measurements.encoders
-        if not wanted:  # no joints: known at all times
-            times = measurements.attitude.time
-            positions = Samples(times, np.empty((len(times), 0)))
-        value = positions.value
-        missing_angles = np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0))
-        if missing_angles.size:
-            value = value.copy()
-        for k in missing_angles.tolist():
-            value[:, k] = self._angle(k, measurements)
-        return measurements.updated({"encoders": Samples(positions.time, value)})
-
-    def _angle(self, k: int, measurements: Measurements) -> NDArray[np.float64]:
-        """Return a rotor's angle at the times of the encoders, the integral of its rates."""
-        name = self._spacecraft.joint_names[k]
-        if not self._spacecraft.tree.is_rotor(k):
-            raise InputError(
-                f"there is no column 'q:{name}'; positions are optional for rotors only: "
-                "wheels that are balanced about their axis and carry nothing"
-            )
-        all_rates = measurements.joint_rates
-        of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
-        rates = screen(Measurements((name,), joint_rates=of_rotor)).measurements.joint_rates
-        time, rate, before = rates.time, rates.value[:, 0], 0.0
-        if k in self._rotors:
-            latest, latest_rate, before = self._rotors[k]
-            time, rate = np.append(latest, time), np.append(latest_rate, rate)
-        if not len(time):
-            raise InputError(
-                f"there is neither a column 'q:{name}' nor rates 'qd:{name}' to integrate"
-            )
-        turned = before + cumulative_trapezoid(rate, time, initial=0.0)
-        self._rotors[k] = float(time[-1]), float(rate[-1]), float(turned[-1])
-        wanted = measurements.encoders.time
-        later = np.maximum(wanted - time[-1], 0.0)  # at a constant rate after the last sample
-        return np.interp(wanted, time, turned) + later * rate[-1]
-
-
-def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measurements:
-    """Return measurements with their joints in the spacecraft's order; see `JointOrder`.
+    NaN): the integral of its rates, from zero, replaces them.
 
     Raises:
-        InputError: for the same reasons as `JointOrder`.
+        InputError: a joint of the spacecraft is missing; the positions of a joint that is not a
+            rotor are missing; both the positions and the rates of a rotor are missing; shapes do
+            not match.
 
     """
-    return JointOrder(spacecraft)(measurements)
+    have, wanted = measurements.joint_names, spacecraft.joint_names
+    missing = [name for name in wanted if name not in have]
+    if missing:
+        raise InputError(
+            f"there is no column 'q:{missing[0]}'; the spacecraft's joints are "
+            f"{', '.join(wanted)}, the log's are {', '.join(map(repr, have))}; if the log has "
+            "other names for its columns, give --columns (`cpid telemetry map` writes such a file)"
+        )
+    measurements = as_arrays(measurements)
+    order = [have.index(name) for name in wanted]
+    of_joints = {
+        name: Samples(samples.time, samples.value[:, order])
+        for name, samples in measurements.items()
+        if name in measurements.samples and SENSORS[name].quantity.width is None
+    }
+    measurements = Measurements(wanted, {**measurements.samples, **of_joints})
+    time, value = measurements.encoders.time, measurements.encoders.value.copy()
+    if not wanted:  # no joints: known at all times
+        time = measurements.attitude.time
+        value = np.empty((len(time), 0))
+    for k in np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0)).tolist():
+        if not spacecraft.tree.is_rotor(k):
+            raise InputError(
+                f"there is no column 'q:{wanted[k]}'; positions are optional for rotors only: "
+                "wheels that are balanced about their axis and carry nothing"
+            )
+        value[:, k] = _turned(measurements, k, time)
+    return measurements.updated({"encoders": Samples(time, value)})
+
+
+def _turned(measurements: Measurements, k: int, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a rotor's angle at some times, the integral of its rates."""
+    all_rates, name = measurements.joint_rates, measurements.joint_names[k]
+    of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
+    rates = screen(Measurements((name,), joint_rates=of_rotor)).measurements.joint_rates
+    if not len(rates):
+        raise InputError(f"there is neither a column 'q:{name}' nor rates 'qd:{name}' to integrate")
+    time, rate = rates.time, rates.value[:, 0]
+    later = np.maximum(times - time[-1], 0.0)  # at a constant rate after the last sample
+    angle = np.interp(times, time, cumulative_trapezoid(rate, time, initial=0.0))
+    return angle + later * rate[-1]
 
 
 def limit_warnings(

@@ -25,6 +25,15 @@ from cpid_drake.resources import package_folders, resolve_model
 FORMAT = 3
 """Version of the keys of a result file."""
 
+IMPROBABLE = 1e-4
+"""Probability of what the data show, if all is as assumed, below which a check fails."""
+
+MORE_MOTION = (
+    "move the joints by larger angles and at higher rates, joints with different axes at different "
+    "times, or log longer"
+)
+"""The advice if the motion does not determine all that can act on it."""
+
 AGREEMENT = "agreement"
 """Name of the check whether several sources have the same target."""
 
@@ -359,14 +368,16 @@ class Identification:
         known = f"{self.sample_count} samples determine {self.rank} of 10"
         if self.is_observable:
             return f"{known} parameters (condition {self.condition or np.inf:.3g})"
-        if self.table is not None:
-            return f"{known}; {' '.join(self.table.sentences())}"
-        if self.failures:  # another motion would not help
-            return f"{known}: {self.not_observable}"
-        return (
-            f"{known}: {self.not_observable}; turn the target about further axes, or wait for more "
-            "samples"
-        )
+        return f"{known}: {' '.join(self.gap())}"
+
+    def gap(self) -> list[str]:
+        """Return sentences on what is not known, why, and how to see it; empty if all is known."""
+        lines = [] if self.table is None else self.table.sentences()
+        if not self.is_complete:
+            lines.append(f"Not known: {self.not_observable}.")
+            if not self.failures:  # else another motion would not help
+                lines.append(f"To see the rest, {MORE_MOTION}.")
+        return lines
 
     def files(self) -> list[Path]:
         """Return the files that the result was computed from, as far as they exist."""

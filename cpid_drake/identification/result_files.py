@@ -14,7 +14,6 @@ from cpid_drake.input_files.validation import from_tree, load_json, nulls
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.resources import resolve_model
 
-_LARGEST_FILE = 16 * 2**20  # bytes; a result has a few thousand
 _LARGEST = 1e90  # SI units; products of larger numbers overflow
 
 
@@ -28,10 +27,7 @@ def read_result(path: str | Path) -> Identification:
 
     """
     with resolve_model(path).open("rb") as file:
-        data = file.read(_LARGEST_FILE + 1)
-    if len(data) > _LARGEST_FILE:
-        raise InputError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB: not a result file")
-    return _parse(data, str(path))
+        return _parse(file.read(), str(path))
 
 
 def write_result(path: str | Path, result: Identification) -> None:

@@ -66,7 +66,7 @@ class SolvedIdentification(Identification):
         residuals: residuals by sensor, or by "linear" and "angular" for rows.
         tests: whiteness of the residuals of each sensor.
         converged: whether an iterative estimator reached its solution.
-        misfit: size of the residuals relative to the assumed noise, or 1 if the noise explains it.
+        misfit: size of the residuals of rows relative to the errors of the samples, or 1.
         noise: factors by which the noise of sensors is larger than given; for several logs by
             "sensor of log".
         unexplained: share of the log whose samples were not used because nothing explains them.

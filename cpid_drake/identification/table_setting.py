@@ -13,9 +13,6 @@ from cpid_drake.input_files.validation import Numbers
 PLACES = {0: (0, 2, 3, 4), 1: (0, 1, 3, 5), 2: (0, 1, 2, 6)}
 """Places in π of what can be known, by the number of C's axis that is the table's normal."""
 
-MORE_MOTION = "move the joints by larger angles and at higher rates, or log longer"
-"""The advice on a table if less is known than its motion can show."""
-
 
 @dataclass(frozen=True, eq=False)
 class TableSetting:

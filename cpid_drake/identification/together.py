@@ -15,12 +15,9 @@ from scipy.special import chdtrc, chdtri
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution, quantile_95
-from cpid_drake.identification.result import AGREEMENT, Check, Identification
+from cpid_drake.identification.result import AGREEMENT, IMPROBABLE, Check, Identification
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
-
-CONTRADICTED = 1e-4
-"""Probability of the differences between sources below which a check fails."""
 
 DOMINATED = 0.5
 """Share of the variance of a parameter that the prior removes from which it dominates."""
@@ -103,7 +100,7 @@ def _agreement(sentence: str, chi_squared: float, freedom: int) -> Check:
         return Check(AGREEMENT, "", passed=True)
     chi_squared = max(chi_squared, 0.0)
     sentence += f" (probability {float(chdtrc(freedom, chi_squared)):.1g})"
-    return Check.of(AGREEMENT, sentence, chi_squared, float(chdtri(freedom, CONTRADICTED)))
+    return Check.of(AGREEMENT, sentence, chi_squared, float(chdtri(freedom, IMPROBABLE)))
 
 
 def _size(check: Check | None) -> float:

@@ -29,7 +29,6 @@ from cpid_drake.identification.known import suite_of
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import Combinations, TargetPrior
 from cpid_drake.processes import one_thread
-from cpid_drake.sensing.measurement_stream import MeasurementStream
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import SENSORS
 from cpid_drake.sensing.suite import SensorSuite
@@ -44,7 +43,7 @@ POWER = 0.9
 BEGINNING = 0.3
 """Share of a log to which start, momentum and biases are fitted."""
 
-_SMALL = 1e-6  # share of a plausible target that stands for no target, or of a σ for a known value
+_SMALL = 1e-6  # share of a σ for a known value
 
 _UNITS = {
     "rad": (180 / np.pi, "deg"),
@@ -52,28 +51,6 @@ _UNITS = {
     "m/s": (1e3, "mm/s"),
     "rad/s": (180 / np.pi, "deg/s"),
 }
-
-
-@dataclass(frozen=True)
-class TargetTest:
-    """The χ² test of the difference of a given target from the log's own estimate.
-
-    Attributes:
-        chi_squared: of the difference; infinite if no target explains the log.
-        freedom: number of combinations of parameters that the samples determine.
-        heavier: how much heavier than this target another one must be to be noticed with
-            probability `POWER`, whatever its other parameters, as a share of the mass.
-
-    """
-
-    chi_squared: float
-    freedom: int
-    heavier: float
-
-    @property
-    def probability(self) -> float:
-        """Probability of so large a χ² with the right target."""
-        return float(chdtrc(self.freedom, self.chi_squared)) if self.freedom else 1.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +64,6 @@ class SensorError:
         rms: root mean square of the error's magnitude.
         largest: largest error.
         noise: root mean square of the sensor's noise alone.
-        without_target: root mean square of the error of a prediction without a target.
         in_sigma: root mean square of the residuals of the whole log in σ, with the target that
             explains it best: about 1 if the model is right.
 
@@ -99,7 +75,6 @@ class SensorError:
     rms: float
     largest: float
     noise: float
-    without_target: float
     in_sigma: float
 
 
@@ -111,7 +86,11 @@ class Validation:
         start, end: first and last time of the prediction [s].
         momentum: the total momentum that was assumed: "zero", "unknown" or "known".
         errors: of each sensor of the base.
-        test: of the target.
+        chi_squared: of the difference of the target from the log's own estimate; infinite if no
+            target explains the log.
+        freedom: number of combinations of parameters that the samples determine.
+        heavier: how much heavier than this target another one must be to be noticed with
+            probability `POWER`, whatever its other parameters, as a share of the mass.
         warnings: sentences for the reader.
 
     """
@@ -120,7 +99,9 @@ class Validation:
     end: float
     momentum: str
     errors: tuple[SensorError, ...]
-    test: TargetTest
+    chi_squared: float
+    freedom: int
+    heavier: float
     warnings: tuple[str, ...] = ()
 
     @property
@@ -130,8 +111,8 @@ class Validation:
 
     @property
     def probability(self) -> float:
-        """Probability of so unlikely a test with the right target."""
-        return self.test.probability
+        """Probability of so large a χ² with the right target."""
+        return float(chdtrc(self.freedom, self.chi_squared)) if self.freedom else 1.0
 
     @property
     def is_target_right(self) -> bool:
@@ -143,7 +124,7 @@ class Validation:
 def validate(
     spacecraft: Spacecraft,
     target: TargetPrior,
-    data: Measurements | MeasurementStream,
+    data: Measurements,
     *,
     sensors: SensorSuite | None = None,
     momentum: TotalMomentum | None = None,
@@ -181,7 +162,7 @@ def validate(
             raise InputError(f"the log has no samples of {SENSORS[name].label}")
     sensors, said = suite_of(sensors, log)
     model = Model(spacecraft.tree, sensors, known_bodies)
-    samples = LogState.of(model, log.stream)
+    samples = LogState.of(model, log.measurements)
     first = _first_predicted(samples, beginning)
     own = identify(
         spacecraft,
@@ -196,26 +177,24 @@ def validate(
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, _SMALL * model.unknown(MOMENTUM).sigma)
-    psi, test = model.unknown(PSI), _test(model, own, target)
+    psi = model.unknown(PSI)
     given = _rows(target, own.parameterization, model).add(_about(psi.mean, psi.sigma))
-    nothing = _about(_SMALL * psi.mean, _SMALL * model.plausible)
-    predicted, alone = (
-        _predicted(model, samples, own.residuals, first, each) for each in (given, nothing)
-    )
+    predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
     for name, rest in own.residuals.items():
-        found, other = (_sizes(each, name, first) for each in (predicted, alone))
+        found = _sizes(predicted, name, first)
         if not len(found):
             continue
         sigmas = next(m.sensors[name].scale for m in predicted.models if name in m.sensors)
         factor, unit = _UNITS[SENSORS[name].quantity.unit]
-        sizes = (_rms(found), float(found.max()), float(np.linalg.norm(sigmas)), _rms(other))
-        rms, largest, noise, alone_rms = (factor * size for size in sizes)
+        sizes = _rms(found), float(found.max()), float(np.linalg.norm(sigmas))
+        rms, largest, noise = (factor * size for size in sizes)
         in_sigma = _rms(rest.value)
-        errors.append(SensorError(name, unit, len(found), rms, largest, noise, alone_rms, in_sigma))
+        errors.append(SensorError(name, unit, len(found), rms, largest, noise, in_sigma))
     start, end = samples.blocks[first].start, samples.blocks[-1].end
     said = (*own.failures, *said, *own.warnings)
-    return Validation(start, end, own.momentum, tuple(errors), test, said)
+    test = _test(model, own, target)
+    return Validation(start, end, own.momentum, tuple(errors), *test, said)
 
 
 def _first_predicted(log: LogState, beginning: float) -> int:
@@ -247,10 +226,10 @@ def _about(psi: NDArray[np.float64], sigma: NDArray[np.float64]) -> Gaussian:
     return Gaussian.of_rows({PSI: 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
 
 
-def _test(model: Model, own: SolvedIdentification, target: TargetPrior) -> TargetTest:
-    """Return the test of a target by a log's own estimate."""
+def _test(model: Model, own: SolvedIdentification, target: TargetPrior) -> tuple[float, int, float]:
+    """Return χ², freedom and `heavier` of the test of a target by a log's own estimate."""
     if not own.converged:
-        return TargetTest(np.inf, 10, np.inf)
+        return np.inf, 10, np.inf
     form, known = own.parameterization, own.solution
     combinations = Combinations(form.name, known.values, known.information, model.mass)
     log = TargetPrior("the log", own.parameters, own.covariance, combinations)
@@ -259,13 +238,13 @@ def _test(model: Model, own: SolvedIdentification, target: TargetPrior) -> Targe
     ranks = [np.linalg.matrix_rank(each.R * model.plausible) for each in (*both, together)]
     freedom = int(ranks[0] + ranks[1] - ranks[2])
     if not freedom:
-        return TargetTest(0.0, 0, np.inf)
+        return 0.0, 0, np.inf
     vague = _about(model.unknown(PSI).mean, model.unknown(PSI).sigma)
     psi = both[0].add(vague).solve()
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
     variance = sum(mass @ each.add(vague).covariance() @ mass for each in both)
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
-    return TargetTest(together.rho2, freedom, float(np.sqrt(needed * variance)))
+    return together.rho2, freedom, float(np.sqrt(needed * variance))
 
 
 def _predicted(

@@ -48,7 +48,7 @@ class Kind:
 PAGE = Kind("an HTML page", (".html", ".htm"), b"<!doctype html")
 RESULT = Kind("a result of `cpid identify`", (".json",), b"{", (b'"covariance"', b'"estimator"'))
 VALIDATION = Kind(
-    "a validation of `cpid validate`", (".json",), b"{", (b'"in_sigma"', b'"without_target"')
+    "a validation of `cpid validate`", (".json",), b"{", (b'"in_sigma"', b'"is_valid"')
 )
 SUMMARY = Kind("a summary of `cpid`", (".json",), b"{", (b'"wall_seconds"',))
 TRUTH = Kind("a true target of `cpid simulate`", (".json",), b"{", (b'"inertia_entries"',))
@@ -59,9 +59,8 @@ MODEL = Kind("a model", (".urdf", ".sdf", ".xml", ".mjcf", ".dmd.yaml"), is_edit
 CSV_LOG = Kind("a CSV log", (".csv",), marks=(b"time",))
 NPZ_LOG = Kind("an NPZ log", (".npz",), b"pk")
 PARQUET_LOG = Kind("a Parquet log", (".parquet",), b"par1")
-JSON_LINES_LOG = Kind("a log of JSON lines", (".jsonl", ".ndjson"), b"{", (b'"time"',))
 
-LOGS = (CSV_LOG, NPZ_LOG, PARQUET_LOG, JSON_LINES_LOG)
+LOGS = (CSV_LOG, NPZ_LOG, PARQUET_LOG)
 """The kinds of logs that are written."""
 
 _KINDS = (PAGE, RESULT, PNG, SVG, YAML, MODEL, *LOGS)

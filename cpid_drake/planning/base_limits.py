@@ -133,7 +133,7 @@ class BaseDisplacement(BaseLimit):
 
     def _vectors(self, motions: MotionBatch, trajectory: BatchTrajectory) -> NDArray[np.float64]:
         state = trajectory.state
-        from_base = rotate(trajectory.R, motions.instants.dynamics.com(state.psi))
+        from_base = rotate(trajectory.R, motions.dynamics.com(state.psi))
         moved = motions.nodes[:, None] * state.v_Wcm - from_base
         first = -from_base.reshape(-1, motions.count, 3)[0]
         return (moved.reshape(-1, motions.count, 3) - first).reshape(-1, 3)

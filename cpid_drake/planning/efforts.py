@@ -89,7 +89,7 @@ class JointEfforts:
     ) -> NDArray[np.float64]:
         """Return the efforts (N, B, Q) as shares of what is imposed; `known` is without target."""
         model, psi = self.objective.model, self.objective.psi(target)
-        trajectory, dynamics = motions.trajectory(model.state(psi)), motions.instants.dynamics
+        trajectory, dynamics = motions.trajectory(model.state(psi)), motions.dynamics
         w = trajectory.w
         v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
         V = np.concatenate([w, v], axis=1)

@@ -16,15 +16,15 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.constant_effects import Constant
+from cpid_drake.estimation.likelihood.constant_effects import constant_effect
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
     GyroBias,
-    KnownBodies,
-    Momentum,
     MotionChange,
-    Start,
-    Target,
+    bodies_effect,
+    momentum_effect,
+    start_effect,
+    target_effect,
 )
 from cpid_drake.estimation.likelihood.model import gyro_biases
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
@@ -144,13 +144,13 @@ class InformationModel:
     def _effects(self, motions: MotionBatch) -> list[Effect]:
         """Return all effects."""
         biases = gyro_biases(self.suite, 0.0, self.times[-1]).values()
-        constants = [Constant(motions, name) for name in motions.constants.errors]
-        effects: list[Effect] = [Start(), *biases, *constants]
+        constants = [constant_effect(motions, name) for name in motions.constants.errors]
+        effects: list[Effect] = [start_effect(), *biases, *constants]
         if self.momentum.is_unknown:
-            effects.append(Momentum())
-        effects.append(Target(motions))
+            effects.append(momentum_effect())
+        effects.append(target_effect(motions))
         if self.known_bodies is not None:
-            effects.append(KnownBodies(motions, self.known_bodies))
+            effects.append(bodies_effect(motions, self.known_bodies))
         return effects
 
     def state(self, psi: NDArray[np.float64]) -> TrajectoryState:

@@ -23,7 +23,6 @@ from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import (
     BaseMotion,
-    Instants,
     Trajectory,
     TrajectoryState,
 )
@@ -103,7 +102,7 @@ class MotionBatch(BaseMotion):
         self.joints = PlannedJoints.of(times[-1], samples.reshape(-1, *samples.shape[2:]))
         self.nodes = np.repeat(times, self.count)
         dynamics = relative_dynamics(tree, self.joints.samples[:, 0], self.joints.samples[:, 1])
-        self.instants = self.grid = Instants(self.nodes, dynamics)
+        self.times, self.dynamics, self.grid = self.nodes, dynamics, dynamics
 
     def at(self, times: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return values (M, ...) at times (M,) of values (U, ...) at the nodes."""
@@ -130,7 +129,7 @@ class MotionBatch(BaseMotion):
             InputError: the system's inertia is not positive definite for this target.
 
         """
-        dynamics, N, B = self.instants.dynamics, len(self._times), self.count
+        dynamics, N, B = self.dynamics, len(self._times), self.count
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
         first = np.broadcast_to(state.attitude.as_matrix(), (B, 3, 3))
         R = np.broadcast_to(first, (N, B, 3, 3)).reshape(-1, 3, 3)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.dynamics.spatial_inertia import second_moment
-from cpid_drake.estimation.whiteness import autocorrelation
+from cpid_drake.estimation.whiteness import scaled_sums
 from cpid_drake.identification.convergence import Estimates
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.report.findings import IdentifiedLog
@@ -115,7 +115,7 @@ def write_figures(
         together("convergence", convergence_pictures(log.estimates, truth), 2),
         together("residuals", residual_pictures(found), 2),
         singular_value_picture(found.singular_values),
-        together("base-motion", motion_pictures(evidence.log.excerpt.measurements), 2),
+        together("base-motion", motion_pictures(evidence.log.data.thinned()), 2),
     ]
     if found.consistent is not None:
         pictures.append(together("ellipsoid", ellipsoid_pictures(found.consistent, truth), 3))
@@ -220,10 +220,11 @@ def _draw_autocorrelation(residuals: Mapping[str, ResidualSeries], figure: Figur
     axes = figure.subplots()
     widest = 0.0
     for (name, samples), color in zip(residuals.items(), COLORS):
-        rho, channels = autocorrelation(samples.neighbours)
-        if len(rho) < 4 or not channels:
+        sums = scaled_sums(samples.neighbours)
+        rho = sums.correlation
+        if len(rho) < 4:
             continue
-        widest = max(widest, 2 / np.sqrt(len(samples.neighbours) * channels))
+        widest = max(widest, 2 / np.sqrt(sums.pairs[0]))
         lags = np.arange(1, min(_LAGS + 1, len(rho)))
         axes.plot(lags, rho[lags], ".-", color=color, linewidth=0.9, markersize=4, label=name)
     axes.axhline(0.0, color=INK, linewidth=0.6)

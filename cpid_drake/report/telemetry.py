@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cpid_drake.sensing.files.telemetry_files import TelemetryFile
+from cpid_drake.sensing.files.conversion import TelemetryFile
 from cpid_drake.sensing.measurements import Samples
 from cpid_drake.sensing.sensors import SENSORS
 

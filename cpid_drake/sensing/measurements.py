@@ -1,6 +1,6 @@
 """Samples of every sensor at the sensor's own times."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -128,8 +128,15 @@ class Measurements:
 
     @property
     def last_time(self) -> float:
-        """Time of the latest sample [s]; −inf without samples."""
+        """Time of the latest sample, also of thrust [s]; −inf without samples."""
         return max((float(s.time[-1]) for s in self.samples.values() if len(s)), default=-np.inf)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Times of the first and of the last sample of all sensors [s]; (∞, −∞) without samples."""
+        times = [samples.time for _, samples in self.items() if len(samples)]
+        first = min((float(time[0]) for time in times), default=np.inf)
+        return first, max((float(time[-1]) for time in times), default=-np.inf)
 
     def updated(self, samples: Mapping[str, Samples]) -> "Measurements":
         """Return measurements in which `samples` replace those of the same sensors."""
@@ -139,6 +146,35 @@ class Measurements:
         """Return the samples with start ≤ time ≤ end [s], and the thrust held at the start."""
         kept = {name: s.where((s.time >= start) & (s.time <= end)) for name, s in self.items()}
         return self.updated(kept | self.thrust_between(start, end))
+
+    def blocks(self, seconds: float = 60.0) -> Iterator["Measurements"]:
+        """Yield the samples in intervals of `seconds` [s] from the first one on.
+
+        Intervals without samples are left out. The arrays are not copied. Times must increase.
+        """
+        start, since = self.interval[0], -np.inf
+        times = [(s.time - start) / seconds for _, s in self.items()]
+        numbers = np.unique(np.floor(np.concatenate(times)))
+        for limit in [*(start + seconds * (numbers[:-1] + 1)), np.inf][: numbers.size]:
+            kept = {}
+            for name, samples in self.items():
+                first, last = np.searchsorted(samples.time, [since, limit])
+                kept[name] = samples.where(slice(first, last))
+            thrust = self.thrust_between(since, float(np.nextafter(limit, -np.inf)))
+            yield self.updated(kept | thrust)
+            since = limit
+
+    def after(self, zero: float) -> "Measurements":
+        """Return the samples with a time that is counted from `zero` [s]."""
+        everything = {**dict(self.items()), **self.samples}
+        return self.updated({k: Samples(s.time - zero, s.value) for k, s in everything.items()})
+
+    def thinned(self, most: int = 4000) -> "Measurements":
+        """Return every k-th sample of a sensor with more than `most` samples, for figures."""
+        steps = {name: -(-len(s) // most) or 1 for name, s in self.items()}
+        return self.updated(
+            {name: s.where(slice(None, None, steps[name])) for name, s in self.items()}
+        )
 
     @property
     def coasting(self) -> "Measurements":
@@ -158,6 +194,18 @@ class Measurements:
         last = int(np.searchsorted(log.time, end, side="right"))
         kept = log.where(slice(max(first, 0), last))
         return {THRUST: Samples(np.maximum(kept.time, start), kept.value)}
+
+
+def concatenated(pieces: Sequence[Measurements]) -> Measurements:
+    """Return consecutive pieces of one log, at least one, as one."""
+    names = dict.fromkeys(name for piece in pieces for name in piece.samples)
+    samples = {}
+    for name in names:
+        each = [piece[name] for piece in pieces]
+        samples[name] = Samples(
+            np.concatenate([s.time for s in each]), np.concatenate([s.value for s in each])
+        )
+    return Measurements(pieces[0].joint_names, samples)
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -14,7 +14,7 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.sensors import ATTITUDE, SENSORS
-from cpid_drake.sensing.suite import SensorSuite, suite_type
+from cpid_drake.sensing.suite import SensorSuite
 
 _ORDERS = range(2, 9)
 _FEWEST = 12
@@ -39,7 +39,7 @@ def estimate_suite(measurements: Measurements) -> SensorSuite:
     """
     if not len(measurements.encoders):
         raise InputError("there are no joint positions to estimate noise from")
-    suite = suite_type()(description="noise estimated from the samples")
+    suite = SensorSuite(description="noise estimated from the samples")
     for name, samples in measurements.items():
         if not len(samples):
             continue
@@ -150,7 +150,14 @@ def _is_one_motion(encoders: Samples) -> bool:
 
 
 def _root_mean_square(values: NDArray[np.float64]) -> float:
-    """Return the root mean square without the largest hundredth, which may be outliers."""
-    size = np.sort(np.sum(values**2, axis=1))
-    kept = size[: max(int(np.ceil(0.99 * len(size))), 1)]
-    return float(np.sqrt(np.mean(kept) / values.shape[1]))
+    """Return the root mean square without the largest hundredth, which may be outliers.
+
+    Of eight parts of the values, those with less than half of the largest root mean square do not
+    count: a sensor can repeat its value at rest.
+    """
+    size = np.sum(values**2, axis=1)
+    most = np.quantile(size, 0.99, method="higher")
+    parts = np.array_split(np.where(size <= most, size, np.nan), max(min(8, len(size) // 12), 1))
+    means = np.array([np.nanmean(part) if np.isfinite(part).any() else 0.0 for part in parts])
+    counting = np.concatenate([p for p, mean in zip(parts, means) if 4 * mean >= means.max()])
+    return float(np.sqrt(np.nanmean(counting) / values.shape[1]))

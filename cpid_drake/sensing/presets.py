@@ -5,7 +5,7 @@ from pathlib import Path
 from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import load_yaml
 from cpid_drake.resources import models_directory, resolve_model
-from cpid_drake.sensing.suite import SensorSuite, check_sensors, suite_type
+from cpid_drake.sensing.suite import SensorSuite, check_sensors
 
 
 def sensor_presets() -> tuple[str, ...]:
@@ -38,7 +38,7 @@ def load_sensors(name_or_path: str | Path) -> SensorSuite:
             raise InputError(
                 f"no sensors: {error}; choose from {choices}, or give a file"
             ) from error
-    suite = load_yaml(suite_type(), file, where, "a sensor suite")
+    suite = load_yaml(SensorSuite, file, where, "a sensor suite")
     check_sensors(suite, where)
     return suite
 

@@ -1,34 +1,72 @@
 """Removes samples that are grossly wrong and counts them, from whole logs and from chunks of logs.
 
-Screening uses only the samples themselves. It finds damaged values, wrong stamps, stuck sensors and
-spikes of many σ. Smaller errors, which only a comparison with the spacecraft's motion can show, are
-left to the likelihood.
+Screening uses only the samples themselves. It finds damaged values, wrong stamps, sensors that
+repeat themselves, and spikes of many σ. Smaller errors, which only a comparison with the
+spacecraft's motion can show, are left to the likelihood.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
-from cpid_drake.sensing.repeats import Expected, find_repeats
-from cpid_drake.sensing.screening_limits import ScreeningLimits, ScreeningMemory, SensorMemory
-from cpid_drake.sensing.sensors import (
-    ATTITUDE,
-    JOINT_POSITIONS,
-    JOINT_RATES,
-    SENSORS,
-    SensorErrors,
-)
-from cpid_drake.sensing.spikes import find_spikes
+from cpid_drake.sensing.noise_estimation import rounding
+from cpid_drake.sensing.sensors import ATTITUDE, SENSORS
 from cpid_drake.sensing.stamps import usable_stamps
 from cpid_drake.sensing.suite import SensorSuite
 from cpid_drake.sensing.thrusters import VALVE
 
-__all__ = ["Screened", "ScreeningLimits", "ScreeningMemory", "as_arrays", "screen"]
+QUATERNION_NORM = 1e-3
+"""Largest deviation of the norm of an attitude's quaternion from 1: rounding to three decimals
+causes 1e-3; an uninitialized message has the norm 0."""
 
-DEFAULT_LIMITS = ScreeningLimits()
+LARGEST = 1e9
+"""Largest value of any sensor [SI units]: a wheel at 3000 rpm needs five weeks to turn by 1e9 rad,
+and larger values are damaged messages whose squares may overflow."""
+
+SPIKE = 10.0
+"""Smallest deviation of a spike, in σ: noise alone deviates so once in 1e12 samples."""
+
+PROMINENCE = 30.0
+"""Ratio of a spike's deviation to the upper quartile of those around it: noise that is larger than
+given, jitter of stamps and fast motion make all samples deviate. In a million samples of noise, the
+largest exceeds the upper quartile about 15 times."""
+
+BRIDGE = 4.0
+"""Ratio of a spike's deviation to that of its four neighbours from a parabola."""
+
+WINDOW = 16
+"""Number of samples around a sample that show what is usual."""
+
+REPEATS = 1e-9
+"""Largest probability with which noise repeats the samples of a sensor that does not repeat itself:
+one false alarm in two weeks at 1000 Hz."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScreeningMemory:
+    """What screening remembers from one chunk to the next; its size is bounded.
+
+    Attributes:
+        recent: by sensor, its latest accepted samples, at most `WINDOW`.
+        unconfirmed: the latest stamps that were too late, at most 8 [s].
+
+    """
+
+    recent: Mapping[str, Samples] = field(default_factory=dict)
+    unconfirmed: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+
+    def last(self, name: str) -> float:
+        """Return the stamp of a sensor's latest accepted sample [s]; −inf before the first."""
+        return float(self.recent[name].time[-1]) if name in self.recent else -np.inf
+
+    @property
+    def newest(self) -> float:
+        """Stamp of the latest accepted sample of all sensors [s]; −inf before the first."""
+        return max(map(self.last, self.recent), default=-np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +191,6 @@ def screen(
     measurements: Measurements,
     suite: SensorSuite | None = None,
     memory: ScreeningMemory | None = None,
-    limits: ScreeningLimits = DEFAULT_LIMITS,
 ) -> Screened:
     """Return the usable samples, and the number of unusable ones by sensor.
 
@@ -162,9 +199,8 @@ def screen(
     - samples with an entry that is not finite, or that no sensor of the suite can have;
     - attitudes whose quaternion has a norm that differs from 1;
     - samples with wrong stamps: see `stamps.usable_stamps`;
-    - repeated samples of a stuck sensor, or of a transport that sends the last sample again: see
-      `repeats.find_repeats`;
-    - spikes: see `spikes.find_spikes`.
+    - samples that repeat the one before more often than noise does;
+    - spikes: single samples far from every line through samples on one side or on both sides.
 
     The log of thrust keeps its samples; see `usable_thrust`.
 
@@ -172,15 +208,13 @@ def screen(
     which has no meaning, is kept.
 
     A log may be screened in successive chunks, with the memory of each chunk for the next one. The
-    result is that for the whole log, except for suspicious samples at the end of a chunk: a spike
-    among a sensor's last two samples, and repeats that only later samples show to be wrong, are
-    accepted.
+    result is that for the whole log, except for spikes among a sensor's last two samples of a
+    chunk, which are accepted.
 
     Args:
         measurements: the samples, in order of arrival.
         suite: the sensors' errors; None if they are not known.
         memory: the memory after the previous chunk; None for the first chunk and for whole logs.
-        limits: limits of screening.
 
     Raises:
         InputError: for the same reasons as `as_arrays`, `with_valves` and `usable_thrust`.
@@ -189,109 +223,66 @@ def screen(
     memory = memory or ScreeningMemory()
     present = suite.present() if suite else {}
     given = as_arrays(usable_thrust(with_valves(measurements, suite), suite))
-    readable = {name: _readable(name, s, name in present, limits) for name, s in given.items()}
+    readable = {name: _readable(name, s, name in present) for name, s in given.items()}
     stamps = {name: samples.time for name, samples in readable.items()}
-    indices, unconfirmed = usable_stamps(stamps, memory, limits)
+    indices, unconfirmed = usable_stamps(
+        stamps, {name: s.time for name, s in memory.recent.items()}, memory.unconfirmed
+    )
     kept: dict[str, Samples] = {}
-    sensors = dict(memory.sensors)
-    # Joint rates come first: they show whether repeated joint positions are stuck.
-    for name in sorted(readable, key=lambda name: SENSORS[name].quantity is not JOINT_RATES):
-        samples, index = readable[name], indices[name]
-        if index.size < len(samples):
-            samples = samples.where(index)
+    recent = dict(memory.recent)
+    for name, samples in readable.items():
+        samples = samples if indices[name].size == len(samples) else samples.where(indices[name])
         if len(samples):
-            seen = memory.sensors.get(name)
-            errors = present.get(name)
-            if suite is None or errors is None:
-                sensors[name] = _remembered(samples, seen, limits)
-            else:
-                rates = _joint_rates(name, kept, memory, suite)
-                samples, sensors[name] = _screened(name, samples, seen, suite, rates, limits)
+            everything, known = samples, 0
+            if name in recent:
+                known, everything = len(recent[name]), _together(recent[name], samples)
+            if suite is not None and name in present:
+                keep = ~_unusable(name, everything, suite)
+                keep[:known] = True
+                samples, everything = samples.where(keep[known:]), everything.where(keep)
+            # The copy releases the memory of all earlier samples.
+            last = everything.where(slice(-WINDOW, None))
+            recent[name] = Samples(last.time.copy(), last.value.copy())
         kept[name] = samples
     rejected = {name: len(samples) - len(kept[name]) for name, samples in given.items()}
-    return Screened(given.updated(kept), rejected, ScreeningMemory(sensors, unconfirmed))
+    return Screened(given.updated(kept), rejected, ScreeningMemory(recent, unconfirmed))
 
 
-def _readable(name: str, samples: Samples, known: bool, limits: ScreeningLimits) -> Samples:
+def _readable(name: str, samples: Samples, known: bool) -> Samples:
     """Return the samples that are finite and possible for the sensor, attitudes normalized."""
     time, value = samples.time, samples.value
     if not time.size:
         return samples
     usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
     if known:
-        usable &= (np.abs(value) < limits.largest_value).all(axis=1)
+        usable &= (np.abs(value) < LARGEST).all(axis=1)
     if SENSORS[name].quantity is ATTITUDE:
         with np.errstate(over="ignore"):
             norm = np.linalg.norm(value, axis=1)
-        usable &= np.abs(norm - 1) < limits.quaternion_norm
+        usable &= np.abs(norm - 1) < QUATERNION_NORM
         value = value / np.where(usable, norm, 1.0)[:, None]
     samples = Samples(time, value)
     return samples if usable.all() else samples.where(usable)
 
 
-def _remembered(
-    samples: Samples, seen: SensorMemory | None, limits: ScreeningLimits
-) -> SensorMemory:
-    """Return the memory of a sensor whose values are not screened."""
-    recent = _latest(_joined(seen, samples), limits)
-    width = samples.value.shape[1]
-    return SensorMemory(recent, np.zeros(width, dtype=np.intp), np.zeros(width, dtype=bool))
+def _together(before: Samples, after: Samples) -> Samples:
+    time = np.concatenate([before.time, after.time])
+    return Samples(time, np.concatenate([before.value, after.value]))
 
 
-def _joined(seen: SensorMemory | None, samples: Samples) -> Samples:
-    if seen is None:
-        return samples
-    time = np.concatenate([seen.recent.time, samples.time])
-    return Samples(time, np.concatenate([seen.recent.value, samples.value]))
-
-
-def _latest(samples: Samples, limits: ScreeningLimits) -> Samples:
-    # The copy releases the memory of all earlier samples.
-    recent = slice(-limits.window, None)
-    return Samples(samples.time[recent].copy(), samples.value[recent].copy())
-
-
-def _screened(
-    name: str,
-    samples: Samples,
-    seen: SensorMemory | None,
-    suite: SensorSuite,
-    rates: tuple[Samples, float] | None,
-    limits: ScreeningLimits,
-) -> tuple[Samples, SensorMemory]:
-    """Return the samples of one sensor that are neither stuck nor spikes, and its memory."""
-    everything = _joined(seen, samples)
-    known = len(everything) - len(samples)
-    time, value, errors = everything.time, everything.value, suite[name]
-    sigma, noise = float(suite.sigmas(name).max()), errors.sigmas
-    quantity = SENSORS[name].quantity
-    if quantity is ATTITUDE:
+def _unusable(name: str, samples: Samples, suite: SensorSuite) -> NDArray[np.bool_]:
+    """Return which samples repeat the one before, or are spikes."""
+    time, value = samples.time, samples.value
+    sigma = float(suite.sigmas(name).max())
+    step = max(suite[name].step, 0.0 if suite.rounding is None else 10.0**-suite.rounding)
+    if SENSORS[name].quantity is ATTITUDE:
         value = _without_flips(value)
         sigma /= 2  # A rotation by δ changes the entries of a quaternion by δ/2 at most.
-    else:
-        noise = np.broadcast_to(noise, value.shape[1:])
-    expected = Expected(sigma, noise, _step(errors, suite), quantity is JOINT_POSITIONS)
-    if rates is not None:
-        travelled = _travelled(rates[0], time, limits)
-        expected = replace(expected, travelled=travelled, rate_sigma=rates[1])
-    repeats = find_repeats(time, value, known, seen, expected, limits)
-    keep = ~repeats.stuck
-    rows = np.flatnonzero(keep)
-    if rows.size < keep.size:
-        keep[rows] = ~find_spikes(time[rows], value[rows], sigma, limits)
-    else:
-        keep = ~find_spikes(time, value, sigma, limits)
-    keep[:known] = True
-    accepted = Samples(time, value)
-    if not keep.all():
-        accepted, samples = accepted.where(keep), samples.where(keep[known:])
-    memory = SensorMemory(_latest(accepted, limits), repeats.count, repeats.varied)
-    return samples, memory
-
-
-def _step(errors: SensorErrors, suite: SensorSuite) -> float:
-    """Return the coarsest step of a sensor's values, by quantization or rounding; 0 for none."""
-    return max(errors.step, 0.0 if suite.rounding is None else 10.0**-suite.rounding)
+    bad = repeated(value, np.resize(suite[name].sigmas, min(value.shape[1], 3)), step)
+    rows = np.flatnonzero(~bad)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        bad[rows] = spikes(time[rows], value[rows], sigma)
+    return bad
 
 
 def _without_flips(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -303,30 +294,88 @@ def _without_flips(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(quaternion * sign[:, None])
 
 
-def _joint_rates(
-    name: str, kept: dict[str, Samples], memory: ScreeningMemory, suite: SensorSuite
-) -> tuple[Samples, float] | None:
-    """Return the screened samples of joint rates and their σ, for a sensor of joint positions."""
-    if SENSORS[name].quantity is not JOINT_POSITIONS:
-        return None
-    for other, samples in kept.items():
-        if SENSORS[other].quantity is JOINT_RATES and other in suite.present() and len(samples):
-            joined = _joined(memory.sensors.get(other), samples)
-            return joined, float(suite.sigmas(other).max())
-    return None
+def repeated(
+    value: NDArray[np.float64], noise: NDArray[np.float64], step: float
+) -> NDArray[np.bool_]:
+    """Return which samples (N, width) repeat the one before more often than noise does.
 
+    Args:
+        value: the samples; entries that are constant do not count.
+        noise: σ of the white noise of independent entries; without noise, nothing is wrong.
+        step: quantization of the values; rounding in a file is seen from the values.
 
-def _travelled(
-    rates: Samples, time: NDArray[np.float64], limits: ScreeningLimits
-) -> NDArray[np.float64]:
-    """Return the least displacements (N, width) from the first sample of rates to some times.
-
-    Between two samples, the slower one counts, and none if they differ in sign or are far apart.
     """
-    steps = np.diff(rates.time)[:, None]
-    first, second = rates.value[:-1], rates.value[1:]
-    slower = np.sign(first) * np.minimum(np.abs(first), np.abs(second))
-    slower[(first * second <= 0) | (steps > limits.longest_silence)] = 0.0
-    travelled = np.zeros_like(rates.value)
-    np.cumsum(slower * steps, axis=0, out=travelled[1:])
-    return np.stack([np.interp(time, rates.time, column) for column in travelled.T], axis=1)
+    same = np.append(False, (value[1:] == value[:-1]).all(axis=1))
+    varies = np.ptp(value, axis=0) > 0 if len(value) else np.zeros(0, dtype=bool)
+    if not same.any() or not noise.all() or not varies.any():
+        return np.zeros(len(value), dtype=bool)
+    rows = np.arange(len(value))
+    count = rows - np.maximum.accumulate(np.where(same, 0, rows))
+    # The density of the difference of two errors at zero is 1/(2√π σ).
+    step = max(step, rounding(value))
+    chance = np.minimum(step / (2 * np.sqrt(np.pi) * noise), 1.0)
+    chance = chance[: varies.sum()]  # an axis that a table holds has no noise
+    with np.errstate(divide="ignore"):
+        rarity = float(np.log(chance).sum())
+    return np.asarray(count > (np.log(REPEATS) / rarity if rarity < 0 else np.inf))
+
+
+def spikes(
+    time: NDArray[np.float64], value: NDArray[np.float64], sigma: float
+) -> NDArray[np.bool_]:
+    """Return which samples (N,) are spikes in at least one entry.
+
+    The deviation of a sample is its least distance from the lines through two samples on its left,
+    on its right, or on both sides, and from the cubic through these four: a step or a kink of the
+    motion leaves it small. The first two and the last two samples cannot be judged, and are
+    accepted.
+
+    Args:
+        time: (N,) increasing stamps [s].
+        value: (N, width) samples; attitudes as quaternions without jumps of sign.
+        sigma: σ of every entry.
+
+    """
+    found = np.zeros(time.size, dtype=bool)
+    if time.size < 5:
+        return found
+    t = [time[k : time.size - 4 + k, None] for k in range(5)]
+    x = [value[k : time.size - 4 + k] for k in range(5)]
+    deviation = np.full(x[2].shape, np.inf)
+    for i, j in ((0, 1), (3, 4), (1, 3), (0, 4)):
+        line = x[i] + (x[j] - x[i]) * ((t[2] - t[i]) / (t[j] - t[i]))
+        deviation = np.minimum(deviation, np.abs(x[2] - line))
+    others = (0, 1, 3, 4)
+    cubic = sum(
+        x[i] * np.prod([(t[2] - t[j]) / (t[i] - t[j]) for j in others if j != i], axis=0)
+        for i in others
+    )
+    deviation = np.minimum(deviation, np.abs(x[2] - cubic))
+    rows = np.flatnonzero((deviation > SPIKE * sigma).any(axis=1))
+    if not rows.size:
+        return found
+    window = np.clip(rows[:, None] + np.arange(-WINDOW // 2, WINDOW // 2 + 1), 0, len(x[2]) - 1)
+    limit = np.maximum(SPIKE * sigma, PROMINENCE * np.quantile(deviation[window], 0.75, axis=1))
+    rows = rows + 2
+    for around in ((-2, -1, 1, 2), (-3, -2, -1, 1), (-1, 1, 2, 3)):
+        limit = np.maximum(limit, BRIDGE * bend(time, value, rows[:, None] + around))
+    gap = time[rows + 1] - time[rows - 1]
+    sides = time[rows - 1] - time[rows - 2] + time[rows + 2] - time[rows + 1]
+    far = np.any(deviation[rows - 2] > limit, axis=1)
+    found[rows[far & (gap <= 3 * sides)]] = True
+    return found
+
+
+def bend(
+    time: NDArray[np.float64], value: NDArray[np.float64], rows: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Return how far each four samples (n, 4) are from a parabola (n, width); zero at the ends.
+
+    It is their third divided difference, divided by that of values ±1 with alternating signs.
+    """
+    inside = np.all((rows >= 0) & (rows < time.size), axis=1)
+    t, x = time[rows.clip(0, time.size - 1)], value[rows.clip(0, time.size - 1)]
+    apart = t[:, :, None] - t[:, None] + np.eye(4)
+    weight = 1 / apart.prod(axis=2)
+    size = np.abs(np.einsum("nk,nki->ni", weight, x)) / np.abs(weight).sum(axis=1)[:, None]
+    return np.where(inside[:, None], size, 0.0)

@@ -1,8 +1,6 @@
 """The table of sensors: the quantity, the description of errors and the names of each one.
 
 Suites, measurements, simulated noise, telemetry files, estimators and reports all read `SENSORS`.
-`register_sensor` is therefore enough to add a sensor. For example, a second star tracker is then
-read from its own columns and enters the trajectory fit with its own noise.
 """
 
 from abc import ABC, abstractmethod
@@ -16,7 +14,6 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import Numbers
 
 ARCSECOND = np.pi / (180 * 3600)
@@ -328,65 +325,27 @@ class Sensor:
         return f"{self.label} ({' or '.join(sets)})"
 
 
-SENSORS: dict[str, Sensor] = {}
+SENSORS: dict[str, Sensor] = {
+    sensor.name: sensor
+    for sensor in (
+        Sensor("attitude", "attitude", ATTITUDE, AttitudeSensor, ("qw", "qx", "qy", "qz"), 0),
+        Sensor(
+            "gyro",
+            "angular velocity",
+            ANGULAR_VELOCITY,
+            Gyro,
+            ("bwx", "bwy", "bwz"),
+            stream=1,
+            slow_stream=6,
+            columns_in_W=("wx", "wy", "wz"),
+        ),
+        Sensor("position", "position", POSITION, VectorSensor, ("x", "y", "z"), 2),
+        Sensor("velocity", "velocity", VELOCITY, VectorSensor, ("vx", "vy", "vz"), 3),
+        Sensor("encoders", "joint positions", JOINT_POSITIONS, JointSensor, ("q:",), 4, 7),
+        Sensor("joint_rates", "joint rates", JOINT_RATES, JointSensor, ("qd:",), 5, 8),
+    )
+}
 """All sensors by name. Estimators process samples of equal time in this order."""
-
-
-def register_sensor(sensor: Sensor) -> None:
-    """Add a sensor to the table.
-
-    Raises:
-        InputError: the name is not an identifier; the name, a column or the number of a random
-            stream already belongs to another sensor; the number of columns or the class of the
-            errors does not fit the quantity; a gyro or an encoder without a slow stream.
-
-    """
-    where, others = f"sensor '{sensor.name}'", list(SENSORS.values())
-    if not sensor.name.isidentifier() or sensor.name in SENSORS:
-        raise InputError(f"{where}: the name must be an identifier that no other sensor has")
-    streams = _streams(sensor)
-    if len(set(streams)) < len(streams) or set(streams) & {n for s in others for n in _streams(s)}:
-        raise InputError(f"{where}: random streams {streams} are taken; choose other numbers")
-    columns = {*sensor.columns, *sensor.columns_in_W}
-    taken = columns & {name for s in others for name in (*s.columns, *s.columns_in_W)}
-    if taken:
-        raise InputError(f"{where}: the column '{min(taken)}' is that of another sensor")
-    if len(sensor.columns) != (sensor.quantity.width or 1):
-        raise InputError(f"{where}: {len(sensor.columns)} columns for {sensor.quantity.name}")
-    if not issubclass(sensor.errors, sensor.quantity.errors):
-        wanted = sensor.quantity.errors.__name__
-        raise InputError(f"{where}: its errors must be a {wanted}, not {sensor.errors.__name__}")
-    if issubclass(sensor.errors, Gyro | JointSensor) and sensor.slow_stream is None:
-        raise InputError(f"{where}: its errors need a slow_stream besides the stream")
-    SENSORS[sensor.name] = sensor
-
-
-def _streams(sensor: Sensor) -> list[int]:
-    return [n for n in (sensor.stream, sensor.slow_stream) if n is not None]
-
-
-for _sensor in (
-    Sensor("attitude", "attitude", ATTITUDE, AttitudeSensor, ("qw", "qx", "qy", "qz"), 0),
-    Sensor(
-        "gyro",
-        "angular velocity",
-        ANGULAR_VELOCITY,
-        Gyro,
-        ("bwx", "bwy", "bwz"),
-        stream=1,
-        slow_stream=6,
-        columns_in_W=("wx", "wy", "wz"),
-    ),
-    Sensor("position", "position", POSITION, VectorSensor, ("x", "y", "z"), 2),
-    Sensor("velocity", "velocity", VELOCITY, VectorSensor, ("vx", "vy", "vz"), 3),
-    Sensor("encoders", "joint positions", JOINT_POSITIONS, JointSensor, ("q:",), 4, 7),
-    Sensor("joint_rates", "joint rates", JOINT_RATES, JointSensor, ("qd:",), 5, 8),
-):
-    register_sensor(_sensor)
-
-
-STANDARD_SENSORS = tuple(SENSORS)
-"""Names of the sensors that all estimators use; the trajectory fit uses registered ones too."""
 
 
 def sensors_of(quantity: Quantity) -> list[Sensor]:

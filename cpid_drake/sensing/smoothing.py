@@ -7,7 +7,6 @@ that no sensor measures are the derivatives of the splines.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,12 +15,6 @@ from cpid_drake.dynamics.plane import levelled
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.sensing.attitude_smoothing import smooth_attitude
-from cpid_drake.sensing.measurement_stream import (
-    MeasurementStream,
-    joined,
-    rechunked,
-    with_margins,
-)
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, SENSORS, VELOCITY
 from cpid_drake.sensing.smoothed_motion import ErrorBlock, SmoothedMotion
@@ -66,8 +59,7 @@ def smooth(
 
     Args:
         measurements: samples of the sensors; attitude, position and encoders are required. Samples
-            of sensors that the suite lacks are left out. Of registered sensors, only those of
-            joints are used.
+            of sensors that the suite lacks are left out.
         suite: the sensors' errors.
         times: (N,) [s]; default: ten per second in the interval in which all sensors have samples.
         with_position: whether to compute the base's position and velocity, else they are zero.
@@ -129,7 +121,7 @@ def smooth(
 
 
 def smooth_windows(
-    stream: MeasurementStream,
+    measurements: Measurements,
     suite: SensorSuite,
     *,
     with_position: bool = True,
@@ -137,12 +129,12 @@ def smooth_windows(
 ) -> Iterator[SmoothedMotion]:
     """Yield the motion of a log of any length, smoothed in windows; see `smooth`.
 
-    Time and memory of a window do not depend on the length of the log. A window has a margin of
-    samples on both sides, because splines are less accurate near their ends. The gyro bias is
-    estimated in each window. Windows with too few samples of a required sensor are left out.
+    The time for a window does not depend on the length of the log. A window has a margin of samples
+    on both sides, because splines are less accurate near their ends. The gyro bias is estimated in
+    each window. Windows with too few samples of a required sensor are left out.
 
     Args:
-        stream: samples of the sensors.
+        measurements: samples of the sensors.
         suite: the sensors' errors.
         with_position: whether to compute the base's position and velocity, else they are zero.
         normal_B: see `smooth`.
@@ -151,26 +143,24 @@ def smooth_windows(
         InputError: all windows have too few samples of a required sensor.
 
     """
-    parts = rechunked(stream, LONGEST_WHOLE)
-    beginning = list(islice(parts, 2))
-    if len(beginning) < 2:
-        whole = joined(beginning) if beginning else Measurements(stream.joint_names)
-        yield smooth(whole, suite, with_position=with_position, normal_B=normal_B)
+    start, end = measurements.interval
+    if not end - start > LONGEST_WHOLE:
+        yield smooth(measurements, suite, with_position=with_position, normal_B=normal_B)
         return
     needed = ["encoders", "attitude", *(["position"] if with_position else [])]
-    times = [beginning[0][name].time for name in needed]
-    slowest = max((np.median(np.diff(time)) for time in times if len(time) > 1), default=0.0)
-    seconds = max(WINDOW, FEWEST * float(slowest))
+    steps = [np.median(np.diff(measurements[n].time)) for n in needed if len(measurements[n]) > 1]
+    seconds = max(WINDOW, FEWEST * float(max(steps, default=0.0)))
     refused: InputError | None = None
     is_empty = True
-    chunks = rechunked(chain(beginning, parts), seconds)
-    for samples, start, end in with_margins(chunks, MARGIN * seconds):
+    for first in np.arange(start, end, seconds).tolist():
+        last = first + seconds if first + seconds < end else np.inf
+        around = measurements.between(first - MARGIN * seconds, last + MARGIN * seconds)
         try:
             motion = smooth(
-                samples,
+                around,
                 suite,
                 with_position=with_position,
-                within=(start, end),
+                within=(first, last),
                 normal_B=normal_B,
             )
         except InputError as error:

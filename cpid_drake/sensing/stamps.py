@@ -6,56 +6,73 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.sensing.screening_limits import ScreeningLimits, ScreeningMemory
+LONGEST_GAP = 3600.0
+"""Longest time between two samples of one log [s]; with a longer one, a clock was wrong."""
+
+LONGEST_SILENCE = 1.0
+"""A stamp later than all others by more than this time [s] must be confirmed by other stamps; it is
+longer than the delay between sensors of one spacecraft."""
+
+SILENT_INTERVALS = 5.0
+"""Lower limit of the silence in sample intervals of the sensor: a slow sensor misses a few samples
+without an error of its clock."""
+
+CONFIRMING = 3
+"""Number of different stamps that confirm each other: a damaged one, or two, cannot end a log."""
+
+ONE_MESSAGE = 1e-4
+"""Stamps that differ by less than this time [s] may come from one message with one damaged stamp,
+and do not confirm each other: the sample interval at 1000 Hz is ten times as long."""
 
 _MOST_UNCONFIRMED = 8
 
 
 def usable_stamps(
-    stamps: Mapping[str, NDArray[np.float64]], memory: ScreeningMemory, limits: ScreeningLimits
+    stamps: Mapping[str, NDArray[np.float64]],
+    recent: Mapping[str, NDArray[np.float64]],
+    waiting: NDArray[np.float64],
 ) -> tuple[dict[str, NDArray[np.intp]], NDArray[np.float64]]:
     """Return the indices of samples whose stamps are usable, by sensor.
 
     - A stamp that is later than those of all sensors by more than a silence must be confirmed: with
-      it, at least `confirming_stamps` different stamps of any sensors lie within a silence of each
+      it, at least `CONFIRMING` different stamps of any sensors lie within a silence of each
       other. Without memory, this holds for all stamps but the largest group. A single stamp in the
       far future therefore does not make later samples unusable.
-    - Stamps more than `longest_gap` from most others of the sensor are unusable.
+    - Stamps more than `LONGEST_GAP` from most others of the sensor are unusable.
     - Of the others, as few as possible are removed so that the stamps increase, and are later than
       the latest accepted one. Of samples with the same stamp the first is kept.
 
     Args:
         stamps: finite stamps of each sensor (N,), in order of arrival [s].
-        memory: what was accepted before.
-        limits: limits of screening.
+        recent: the latest accepted stamps of each sensor, at least one, if there are any [s].
+        waiting: earlier stamps that wait for confirmation [s].
 
     Returns:
         The indices, ascending, by sensor, and the stamps that wait for confirmation.
 
     """
-    newest = memory.newest
-    indices, unconfirmed = {}, [memory.unconfirmed]
+    newest = max((float(time[-1]) for time in recent.values()), default=-np.inf)
+    indices, unconfirmed = {}, [waiting]
     pool = None
     for name, time in stamps.items():
-        seen = memory.sensors.get(name)
-        last = seen.last if seen else -np.inf
+        last = float(recent[name][-1]) if name in recent else -np.inf
         steps = _steps(time)
         if not time.size or (
-            last < time[0] <= newest + limits.longest_silence
+            last < time[0] <= newest + LONGEST_SILENCE
             and (steps > 0).all()
-            and steps.max(initial=0.0) <= limits.longest_silence
+            and steps.max(initial=0.0) <= LONGEST_SILENCE
         ):
             indices[name] = np.arange(time.size)
             continue
         if pool is None:
             known = [newest] if np.isfinite(newest) else []
-            pool = np.unique(np.concatenate([*stamps.values(), memory.unconfirmed, known]))
-        history = np.concatenate([seen.recent.time, time]) if seen else time
-        silence = _silence(history, limits)
-        late = _late(time, pool, newest, silence, limits)
+            pool = np.unique(np.concatenate([*stamps.values(), waiting, known]))
+        history = np.concatenate([recent[name], time]) if name in recent else time
+        silence = _silence(history)
+        late = _late(time, pool, newest, silence)
         unconfirmed.append(time[late])
         index = np.flatnonzero(~late & (time > last))
-        index = index[_together(time[index], limits.longest_gap)]
+        index = index[_together(time[index], LONGEST_GAP)]
         indices[name] = index[_increasing(time[index])]
     return indices, np.concatenate(unconfirmed)[-_MOST_UNCONFIRMED:]
 
@@ -66,12 +83,12 @@ def _steps(time: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.diff(time)
 
 
-def _silence(time: NDArray[np.float64], limits: ScreeningLimits) -> float:
+def _silence(time: NDArray[np.float64]) -> float:
     """Return the longest silence of a sensor that needs no confirmation [s]."""
     steps = _steps(time)
     steps = steps[steps > 0]
     usual = float(np.median(steps)) if steps.size else 0.0
-    return max(limits.longest_silence, limits.silent_intervals * usual)
+    return max(LONGEST_SILENCE, SILENT_INTERVALS * usual)
 
 
 def _late(
@@ -79,13 +96,12 @@ def _late(
     pool: NDArray[np.float64],
     newest: float,
     silence: float,
-    limits: ScreeningLimits,
 ) -> NDArray[np.bool_]:
     """Return which stamps are too late and unconfirmed, by the stamps `pool` of all sensors."""
     gaps = _steps(pool)
     group = np.append(0, np.cumsum(gaps > silence))
-    count = np.bincount(group, np.append(True, gaps > limits.one_message))
-    confirmed = count >= limits.confirming_stamps
+    count = np.bincount(group, np.append(True, gaps > ONE_MESSAGE))
+    confirmed = count >= CONFIRMING
     if np.isfinite(newest):
         confirmed[: group[np.searchsorted(pool, newest)] + 1] = True
     else:

@@ -1,8 +1,8 @@
 """The sensors of the table that a spacecraft has, with their rates and errors."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, make_dataclass, replace
-from typing import Annotated, Any, Self
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
 
 import numpy as np
 from annotated_types import Interval
@@ -33,8 +33,7 @@ Decimals = Annotated[int, Interval(ge=0, le=15)]
 class SensorSuite:
     """A spacecraft's sensors; an absent sensor is None.
 
-    `suite[name]` returns any sensor of the table. Suites with registered sensors are of the type
-    that `suite_type` returns, which has a field for each.
+    `suite[name]` returns any sensor of the table.
 
     Attributes:
         description: one line for people.
@@ -115,17 +114,6 @@ class SensorSuite:
             larger = self[name].with_sigmas(np.sqrt(own**2 + (factor**2 - 1) * total**2))
             setattr(suite, name, larger)
         return suite
-
-
-def suite_type() -> type[SensorSuite]:
-    """Return the dataclass of suites, with a field for every sensor of the table."""
-    known = {entry.name for entry in fields(SensorSuite)}
-    added: list[Any] = [
-        (name, sensor.errors | None, field(default=None))
-        for name, sensor in SENSORS.items()
-        if name not in known
-    ]
-    return make_dataclass("SensorSuite", added, bases=(SensorSuite,)) if added else SensorSuite
 
 
 def check_sensors(suite: SensorSuite, where: str) -> None:

@@ -281,9 +281,8 @@ class SensorIdentifier(Identifier):
 
     def _complete_until(self, screening: ScreeningMemory) -> float:
         """Return the time until which the samples of all sensors have arrived [s]."""
-        last = {name: sensor.last for name, sensor in screening.sensors.items()}
         complete = min(
-            last.get(name, -np.inf) + _SHARE_OF_INTERVAL / errors.rate
+            screening.last(name) + _SHARE_OF_INTERVAL / errors.rate
             for name, errors in self._suite.present().items()
         )
         return min(screening.newest, max(complete, screening.newest - LONGEST_DELAY))

@@ -20,7 +20,7 @@ import numpy as np
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, shipped_scenario
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.joint_motion import HalfCosine
-from cpid_drake.sensing.files.table import table_of
+from cpid_drake.sensing.files.telemetry_files import table_of
 
 JOINTS = ("shoulder", "elbow", "wrist")
 TARGET = InertialParameters(20.0, [0.3, 0.1, -0.1], [[2, 0.1, 0], [0.1, 3, 0.2], [0, 0.2, 4]])
@@ -278,7 +278,6 @@ TELEMETRY = {
     ),
     "long_line": (file("t.csv", lambda: csv() + "1" * 3_000_000), "line 103 is longer than"),
     # Separators and quotes.
-    "tabs": (file("t.csv", lambda: csv(between="\t")), "line 1", "tabs"),
     "decimal_commas": (file("t.csv", put(7, "x", "0,5")), "line 7", "decimals written with commas"),
     "open_quote": (file("t.csv", put(7, "x", '"0.5')), "line 7"),
     "short_row": (file("t.csv", lambda: csv(lambda r: r[8].pop() and None)), "line 9: 19 cells"),
@@ -311,18 +310,18 @@ TELEMETRY = {
             "t.npz",
             zipped(x=npy("{'descr': '<f8', 'fortran_order': False, 'shape': (10000000000000,)}")),
         ),
-        "'x': cut off",
+        "'x' is cut off",
     ),
     "npz_header_is_code": (
         file("t.npz", zipped(x=npy("__import__('pathlib').Path('owned').touch()"))),
-        "'x': not a NumPy array",
+        "'x' is not a NumPy array",
     ),
-    "npz_bomb": (file("t.npz", zip_bomb), "'time': ", "bytes are too many"),
+    "npz_bomb": (file("t.npz", zip_bomb), "'time' holds ", "bytes, which are too many"),
     # Parquet.
     "parquet_empty": (file("t.parquet", ""), "t.parquet: not a Parquet file"),
     "parquet_text_column": (
         file("t.parquet", parquet(x=["a"] * 101)),
-        "column 'x' must hold numbers",
+        "'x' must hold numbers",
     ),
     # Bags.
     "bag_empty_folder": (made("bag", Path.mkdir), "bag: a folder without metadata.yaml"),

@@ -23,9 +23,10 @@ def estimate_every_second(known, logs, progress):
     """Least squares on every second sample: an estimator that somebody might try."""
     [log] = logs.values()
     names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
-    half = log.head.updated({n: log.head[n].where(slice(None, None, 2)) for n in names})
+    whole = log.measurements
+    half = whole.updated({n: whole[n].where(slice(None, None, 2)) for n in names})
     rows = replace(known, family=STANDARD_ROWS)
-    found = by_rows.estimate(rows, {"": replace(log, stream=[half], head=half)})
+    found = by_rows.estimate(rows, {"": replace(log, measurements=half)})
     return replace(found, estimator="every_second", rows=None)
 
 

@@ -144,10 +144,6 @@ def test_an_estimate_that_no_body_has_is_not_exported_raw(cpid, refusal, result)
         (("r.json", "--format", "urdf", "--out", "old.urdf"), "old.urdf: exists already"),
         (("r.json", "--format", "urdf", "--out", "t.urdf", "--name", "<"), "cannot be used"),
         (("r.json", "--format", "urdf"), "Missing option '--out'"),
-        (
-            ("r.json", "--format", "sdf", "--out", "t.sdf", "--with-spacecraft"),
-            "dual_arm_servicer.urdf: not a model in format sdf",
-        ),
     ],
 )
 def test_what_cannot_be_is_one_line(refusal, result, arguments, words, tmp_path):

@@ -95,7 +95,7 @@ class TestUncertainSpacecraft:
 
     @pytest.mark.slow
     def test_intervals_include_the_spacecraft(self, cpid):
-        """The centre of mass is known no better than the frame in which it is expressed."""
+        """The centre of mass is known no better than the frame in which it is expressed: 3 mm."""
         sigmas = []
         for option in ((), ("--known-bodies", self.OPTION)):
             options = ("--sensors", "testbed", *option, "--json", "r.json", "--force")
@@ -106,8 +106,7 @@ class TestUncertainSpacecraft:
             sigmas.append(np.sqrt(np.diag(found["covariance"])))
         exact, uncertain = sigmas
         assert np.all(uncertain > exact)
-        assert np.all(uncertain[1:4] > 0.003)
-        assert np.all(uncertain[1:4] < 0.02)
+        np.testing.assert_allclose(uncertain[1:4], np.hypot(exact[1:4], 0.003), rtol=0.01)
         assert found["sources"][0]["request"]["known_bodies"] == self.OPTION
         assert "--known-bodies" in read_result("r.json").command
 
@@ -153,8 +152,8 @@ class TestIdentify:
     def test_too_little_motion_is_exit_code_3_and_what_is_known_is_written(self, cpid, exact):
         code, stdout, _ = cpid("identify", exact, *SERVICER, "--to", "1.5", "--json", "r.json")
         assert code == 3
-        assert "Not all ten are known: 1 combination of" in stdout
-        assert "turn the target about three axes" in stdout
+        assert "Not known: 1 combination of" in stdout
+        assert "joints with different axes" in stdout
         found = read_result("r.json")
         assert found.rank == 9
         assert found.consistent is None

@@ -19,6 +19,7 @@ from cpid_drake.planning.search import Candidate
 from cpid_drake.scenario.joint_motions import dump_motion, load_motion
 
 SMALL = ("--candidates", 64, "--starts", 1, "--frequency", 0.3, "--targets", 1, "--jobs", 1)
+ARM = tuple(word for k in range(1, 7) for word in ("--joint", f"capture_arm_joint{k}"))
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +27,7 @@ def planned(tmp_path_factory):
     """A plan of the paper's scenario: its file, and the command's output."""
     folder, text = tmp_path_factory.mktemp("plan"), StringIO()
     file, page = folder / "motion.yaml", folder / "motion.html"
-    arguments = ("plan", "paper", "--out", file, "--report", page, *SMALL)
+    arguments = ("plan", "paper", "--out", file, "--report", page, *SMALL, *ARM)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(text):
         patch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:

@@ -56,7 +56,6 @@ def test_the_right_target_predicts_another_log(cpid):
     errors = {error["sensor"]: error for error in found["errors"]}
     assert errors["attitude"]["unit"] == "deg"
     assert all(error["in_sigma"] < 2 for error in errors.values())
-    assert errors["attitude"]["rms"] < 0.05 * errors["attitude"]["without_target"]
     assert cpid("validate", *known, "--quiet")[:2] == (0, "")
 
 

@@ -4,6 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_equations import (
+    angular_rows,
+    com_position_rows,
+    eq18_to_world,
+    instantaneous_rows,
+    linear_rows,
+)
 from sensing_cases import true_telemetry
 
 from cpid_drake import HalfCosine, InertialParameters, InputError, identify
@@ -15,12 +22,7 @@ from cpid_drake.dynamics.rows import (
     RELATIVE_ROWS,
     ROW_FAMILIES,
     STANDARD_ROWS,
-    angular_rows,
-    com_position_rows,
-    eq18_to_world,
     inertia_operator,
-    instantaneous_rows,
-    linear_rows,
 )
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 

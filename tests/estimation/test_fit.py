@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_cases import fired, make_case
-from scipy.signal import lfilter
 from scipy.stats import chi2
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question, compare
-from cpid_drake.estimation.fit import correlation_time, fit
+from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model, undetermined
+from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
@@ -85,17 +85,9 @@ def test_errors_of_the_model_are_no_noise_if_they_are_small(case):
     model = Model(case.craft.tree, SUITE)
     found = fit(model, [LogState.of(model, case.samples)])
     rest = found.rolled[0].all_residuals().values()
-    assert max(correlation_time(each) for each in rest) > 1.3
+    assert max(whiteness(each).correlation_time for each in rest) > 1.3
     assert max(found.logs[0].noise.values()) == 1
     assert (found.logs[0].smoothness.noise == 1).all()
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
-def test_so_many_successive_residuals_are_worth_one(memory):
-    """Of noise with memory of first order: (1 + ρ)/(1 − ρ)."""
-    steps = np.random.default_rng(6).normal(size=(20_000, 3))
-    noise = lfilter([1.0], [1.0, -memory], steps, axis=0)
-    assert correlation_time(noise) == pytest.approx((1 + memory) / (1 - memory), rel=0.1)
 
 
 def test_a_further_row_is_about_the_target_itself(case, found):

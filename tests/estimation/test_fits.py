@@ -21,7 +21,6 @@ from cpid_drake.estimation.online import run, step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.online import identification_of_state, model_of
-from cpid_drake.sensing.measurement_stream import stream_of
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import JointSensor, VectorSensor
@@ -86,16 +85,6 @@ def test_errors_are_as_the_covariance_and_the_bound_say(case, fits, name):
 
 def test_without_noise_it_finds_the_truth(case):
     assert np.sqrt(nees(case, fitted(case, case.samples))) < 0.3  # σ: what the splines miss
-
-
-@pytest.mark.parametrize("length", [0.13, 0.7])
-@pytest.mark.parametrize("name", FITS)
-def test_chunks_do_not_matter(case, samples, fits, name, length):
-    """Bit for bit, however the samples arrive."""
-    zero = {"momentum": TotalMomentum.zero()}
-    found = fitted(case, stream_of(samples, length), estimator=name, **zero)
-    np.testing.assert_array_equal(found.parameters, fits[name][0].parameters)
-    np.testing.assert_array_equal(found.covariance, fits[name][0].covariance)
 
 
 @pytest.mark.parametrize("target", ["skewed", "flat"])

@@ -5,9 +5,9 @@ import pytest
 
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import ROW_FAMILIES
+from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.estimation.least_squares import (
     empty_information,
-    solution_of_information,
     solve_compressed,
     solve_information,
     updated_information,
@@ -143,7 +143,8 @@ def test_an_entry_is_known_to_a_tenth_of_its_plausible_size(share, is_known):
     """Its σ is that of the information; an unknown entry and its σ are NaN, the others are not."""
     scale = np.array([50.0, 3.0, 0.2])
     sigma = scale * [1e-3, share, 1e-2]
-    solution = solution_of_information(np.ones(3), np.diag(sigma**-2.0), scale)
+    told = Gaussian.of_rows({"x": 3}, np.column_stack([np.diag(1 / sigma), 1 / sigma]))
+    solution = solution_of(told, np.ones(3), scale)
     assert solution.rank == 2 + is_known
     assert np.isfinite(solution.estimate).tolist() == [True, is_known, True]
     np.testing.assert_allclose(np.sqrt(np.diag(solution.covariance))[[0, 2]], sigma[[0, 2]])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.noisy_rows import expected_square, row_weights, without_bias
+from cpid_drake.estimation.rows_fit import without_bias
 
 COUNT, SIGMA = 400, 0.1
 
@@ -40,20 +40,3 @@ def test_a_combination_that_only_noise_shows_is_open():
     found = without_bias(rows, E)[0]
     assert np.linalg.matrix_rank(found[:, :-1]) == 2
     assert np.abs(found[:, 2]).max() < 0.1 * np.abs(found[:, :2]).max()
-
-
-def test_weighted_errors_of_a_sample_are_independent_and_of_unit_size():
-    """Two of the three rows of a sample have a common error that is large."""
-    rng = np.random.default_rng(4)
-    N, x = 200, np.array([0.5, -2.0])
-    A = rng.normal(size=(N, 3, 2))
-    derivatives = np.zeros((4, N, 3, 3))
-    derivatives[:3, :, :, -1] = np.eye(3)[:, None]
-    derivatives[3, :, :, -1] = [30.0, 10.0, 0.0]
-    C, errors = np.eye(4)[None], rng.normal(size=(N, 4))
-    rows = np.concatenate([A, (A @ x)[..., None]], axis=-1)
-    rows[..., -1] += np.einsum("nq,qnm->nm", errors, derivatives[..., -1])
-    _, weights = row_weights(rows, derivatives, C)
-    white = (weights @ rows) @ np.append(x, -1.0)
-    np.testing.assert_allclose(white.T @ white / N, np.eye(3), atol=0.3)
-    assert not expected_square(derivatives, C)[:2].any()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from paper_equations import eq18_to_world
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.parameterizations import (
@@ -11,7 +12,6 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
     standard_to_parameters,
 )
-from cpid_drake.dynamics.rows import eq18_to_world
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
 

@@ -37,7 +37,7 @@ def test_a_sensor_that_nothing_explains_fails_a_check(craft, log):
     spoiled = samples.updated({"attitude": replace(attitude, value=value)})
     found = identify(craft, spoiled, sensors=suite)
     assert not found.passed
-    assert "turn the target" not in found.explain()
+    assert "larger angles" not in found.explain()
 
 
 @pytest.mark.parametrize("estimator", FITS)
@@ -50,7 +50,6 @@ def test_a_position_with_a_slow_error_fails_a_check(craft, log, estimator):
     position = replace(ideal.position, value=ideal.position.value + wave)
     spoiled = samples.updated({"position": position})
     found = identify(craft, spoiled, sensors=suite, estimator=estimator)
-    assert found.misfit == 1.0
     assert np.isfinite(found.parameters).all()
     assert any("correlated from sample to sample (+0.9" in failure for failure in found.failures)
 
@@ -119,4 +118,3 @@ def test_all_of_a_result_is_of_one_fit(craft, log):
     assert (np.abs(target - 1) < 0.25).all()
     [effect], [expected] = seen.effects, given.effects
     np.testing.assert_allclose(effect.sigma, expected.sigma, rtol=0.25)
-    assert seen.misfit == given.misfit

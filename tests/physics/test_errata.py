@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_equations import instantaneous_rows, linear_rows
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
 from cpid_drake import HalfCosine, InputError, identify, load_scenario, shipped_scenario
@@ -12,7 +13,7 @@ from cpid_drake.dynamics.kinematics import CaptureMotion, propagate
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples, target_momentum
 from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.dynamics.rows import EQ18_ROWS, instantaneous_rows, linear_rows
+from cpid_drake.dynamics.rows import EQ18_ROWS
 from cpid_drake.studies.paper import sampling_times
 from cpid_drake.studies.paper_values import PAPER_TABLE_1
 

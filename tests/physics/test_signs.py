@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_equations import com_position_rows
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, TotalMomentum, identify
@@ -21,7 +22,6 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
     tensor_to_vector,
 )
-from cpid_drake.dynamics.rows import com_position_rows
 from cpid_drake.sensing.noise import SensorNoise
 from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensing.suite import SensorSuite

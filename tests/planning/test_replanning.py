@@ -51,12 +51,12 @@ def test_what_is_known_already_does_not_count(problem, scenario):
     """A motion adds to the prior: the predicted σ is below both, and exact for a strong prior."""
     still = np.zeros((1, problem.family.count, len(problem.family.moving)))
     truth = scenario.target_truth().to_vector()
+    alone = next_problem(problem, prior_of(scenario, 1e6)).objective
+    without = alone.covariances(alone.samples(still))[0, 0]
+    scale = problem.setting.predict(problem.own_motion, truth).scale
     for sigma in (1e-6, 1e-3, 1e3):
         following = next_problem(problem, prior_of(scenario, sigma))
         objective = following.objective
         covariance = objective.covariances(objective.samples(still))[0, 0]
-        alone = next_problem(problem, prior_of(scenario, 1e6)).objective
-        without = alone.covariances(alone.samples(still))[0, 0]
-        scale = problem.setting.predict(problem.own_motion, truth).scale
         expected = np.linalg.inv(np.linalg.inv(without) + np.diag((scale / sigma) ** 2))
         np.testing.assert_allclose(covariance, expected, rtol=1e-3, atol=1e-3 * sigma**2 / 60)

@@ -291,34 +291,6 @@ def test_an_axis_that_never_varied_is_not_stuck():
     assert in_chunks(planar, suite, np.arange(0.5, 10.0, 0.5))[1] == NONE_REJECTED
 
 
-@pytest.mark.parametrize("rate", [20.0, 100.0])
-@pytest.mark.parametrize("preset", ["flight", "ideal"])
-def test_encoders_that_stop_in_the_middle_of_a_motion_are_stuck(preset, rate):
-    """Nothing stops an arm within a sample interval; the rest is rejected until values change."""
-    suite = replace(load_sensors(preset), joint_rates=None)
-    suite = replace(suite, encoders=replace(suite.encoders, rate=rate))
-    measurements = recorded(suite, slow, 5.0)
-    first = int(1.9 * rate)
-    damaged = stuck(measurements, "encoders", slice(first, first + int(rate)))
-    rejects_exactly(damaged, suite, "encoders", range(first, first + int(rate)))
-
-
-@pytest.mark.parametrize("times", [2, 5])
-def test_samples_that_a_transport_sends_again_are_rejected(times):
-    """The transport sends at 100 Hz what sensors measured at a lower rate."""
-    suite = at_rate(load_sensors("servicer"), 100.0)
-    measurements = recorded(suite, slow)
-    first = np.arange(1001) // times * times
-    for name in ("attitude", "gyro", "position", "encoders"):
-        held = Samples(measurements[name].time, measurements[name].value[first])
-        result = screen(measurements.updated({name: held}), suite)
-        # Nothing follows the last sample and its copies, and encoders may stand still.
-        again = first != np.arange(1001)
-        missed = again.sum() - result.rejected[name]
-        assert 0 <= missed <= (0.02 * again.sum() if name == "encoders" else 0)
-        assert all(count == 0 for other, count in result.rejected.items() if other != name)
-
-
 # -- stamps --------------------------------------------------------------------------------------
 
 

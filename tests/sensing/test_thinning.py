@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from cpid_drake.sensing.measurement_stream import stream_of
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.thinning import EvenSelection, excerpt_of
+from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensing.thinning import EvenSelection
 
 
 @pytest.mark.parametrize("part", [1, 7, 64, 10_000])
@@ -22,16 +21,3 @@ def test_every_kth_sample_is_kept_and_k_is_as_small_as_possible(part, count):
     assert selection.count == count
     assert len(samples) <= 100
     assert selection.every == 1 or len(time[:: selection.every // 2]) > 100
-
-
-def test_an_excerpt_knows_the_number_and_the_period_of_all_samples():
-    time = np.arange(1000) * 0.01
-    log = Measurements((), gyro=Samples(time, np.ones((1000, 3))))
-    excerpt = excerpt_of(stream_of(log, 1.0), 100)
-    assert excerpt.counts["gyro"] == 1000
-    assert len(excerpt.measurements.gyro) <= 100
-    assert excerpt.every["gyro"] > 1
-    assert excerpt.period("gyro") == pytest.approx(0.01)
-    whole = excerpt_of(log, 100)
-    assert whole.measurements is log
-    assert whole.period("gyro") == pytest.approx(0.01)

@@ -6,9 +6,8 @@ integral of the angular velocity ω over the step plus h²/12 ω₀ × ω₁, wi
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.rotations import cross, skew
+from cpid_drake.dynamics.rotations import cross, exponentials, skew
 from cpid_drake.estimation.likelihood.uniform_spline import step_weights
 
 
@@ -32,7 +31,7 @@ def integrated_attitude(
     """Return the attitudes (N, 3, 3) from the first (3, 3) and rotation vectors θ (N − 1, 3)."""
     R = np.empty((len(theta) + 1, 3, 3))
     R[0] = first
-    R[1:] = first @ _products(Rotation.from_rotvec(theta).as_matrix())
+    R[1:] = first @ _products(exponentials(theta))
     return R
 
 

@@ -21,7 +21,7 @@ def wrist_load(motion: BaseMotion, trajectory: Trajectory) -> CubicSpline | None
         trajectory: its trajectory.
 
     """
-    psi, nodes, grid = trajectory.state.psi, motion.nodes, motion.grid.dynamics
+    psi, nodes, grid = trajectory.state.psi, motion.nodes, motion.grid
     mu, first = float(psi[0]), psi[1:4]
     if mu <= 0:
         return None
@@ -98,7 +98,7 @@ def write_shifts(
 
 def _values_and_rates(load: CubicSpline, motion: BaseMotion) -> NDArray[np.float64]:
     """Return a load at the instants of a motion, and its rate (2, M, 6)."""
-    return np.stack([load(motion.instants.times, order) for order in range(2)])
+    return np.stack([load(motion.times, order) for order in range(2)])
 
 
 def _write(
@@ -120,7 +120,7 @@ def _write(
         momentum_by_rates: (3, 3) change of the angular momentum about C by each rate, in C.
 
     """
-    dynamics = motion.instants.dynamics
+    dynamics = motion.dynamics
     Y, per_mass = dynamics.regressor(trajectory.w), dynamics.R_BC / dynamics.mass
     for axis, (by_size, by_rate) in enumerate(zip(by_sizes, momentum_by_rates, strict=True)):
         value, rate = sizes[:, :, axis, None]

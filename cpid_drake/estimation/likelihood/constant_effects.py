@@ -23,26 +23,23 @@ Write = Callable[[BaseMotion, Trajectory, float, MotionChange], None]
 """Writes the change of the motion by σ of each entry of an error."""
 
 
-class Constant(Effect):
-    """A constant error.
+def constant_effect(motion: BaseMotion, name: str) -> Effect:
+    """Return the effect of a constant error.
 
     Args:
         motion: the base's motion.
         name: of the error.
 
     """
+    error = motion.constants.errors[name]
 
-    def __init__(self, motion: BaseMotion, name: str) -> None:
-        error = motion.constants.errors[name]
-        self.name, self.size, self.kind = name, error.size, error.kind
-        self._motion, self._sigma = motion, error.sigma
+    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
+        if error.kind in OF_THRUST:
+            change.thrust[motion.constants.of_thrust.index(name)] = error.sigma
+        elif error.kind in _WRITE:
+            _WRITE[error.kind](motion, trajectory, error.sigma, change)
 
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """See `Effect`."""
-        if self.kind in OF_THRUST:
-            change.thrust[self._motion.constants.of_thrust.index(self.name)] = self._sigma
-        elif self.kind in _WRITE:
-            _WRITE[self.kind](self._motion, trajectory, self._sigma, change)
+    return Effect(name, error.size, change_motion)
 
 
 def _acceleration(
@@ -54,7 +51,7 @@ def _acceleration(
 
 def _torque(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
     """Write that of a torque about the system's centre of mass, in W."""
-    elapsed = (motion.instants.times - motion.joints.start)[:, None, None]
+    elapsed = (motion.times - motion.joints.start)[:, None, None]
     change.w[:] = sigma * elapsed * (trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2))
 
 

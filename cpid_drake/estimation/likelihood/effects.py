@@ -2,10 +2,10 @@
 
 Each effect has some columns of the Jacobian. It adds the derivatives of the motion, or of readings,
 with respect to its quantities, and connects its quantities within a block. To model a further
-effect, write a class like these and add it to `model.BlockModel`.
+effect, write a function like these and add it to `model.BlockModel`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,17 +79,21 @@ class MotionChange:
 class Effect:
     """One effect on a block of time.
 
-    Attributes:
+    Args:
         name: key in `BlockModel.columns`.
         size: number of columns n.
-        at_start: indices of the columns of the quantities that the previous block had at its end.
-        at_end: indices of the columns that the next block has at its start. A constant has the same
-            columns at both ends.
+        change_motion: writes the derivatives of the motion into a change, which contains zeros;
+            default: the motion does not depend on it.
 
     """
 
-    name: str
-    size: int
+    def __init__(
+        self,
+        name: str,
+        size: int,
+        change_motion: Callable[[Trajectory, MotionChange], None] = lambda trajectory, change: None,
+    ) -> None:
+        self.name, self.size, self.change_motion = name, size, change_motion
 
     @property
     def at_start(self) -> NDArray[np.intp]:
@@ -98,11 +102,11 @@ class Effect:
 
     @property
     def at_end(self) -> NDArray[np.intp]:
-        """Columns, counted from the effect's first, that the next block continues."""
-        return np.arange(self.size)
+        """Columns, counted from the effect's first, that the next block continues.
 
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """Write the derivatives of the motion into `change`, which contains zeros."""
+        A constant has the same columns at both ends.
+        """
+        return np.arange(self.size)
 
     def change_reading(
         self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]
@@ -114,45 +118,39 @@ class Effect:
         return np.zeros((0, self.size)), np.zeros(0)
 
 
-class Target(Effect):
-    """The ten relative unknowns ψ = (μ, μc, I_*)."""
+def target_effect(motion: BaseMotion) -> Effect:
+    """Return the effect of the ten relative unknowns ψ = (μ, μc, I_*)."""
 
-    name, size = "psi", 10
-
-    def __init__(self, motion: BaseMotion) -> None:
-        self._motion = motion
-
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """See `Effect`."""
-        dynamics = self._motion.instants.dynamics
+    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
+        dynamics = motion.dynamics
         change.w[:] = -trajectory.inverse @ dynamics.regressor(trajectory.w)
-        by_torque = self._motion.gradient_by_psi(trajectory)
+        by_torque = motion.gradient_by_psi(trajectory)
         if by_torque is not None:
             change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by_torque
         change.com[:, :, :4] = dynamics.com_regressor()
         change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
         change.inverse_mass[0] = -(dynamics.mass**-2)
 
+    return Effect("psi", 10, change_motion)
 
-class Start(Effect):
-    """Attitude of the base (3) and place of the system's centre of mass (3) at the start, in W."""
 
-    name, size = "start", 6
+def start_effect() -> Effect:
+    """Return that of the attitude of the base and of the centre of mass at the start, in W."""
 
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """See `Effect`."""
+    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
         change.attitude[:, :3] = change.p_Wcm[:, 3:] = np.eye(3)
 
+    return Effect("start", 6, change_motion)
 
-class Momentum(Effect):
-    """Angular momentum about the system's centre of mass (3), and its velocity (3), in W."""
 
-    name, size = "momentum", 6
+def momentum_effect() -> Effect:
+    """Return that of L about the system's centre of mass and of its velocity, in W."""
 
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """See `Effect`."""
+    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
         change.w[:, :, :3] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
         change.v_Wcm[:, 3:] = np.eye(3)
+
+    return Effect("momentum", 6, change_motion)
 
 
 class GyroBias(Effect):
@@ -167,12 +165,12 @@ class GyroBias(Effect):
     """
 
     def __init__(self, sensor: str, gyro: Gyro, first: int, start: float, end: float) -> None:
-        self.name, self._sensor = f"bias of {sensor}", sensor
+        self._sensor = sensor
         self._start, self._length = start, end - start
         self._growth = gyro.bias_growth * np.sqrt(self._length)
         self.nodes = 2 if gyro.bias_growth else 1
         self.rows = slice(first, first + self.nodes)
-        self.size = 3 * self.nodes
+        super().__init__(f"bias of {sensor}", 3 * self.nodes)
 
     @property
     def at_start(self) -> NDArray[np.intp]:
@@ -210,12 +208,10 @@ class GyroBias(Effect):
 class JointErrors(Effect):
     """Errors of the coefficients of the joints' splines, joint after joint."""
 
-    name = "joints"
-
     def __init__(self, motion: BaseMotion) -> None:
         self._motion, self._joints = motion, motion.joints
         K, J = self._joints.coefficients.shape
-        self.size = K * J
+        super().__init__("joints", K * J, self._change_motion)
         self._indices = np.arange(K * J).reshape(J, K)
         times = motion.times
         self._B, self._B_dot = self._joints.basis(times), self._joints.basis(times, 1)
@@ -230,8 +226,7 @@ class JointErrors(Effect):
         """See `Effect`."""
         return self._indices[:, -ORDER:].ravel()
 
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """See `Effect`."""
+    def _change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         by_q, by_qdot = joint_changes(self._motion, trajectory)
 
         def by_errors(q: NDArray[np.float64], qdot: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -259,8 +254,12 @@ class JointErrors(Effect):
         return rows.reshape(J * r, J * K), self._joints.rest.ravel()
 
 
-class KnownBodies(Effect):
-    """Errors of the known bodies and of their geometry, each in units of its σ.
+def bodies_effect(
+    motion: BaseMotion,
+    uncertainty: BodyUncertainty,
+    errors: NDArray[np.float64] | None = None,
+) -> Effect:
+    """Return that of errors of the known bodies and of their geometry, in units of their σ.
 
     Args:
         motion: the base's motion, of a spacecraft with the present errors.
@@ -268,31 +267,21 @@ class KnownBodies(Effect):
         errors: (c,) the present errors in units of σ; default: zero.
 
     """
+    sigmas = uncertainty.all_sigmas(motion.tree.wheels, motion.joints.coefficients.shape[1])
+    size = int(np.count_nonzero(sigmas))
+    present = np.zeros(size) if errors is None else errors
 
-    name = "bodies"
+    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
+        tree, telemetry, dynamics = _relative_to_base([motion], [trajectory])
+        psi, masses = trajectory.state.psi, np.zeros(len(sigmas))
+        by = uncertain_sensitivity(tree, telemetry, psi, dynamics, uncertainty, present)
+        write_change(change, by, motion, trajectory)
+        bodies = [body.mass for body in tree.bodies[:-1]]
+        masses[: 10 * len(bodies) : 10] = uncertainty.mass * np.array(bodies)
+        by_masses = -masses[sigmas > 0] * inverse_mass(dynamics.mass, float(psi[0])) ** 2
+        change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * present)
 
-    def __init__(
-        self,
-        motion: BaseMotion,
-        uncertainty: BodyUncertainty,
-        errors: NDArray[np.float64] | None = None,
-    ) -> None:
-        self._motion, self._uncertainty = motion, uncertainty
-        joints = motion.joints.coefficients.shape[1]
-        self._sigmas = uncertainty.all_sigmas(motion.tree.wheels, joints)
-        self.size = int(np.count_nonzero(self._sigmas))
-        self._errors = np.zeros(self.size) if errors is None else errors
-
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """See `Effect`."""
-        tree, telemetry, dynamics = _relative_to_base([self._motion], [trajectory])
-        psi, uncertainty, errors = trajectory.state.psi, self._uncertainty, self._errors
-        by = uncertain_sensitivity(tree, telemetry, psi, dynamics, uncertainty, errors)
-        write_change(change, by, self._motion, trajectory)
-        masses, present = np.zeros(len(self._sigmas)), [body.mass for body in tree.bodies[:-1]]
-        masses[: 10 * len(present) : 10] = uncertainty.mass * np.array(present)
-        by_masses = -masses[self._sigmas > 0] * inverse_mass(dynamics.mass, float(psi[0])) ** 2
-        change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * errors)
+    return Effect("bodies", size, change_motion)
 
 
 def joint_changes(
@@ -329,7 +318,7 @@ def write_change(
     change: MotionChange, by: MotionSensitivity, motion: BaseMotion, trajectory: Trajectory
 ) -> None:
     """Write a sensitivity into `change`; v = −(ω × ρ + ρ') is solved for the change of ρ'."""
-    rho = motion.instants.dynamics.com(trajectory.state.psi)
+    rho = motion.dynamics.com(trajectory.state.psi)
     change.w[:], change.com[:] = by.w, by.com
     change.com_rate[:] = skew(rho) @ by.w - skew(trajectory.w) @ by.com - by.v
 
@@ -339,9 +328,9 @@ def _relative_to_base(
 ) -> tuple[KinematicTree, Telemetry, RelativeDynamics]:
     """Return the tree with the target attached, and all motions of both relative to the base."""
     psi, tree = trajectories[0].state.psi, motions[0].tree
-    dynamics = RelativeDynamics.joined([motion.instants.dynamics for motion in motions])
+    dynamics = RelativeDynamics.joined([motion.dynamics for motion in motions])
     phi = parameters_to_standard(relative_parameterization(dynamics.mass).to_parameters(psi))
-    joints = np.concatenate([motion.joint_motion(motion.instants.times) for motion in motions])
+    joints = np.concatenate([motion.joint_motion(motion.times) for motion in motions])
     w = np.concatenate([trajectory.w for trajectory in trajectories])
     v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
     telemetry = Telemetry.seen_from_base(joints[:, 0], joints[:, 1], w, v)

@@ -78,7 +78,14 @@ def spline_basis(
         derivative: 0 for positions, 1 for rates, …
 
     """
-    return _functions(round(end - start, 9), pieces)(times - start, nu=derivative)
+    at = np.round(times - start, 12)
+    return _basis(round(end - start, 9), pieces, at.tobytes(), derivative)
+
+
+@lru_cache(maxsize=1024)
+def _basis(length: float, pieces: int, times: bytes, derivative: int) -> NDArray[np.float64]:
+    """Return the basis at times since the start: the same in every sweep, and in many blocks."""
+    return np.asarray(_functions(length, pieces)(np.frombuffer(times), nu=derivative))
 
 
 @lru_cache(maxsize=64)

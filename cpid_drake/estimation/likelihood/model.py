@@ -12,17 +12,17 @@ from cpid_drake.dynamics.plane import HELD, NORMAL_W
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.actuators import thrust_log
-from cpid_drake.estimation.likelihood.constant_effects import Constant
+from cpid_drake.estimation.likelihood.constant_effects import constant_effect
 from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
     GyroBias,
     JointErrors,
-    KnownBodies,
-    Momentum,
     MotionChange,
-    Start,
-    Target,
+    bodies_effect,
+    momentum_effect,
+    start_effect,
+    target_effect,
 )
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
@@ -96,13 +96,14 @@ class BlockModel:
             self.sensors[name] = model(name, samples, suite, self.motion, at, bias)
             first += count
         self.sensors |= {force.name: WhiteReading(force) for force in white}
-        joint_errors, target = JointErrors(self.motion), Target(self.motion)
-        self.effects: list[Effect] = [Start(), Momentum(), *biases.values(), joint_errors]
+        self.effects: list[Effect] = [start_effect(), momentum_effect(), *biases.values()]
+        self.effects += [JointErrors(self.motion)]
         self.effects += [White(self.motion, force) for force in white]
-        self.effects += [*(Constant(self.motion, name) for name in constants.errors), target]
+        self.effects += [constant_effect(self.motion, name) for name in constants.errors]
+        self.effects += [target_effect(self.motion)]
         self._everything = list(self.effects)
         if known_bodies is not None:
-            self._everything.append(KnownBodies(self.motion, known_bodies, errors))
+            self._everything.append(bodies_effect(self.motion, known_bodies, errors))
         ends = np.cumsum([0] + [effect.size for effect in self._everything]).tolist()
         names = [effect.name for effect in self._everything]
         self.columns = {name: slice(a, b) for name, (a, b) in zip(names, pairwise(ends))}
@@ -198,7 +199,7 @@ class BlockModel:
             Nothing and zero without such a grasp.
 
         """
-        flexible = [e for e in self.effects if isinstance(e, Constant) and e.kind in OF_GRASP]
+        flexible = [effect for effect in self.effects if effect.name in OF_GRASP]
         readings, end = dict[str, NDArray[np.float64]](), np.zeros(12)
         if not flexible:
             return readings, end

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.kinematics import propagate
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
-from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
@@ -111,22 +111,9 @@ class Trajectory:
 
     def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WB (M, 3, 3) at times between the grid's ends, by the formula of whole steps."""
-        k, angle = self.spline.since_node(times)
-        t = self.spline.place(times)[1][:, None]
-        angle = angle + t**2 / 12 * cross(self.w[k], self.spline(times))
-        return np.asarray(self.R[k] @ Rotation.from_rotvec(angle).as_matrix())
-
-
-@dataclass(frozen=True, eq=False)
-class Instants:
-    """Times (M,) [s], and the known bodies as seen from the base at these times."""
-
-    times: NDArray[np.float64]
-    dynamics: RelativeDynamics
-
-    def part(self, rows: slice) -> "Instants":
-        """Return some of the instants."""
-        return Instants(self.times[rows], self.dynamics.part(rows))
+        k, t, angle = self.spline.since_node(times)
+        angle = angle + t[:, None] ** 2 / 12 * cross(self.w[k], self.spline(times))
+        return np.asarray(self.R[k] @ exponentials(angle))
 
 
 class BaseMotion:
@@ -173,15 +160,15 @@ class BaseMotion:
         self.times, self._log = np.concatenate([self.nodes, times]), thrust
 
     @cached_property
-    def instants(self) -> Instants:
+    def dynamics(self) -> RelativeDynamics:
         """The known bodies' dynamics at all times; `relate` computes those of many motions."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
-        return Instants(self.times, relative_dynamics(self.tree, q, qdot))
+        return relative_dynamics(self.tree, q, qdot)
 
     @cached_property
-    def grid(self) -> Instants:
+    def grid(self) -> RelativeDynamics:
         """The dynamics at the nodes only."""
-        return self.instants.part(slice(0, len(self.nodes)))
+        return self.dynamics.part(slice(0, len(self.nodes)))
 
     @cached_property
     def thrust(self) -> BlockThrust | None:
@@ -192,7 +179,7 @@ class BaseMotion:
             self._log,
             self.nodes,
             self.times,
-            self.grid.dynamics,
+            self.grid,
             self.interpolation,
             self.capture_pose,
             self.orbit,
@@ -222,7 +209,7 @@ class BaseMotion:
             InputError: the system's inertia is not positive definite for this target.
 
         """
-        dynamics, N = self.instants.dynamics, len(self.nodes)
+        dynamics, N = self.dynamics, len(self.nodes)
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
         step, first = self.nodes[1] - self.nodes[0], state.attitude.as_matrix()
         R = first
@@ -233,7 +220,7 @@ class BaseMotion:
             if force.name == TORQUE_NOISE:
                 L = L + force.impulse(self.times) @ state.forces[force.rows]
         at_nodes = L if L.ndim == 1 else L[:N]
-        J = None if self.orbit is None else self.grid.dynamics.inertia(state.psi)
+        J = None if self.orbit is None else self.grid.inertia(state.psi)
         added, pushed = np.zeros(3), None
         # With momentum the velocity depends on the attitude: iterate until it is constant.
         for _ in range(60):
@@ -257,7 +244,7 @@ class BaseMotion:
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)
         nodes = Trajectory(state, R, w, inverse, spline, total, travel)
-        times = self.instants.times[N:]
+        times = self.times[N:]
         if not len(times):
             return nodes
         R = np.concatenate([R, nodes.rotations(times)])
@@ -276,9 +263,9 @@ class BaseMotion:
         N = len(self.nodes)
         R, r_W = trajectory.R[:N], self.orbit.nadir(self.nodes)
         r = rotate(np.swapaxes(R, -1, -2), r_W)
-        by_psi = skew(r_W) @ R @ self.grid.dynamics.inertia_regressor(r)
+        by_psi = skew(r_W) @ R @ self.grid.inertia_regressor(r)
         added = self._accumulated(3 * self.orbit.n**2 * by_psi)
-        later = self.interpolation(self.instants.times[N:]) @ added.reshape(N, -1)
+        later = self.interpolation(self.times[N:]) @ added.reshape(N, -1)
         return np.concatenate([added, later.reshape(-1, 3, 10)])
 
     def _accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -288,7 +275,7 @@ class BaseMotion:
 
     def com_velocity(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
         """Return the velocity of the centre of mass in W at some instants, (M, 3) or (3,) [m/s]."""
-        state, times = trajectory.state, self.instants.times[rows]
+        state, times = trajectory.state, self.times[rows]
         acceleration = self.constants.value(state.constants, "acceleration")
         velocity = state.v_Wcm if self.orbit is None else self._drift(state, times)[:, 3:]
         if acceleration is not None:
@@ -301,7 +288,7 @@ class BaseMotion:
 
     def com_position(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
         """Return the system's centre of mass in W at some instants, (M, 3) [m]."""
-        state, times = trajectory.state, self.instants.times[rows]
+        state, times = trajectory.state, self.times[rows]
         elapsed = (times - self.joints.start)[:, None]
         position = state.p_Wcm + state.v_Wcm * elapsed
         if self.orbit is not None:
@@ -399,7 +386,7 @@ def _torque_by_attitude(motion: BaseMotion, trajectory: Trajectory) -> NDArray[n
     """Return the derivative (N, 3, 3) of the gravity gradient by a rotation in W."""
     assert motion.orbit is not None
     R, r = trajectory.R[: len(motion.nodes)], motion.orbit.nadir(motion.nodes)
-    J = R @ motion.grid.dynamics.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
+    J = R @ motion.grid.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
     turned = J @ skew(r) - skew(rotate(J, r))
     return np.asarray(3 * motion.orbit.n**2 * skew(r) @ turned)
 
@@ -412,7 +399,7 @@ def relate(motions: Sequence[BaseMotion]) -> None:
         dynamics, end = relative_dynamics(some[0].tree, samples[:, 0], samples[:, 1]), 0
         for motion in some:
             start, end = end, end + len(motion.times)
-            motion.instants = Instants(motion.times, dynamics.part(slice(start, end)))
+            motion.dynamics = dynamics.part(slice(start, end))
 
 
 def _in_base(L: NDArray[np.float64], R: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.relative_motion import RelativeDynamics
-from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
@@ -56,7 +56,7 @@ class SensorModel(ABC):
         samples: M samples at times within the motion.
         suite: the sensors' errors.
         motion: motion of the base.
-        instants: rows of the samples in `BaseMotion.instants`, if the sensor needs them there.
+        instants: rows of the samples in `BaseMotion.times`, if the sensor needs them there.
         bias: bias of the sensor, if it has one.
 
     Attributes:
@@ -185,12 +185,12 @@ class AttitudeModel(SensorModel):
         return np.asarray((normal_B @ self._errors.R_BS)[None])
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        predicted = Rotation.from_matrix(trajectory.rotations(self._times(trajectory)))
+        predicted = trajectory.rotations(self._times(trajectory))
         mounting = self._constant(trajectory, "mounting")
         if mounting is not None:
-            predicted = predicted * Rotation.from_rotvec(mounting)
-        measured = Rotation.from_quat(self.samples.value, scalar_first=True)
-        return np.asarray((predicted.inv() * measured).as_rotvec() @ self._R_BS)
+            predicted = predicted @ exponentials(mounting)
+        turned = np.swapaxes(predicted, -1, -2) @ self._R_WB
+        return np.asarray(Rotation.from_matrix(turned).as_rotvec() @ self._R_BS)
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
@@ -203,6 +203,11 @@ class AttitudeModel(SensorModel):
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"mounting": np.broadcast_to(self._R_BS.T, (len(self.samples), 3, 3))}
+
+    @cached_property
+    def _R_WB(self) -> NDArray[np.float64]:
+        """The measured attitudes (M, 3, 3)."""
+        return np.asarray(Rotation.from_quat(self.samples.value, scalar_first=True).as_matrix())
 
     @cached_property
     def _R_BS(self) -> NDArray[np.float64]:
@@ -225,13 +230,9 @@ class GyroModel(SensorModel):
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        at_nodes = change.w[: len(xi)]
-        if self._offsets.any():
-            times = self._times(trajectory)
-            weights = sum(
-                share * self._motion.interpolation(times + offset)
-                for share, offset in zip(self._shares, self._offsets)
-            )
+        at_nodes, times = change.w[: len(xi)], self._times(trajectory)
+        if len(self._points) > 1:
+            weights = sum(w * self._motion.interpolation(times + t) for t, w in self._points)
             flat = np.asarray(weights @ at_nodes.reshape(len(at_nodes), -1))
             by_motion = flat.reshape(-1, *at_nodes.shape[1:])
         else:
@@ -259,28 +260,19 @@ class GyroModel(SensorModel):
             matrix[tuple(zip(*OFF_DIAGONAL))] = misalignment
         return matrix
 
-    @property
-    def _period(self) -> float:
+    @cached_property
+    def _points(self) -> tuple[tuple[float, float], ...]:
+        """Times relative to the stamp at which w is averaged [s], each with its weight."""
         assert isinstance(self._errors, Gyro)
-        return 1 / self._errors.rate if self._errors.integrates else 0.0
-
-    @property
-    def _offsets(self) -> NDArray[np.float64]:
-        """Times (Q,), relative to the stamp, at which w is averaged [s]."""
-        return self._period * (_POINTS - 1) / 2 if self._period else np.zeros(1)
-
-    @property
-    def _shares(self) -> NDArray[np.float64]:
-        """(Q,) the weights of these times."""
-        return _POINT_WEIGHTS / 2 if self._period else np.ones(1)
+        if not self._errors.integrates:
+            return ((0.0, 1.0),)
+        times = (_POINTS - 1) / (2 * self._errors.rate)
+        return tuple(zip(times.tolist(), (_POINT_WEIGHTS / 2).tolist(), strict=True))
 
     def _mean_w(self, trajectory: Trajectory, later: float = 0.0) -> NDArray[np.float64]:
         """Return w (M, 3) in B, averaged over the sample period if the gyro integrates."""
         times = self._times(trajectory) + later
-        if not self._period:
-            return trajectory.spline(times)
-        parts = [s * trajectory.spline(times + t) for s, t in zip(self._shares, self._offsets)]
-        return np.asarray(np.sum(parts, axis=0))
+        return np.asarray(sum(w * trajectory.spline(times + t) for t, w in self._points))
 
 
 class TranslationModel(SensorModel):
@@ -290,7 +282,7 @@ class TranslationModel(SensorModel):
 
     @cached_property
     def _dynamics(self) -> RelativeDynamics:
-        return self._motion.instants.part(self._at).dynamics
+        return self._motion.dynamics.part(self._at)
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
         predicted = self._predicted(trajectory)
@@ -341,7 +333,7 @@ class PositionModel(TranslationModel):
 
     def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
         state, motion = trajectory.state, self._motion
-        rho = rotate(trajectory.R[: len(motion.nodes)], motion.grid.dynamics.com(state.psi))
+        rho = rotate(trajectory.R[: len(motion.nodes)], motion.grid.com(state.psi))
         return motion.com_position(trajectory, slice(0, len(motion.nodes))) - rho
 
 
@@ -376,7 +368,7 @@ class VelocityModel(TranslationModel):
 
     def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
         state, motion, N = trajectory.state, self._motion, len(self._motion.nodes)
-        dynamics, w = motion.grid.dynamics, trajectory.w[:N]
+        dynamics, w = motion.grid, trajectory.w[:N]
         relative = cross(w, dynamics.com(state.psi)) + dynamics.com_rate(state.psi)
         velocity = motion.com_velocity(trajectory, slice(0, N))
         return velocity - rotate(trajectory.R[:N], relative)

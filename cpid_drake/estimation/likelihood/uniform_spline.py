@@ -45,11 +45,11 @@ class UniformSpline:
 
     def since_node(
         self, times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-        """Return the interval of each time (M,), and the integral (M, n) since its start."""
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the interval of each time (M,), and time and integral (M, n) since it began."""
         k, t = self.place(times)
         powers = t ** np.arange(4, 0, -1)[:, None] / np.arange(4, 0, -1)[:, None]
-        return k, np.einsum("pm,pmi->mi", powers, self.c[:, k])
+        return k, t, np.einsum("pm,pmi->mi", powers, self.c[:, k])
 
 
 class RampedSpline(UniformSpline):
@@ -91,10 +91,10 @@ class RampedSpline(UniformSpline):
 
     def since_node(
         self, times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
         """See `UniformSpline`."""
-        k, smooth = super().since_node(times)
-        return k, smooth + self._areas(times) - self._areas(self._nodes[k])
+        k, t, smooth = super().since_node(times)
+        return k, t, smooth + self._areas(times) - self._areas(self._nodes[k])
 
 
 def spline_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,7 +13,19 @@ class White(Effect):
     """A white force; nothing of it continues in the next block."""
 
     def __init__(self, motion: BaseMotion, force: WhiteForce) -> None:
-        self.name, self.size, self.force, self._motion = force.name, force.size, force, motion
+        self.force = force
+
+        def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
+            if force.name == TORQUE_NOISE:
+                Rt = np.swapaxes(trajectory.R, -1, -2)
+                change.w[:] = trajectory.inverse @ (Rt @ force.impulse(motion.times))
+                return
+            assert change.position is not None
+            assert change.velocity is not None
+            change.position[:] = force.travel(motion.times)
+            change.velocity[:] = force.impulse(motion.times)
+
+        super().__init__(force.name, force.size, change_motion)
 
     @property
     def at_start(self) -> NDArray[np.intp]:
@@ -24,17 +36,6 @@ class White(Effect):
     def at_end(self) -> NDArray[np.intp]:
         """See `Effect`."""
         return np.empty(0, dtype=np.intp)
-
-    def change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        """See `Effect`."""
-        times = self._motion.times
-        if self.name == TORQUE_NOISE:
-            Rt = np.swapaxes(trajectory.R, -1, -2)
-            change.w[:] = trajectory.inverse @ (Rt @ self.force.impulse(times))
-            return
-        assert change.position is not None
-        assert change.velocity is not None
-        change.position[:], change.velocity[:] = self.force.travel(times), self.force.impulse(times)
 
     def change_reading(
         self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]

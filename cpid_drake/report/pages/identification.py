@@ -59,7 +59,7 @@ def identification_report(
             residuals_section(log.evidence.found),
             observability_section(result),
             sensors_section(log.evidence),
-            base_motion_section(log.evidence.log.excerpt),
+            base_motion_section(log.evidence.log.data),
         ]
         progress("making the replay")
         try:

@@ -2,17 +2,18 @@
 
 from cpid_drake.report.figures import motion_pictures
 from cpid_drake.report.page import Section
-from cpid_drake.sensing.thinning import Excerpt
+from cpid_drake.sensing.measurements import Measurements
 
 
-def base_motion_section(excerpt: Excerpt) -> Section:
+def base_motion_section(measurements: Measurements) -> Section:
     """Return the section with the measured motion of the base."""
-    pictures = motion_pictures(excerpt.measurements)
+    shown = measurements.thinned()
+    pictures = motion_pictures(shown)
     text = (
         "Measured motion of the base, not filtered. Rotation and displacement are relative to the "
         "first sample."
     )
-    if max(excerpt.every.values(), default=1) > 1:
+    if any(len(shown[name]) < len(samples) for name, samples in measurements.items()):
         text += " The log is long: the figures show an even selection of its samples."
     if not pictures:
         text = "The log holds no measurements of the base's motion."

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.identification.effects import SHOWN, EffectEstimate, UndeclaredErrors, shown
+from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.page import Cell, Section, Table
 
@@ -23,7 +23,7 @@ def undeclared_section(undeclared: UndeclaredErrors) -> Section:
         "The sensors' file does not declare these constants, but the samples show them.",
         *undeclared.verdict(),
     ]
-    gains = undeclared.alone[:SHOWN]
+    gains = undeclared.alone
     rows: list[list[Cell | str]] = [[name, Cell(f"{gain:.1f}", gain)] for name, gain in gains]
     return Section(
         "Errors that are not declared",
@@ -44,7 +44,7 @@ def _estimates(effects: Sequence[EffectEstimate], key: str) -> Table:
             rows.append(
                 [
                     effect.name if i == 0 else "",
-                    Cell(f"{shown(value, half):.4g}", float(value), f"{key}.{k}.value.{i}"),
+                    Cell(f"{value:.4g}", float(value), f"{key}.{k}.value.{i}"),
                     Cell(f"{half:.2g}"),
                     Cell(f"{quantile_95() * effect.prior_sigma:.2g}"),
                     effect.unit,

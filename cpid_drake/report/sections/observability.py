@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, parameter_scale
-from cpid_drake.identification.description import gap_sentences
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import singular_value_picture
 from cpid_drake.report.page import Cell, Section, Table
@@ -26,7 +25,7 @@ def observability_section(result: Identification) -> Section:
 
 def _texts(result: Identification) -> list[str]:
     if result.rank < 10:
-        return gap_sentences(result)
+        return result.gap()
     texts = []
     if result.condition is not None:
         texts.append(

@@ -14,10 +14,12 @@ from cpid_drake.identification.requirements import in_joint_order
 from cpid_drake.report.findings import Findings, IdentifiedLog
 from cpid_drake.report.page import Section, embedded_json
 from cpid_drake.report.replay import replay_html
-from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.sensing.noise_estimation import estimate_suite
 from cpid_drake.sensing.screening import screen
 from cpid_drake.sensing.smoothing import smooth
+
+_MOST, _LONGEST = 20_000, 60.0
+"""Number of samples of one sensor above which only the first minute [s] is shown."""
 
 
 def replay_section(findings: Findings, log: IdentifiedLog) -> Section:
@@ -37,7 +39,7 @@ def replay_section(findings: Findings, log: IdentifiedLog) -> Section:
         title=Path(log.evidence.log.request.telemetry).name,
     )
     text = "The motion in three dimensions, with the estimate over time."
-    if not isinstance(log.evidence.log.data, Measurements):
+    if log.evidence.log.data.interval[1] > motion.time[-1] + _LONGEST / 2:
         text += f" The log is long: these are its first {motion.time[-1] - motion.time[0]:.4g} s."
     return Section("Replay", texts=[text], inner_page=embedded_json(json.dumps(page)))
 
@@ -45,14 +47,15 @@ def replay_section(findings: Findings, log: IdentifiedLog) -> Section:
 def motion_of(evidence: Evidence) -> Telemetry:
     """Return the motion in a log: its complete samples or, if there are none, the smoothed motion.
 
-    Of a long log, it is the motion in the first chunk of the stream.
+    Of a long log, it is the motion in the first minute.
 
     Raises:
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    data = evidence.log.data
-    beginning = data if isinstance(data, Measurements) else next(iter(data))
+    beginning = evidence.log.data
+    if max(len(samples) for _, samples in beginning.items()) > _MOST:
+        beginning = beginning.between(0.0, _LONGEST)
     measurements = screen(in_joint_order(beginning, evidence.inputs.spacecraft)).measurements
     if len(measurements.attitude):
         with_relative = () if len(measurements.position) else ("relative",)

@@ -21,11 +21,10 @@ def sensors_section(evidence: Evidence) -> Section:
     heads = ["", "samples", "every [ms]", "not used", "σ assumed", "unit", "χ² per reading"]
     columns = 4 if found.sensors is None else 7 if has_residuals else 6
     rows: list[list[Cell | str]] = []
-    excerpt = evidence.log.excerpt
-    for name, count in excerpt.counts.items():
-        if not count:
+    for name, samples in evidence.log.data.items():
+        if not len(samples):
             continue
-        step = excerpt.period(name)
+        step = float(np.median(np.diff(samples.time))) if len(samples) > 1 else np.nan
         sigma = ""
         if found.sensors is not None and name in found.sensors.present():
             sigma = ", ".join(f"{value:.2g}" for value in np.unique(found.sensors.sigmas(name)))
@@ -33,7 +32,7 @@ def sensors_section(evidence: Evidence) -> Section:
         rows.append(
             [
                 SENSORS[name].label,
-                Cell(str(count)),
+                Cell(str(len(samples))),
                 Cell(f"{1e3 * step:.4g}" if np.isfinite(step) else ""),
                 Cell(str(found.rejected.get(name, 0))),
                 Cell(sigma),

@@ -9,8 +9,8 @@ import numpy as np
 from cpid_drake.sensing.column_guess.names import unit_of
 from cpid_drake.sensing.column_guess.raw_log import RawLog
 from cpid_drake.sensing.files.column_map import ColumnMap
-from cpid_drake.sensing.files.mapped_columns import MappedColumns
-from cpid_drake.sensing.files.table import Problems, TableConverter, TelemetryTable
+from cpid_drake.sensing.files.conversion import read_columns
+from cpid_drake.sensing.files.table import Table
 from cpid_drake.sensing.measurements import Measurements, Samples
 from cpid_drake.sensing.screening import screen
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -45,12 +45,8 @@ class MapDraft:
 
     def measurements(self, **changes: Any) -> Measurements:
         """Return the samples as read with the map, or with changed parts of it."""
-        columns = MappedColumns(replace(self.map, **changes))
-        names = list(self.raw.values)
-        keep = columns.select(names, "the log")
-        values = np.stack([self.raw.values[name] for name in keep], axis=1)
-        table = TelemetryTable(tuple(keep), values, np.arange(len(values)))
-        read = TableConverter(Problems()).measurements(columns.house(table))
+        table, given = Table(dict(self.raw.values)), replace(self.map, **changes)
+        read = read_columns(given, table, "the log").measurements
         return _in_order(screen(read).measurements, self.spacecraft.joint_names)
 
 

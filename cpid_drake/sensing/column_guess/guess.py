@@ -15,7 +15,8 @@ from cpid_drake.sensing.column_guess.joints import find_joints
 from cpid_drake.sensing.column_guess.raw_log import RawLog
 from cpid_drake.sensing.files.column_map import ColumnMap, TimeUnit
 from cpid_drake.sensing.files.consistency import AGREES, attitude_mismatch, rate_mismatch
-from cpid_drake.sensing.files.mapped_columns import MappedColumns
+from cpid_drake.sensing.files.conversion import read_columns
+from cpid_drake.sensing.files.table import Table
 from cpid_drake.sensing.measurements import Measurements
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -82,9 +83,7 @@ def _guess(
     choose_attitude_conventions(draft)
     choose_position_unit_and_point(draft)
     choose_velocity_conventions(draft)
-    names = list(raw.values)
-    used = MappedColumns(draft.map).select(names, "the log")
-    unused = [name for name in names if name not in used]
+    unused = read_columns(draft.map, Table(dict(raw.values)), "the log").ignored
     if unused:
         more = f" and {len(unused) - _SHOWN} more" if len(unused) > _SHOWN else ""
         draft.say("ignore_columns", f"not used: {', '.join(unused[:_SHOWN])}{more}")

@@ -1,17 +1,14 @@
 """All columns of a log as they are in the file, for a guess at their meaning."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.files.formats import ReadOptions, Topics
-from cpid_drake.sensing.files.table import Problems, TelemetryTable, table_of
-from cpid_drake.sensing.files.telemetry_files import format_of
-from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.sensing.files.telemetry_files import read_table
 
 LONGEST_LOOK = 20_000
 """Number of rows that are read."""
@@ -37,45 +34,22 @@ class RawLog:
         return bool(there.size and np.mean(np.abs(there - 1) < 1e-2) > 0.95)
 
 
-@dataclass
-class _AllColumns:
-    """Selects all columns of a file, and collects those of text."""
-
-    texts: dict[str, str] | None = field(default_factory=dict)
-
-    def select(self, names: Sequence[str], where: str) -> list[str]:
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"{where}: the column '{name}' is there {names.count(name)} times")
-        return list(names)
-
-
-def read_raw(path: str | Path, topics: Topics = None) -> RawLog:
+def read_raw(path: str | Path, topics: Mapping[str, str] | None = None) -> RawLog:
     """Read the first rows of a log with all its columns.
 
     Raises:
         InputError: no such file, a file of another kind, or one without rows.
 
     """
-    file, kind = format_of(path)
-    columns = _AllColumns()
-    contents = kind.read(file, str(path), ReadOptions(Problems(), columns, topics))
-    if isinstance(contents, Measurements):
-        names, values = table_of(contents)
-        contents = TelemetryTable(tuple(names), values, np.arange(len(values)))
-    tables, count = [], 0
-    for table in [contents] if isinstance(contents, TelemetryTable) else contents:
-        tables.append(table)
-        count += len(table.values)
-        if count >= LONGEST_LOOK:
-            break
-    if not count:
+    table = read_table(path, topics)
+    for name, count in table.twice.items():
+        raise InputError(f"{path}: the column '{name}' is there {count} times")
+    if not len(table):
         raise InputError(f"{path}: the file has no rows of numbers")
-    values = np.concatenate([table.values for table in tables])[:LONGEST_LOOK]
-    texts = columns.texts or {}
-    columns_of_numbers = {
-        name: column
-        for name, column in zip(tables[0].columns, values.T)
-        if np.isfinite(column).any() and name not in texts
+    texts = {name: next(iter(cells.values())) for name, cells in table.texts.items()}
+    values = {
+        name: column[:LONGEST_LOOK]
+        for name, column in table.columns.items()
+        if name not in texts and np.isfinite(column[:LONGEST_LOOK]).any()
     }
-    return RawLog(columns_of_numbers, texts)
+    return RawLog(values, texts)

@@ -1,9 +1,7 @@
-"""Telemetry in NPZ and Parquet files: one array per column; NaN or null for absent samples."""
+"""Logs in NPZ and Parquet files: one array per column; NaN or null for absent samples."""
 
 import zipfile
 import zlib
-from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -11,123 +9,99 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.files.formats import Format, ReadOptions
-from cpid_drake.sensing.files.table import TelemetryTable
-
-_BLOCK = 20_000
-"""Number of rows that are read at once."""
+from cpid_drake.sensing.files.table import Table, check_names
 
 _LARGEST_COLUMN = 200_000_000
 """Largest size of an array in an NPZ file [bytes]: 69 hours at 100 Hz. Archives can be bombs."""
 
 
-def _read_npz(file: Path, where: str, options: ReadOptions) -> Iterator[TelemetryTable]:
+def read_npz(file: Path, where: str) -> Table:
+    """Read a log whose arrays are columns; nothing is unpickled.
+
+    Raises:
+        InputError: not an NPZ file, a damaged one, or arrays of different lengths.
+
+    """
+    columns: dict[str, NDArray[np.float64]] = {}
+    unreadable: dict[str, str] = {}
     try:
-        with zipfile.ZipFile(file) as archive, ExitStack() as opened:
-            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            names = list(members)
-            keep = options.columns.select(names, where)
-            ignored = tuple(name for name in names if name not in keep)
-            columns = [
-                _NpyColumn(opened, archive, members[name], f"{where}: '{name}'") for name in keep
-            ]
-            reference = "time" if "time" in keep else keep[0]
-            count = columns[keep.index(reference)].count
-            for name, column in zip(keep, columns):
-                if column.count != count:
-                    raise InputError(
-                        f"{where}: column '{name}' has {column.count} samples, but '{reference}' "
-                        f"{count}"
-                    )
-            # At least one block, which may be empty; at the end zipfile compares the CRC.
-            for first in range(0, count + 1, _BLOCK):
-                rows = np.arange(first, min(first + _BLOCK, count))
-                values = np.stack([column.read(rows.size) for column in columns], axis=1)
-                yield TelemetryTable(tuple(keep), values, rows, ignored=ignored)
+        with zipfile.ZipFile(file) as archive:
+            members = [info.filename.removesuffix(".npy") for info in archive.infolist()]
+            twice = check_names(members, where)
+            for name, info in zip(members, archive.infolist()):
+                if name in columns or name in unreadable:
+                    continue
+                found = _array(archive, info)
+                if isinstance(found, str):
+                    unreadable[name] = found
+                else:
+                    columns[name] = found
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError) as error:
         # RuntimeError: encrypted, or compressed in a way that is not known here.
         raise InputError(f"{where}: not an NPZ file, or a damaged one: {error}") from error
+    reference = "time" if "time" in columns else next(iter(columns), "")
+    count = len(columns[reference]) if columns else 0
+    for name in [name for name, column in columns.items() if len(column) != count]:
+        unreadable[name] = f"has {len(columns.pop(name))} samples, but '{reference}' {count}"
+    return Table(columns, unreadable=unreadable, twice=twice)
 
 
-class _NpyColumn:
-    """An array of numbers in the NPY format, which is read piece by piece.
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[np.float64] | str:
+    """Return an array of numbers in an archive, or why it is none.
 
     The header is read first and compared with the size, so that no memory is allocated for a wrong
-    length; nothing is unpickled.
-
-    Args:
-        opened: closes the file.
-        archive, member: the NPY file in an archive.
-        where: the array's name in messages.
-
-    Attributes:
-        count: length of the array.
-
+    length.
     """
-
-    def __init__(
-        self, opened: ExitStack, archive: zipfile.ZipFile, member: zipfile.ZipInfo, where: str
-    ) -> None:
-        if member.file_size > _LARGEST_COLUMN:
-            raise InputError(f"{where}: {member.file_size} bytes are too many")
-        self._stream = stream = opened.enter_context(archive.open(member))
+    if member.file_size > _LARGEST_COLUMN:
+        return f"holds {member.file_size} bytes, which are too many"
+    with archive.open(member) as stream:
         try:
             version = np.lib.format.read_magic(stream)
-            read_header = {
+            read = {
                 (1, 0): np.lib.format.read_array_header_1_0,
                 (2, 0): np.lib.format.read_array_header_2_0,
             }.get(version)
-            if read_header is None:
-                raise InputError(f"{where}: this version of the NPY format is not read: {version}")
-            shape, _, self._dtype = read_header(stream)
-        except InputError:
-            raise
+            if read is None:
+                return f"is in a version of the NPY format that is not read: {version}"
+            shape, _, dtype = read(stream)
         except (zipfile.BadZipFile, zlib.error, OSError):
             raise
-        except Exception as error:  # NumPy evaluates the header as Python
-            raise InputError(f"{where}: not a NumPy array: its header is wrong") from error
-        if self._dtype.kind not in "fiu" or len(shape) != 1:
-            raise InputError(
-                f"{where}: must be an array of numbers with one dimension, not {self._dtype} of "
-                f"shape {shape}"
-            )
-        self.count, size = shape[0], member.file_size - stream.tell()
-        if size != self.count * self._dtype.itemsize:
-            raise InputError(f"{where}: cut off: {size} bytes for {self.count} numbers")
-
-    def read(self, count: int) -> NDArray[np.float64]:
-        """Return the next `count` numbers."""
-        data = self._stream.read(count * self._dtype.itemsize)
-        return np.frombuffer(data, dtype=self._dtype).astype(float)
+        except Exception:  # NumPy evaluates the header as Python
+            return "is not a NumPy array: its header is wrong"
+        if dtype.kind not in "fiu" or len(shape) != 1:
+            return f"must be an array of numbers with one dimension, not {dtype} of shape {shape}"
+        size = member.file_size - stream.tell()
+        if size != shape[0] * dtype.itemsize:
+            return f"is cut off: {size} bytes for {shape[0]} numbers"
+        return np.frombuffer(stream.read(), dtype=dtype).astype(float)
 
 
-def _read_parquet(file: Path, where: str, options: ReadOptions) -> Iterator[TelemetryTable]:
+def read_parquet(file: Path, where: str) -> Table:
+    """Read a log from a Parquet file.
+
+    Raises:
+        InputError: pyarrow is not installed, or the file cannot be read.
+
+    """
     pyarrow, parquet = _pyarrow(where)
+    columns, unreadable = {}, {}
     try:
-        source = parquet.ParquetFile(file, buffer_size=1 << 20)
-        names = source.schema_arrow.names
-        keep = options.columns.select(names, where)
-        for name in list(keep):
-            kind = source.schema_arrow.field(name).type
-            if pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind):
-                continue
-            if options.columns.texts is None:
-                raise InputError(f"{where}: column '{name}' must hold numbers, not {kind}")
-            keep.remove(name)
-        ignored = tuple(name for name in names if name not in keep)
-        yield TelemetryTable(tuple(keep), np.empty((0, len(keep))), np.arange(0), ignored=ignored)
-        first = 0
-        for batch in source.iter_batches(_BLOCK, columns=keep):
-            arrays = [
-                batch.column(name).cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
-                for name in keep
-            ]
-            rows = np.arange(first, first + batch.num_rows)
-            yield TelemetryTable(tuple(keep), np.stack(arrays, axis=1), rows, ignored=ignored)
-            first += batch.num_rows
+        source = parquet.ParquetFile(file)
+        schema = source.schema_arrow
+        twice = check_names(schema.names, where)
+        for name in dict.fromkeys(schema.names):
+            kind = schema.field(schema.names.index(name)).type
+            if not (pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)):
+                unreadable[name] = f"must hold numbers, not {kind}"
+            elif name not in twice:
+                chunks = source.read(columns=[name]).column(name).cast(pyarrow.float64())
+                columns[name] = chunks.to_numpy()
+            else:
+                columns[name] = np.full(source.metadata.num_rows, np.nan)
     except (pyarrow.ArrowException, OSError) as error:
         text = " ".join(str(error).split())
         raise InputError(f"{where}: not a Parquet file that can be read: {text:.200}") from error
+    return Table(columns, unreadable=unreadable, twice=twice)
 
 
 def _pyarrow(where: str) -> tuple[Any, Any]:
@@ -141,17 +115,14 @@ def _pyarrow(where: str) -> tuple[Any, Any]:
     return pyarrow, pyarrow.parquet
 
 
-def _write_npz(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
+def write_npz(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
+    """Write columns and values (N, C)."""
     arrays: dict[str, Any] = dict(zip(columns, values.T, strict=True))
     np.savez(path, **arrays)
 
 
-def _write_parquet(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
+def write_parquet(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
+    """Write columns and values (N, C); NaN becomes null."""
     pyarrow, parquet = _pyarrow(str(path))
     arrays = [pyarrow.array(column, from_pandas=True) for column in values.T]
     parquet.write_table(pyarrow.table(dict(zip(columns, arrays, strict=True))), path)
-
-
-NPZ = Format("NPZ", (".npz",), _read_npz, _write_npz)
-
-PARQUET = Format("Parquet", (".parquet",), _read_parquet, _write_parquet)

@@ -1,10 +1,11 @@
-"""Reads ROS 2 bags, with the samples of each sensor at their own times.
+"""Reads ROS 2 bags as columns, with the samples of each sensor in the rows of their own times.
 
 Reads five message types, those in `TOPIC_TYPES`, from bags with either storage (sqlite3, MCAP). The
 PyPI package `rosbags` does the parsing, so ROS need not be installed.
 """
 
 from array import array
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.files.formats import Topics
-from cpid_drake.sensing.files.table import LARGEST, Problems
-from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
+from cpid_drake.sensing.files.table import Table
+from cpid_drake.sensing.measurements import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS
 from cpid_drake.sensing.sensors import SENSORS
 
 TOPIC_TYPES = {
@@ -49,8 +49,8 @@ LARGEST_STEP_BACK = 1.0
 """Largest decrease of the stamps from message to message [s]."""
 
 
-def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) -> Measurements:
-    """Read the motion of a spacecraft from a ROS 2 bag.
+def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> Table:
+    """Return the motion of a spacecraft in a ROS 2 bag as columns with the package's names.
 
     Attitude is read from the odometry, else from the poses, else from the IMU; position from the
     odometry, else from the poses; velocity from the odometry, rotated from its child frame to W by
@@ -58,7 +58,7 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     must be those of B in W; the odometry's child frame and the IMU's frame must have B's axes
     (transforms, such as that of a tilted IMU, are not read). The messages' covariances are ignored,
     except for a first entry of -1, by which an IMU declares that it has no orientation or no
-    angular velocity.
+    angular velocity. A quaternion of zeros, as in a message that nobody filled, is no attitude.
 
     A topic of thrust is read only if it is named, because most topics of this type are those of
     force sensors: force and torque of all thrusters about the base's origin, in a frame of B's
@@ -70,8 +70,8 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     Times are the headers' stamps, not the times of recording, and start at zero at the bag's first
     stamp. The subtraction is done in whole nanoseconds, because seconds since 1970 have an error of
     2e-7 s as floating-point numbers. (A stamp more than ten days from the others is from a clock
-    that was not yet set, and is never used as the first stamp.) Samples are in the order of stamps,
-    and not yet screened.
+    that was not yet set, and is never used as the first stamp.) Rows are in the order of stamps; of
+    messages of one topic with the same stamp, the first counts, and the others are rejected.
 
     Args:
         path: the bag's folder, or a single .db3 or .mcap file.
@@ -100,7 +100,7 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
         if Path(path).is_dir() and not Path(path, "metadata.yaml").is_file():
             raise InputError(f"{where}: a folder without metadata.yaml: not a ROS 2 bag")
         with Reader(Path(path)) as reader:
-            for kind, topic in _choose_topics(where, reader.connections, topics or {}).items():
+            for kind, topic in _choose_topics(where, reader.connections, topics).items():
                 message_type, log = TOPIC_TYPES[kind], _Log(f"{where}: {topic}", kind)
                 connections = [
                     connection
@@ -116,33 +116,40 @@ def read_rosbag(path: str | Path, *, topics: Mapping[str, str] | None = None) ->
     except Exception as error:  # the package raises exceptions of many types on damaged bags
         problem = f"{type(error).__name__}: {error}"
         raise InputError(f"{where}: not a ROS 2 bag, or a damaged one ({problem})") from error
+    return _table(logs)
+
+
+def _table(logs: Mapping[str, "_Log"]) -> Table:
+    """Return the columns of a bag, one row for each stamp of any topic."""
     joint_names = logs["joints"].joint_names
-    origin = _origin(np.concatenate([log.stamps for log in logs.values()]))
-    samples = {
-        sensor: _samples(sensor, SENSORS[sensor].width(len(joint_names)), logs, origin)
-        for sensor in _SOURCES
-    }
-    if "thrust" in logs:
-        samples[THRUST] = _samples(THRUST, 6, logs, origin)
-    return Measurements(joint_names, samples)
-
-
-def read_usable(file: Path, problems: Problems, topics: Topics) -> Measurements:
-    """Return a bag's samples without unusable ones, which are added to the problems.
-
-    Raises:
-        InputError: for the same reasons as `read_rosbag`.
-
-    """
-    measurements = read_rosbag(file, topics=topics)
-    usable = {}
-    for name, samples in measurements.items():
-        good = np.all(np.abs(samples.value) <= LARGEST, axis=1)
-        for k in np.flatnonzero(~good):
-            place = f"{name}, message {k + 1} at {samples.time[k]:.6f} s"
-            problems.add(place, "a number that is not finite or is implausibly large")
-        usable[name] = samples.where(good)
-    return measurements.updated(usable)
+    every = np.concatenate([log.stamps for log in logs.values()])
+    origin, rows = _origin(every), np.unique(every)
+    columns = {"time": (rows - origin) / 1e9}
+    texts: dict[str, dict[int, str]] = {}
+    rejected = Counter[str]()
+    for quantity in (*_SOURCES, THRUST):
+        kinds = _SOURCES.get(quantity, (quantity,))
+        log = next((logs[k] for k in kinds if k in logs and quantity in logs[k].sensors), None)
+        if log is None:
+            continue
+        stamps, numbers = (np.array(entries) for entries in log.sensors[quantity])
+        names: tuple[str, ...] = (*TORQUE_COLUMNS, *FORCE_COLUMNS)
+        if quantity != THRUST:
+            names = SENSORS[quantity].columns_of(joint_names)
+        value = numbers.reshape(-1, len(names))
+        kept = np.unique(stamps, return_index=True)[1]
+        if quantity in ("attitude", "velocity"):  # the velocity needs the attitude of its message
+            quaternion = np.reshape(log.sensors["attitude"][1], (-1, 4))
+            kept = kept[quaternion[kept].any(axis=1)]
+            value = _to_world(quaternion, value) if quantity == "velocity" else value
+        rejected[quantity] = len(value) - len(kept)
+        place = np.searchsorted(rows, stamps[kept])
+        for name, column in zip(names, value[kept].T):
+            columns[name] = np.full(len(rows), np.nan)
+            columns[name][place] = column
+            bad = place[np.isnan(column)].tolist()
+            texts |= {name: dict.fromkeys(bad, "nan")} if bad else {}
+    return Table(columns, texts=texts, rejected=rejected)
 
 
 def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> dict[str, str]:
@@ -304,19 +311,6 @@ def _origin(stamps: NDArray[np.int64]) -> int:
     """Return the first stamp [ns] of those within ten days of the middle one."""
     middle = np.sort(stamps)[stamps.size // 2]
     return stamps[np.abs(stamps - middle) < 10 * 86400 * 10**9].min()
-
-
-def _samples(sensor: str, width: int, logs: Mapping[str, _Log], origin: int) -> Samples:
-    """Return a sensor's samples in the order of stamps, from the first kind that has any."""
-    for kind in _SOURCES.get(sensor, (sensor,)):
-        if kind in logs and sensor in logs[kind].sensors:
-            stamps, numbers = (np.array(entries) for entries in logs[kind].sensors[sensor])
-            value = numbers.reshape(-1, width)
-            if sensor == "velocity":
-                value = _to_world(np.reshape(logs[kind].sensors["attitude"][1], (-1, 4)), value)
-            order = np.argsort(stamps, kind="stable")
-            return Samples((stamps[order] - origin) / 1e9, value[order])
-    return Samples(np.empty(0), np.empty((0, width)))
 
 
 def _to_world(

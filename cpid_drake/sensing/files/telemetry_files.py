@@ -1,80 +1,63 @@
-"""Telemetry from and to files, in any format of the registry `FORMATS`."""
+"""Logs from and to files, in any format of the registry `FORMATS`."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import draft_of
 from cpid_drake.resources import NOT_A_FILE, resolve_model
-from cpid_drake.sensing.files.column_map import ColumnMap
-from cpid_drake.sensing.files.columnar import NPZ, PARQUET
-from cpid_drake.sensing.files.csv_format import CSV
-from cpid_drake.sensing.files.formats import Format, ReadOptions, Topics
-from cpid_drake.sensing.files.json_lines import JSON_LINES
-from cpid_drake.sensing.files.mapped_columns import MappedColumns, columns_of
-from cpid_drake.sensing.files.matlab import MATLAB
-from cpid_drake.sensing.files.table import (
-    LARGEST_TABLE,
-    Problems,
-    TableConverter,
-    TelemetryTable,
-    table_of,
-)
-from cpid_drake.sensing.measurement_stream import (
-    CHUNK_SECONDS,
-    joined,
-    rechunked,
-    time_interval,
-)
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.sensing.files.column_map import ColumnMap, load_column_map
+from cpid_drake.sensing.files.columnar import read_npz, read_parquet, write_npz, write_parquet
+from cpid_drake.sensing.files.conversion import TelemetryFile, choose_columns, read_columns
+from cpid_drake.sensing.files.csv_format import csv_names, read_csv, write_csv
+from cpid_drake.sensing.files.table import Table
+from cpid_drake.sensing.measurements import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS, Measurements
+from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensing.thrusters import VALVE
+
+THRUST_COLUMNS = (*TORQUE_COLUMNS, *FORCE_COLUMNS)
+"""Columns of logged thrust, in the order of its samples."""
 
 
-def _read_bag(file: Path, where: str, options: ReadOptions) -> Measurements:
-    from cpid_drake.sensing.files.rosbag import read_usable
-
-    return read_usable(file, options.problems, options.topics)
-
-
-ROSBAG = Format("ROS 2 bag", (".mcap", ".db3"), _read_bag, is_bag=True)
-
-FORMATS: list[Format] = [CSV, NPZ, PARQUET, MATLAB, JSON_LINES, ROSBAG]
-"""All formats of telemetry files; append one to add it."""
-
-
-def telemetry_endings(*, written: bool = False) -> tuple[str, ...]:
-    """Return the endings of telemetry files that can be read, or that can be written."""
-    return tuple(
-        ending
-        for each in FORMATS
-        for ending in each.endings
-        if each.write is not None or not written
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class TelemetryFile:
-    """The contents of a telemetry file, and its problems.
+@dataclass(frozen=True)
+class Format:
+    """A format of log files.
 
     Attributes:
-        measurements: the samples of every sensor that have no problem.
-        row_count: number of rows in the file.
-        problems: the problems and their places.
-        partial: by sensor, the number of incomplete samples, which are left out.
-        ignored: columns of unknown names.
-        left_out_joints: joints of the log that the spacecraft does not have.
+        endings: endings of file names, in lower case, each with its dot.
+        read: reads a file, given its path and its name in messages.
+        write: writes columns, names and values (N, C) with NaN where a cell is absent; None if the
+            format is only read.
+        names: reads the columns' names alone; None if that takes as long as all of the file.
 
     """
 
-    measurements: Measurements
-    row_count: int
-    problems: Problems
-    partial: dict[str, int]
-    ignored: tuple[str, ...]
-    left_out_joints: tuple[str, ...] = ()
+    endings: tuple[str, ...]
+    read: Callable[[Path, str], Table]
+    write: Callable[[Path, list[str], NDArray[np.float64]], None] | None = None
+    names: Callable[[Path, str], Table] | None = None
+
+
+FORMATS: list[Format] = [
+    Format((".csv",), read_csv, write_csv, csv_names),
+    Format((".npz",), read_npz, write_npz),
+    Format((".parquet",), read_parquet, write_parquet),
+]
+"""All formats of one file with one time; append one to add it."""
+
+BAG_ENDINGS = (".mcap", ".db3")
+"""Endings of ROS 2 bags, which can be folders too."""
+
+
+def telemetry_endings(*, written: bool = False) -> tuple[str, ...]:
+    """Return the endings of log files that can be read, or that can be written."""
+    endings = [e for each in FORMATS for e in each.endings if each.write or not written]
+    return (*endings, *(() if written else BAG_ENDINGS))
 
 
 def inspect_telemetry(
@@ -84,191 +67,89 @@ def inspect_telemetry(
     columns: ColumnMap | str | Path | None = None,
     joints: Collection[str] | None = None,
 ) -> TelemetryFile:
-    """Read a telemetry file and list all problems in it.
+    """Read a log file and list all problems in it.
 
-    `sensing.files.table` explains the columns. A sample that is absent is an empty cell in CSV
+    `sensing.files.conversion` explains the columns. A sample that is absent is an empty cell in CSV
     files, NaN in NPZ files (one array (N,) for each column), null or NaN in Parquet files.
 
     Args:
         path: the file, or a bag's folder.
         topics: topics of a bag; see `rosbag.read_rosbag`.
-        columns, joints: see `open_telemetry`.
+        columns: a map of the file's columns, or the map's YAML file; None for the package's own
+            columns.
+        joints: the spacecraft's joints, if they are known; see `read_columns`.
 
     Raises:
         InputError: no such file or folder, a file of another kind, or one in which nothing can be
-            read: see also `table.check_columns`.
+            read: see also `read_columns`.
 
     """
-    stream = open_telemetry(path, topics=topics, leave_out_bad=True, columns=columns, joints=joints)
-    pieces, size = [], 0
+    given, map_name = _map_of(columns)
     try:
-        for piece in stream.pieces(Problems()):
-            pieces.append(piece)
-            size += sum(samples.value.size for _, samples in piece.items())
-            if size > LARGEST_TABLE:
-                raise InputError(f"{path}: more than {LARGEST_TABLE} numbers; split the file")
-        measurements = joined(pieces)
+        table = read_table(path, topics)
+        return read_columns(given, table, str(path), map_name=map_name, joints=joints)
     except MemoryError as error:
         raise InputError(f"{path}: the file does not fit into memory") from error
-    return TelemetryFile(
-        measurements,
-        stream.row_count,
-        stream.problems,
-        dict(stream.partial),
-        stream.ignored,
-        stream.left_out_joints,
-    )
 
 
-def open_telemetry(
+def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> Table:
+    """Return the columns of a log file as they are in the file.
+
+    Raises:
+        InputError: no such file or folder, a file of another kind, or one that cannot be read.
+
+    """
+    file, kind = _format_of(path)
+    if kind is not None:
+        if topics:
+            raise InputError(f"{path}: topics are for ROS 2 bags")
+        return kind.read(file, str(path))
+    from cpid_drake.sensing.files.rosbag import read_rosbag
+
+    return read_rosbag(file, topics or {})
+
+
+def read_telemetry(
     path: str | Path,
     *,
     leave_out_bad: bool = False,
     topics: Mapping[str, str] | None = None,
     columns: ColumnMap | str | Path | None = None,
-    joints: Collection[str] | None = None,
-    start: float = -np.inf,
-    end: float = np.inf,
-    seconds: float = CHUNK_SECONDS,
-) -> "TelemetryStream":
-    """Return the samples in a telemetry file of any length as a stream of chunks.
-
-    CSV, NPZ and Parquet files are read piece by piece. ROS 2 bags are read into memory at once.
+) -> Measurements:
+    """Return the samples in a log file of any format in `FORMATS`, or in a ROS 2 bag.
 
     Args:
         path: the file, or a bag's folder.
         leave_out_bad: leave out rows that have a problem, instead of refusing the file.
         topics: topics of a bag; see `rosbag.read_rosbag`.
-        columns: a map of the file's columns, or the map's YAML file; None for the package's own
-            columns.
-        joints: the spacecraft's joints, if they are known; columns of other joints are then left
-            out, unless one of the spacecraft's is missing.
-        start, end: first and last time to return [s]. The whole file is checked in any case.
-        seconds: length of a chunk [s].
+        columns: a map of the file's columns, or the map's YAML file.
 
     Raises:
-        InputError: for the same reasons as `inspect_telemetry` and `columns_of`, here or when the
-            stream is read; also for the first bad row, unless bad rows are left out.
+        InputError: for the same reasons as `inspect_telemetry`; also for the first bad row, unless
+            bad rows are left out.
 
     """
-    file, kind = format_of(path)
-    if topics and not kind.is_bag:
-        raise InputError(f"{path}: topics are for ROS 2 bags")
-    selected = columns_of(columns, joints)
-    return TelemetryStream(
-        file, str(path), kind, topics, selected, leave_out_bad, start, end, seconds
-    )
+    found = inspect_telemetry(path, topics=topics, columns=columns)
+    if not leave_out_bad:
+        refuse_problems(found.problems, str(path))
+    return found.measurements
 
 
-class TelemetryStream:
-    """The samples of a telemetry file as a `MeasurementStream`; see `open_telemetry`.
+def refuse_problems(problems: Sequence[str], where: str) -> None:
+    """Refuse a file that has problems.
 
-    Attributes:
-        problems: the problems in the file and their places, when it has been read to its end.
-        row_count: number of rows, when the file has been read to its end.
-        partial: by sensor, the number of incomplete samples, which are left out, when the file has
-            been read to its end.
-        ignored: columns of unknown names.
-        left_out_joints: joints of the file that the spacecraft does not have.
+    Raises:
+        InputError: the first of them.
 
     """
-
-    def __init__(
-        self,
-        file: Path,
-        where: str,
-        kind: Format,
-        topics: Topics,
-        columns: MappedColumns,
-        leave_out_bad: bool,
-        start: float,
-        end: float,
-        seconds: float,
-    ) -> None:
-        self._file, self._where, self._kind = file, where, kind
-        self._topics, self._columns = topics, columns
-        self._leave_out_bad = leave_out_bad
-        self._start, self._end, self._seconds = start, end, seconds
-        self._joint_names: tuple[str, ...] | None = None
-        self._at_once: tuple[Measurements, Problems] | None = None
-        self.problems = Problems()
-        self.row_count = 0
-        self.partial: Mapping[str, int] = {}
-        self.ignored: tuple[str, ...] = ()
-        self.left_out_joints: tuple[str, ...] = ()
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The joints, in the order of columns of joint sensors."""
-        if self._joint_names is None:
-            self._joint_names = next(self.pieces(Problems())).joint_names
-        return self._joint_names
-
-    def __iter__(self) -> Iterator[Measurements]:
-        return rechunked(self._checked(), self._seconds)
-
-    def _checked(self) -> Iterator[Measurements]:
-        problems = Problems()
-        for piece in self.pieces(problems):
-            if not self._leave_out_bad:
-                refuse_problems(problems, self._where)
-            yield piece.between(self._start, self._end)
-
-    def pieces(self, problems: Problems) -> Iterator[Measurements]:
-        """Yield the samples without problems, as the file's format cuts them; at least once.
-
-        Args:
-            problems: found problems are added to it.
-
-        Raises:
-            InputError: the file cannot be read, or has no samples.
-
-        """
-        if self._at_once is not None:
-            measurements, found = self._at_once
-            problems.add_all(found)
-            yield measurements
-            return
-        converter = TableConverter(problems)
-        columns = self._columns
-        options = ReadOptions(problems, columns, self._topics)
-        contents = self._kind.read(self._file, self._where, options)
-        if isinstance(contents, Measurements) and not columns.is_house_format:
-            contents = _raw_table(contents, columns, self._where)
-        if isinstance(contents, Measurements):
-            self._joint_names = contents.joint_names
-            self.row_count = sum(len(s) for _, s in contents.items()) + problems.count
-            self.problems = problems
-            self._at_once = contents, problems  # to read it again would need the same memory
-            yield contents
-            return
-        is_empty = True
-        for table in [contents] if isinstance(contents, TelemetryTable) else contents:
-            piece = converter.measurements(columns.house(table))
-            self._joint_names, self.ignored = piece.joint_names, table.ignored
-            self.left_out_joints = tuple(columns.left_out([*table.columns, *table.ignored]))
-            is_empty = is_empty and time_interval(piece) is None
-            yield piece
-        if is_empty and not problems.count:
-            raise InputError(f"{self._where}: the file has no samples")
-        self.problems, self.partial = problems, converter.partial
-        self.row_count = converter.row_count
-
-
-def _raw_table(measurements: Measurements, columns: MappedColumns, where: str) -> TelemetryTable:
-    """Return a bag's samples as a table, whose columns have the package's names, for a map."""
-    quaternion = measurements.attitude.value
-    unit = np.abs(np.linalg.norm(quaternion, axis=1, keepdims=True) - 1) < 1e-3
-    attitude = Samples(measurements.attitude.time, np.where(unit, quaternion, np.nan))
-    names, values = table_of(measurements.updated({"attitude": attitude}))
-    keep = columns.select(names, where)
-    ignored = tuple(name for name in names if name not in keep)
-    chosen = values[:, [names.index(name) for name in keep]]
-    return TelemetryTable(tuple(keep), chosen, np.arange(len(chosen)), ignored=ignored)
+    if problems:
+        others = len(problems) - 1
+        more = f" (and {others} more: `cpid telemetry check` lists them)" if others else ""
+        raise InputError(f"{where}: {problems[0]}{more}")
 
 
 def check_telemetry(path: str | Path, columns: str | Path | None = None) -> None:
-    """Refuse a file that cannot be telemetry, after a look at its name and beginning.
+    """Refuse a file that cannot be a log, after a look at its name and beginning.
 
     Args:
         path: the file.
@@ -276,27 +157,32 @@ def check_telemetry(path: str | Path, columns: str | Path | None = None) -> None
 
     Raises:
         InputError: no such file, a file of another kind, or a CSV file with a wrong first line; or
-            for the same reasons as `columns_of`.
+            for the same reasons as `load_column_map`.
 
     """
-    file, kind = format_of(path)
-    wanted = columns_of(columns)
-    if kind.check_head is not None:
-        kind.check_head(file, str(path), wanted)
+    file, kind = _format_of(path)
+    given, map_name = _map_of(columns)
+    if kind is not None and kind.names is not None:
+        choose_columns(given, kind.names(file, str(path)), str(path), map_name=map_name)
 
 
-def format_of(path: str | Path) -> tuple[Path, Format]:
-    """Return a file and its format.
+def _map_of(columns: ColumnMap | str | Path | None) -> tuple[ColumnMap, str]:
+    """Return a map and its name in messages."""
+    if columns is None or isinstance(columns, ColumnMap):
+        return columns or ColumnMap(), "the map"
+    return load_column_map(columns), str(columns)
+
+
+def _format_of(path: str | Path) -> tuple[Path, Format | None]:
+    """Return a file and its format; None for a bag.
 
     Raises:
         InputError: no such file, or no format with its ending.
 
     """
-    ending, is_folder = Path(path).suffix.lower(), Path(path).is_dir()
-    for kind in FORMATS:
-        if kind.is_bag and (is_folder or ending in kind.endings):
-            _refuse_pipes(Path(path))
-            return Path(path), kind
+    if Path(path).is_dir() or Path(path).suffix.lower() in BAG_ENDINGS:
+        _refuse_pipes(Path(path))
+        return Path(path), None
     file = resolve_model(path)
     for kind in FORMATS:
         if file.suffix.lower() in kind.endings:
@@ -319,53 +205,13 @@ def _refuse_pipes(bag: Path) -> None:
             raise InputError(f"{file}: {NOT_A_FILE}")
 
 
-def read_telemetry(
-    path: str | Path,
-    *,
-    leave_out_bad: bool = False,
-    topics: Mapping[str, str] | None = None,
-    columns: ColumnMap | str | Path | None = None,
-) -> Measurements:
-    """Return the samples in a telemetry file of any format in `FORMATS`.
-
-    Args:
-        path: the file, or a bag's folder.
-        leave_out_bad: leave out rows that have a problem, instead of refusing the file.
-        topics: topics of a bag; see `rosbag.read_rosbag`.
-        columns: a map of the file's columns, or the map's YAML file.
-
-    Raises:
-        InputError: for the same reasons as `inspect_telemetry`; also for the first bad row, unless
-            bad rows are left out.
-
-    """
-    found = inspect_telemetry(path, topics=topics, columns=columns)
-    if not leave_out_bad:
-        refuse_problems(found.problems, str(path))
-    return found.measurements
-
-
-def refuse_problems(problems: Problems, where: str) -> None:
-    """Refuse a file that has problems.
-
-    Raises:
-        InputError: the first of them.
-
-    """
-    if problems.count:
-        others = problems.count - 1
-        more = f" (and {others} more: `cpid telemetry check` lists them)" if others else ""
-        raise InputError(f"{where}: {problems.first[0]}{more}")
-
-
 def write_telemetry(path: str | Path, motion: Telemetry | Measurements) -> None:
-    """Write telemetry or measurements to a file; the ending chooses the format.
+    """Write a motion or a log to a file; the ending chooses the format.
 
     All digits are kept.
 
     Raises:
-        InputError: no format with this ending is written, a sensor has a time twice, or the file
-            cannot be written.
+        InputError: no format with this ending is written, or the file cannot be written.
 
     """
     path = Path(path)
@@ -377,3 +223,37 @@ def write_telemetry(path: str | Path, motion: Telemetry | Measurements) -> None:
             return
     endings = ", ".join(telemetry_endings(written=True))
     raise InputError(f"{path}: telemetry is written as {endings}")
+
+
+def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the package's columns and values (N, C) of a motion or a log; NaN for absent cells.
+
+    The angular velocity of a motion is in W, that of a log in B, as gyros measure it.
+    """
+    joints = motion.joint_names
+    if isinstance(motion, Telemetry):
+        groups = {
+            SENSORS["attitude"].columns: motion.quaternion_WB,
+            SENSORS["position"].columns: motion.p_WB,
+            SENSORS["gyro"].columns_in_W: motion.w_WB,
+            SENSORS["velocity"].columns: motion.v_WB,
+            SENSORS["encoders"].columns_of(joints): motion.q,
+            SENSORS["joint_rates"].columns_of(joints): motion.qdot,
+        }
+        values = np.hstack([motion.time[:, None], *groups.values()])
+        return ["time", *(name for group in groups for name in group)], values
+    valves = {VALVE + name: samples for name, samples in motion.valves.items()}
+    everything = {**dict(motion.items()), THRUST: motion.thrust, **valves}
+    time = np.unique(np.concatenate([samples.time for samples in everything.values()]))
+    names, blocks = ["time"], [time[:, None]]
+    for name, samples in everything.items():
+        if not len(samples):
+            continue
+        if name == THRUST:
+            names += THRUST_COLUMNS
+        else:
+            names += SENSORS[name].columns_of(joints) if name in SENSORS else (name,)
+        block = np.full((time.size, samples.value.shape[1]), np.nan)
+        block[np.searchsorted(time, samples.time)] = samples.value
+        blocks.append(block)
+    return names, np.hstack(blocks)

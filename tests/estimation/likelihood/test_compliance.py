@@ -57,8 +57,8 @@ def test_a_flexible_grasp_moves_the_base_as_one_more_joint_does(case, motion, pr
     """A joint at C whose position is −(compliance) times the load about or along one axis."""
     trajectory, size = motion.trajectory(case.state(START)), 1e-4
     times, (q, qdot) = (
-        motion.instants.times,
-        np.moveaxis(motion.joint_motion(motion.instants.times), 1, 0),
+        motion.times,
+        np.moveaxis(motion.joint_motion(motion.times), 1, 0),
     )
     change = MotionChange.zeros(len(times), 3)
     write = write_shifts if prismatic else write_turns

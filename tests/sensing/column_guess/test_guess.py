@@ -16,7 +16,7 @@ from cpid_drake.sensing.column_guess.guess import guess_map
 from cpid_drake.sensing.column_guess.map_text import column_map_text
 from cpid_drake.sensing.column_guess.raw_log import RawLog
 from cpid_drake.sensing.files.column_map import load_column_map
-from cpid_drake.sensing.files.table import table_of
+from cpid_drake.sensing.files.telemetry_files import table_of
 from cpid_drake.sensing.noise import add_noise
 from cpid_drake.sensing.sensors import JointSensor, VectorSensor
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from cpid_drake import InputError, read_telemetry
 from cpid_drake.resources import models_directory
 from cpid_drake.sensing.files.column_map import ColumnMap, load_column_map
-from cpid_drake.sensing.files.telemetry_files import FORMATS, inspect_telemetry, open_telemetry
-from cpid_drake.sensing.measurement_stream import joined
+from cpid_drake.sensing.files.conversion import from_columns
+from cpid_drake.sensing.files.telemetry_files import FORMATS, inspect_telemetry
 from cpid_drake.sensing.sensors import SENSORS
 
 POINT = np.array([0.3, -0.2, 0.5])
@@ -137,9 +137,6 @@ def test_names_units_frames_and_a_marker_are_converted_in_every_format(tmp_path,
         ideal = SENSORS[name].quantity.ideal(motion)
         np.testing.assert_allclose(moved[name].value, ideal, rtol=0, atol=1e-12)
     assert "arm/finger.pos" in found.ignored
-    pieces = list(open_telemetry(file, columns=columns_file, seconds=0.5))
-    assert len(pieces) > 5
-    np.testing.assert_array_equal(joined(pieces).position.value, moved.position.value)
 
 
 def test_frames_and_stamps_of_two_columns_are_times(tmp_path, motion):
@@ -248,3 +245,35 @@ def test_a_map_of_another_log_is_refused(tmp_path, motion, text, phrase):
     file = written(tmp_path, house(motion))
     with pytest.raises(InputError, match=phrase):
         read_telemetry(file, columns=mapped(tmp_path, text))
+
+
+@pytest.mark.parametrize("between", [" ", ";", "\t", "   "])
+def test_a_text_file_without_a_header_is_read_by_the_numbers_of_its_columns(
+    tmp_path, motion, between
+):
+    columns = house(motion)
+    values = np.stack(list(columns.values()), axis=1)
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(between.join(map(repr, row)) for row in values.tolist()))
+    with pytest.raises(InputError, match=r"line 1 holds numbers; .* by their numbers"):
+        read_telemetry(file)
+    numbers = dict(zip(columns, map(str, range(1, len(columns) + 1))))
+    given = ColumnMap()
+    given.time.column = numbers["time"]
+    given.attitude.columns = [numbers[name] for name in ("qw", "qx", "qy", "qz")]
+    given.position.columns = [numbers[name] for name in "xyz"]
+    given.velocity.columns = [numbers[name] for name in ("vx", "vy", "vz")]
+    given.angular_velocity.columns = [numbers[name] for name in ("wx", "wy", "wz")]
+    given.angular_velocity.frame = "world"
+    for section, prefix in ((given.joint_positions, "q:"), (given.joint_rates, "qd:")):
+        section.columns = {joint: numbers[prefix + joint] for joint in motion.joint_names}
+    assert_reads_as(read_telemetry(file, columns=given), motion)
+
+
+def test_columns_in_memory_are_read_like_a_file(motion):
+    """As from a MATLAB file or a data frame."""
+    assert_reads_as(from_columns(house(motion)), motion)
+    with pytest.raises(InputError, match="row 3, column 'x': 'inf' is not a finite number"):
+        from_columns(house(motion) | {"x": np.where(np.arange(40) == 3, np.inf, 0.0)})
+    with pytest.raises(InputError, match="the same length"):
+        from_columns(house(motion) | {"x": np.zeros(3)})

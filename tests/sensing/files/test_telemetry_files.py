@@ -38,7 +38,7 @@ def assert_same(a: Measurements, b: Measurements, tolerance: float = 0.0) -> Non
         np.testing.assert_allclose(one.value, other.value, rtol=0, atol=tolerance)
 
 
-@pytest.mark.parametrize("ending", ["csv", "npz", "parquet", "jsonl"])
+@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
 class TestRoundTrip:
     def test_motion_comes_back_bit_by_bit(self, tmp_path, random_motion, ending):
         telemetry = random_motion(50, 1)
@@ -89,7 +89,6 @@ class TestCsv:
             ("bwx,bwy,bwz", "wx,wy,bwz", "missing: bwx, bwy"),
             ("qw,qx,qy,qz,bwx,bwy,bwz", "a,b,c,d,wx,wy,wz", "needs the attitude"),
             ("q:a,q:b,qd:a,qd:b", "e,f,g,h", "no joint positions"),
-            (",", "\t", "separated by tabs; use commas"),
         ],
     )
     def test_bad_headers_are_named(self, tmp_path, old, new, phrase):
@@ -101,7 +100,7 @@ class TestCsv:
     def test_time_that_goes_back_or_stands_still_is_named(self, tmp_path):
         rows = [ROWS[0], ROWS[2], ROWS[1], ROWS[2], ROWS[0].replace("0.0", "2.0", 1)]
         found = inspect_telemetry(write(tmp_path, HEADER, *rows))
-        assert [str(problem) for problem in found.problems.first] == [
+        assert found.problems == [
             "line 4, column 'time': time 0.5 s comes after 1 s",
             "line 5, column 'time': time 1 s is there twice",
         ]

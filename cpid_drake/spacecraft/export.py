@@ -1,4 +1,4 @@
-"""Writes the target as a model file, alone or attached to the user's own spacecraft.
+"""Writes the target as a model file, alone or with the spacecraft that holds it.
 
 Every number is written with all its digits. Before a file gets its final name, Drake reads it, and
 the result is compared with the input.
@@ -7,30 +7,33 @@ the result is compared with the input.
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInstanceIndex
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.tree import TreeBody
+from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.momentum import angular_momenta, linear_momentum
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import draft_of
 from cpid_drake.output_files.overwriting import MODEL, Output, check_outputs
-from cpid_drake.spacecraft.export.target_models import (
-    FORMATS,
-    directives,
-    joint_name,
-    target_alone,
-    target_attached,
-)
+from cpid_drake.spacecraft.model_text import WHAT, WRITERS, Link
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-_TOLERANCE = 1e-12
+FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml", "drake-yaml": ".dmd.yaml"}
+"""The formats that can be written, and the endings of their file names."""
+
+_TOLERANCE = 1e-12  # of each quantity's size
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
 
@@ -67,16 +70,17 @@ def export_target(
         path: the file to write, in a folder that exists.
         format: "urdf", "sdf" or "mjcf", or "drake-yaml" for Drake model directives. Directives
             contain absolute paths; they add the target's URDF, which is written beside them.
-        spacecraft: if given, the file contains its model with the target fixed on C. For URDF, SDF
-            and MJCF it is an edited copy that keeps the comments; directives work for any model.
+        spacecraft: if given, the file contains it with the target fixed on C. Directives add the
+            spacecraft's own model, with its geometry. The other formats are written anew, with
+            links, joints and their limits, but without geometry.
         name: name of the target's link; default: `target`, with a number if that name is taken.
         overwrite: whether an existing `path` is replaced.
 
     Raises:
         InputError: no rigid body has the parameters, the format is unknown, the name is taken or
-            not plain, the file exists, the folder cannot be written to, the spacecraft's model has
-            another format or several files, or Drake does not read the file as intended. In all
-            these cases no file is written.
+            not plain, the file exists, the folder cannot be written to, names of the spacecraft are
+            not unique, or Drake does not read the file as intended. In all these cases no file is
+            written.
 
     """
     path = Path(path)
@@ -89,43 +93,44 @@ def export_target(
     if not path.name.endswith(ending) or path.name == ending:
         raise InputError(f"{path}: the name of a file in format {format} must end in {ending}")
     name = _free_name(name, spacecraft)
-    target = _clear_of_the_limits(parameters)
+    target = Link(name, _clear_of_the_limits(parameters))
 
     def check(file: Path) -> None:
         if spacecraft is None:
             _check_alone(file, name, parameters)
         else:
-            _check_attached(spacecraft.with_model(file), spacecraft, name, parameters)
+            _check_attached(file, format, spacecraft, name, parameters)
 
     beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
     places = (path, beside) if format == "drake-yaml" else (path,)
     known = () if spacecraft is None else (spacecraft.path,)
     check_outputs([Output("", place, MODEL) for place in places], known, force=overwrite)
     if format != "drake-yaml":
-        data = (
-            target_alone(target, name, format).encode()
-            if spacecraft is None
-            else target_attached(target, name, format, spacecraft, path)
-        )
+        links = [target] if spacecraft is None else _links(spacecraft, target)
         with draft_of(path) as draft:
-            draft.write_bytes(data)
+            draft.write_text(WRITERS[format](links), encoding="utf-8")
             with _read_back_errors(path, draft):
                 check(draft)
         return Exported(name, places)
 
     # The target's file is moved to its place first, because the directives refer to it.
     with draft_of(path) as draft, draft_of(beside) as draft_beside:
-        draft_beside.write_text(target_alone(target, name, "urdf"), encoding="utf-8")
+        draft_beside.write_text(WRITERS["urdf"]([target]), encoding="utf-8")
         with _read_back_errors(beside, draft_beside):
             _check_alone(draft_beside, name, parameters)
-        draft.write_text(directives(draft_beside, name, spacecraft), encoding="utf-8")
+        draft.write_text(_directives(draft_beside, name, spacecraft), encoding="utf-8")
         with _read_back_errors(path, draft_beside, draft):
             check(draft)
-        draft.write_text(directives(beside, name, spacecraft), encoding="utf-8")
+        draft.write_text(_directives(beside, name, spacecraft), encoding="utf-8")
     return Exported(name, places)
 
 
 # -- names and numbers ---------------------------------------------------------------------------
+
+
+def _weld_name(name: str) -> str:
+    """Return the name of the joint that fixes a target of this name."""
+    return f"{name}_weld"
 
 
 def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
@@ -145,7 +150,7 @@ def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
             taken |= set(plant.GetModelInstanceName(ModelInstanceIndex(k)).split("::"))
     choices = [name] if name else chain(["target"], (f"target_{k}" for k in count(2)))
     for choice in choices:
-        if not {choice, joint_name(choice)} & taken:
+        if not {choice, _weld_name(choice)} & taken:
             return choice
     raise InputError(f"the name '{name}' is taken already; choose another")
 
@@ -159,6 +164,82 @@ def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
     if exact or min(low, low + middle - high) > 1e-13 * total:
         return target
     return InertialParameters(target.mass, target.p_CTcm_C, inertia + 1e-13 * total * np.eye(3))
+
+
+# -- links ---------------------------------------------------------------------------------------
+
+
+def _links(spacecraft: Spacecraft, target: Link) -> list[Link]:
+    """Return the links of a spacecraft with the target fixed on C, inboard before outboard."""
+    tree, limits, links = spacecraft.tree, spacecraft.limits, list[Link]()
+    frames: list[RigidTransform] = []  # pose of each body's frame B in its link's frame L
+    for body in tree.bodies:
+        X_MB = RigidTransform(RotationMatrix(body.R_MB), body.p_MB)
+        X_LB = X_MB if body.joint >= 0 else RigidTransform()
+        parameters = None
+        if body.mass > 0:
+            R_LB = X_LB.rotation().matrix()
+            com, inertia = X_LB @ body.p_BBcm, R_LB @ body.I_BBcm @ R_LB.T
+            parameters = InertialParameters(body.mass, com, (inertia + inertia.T) / 2)
+            parameters = _clear_of_the_limits(parameters)
+        frames.append(X_LB)
+        if body.parent < 0:
+            links.append(Link(body.name, parameters))
+            continue
+        X_PF = RigidTransform(RotationMatrix(body.R_PF), body.p_PF)
+        k, parent = body.joint, links[body.parent].name
+        if k < 0:
+            X_PL = frames[body.parent] @ X_PF @ X_MB
+            links.append(Link(body.name, parameters, parent, _weld_name(body.name), "fixed", X_PL))
+            continue
+        links.append(
+            Link(
+                body.name,
+                parameters,
+                parent,
+                spacecraft.joint_names[k],
+                "prismatic" if body.prismatic else "revolute",
+                frames[body.parent] @ X_PF,
+                body.axis_F,
+                (float(limits.lowest[k]), float(limits.highest[k]), float(limits.rates[k])),
+            )
+        )
+    X_BC = RigidTransform(RotationMatrix(tree.R_BC), tree.p_BC)
+    parent, X_PL = links[tree.capture_body].name, frames[tree.capture_body] @ X_BC
+    capture = spacecraft.capture_frame.name()
+    if capture not in [link.name for link in links]:  # C keeps its name, as a link without mass
+        links.append(Link(capture, None, parent, _weld_name(capture), "fixed", X_PL))
+        parent, X_PL = capture, RigidTransform()
+    weld = _weld_name(target.name)
+    links.append(Link(target.name, target.body, parent, weld, "fixed", X_PL))
+    names = [name for link in links for name in (link.name, link.joint) if name]
+    if len({*names}) < len(names) or any("::" in name for name in names):
+        raise InputError(
+            f"{spacecraft.model}: several of its links or joints have the same name; use format "
+            "drake-yaml, which adds the model as it is"
+        )
+    return links
+
+
+def _directives(target_file: Path, name: str, spacecraft: Spacecraft | None) -> str:
+    """Return Drake model directives that add the target, and the spacecraft that holds it."""
+    target = {"add_model": {"name": name, "file": f"file://{target_file.resolve()}"}}
+    items: list[dict] = [target]
+    if spacecraft is not None:
+        file = f"file://{spacecraft.path}"  # a package:// URI would need a map of packages
+        instance = spacecraft.plant.GetModelInstanceName(spacecraft.base.model_instance())
+        known = (
+            {"add_directives": {"file": file}}
+            if spacecraft.path.name.endswith(FORMATS["drake-yaml"])
+            else {"add_model": {"name": instance.partition("::")[0], "file": file}}
+        )
+        frame = spacecraft.capture_frame.scoped_name().get_full()
+        weld = {"add_weld": {"parent": frame, "child": f"{name}::{name}"}}
+        items = [known, target, weld]
+    text = yaml.safe_dump(
+        {"directives": items}, sort_keys=False, allow_unicode=True, width=float("inf")
+    )
+    return f"# {WHAT}\n{text}"
 
 
 # -- checking what was written --------------------------------------------------------------------
@@ -202,34 +283,30 @@ def _require_equal(meant: InertialParameters, read: InertialParameters) -> None:
 
 
 def _check_attached(
-    joined: Spacecraft, spacecraft: Spacecraft, name: str, target: InertialParameters
+    file: Path, format: str, spacecraft: Spacecraft, name: str, target: InertialParameters
 ) -> None:
-    """Require an unchanged spacecraft and the target fixed on C, in position and attitude."""
-    before, after = spacecraft.tree, joined.tree
-    names = [body.name for body in after.bodies]
-    if names.count(name) != 1:
-        raise InputError(f"no body '{name}'")
-    k = names.index(name)
-    rest = after.bodies[:k] + after.bodies[k + 1 :]
-    if not (
-        joined.joint_names == spacecraft.joint_names
-        and np.array_equal(joined.limits.rates, spacecraft.limits.rates)
-        and len(rest) == len(before.bodies)
-        and all(_same(old, new, k) for old, new in zip(before.bodies, rest))
+    """Require the joints, and the momentum in any motion, of the spacecraft with the target."""
+    if format == "drake-yaml":
+        joined = spacecraft.with_model(file)
+    else:
+        joined = Spacecraft(file, base=spacecraft.tree.bodies[0].name, capture_frame=name)
+    limits = ["lowest", "highest", *([] if format == "mjcf" else ["rates"])]  # MJCF has no rates
+    if joined.joint_names != spacecraft.joint_names or not all(
+        np.array_equal(getattr(joined.limits, key), getattr(spacecraft.limits, key))
+        for key in limits
     ):
         raise InputError("the spacecraft itself has changed")
-    body = after.bodies[k]
-    R_BT, p_BT = body.R_PF @ body.R_MB, body.p_PF + body.R_PF @ body.p_MB
-    if not (
-        body.parent == before.capture_body
-        and np.abs(R_BT - before.R_BC).max() <= _TOLERANCE
-        and np.abs(p_BT - before.p_BC).max() <= _TOLERANCE * max(1, np.abs(before.p_BC).max())
-    ):
-        raise InputError("the target is not fixed on the capture frame")
-    _require_equal(target, InertialParameters(body.mass, body.p_BBcm, body.I_BBcm))
+    meant = spacecraft.tree.with_target(target.to_standard_vector())
+    rng, J = np.random.default_rng(1), len(spacecraft.joint_names)
+    q, qdot, w_WB, v_WB = (rng.uniform(-1, 1, (5, n)) for n in (J, J, 3, 3))
+    motion = Telemetry.seen_from_base(q, qdot, w_WB, v_WB)
+    for old, new in zip(*(_momenta(tree, motion) for tree in (meant, joined.tree))):
+        if np.abs(new - old).max() > 1e2 * _TOLERANCE * max(np.abs(old).max(), 1.0):
+            raise InputError("the spacecraft itself has changed")
 
 
-def _same(old: TreeBody, new: TreeBody, target: int) -> bool:
-    """Return whether a body is unchanged; parent indices after the target's are shifted by one."""
-    changed = replace(new, parent=new.parent - (new.parent > target))
-    return all(np.array_equal(value, getattr(changed, key)) for key, value in vars(old).items())
+def _momenta(tree: KinematicTree, motion: Telemetry) -> list[NDArray[np.float64]]:
+    """Return linear momentum, angular momentum about C, and pose of C."""
+    bodies, capture = propagate(tree, motion)
+    L = angular_momenta(tree, bodies, capture.p_WC).sum(axis=0)
+    return [linear_momentum(tree, bodies), L, capture.p_WC, capture.R_WC]

@@ -1,1 +1,0 @@
-"""A target as a model file: URDF, SDF, MJCF or Drake model directives."""
