@@ -6,10 +6,11 @@ coefficients c are
     B(t) c = q / (σ f)    samples, with a noise factor f of the declared σ
     P c = 0 / s           |P c|² = ∫ jerk² dt: the jerk is white noise of size s
 
-so the jerk's prior bridges missing samples with the uncertainty that they leave. For each number of
-pieces, s and f have the largest marginal likelihood (evidence) of all blocks together; each block
-counts with a start of its own, which makes the evidence a sum. With λ = s²/f², ν = `DECLARED` and
-M = BᵀB + PᵀP/λ for n samples and K coefficients,
+so the jerk's prior bridges missing samples with the uncertainty that they leave. s and f have the
+largest marginal likelihood (evidence) of all blocks together. The number of pieces has it if each
+block has a start of its own, which makes the evidence a sum. For s and f, blocks continue from each
+other: no single block shows a slow motion's jerk, without which the whole log is one parabola. With
+λ = s²/f², ν = `DECLARED` and M = BᵀB + PᵀP/λ for n samples and K coefficients,
 
     −2 log(evidence) = (ν + n − 3) log(ν + S) + log det M + (K − 3) log λ − log det PᵀP
 
@@ -19,7 +20,7 @@ Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4; Demmler 
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,9 +46,12 @@ FAR = 4.0
 DECLARED = 10.0
 """The declared σ of a sensor counts as much as so many samples."""
 
+_Values = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
 _LEGENDRE = np.polynomial.legendre.leggauss(3)  # exact for the square of a quadratic
 _GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
 _RIDGE = 1e-2  # of the penalty, for the factorization: any λ has the same evidence with another one
+_OPEN = 1e-6  # information about the start of a log: none
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
 _PATIENCE = 2  # numbers of pieces without gain after which no more are tried
 _REWEIGHTINGS = 6
@@ -103,7 +107,7 @@ def _best_pieces(
     best, least, in_vain = PIECES[0], np.inf, 0
     for pieces in PIECES:
         evidence = _Evidence(samples, pieces / usual, weights)
-        value = float(evidence.values(evidence.best()[:, None]).sum())
+        value = float(evidence.values(evidence.best(evidence.values)[:, None]).sum())
         if value < least - _WORTH:
             best, least, in_vain = pieces, value, 0
         else:
@@ -307,13 +311,37 @@ class _Evidence:
         volume -= 2 * np.asarray(weights)[:, None]
         return np.asarray(freedom * np.log((DECLARED + S) / freedom) + volume)
 
-    def best(self) -> NDArray[np.float64]:
-        """Return u = log λ (J,): the smoothest of a grid that is not much worse, then parabolas."""
-        values = self.values(np.broadcast_to(_GRID, (self.J, len(_GRID))))
+    def chained(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return −2 log(evidence) (J, G) as `values`, of blocks that continue from each other."""
+        q = np.exp(-u / 2)[..., None, None]
+        carried = np.broadcast_to(_OPEN * np.eye(ORDER, ORDER + 1), (*u.shape, ORDER, ORDER + 1))
+        S, volume, count = np.zeros(u.shape), np.zeros(u.shape), -ORDER
+        for k, (each, w) in enumerate(zip(self.samples, self.weights, strict=True)):
+            A, P = self._design(k), each.penalty(self.pieces[k])
+            (n, K), m, inner = A.shape, ORDER + len(P), A.shape[1] - ORDER
+            rows = np.zeros((*u.shape, m + n + 1, K + 1))
+            rows[..., :ORDER, :ORDER], rows[..., :ORDER, K] = carried[..., :-1], carried[..., -1]
+            rows[..., ORDER:m, :K] = q * P
+            rows[..., m:-1, :] = np.dstack([w.T[..., None] * A, (w * each.values).T])[:, None]
+            T = np.linalg.qr(rows, mode="r")
+            size = np.log(np.abs(np.diagonal(T, axis1=-2, axis2=-1)[..., :K]))
+            volume += 2 * np.sum(size[..., :inner], axis=-1) + inner * u
+            S, count, carried = S + T[..., K, K] ** 2, count + n, T[..., inner:K, inner:]
+        volume += 2 * np.sum(size[..., inner:], axis=-1)
+        return np.asarray((DECLARED + count) * np.log(DECLARED + S) + volume)
+
+    def best(self, values_at: _Values) -> NDArray[np.float64]:
+        """Return u = log λ (J,): the smoothest of a grid that is not much worse, then parabolas.
+
+        Args:
+            values_at: returns −2 log(evidence) (J, G) at u (J, G).
+
+        """
+        values = values_at(np.broadcast_to(_GRID, (self.J, len(_GRID))))
         u = _GRID[np.argmax(values < values.min(axis=1)[:, None] + _WORTH, axis=1)]
         for step in (0.75, 0.1):
             at = u[:, None] + step * np.arange(-4, 5)
-            values = self.values(at)
+            values = values_at(at)
             k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
             a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
             shift = np.clip(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12), -1, 1)
@@ -324,7 +352,7 @@ class _Evidence:
         """Return the best smoothness, with outliers weighted less, and whether a weight changed."""
         is_changed = False
         for _ in range(_REWEIGHTINGS):
-            u = self.best()
+            u = self.best(self.chained)
             S, count, _ = self._sums(u[:, None])
             noise = np.sqrt((DECLARED + S) / (DECLARED + count))[:, 0]
             if not self._reweight(u, noise):
