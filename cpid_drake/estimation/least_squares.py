@@ -29,7 +29,11 @@ instead.
 
 
 KNOWN = 0.1
-"""Largest σ of a determined combination of unknowns, as a share of its plausible size."""
+"""Largest σ of a determined combination of unknowns, as a share of its plausible size: of rows, in
+whose regressors noise looks like information."""
+
+SEEN = 0.5
+"""The same of a fit, whose regressors have no noise: a 95 % interval is narrower than ± the size."""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.estimation.likelihood.constants import VALVE_FORCE
+from cpid_drake.estimation.smoothness import FAR
 from cpid_drake.input_files.validation import Numbers
 
 LEARNED = 0.5
@@ -54,8 +56,15 @@ class EffectEstimate:
 
     @property
     def is_learned(self) -> bool:
-        """Whether the samples determine an entry much better than its prior."""
-        return bool((self.sigma < LEARNED * self.prior_sigma).any())
+        """Whether the samples determine an entry much better than its prior, or contradict it."""
+        is_far = np.abs(self.value) > FAR * np.maximum(self.sigma, self.prior_sigma)
+        return bool((is_far | (self.sigma < LEARNED * self.prior_sigma)).any())
+
+    @property
+    def failed_valve(self) -> str:
+        """The valve whose force is far from the declared one; empty for other errors."""
+        name, _, kind = self.name.rpartition(".")
+        return name if kind == VALVE_FORCE and abs(self.value[0]) > FAR * self.prior_sigma else ""
 
     def describe(self) -> str:
         """Return the estimate in words, with 95 % intervals."""

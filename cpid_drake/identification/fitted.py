@@ -105,6 +105,7 @@ def estimate(
         effect for name in logs for effect in effects_of(model, found.values, gaussian, name)
     )
     said, failed = words(undeclared)
+    said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
     both = (*effects, *undeclared.effects)
     sizes = larger_than_declared(model, found.values, gaussian, both, compared)
     series = _residuals(found)

@@ -8,8 +8,10 @@ it together with the pose. Each draw writes a URDF, a file of sensors and logs.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 

@@ -304,9 +304,11 @@ def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | Non
     times = np.arange(int(duration * rate)) / rate
     width = 2 if planar else 3
     place = 0.1 * rng.standard_normal(3) * ([1, 1, 0] if planar else 1)
+    share = 1 + 0.05 * rng.standard_normal(width)
     fitted = [
-        Valve(place, axis, 1.0, 1 + 0.05 * rng.standard_normal(), on, "world")
-        for axis in np.eye(3)[:width]
+        Valve(place, sign * np.eye(3)[k], 1.0, share[k], on, "world")
+        for k in range(width)
+        for sign in (1, -1)
     ]
     phase, speed = rng.uniform(0, 6.28, (width, 2)), rng.uniform(0.3, 1.5, (width, 2))
     force = mass * rng.uniform(0.005, 0.02, width)
@@ -314,7 +316,8 @@ def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | Non
     def command(row, now):
         wave = np.sin(speed * times[row] + phase).sum(axis=1)
         back = 0.05 * now["state"][4:7] + 0.3 * (now["R"] @ now["V"][3:])
-        return force * wave - mass * 0.1 * back[:width]
+        wanted = force * wave - mass * 0.1 * back[:width]
+        return np.stack([np.maximum(wanted, 0), np.maximum(-wanted, 0)], axis=1).ravel()
 
     white = rng.uniform(0.5e-3, 2e-3)
     noise, delay = (white, white * mass * 0.2), rng.uniform(0.0, 0.1)
@@ -323,7 +326,8 @@ def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | Non
     columns = samples(
         rng, craft, times, found, motion(times)[0], sigma_m, sigma_rad, 1.5e-3, np.zeros(6)
     )
-    columns |= {f"valve:f{'xyz'[k]}": found["opening"][:, k] for k in range(width)}
+    names = [f"{sign}{'xyz'[k]}" for k in range(width) for sign in ("plus_", "minus_")]
+    columns |= {f"valve:{name}": u for name, u in zip(names, found["opening"].T)}
     sensors = pose_sensors(rate, sigma_m, sigma_rad) | {"encoders": {"rate": rate, "sigma": 1.5e-3}}
     sensors["disturbances"] = dict(zip(("acceleration_noise", "torque_noise"), map(float, noise)))
     valve = {
@@ -333,10 +337,7 @@ def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | Non
         "on": on,
         "axes": "world",
     }
-    entries = {
-        f"f{'xyz'[k]}": {**valve, "direction": [float(x) for x in np.eye(3)[k]]}
-        for k in range(width)
-    }
+    entries = {n: {**valve, "direction": v.direction.tolist()} for n, v in zip(names, fitted)}
     sensors["thrusters"] = {"delay_ms": 100.0, "valves": entries}
     far = np.abs(found["p"]).max()
     what = (
