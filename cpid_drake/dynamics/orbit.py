@@ -110,6 +110,14 @@ class Orbit:
         r = self.nadir(times)
         return 3 * self.n**2 * cross(r, rotate(J_W, r))
 
+    def torque_by_attitude(
+        self, J_W: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the derivative (M, 3, 3) of `torque` by a rotation of the system, in W."""
+        r = self.nadir(times)
+        turned = J_W @ skew(r) - skew(rotate(J_W, r))
+        return np.asarray(3 * self.n**2 * skew(r) @ turned)
+
     def tide(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the matrices (M, 3, 3) that map a position in W to its acceleration [1/s²]."""
         r = self.nadir(times)

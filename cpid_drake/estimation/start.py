@@ -167,11 +167,13 @@ def _motion(model: Model, log: LogState) -> SeenMotion | None:
     if normal_B is not None:
         w = (w @ normal_B)[:, None] * normal_B
     dynamics = relative_dynamics(model.tree, q[:, 0], q[:, 1])
+    p, v = np.moveaxis(np.concatenate(places), 1, 0)
     return SeenMotion(
         np.concatenate(times),
         np.concatenate(attitudes),
         w,
-        *np.moveaxis(np.concatenate(places), 1, 0),
+        p,
+        v,
         q[:, 0],
         dynamics,
     )

@@ -18,7 +18,7 @@ _WORDS = {
     "acceleration": "an external acceleration of {}, in W",
     "torque": "an external torque of {} about the centre of mass, in W",
     "thrust_scale": "the true thrust differs from the logged one by {}",
-    "force": "valve {sensor} pushes with {} more than declared",
+    "force": "the force of valve {sensor} is off by {}",
     "loss": "each further open valve costs {} of the force",
     "valve_delay": "the thrust acts {} later than its log",
     "compliance": "the grasp is flexible: the target turns against C by {} about its axes",

@@ -185,7 +185,7 @@ def validate(
         found = _sizes(predicted, name, first)
         if not len(found):
             continue
-        sigmas = next(m.sensors[name].scale for m in predicted.models if name in m.sensors)
+        sigmas = next(m.scale_of(name) for m in predicted.models if name in m.sensors)
         factor, unit = _UNITS[SENSORS[name].quantity.unit]
         sizes = _rms(found), float(found.max()), float(np.linalg.norm(sigmas))
         rms, largest, noise = (factor * size for size in sizes)
@@ -269,7 +269,7 @@ def _sizes(rolled: Rolled, name: str, first: int) -> NDArray[np.float64]:
     """Return the magnitudes (M,) of a sensor's errors from a block on, in its unit."""
     blocks = zip(rolled.models[first:], rolled.residuals[first:], strict=True)
     found = [
-        np.linalg.norm(rest[name] * part.sensors[name].scale, axis=1)
+        np.linalg.norm(rest[name] * part.scale_of(name), axis=1)
         for part, rest in blocks
         if name in rest
     ]

@@ -118,7 +118,7 @@ def with_valves(measurements: Measurements, suite: SensorSuite | None) -> Measur
             possible, or the log has force and torque, too.
 
     """
-    valves, thrusters = measurements.valves, suite and suite.thrusters
+    valves, thrusters = measurements.valves, None if suite is None else suite.thrusters
     if not valves or thrusters is None:
         return measurements
     missing, unknown = thrusters.valves.keys() - valves, valves.keys() - thrusters.valves
@@ -131,13 +131,13 @@ def with_valves(measurements: Measurements, suite: SensorSuite | None) -> Measur
         )
     if THRUST in measurements.samples:
         raise InputError("the log has both valves and the force of all thrusters: keep one of them")
-    for name, samples in valves.items():
-        time, value = np.asarray(samples.time, float), np.asarray(samples.value, float)
+    for name, log in valves.items():
+        time, value = np.asarray(log.time, float), np.asarray(log.value, float)
         if not (np.isfinite(time).all() and (np.diff(time) > 0).all() and (value >= 0).all()):
             raise InputError(
                 f"'{VALVE}{name}': times must increase, and openings must be numbers from 0"
             )
-    time = np.unique(np.concatenate([samples.time for samples in valves.values()]))
+    time = np.unique(np.concatenate([log.time for log in valves.values()]))
     openings = np.hstack([valves[name].held_at(time) for name in thrusters.valves])
     changes = np.append(True, (openings[1:] != openings[:-1]).any(axis=1))
     samples = {n: s for n, s in measurements.samples.items() if not n.startswith(VALVE)}

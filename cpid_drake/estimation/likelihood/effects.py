@@ -67,8 +67,10 @@ class MotionChange:
     @classmethod
     def zeros(cls, instants: int, n: int, of_thrust: int = 0) -> "MotionChange":
         """Return no change by n quantities, with so many errors of the thrust."""
-        rest = np.zeros(n), np.zeros((of_thrust, n))
-        return cls(*np.zeros((3, instants, 3, n)), *np.zeros((4, 3, n)), *rest)
+        w, com, com_rate = np.zeros((3, instants, 3, n))
+        attitude, p, v, a = np.zeros((4, 3, n))
+        thrust = np.zeros((of_thrust, n))
+        return cls(w, com, com_rate, attitude, p, v, a, np.zeros(n), thrust)
 
     def columns(self, part: slice) -> "MotionChange":
         """Return views of some columns."""

@@ -297,6 +297,11 @@ class BlockModel:
         turn[fixed, self.turned[fixed]] = 1.0
         return rows, turn
 
+    def scale_of(self, name: str) -> NDArray[np.float64]:
+        """Return σ (d,) of the components of a sensor's samples [SI units]."""
+        sensor = self.sensors[name]
+        return sensor.scale if isinstance(sensor, SensorModel) else np.ones(1)
+
     @property
     def held(self) -> NDArray[np.intp]:
         """Columns of the quantities that a table holds; none without a table."""

@@ -350,9 +350,10 @@ class BaseMotion:
         first, last = A[:-1], A[1:]
         if self.orbit is not None or self.thrust is not None:
             coupling = np.concatenate([coupling, mobility], axis=-1)
-            torque = (
-                np.zeros((N, 3, 3)) if self.orbit is None else _torque_by_attitude(self, trajectory)
-            )
+            torque = np.zeros((N, 3, 3))
+            if self.orbit is not None:
+                J = R @ self.grid.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
+                torque = self.orbit.torque_by_attitude(J, self.nodes)
             below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
             A = np.concatenate([R @ coupling, below], axis=-2)
             turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)
@@ -380,15 +381,6 @@ class BaseMotion:
         vary fast, cancel exactly.
         """
         return spline_weights(self.nodes, times)
-
-
-def _torque_by_attitude(motion: BaseMotion, trajectory: Trajectory) -> NDArray[np.float64]:
-    """Return the derivative (N, 3, 3) of the gravity gradient by a rotation in W."""
-    assert motion.orbit is not None
-    R, r = trajectory.R[: len(motion.nodes)], motion.orbit.nadir(motion.nodes)
-    J = R @ motion.grid.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
-    turned = J @ skew(r) - skew(rotate(J, r))
-    return np.asarray(3 * motion.orbit.n**2 * skew(r) @ turned)
 
 
 def relate(motions: Sequence[BaseMotion]) -> None:

@@ -53,7 +53,8 @@ class WhiteReading:
     def __init__(self, force: WhiteForce) -> None:
         self._force = force
         shape = force.pieces, force.size // force.pieces
-        self.samples = Samples(force.middles, np.zeros(shape))
+        zeros: NDArray[np.float64] = np.zeros(shape)
+        self.samples = Samples(force.middles, zeros)
 
     def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """See `SensorModel`."""
