@@ -33,7 +33,7 @@ from cpid_drake.estimation.rows_fit import (
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, NEGLIGIBLE, least_white, whiteness
-from cpid_drake.identification.checks import MOST_NOISE, momentum_words
+from cpid_drake.identification.checks import momentum_words
 from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.result import IMPROBABLE, Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
