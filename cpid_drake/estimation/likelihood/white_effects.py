@@ -53,8 +53,8 @@ class WhiteReading:
     def __init__(self, force: WhiteForce) -> None:
         self._force = force
         shape = force.pieces, force.size // force.pieces
-        zeros: NDArray[np.float64] = np.zeros(shape)
-        self.samples = Samples(force.middles, zeros)
+        zeros = np.zeros(shape)
+        self.samples = Samples(np.asarray(force.middles, dtype=np.float64), zeros)
 
     def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """See `SensorModel`."""
