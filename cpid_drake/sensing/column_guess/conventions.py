@@ -12,7 +12,7 @@ from cpid_drake.sensing.column_guess.draft import MapDraft, least, stated_unit
 from cpid_drake.sensing.column_guess.names import unit_of
 from cpid_drake.sensing.files.centre_of_mass import BaseTravel, base_travel
 from cpid_drake.sensing.files.consistency import attitude_mismatch, rate_mismatch
-from cpid_drake.sensing.files.motion_checks import UNITS, compare_variants
+from cpid_drake.sensing.files.motion_checks import explained, in_degrees
 from cpid_drake.sensing.measurements import Samples
 
 _DIRECTIONS: tuple[Any, ...] = ("R_WB", "R_BW")
@@ -129,14 +129,8 @@ def _orders(draft: MapDraft) -> tuple[Any, ...]:
 
 def _motion_error(draft: MapDraft, travel: BaseTravel, *, degrees: bool = False) -> float:
     """Return how badly momentum conservation explains the motion, relative to the motion."""
-    moved = travel
-    if degrees:
-        tree, q = draft.spacecraft.tree, travel.q.copy()
-        turning = [b.joint for b in tree.bodies if b.joint >= 0 and not b.prismatic]
-        q[:, turning] = np.radians(q[:, turning])
-        moved = replace(travel, q=q)
-    tree, names = draft.spacecraft.tree, draft.spacecraft.joint_names
-    return compare_variants(tree, names, moved, others=False)[0].least_error
+    tree = draft.spacecraft.tree
+    return explained(tree, in_degrees(tree, travel) if degrees else travel).least
 
 
 def choose_attitude_conventions(draft: MapDraft) -> None:
@@ -179,6 +173,12 @@ def choose_attitude_conventions(draft: MapDraft) -> None:
         return 1.0 if travel is None else _motion_error(draft, travel)
 
     (given.order, given.direction), error = least(by_momentum, choices)
+    if error > _AGREE:
+        draft.open.append(
+            f"order and direction of the attitude are not determined: the best, {given.order} and "
+            f"{given.direction}, explains only {max(1 - error, 0):.0%} of the base's motion "
+            "(attitude.order, attitude.direction)"
+        )
     draft.say(
         "attitude",
         f"{given.order}, {given.direction}: with this convention, conservation of momentum "
@@ -195,9 +195,8 @@ def choose_position_unit_and_point(draft: MapDraft) -> None:
     travel = base_travel(draft.measurements())
     expected = None
     if travel is not None:
-        tree, names = draft.spacecraft.tree, draft.spacecraft.joint_names
-        expected = compare_variants(tree, names, travel, others=False)[0].explanation
-    if expected is None or UNITS[expected.unit] > 1:  # no unit of a map is longer than a metre
+        expected = explained(draft.spacecraft.tree, travel).explanation
+    if expected is None:
         draft.say("position", f"in {given.unit}: {'by name' if stated else 'assumed'}")
         return
     if stated is None:

@@ -76,7 +76,6 @@ class TravelFit:
         residuals: (N, 3) in W [m].
         travel: root mean square of the motion that a constant velocity does not explain [m].
         reach: largest distance of the capture point from B's origin [m].
-        first_moment: (3,) μ c: mass share times the target's centre of mass, in C [m].
 
     """
 
@@ -86,7 +85,6 @@ class TravelFit:
     residuals: NDArray[np.float64]
     travel: float
     reach: float
-    first_moment: NDArray[np.float64]
 
     @property
     def is_possible(self) -> bool:
@@ -172,7 +170,6 @@ class TravelModel:
         *,
         free_point: bool = False,
         constant_force: bool = False,
-        extra: NDArray[np.float64] | None = None,
     ) -> TravelFit:
         """Fit the base's positions.
 
@@ -180,7 +177,6 @@ class TravelModel:
             travel: the logged motion, with the joint positions of this model.
             free_point: whether the positions may belong to another point than B's origin.
             constant_force: whether the centre of mass may have a constant acceleration.
-            extra: (3 N, k) columns of further unknowns.
 
         """
         clock = travel.time / max(travel.time[-1], 1e-9)
@@ -194,8 +190,6 @@ class TravelModel:
         columns += [R_WB] if free_point else []
         columns += [power[:, None, None] * np.eye(3) for power in powers]
         A = np.concatenate(columns, axis=2).reshape(drift.size, -1)
-        if extra is not None:
-            A = np.hstack([A, extra])
         y = (travel.position + rotate(R_WB, self._known)).reshape(-1)
         estimate, sigma = _least_squares(A, y)
         return TravelFit(
@@ -205,50 +199,7 @@ class TravelModel:
             (y - A @ estimate).reshape(-1, 3),
             _rms(drift),
             float(np.linalg.norm(self._capture, axis=1).max()),
-            estimate[1:4],
         )
-
-    def position(self, R_WB: NDArray[np.float64], found: TravelFit) -> NDArray[np.float64]:
-        """Return B's origin (N, 3) from the system's centre of mass, in W [m], for a target."""
-        arm = rotate(self._R_BC, found.first_moment)
-        arm = arm + found.mass_share * (self._capture - self._known)
-        return -rotate(R_WB, self._known + arm)
-
-
-def small_error_residuals(
-    tree: KinematicTree, travel: BaseTravel, found: TravelFit
-) -> NDArray[np.float64]:
-    """Return what is left (N, 3) of a fit if the errors of usual hardware are free as well [m].
-
-    These are a constant force, late joints or attitudes, and constant errors of the joints' zeros
-    and of the mounting of the attitude sensor, each to first order.
-
-    Args:
-        tree: the known spacecraft.
-        travel: the logged motion.
-        found: its fit, about which the errors are linearized.
-
-    """
-    step, n = 1e-4, travel.q.shape[1]
-    period = max(travel.time[-1], 1e-9) / max(len(travel.time) - 1, 1)
-
-    def moved(q: NDArray[np.float64], R_WB: NDArray[np.float64]) -> NDArray[np.float64]:
-        model = TravelModel(tree, q)
-        return (model.position(R_WB, found) - plain) / step
-
-    plain = TravelModel(tree, travel.q).position(travel.R_WB, found)
-    rate = np.gradient(travel.q, axis=0) / period
-    turns = Rotation.from_matrix(travel.R_WB)
-    turning = (turns[:-1].inv() * turns[1:]).as_rotvec() / period
-    w = np.vstack([turning, turning[-1:]])
-    columns = [moved(travel.q + step * np.eye(n)[j], travel.R_WB) for j in range(n)]
-    columns.append(moved(travel.q + step * rate, travel.R_WB))
-    for direction in (w, *np.eye(3)):
-        turned = turns * Rotation.from_rotvec(step * np.broadcast_to(direction, w.shape))
-        columns.append(moved(travel.q, turned.as_matrix()))
-    extra = np.stack(columns, axis=-1).reshape(travel.position.size, -1)
-    rest = TravelModel(tree, travel.q).fit(travel, constant_force=True, extra=extra).residuals
-    return rest
 
 
 def in_unit(travel: BaseTravel, scale: float) -> BaseTravel:

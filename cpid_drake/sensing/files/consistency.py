@@ -1,9 +1,9 @@
 """Compares a log's positions with its rates, to find wrong units and conventions.
 
 Differences of positions over half a second are compared with the mean of the rates in the same half
-second. A wrong unit shows as a factor between them, such as 180/π for degrees. A wrong convention,
-such as another order of the quaternion's entries, shows as a much better agreement in that
-convention.
+second. Their mismatch, relative to the motion, is the score of a convention. Another convention,
+such as degrees or another order of the quaternion's entries, is named if it explains what the
+expected one does not.
 """
 
 from collections.abc import Callable, Collection
@@ -16,29 +16,31 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.sensing.measurements import Measurements, Samples
 
-_FACTORS = {
-    180 / np.pi: ("degrees", "rad"),
-    1000.0: ("millimetres", "m"),
-    100.0: ("centimetres", "m"),
-}
-_SCALAR_LAST = "the quaternion seems to be in the order x, y, z, w; it must be qw, qx, qy, qz"
-_INVERSE = "the quaternion seems to be that of R_BW; it must be that of R_WB, B's axes in W"
-_IN_WORLD = "the angular velocity seems to be expressed in the world; name its columns wx, wy, wz"
-_IN_BODY = "the angular velocity seems to be expressed in the body; name its columns bwx, bwy, bwz"
-_CLEAR = 0.98
-"""Correlation above which a factor, or another convention, is certain."""
+AGREES = 0.2
+"""Largest mismatch of positions and rates that agree; a wrong unit, axis or sign gives 0.5."""
+
+_DIFFERS = 0.5
+"""Mismatch of positions and rates that are of different motions."""
+
+_CLEARLY = 2.0
+"""Ratio of mismatches from which another convention explains the motion clearly better."""
 
 _SLOWEST = 0.5
 """Step from sample to sample [s] above which the time may be in another unit."""
-
-AGREES = 0.2
-"""Largest mismatch of positions and rates that agree."""
 
 _MOST = 20_000
 """Largest number of differences that are compared, evenly distributed over the log."""
 
 _STEP = 0.5
 """Length of the differences [s]."""
+
+_SIZES = {
+    "rad": {"degrees": np.pi / 180},
+    "m": {"millimetres": 1e-3, "centimetres": 1e-2},
+}
+"""By expected unit, other units and their sizes."""
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,26 +70,25 @@ def check_consistency(
         )
         return found
     for k, joint in enumerate(measurements.joint_names):
-        positions, rates = (
+        pair = [
             Samples(samples.time, samples.value[:, k : k + 1])
             for samples in (measurements.encoders, measurements.joint_rates)
-        )
+        ]
         units = ("rad", "m") if sliding is None else ("m" if joint in sliding else "rad",)
-        _check_vector(positions, rates, f"q:{joint}", f"qd:{joint}", units, found)
+        _check_vector(pair[0], pair[1], f"q:{joint}", f"qd:{joint}", units, found)
     _check_vector(measurements.position, measurements.velocity, "x,y,z", "vx,vy,vz", ("m",), found)
     _check_attitude(measurements, found)
     return found
 
 
-_Comparison = tuple[Callable[[Samples, Samples], float | None], Samples, Samples]
-
-
 def _clock_unit(measurements: Measurements) -> str | None:
     """Return the unit of the time if it is not s: positions and rates agree with that unit only."""
-    joints = measurements.encoders, measurements.joint_rates
-    pairs = [joints, (measurements.position, measurements.velocity)]
-    comparisons: list[_Comparison] = [(rate_mismatch, *pair) for pair in pairs]
-    comparisons.append((attitude_mismatch, measurements.attitude, measurements.gyro))
+    m = measurements
+    comparisons: list[tuple[Callable[[Samples, Samples], float | None], Samples, Samples]] = [
+        (rate_mismatch, m.encoders, m.joint_rates),
+        (rate_mismatch, m.position, m.velocity),
+        (attitude_mismatch, m.attitude, m.gyro),
+    ]
     comparisons = [each for each in comparisons if min(len(each[1]), len(each[2])) > 9]
     if not comparisons or np.median(np.diff(comparisons[0][1].time)) < _SLOWEST:
         return None
@@ -128,9 +129,17 @@ def attitude_mismatch(attitude: Samples, gyro: Samples) -> float | None:
     return _mismatch((before.inv() * after).as_rotvec() / elapsed, w_B)
 
 
-def _mismatch(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> float:
+def _mismatch(moved: Array, rate: Array) -> float:
     size = max(np.sum(moved**2), np.sum(rate**2))
     return float(np.sqrt(np.sum((moved - rate) ** 2) / size)) if size > 0 else 0.0
+
+
+def _better(expected: float, others: list[tuple[str, Array, Array]]) -> str | None:
+    """Return the sentence of the convention that explains the motion clearly better."""
+    text, least = min(
+        ((text, _mismatch(moved, rate)) for text, moved, rate in others), key=lambda each: each[1]
+    )
+    return text if least < AGREES and _CLEARLY * least < expected else None
 
 
 def _check_vector(
@@ -144,30 +153,24 @@ def _check_vector(
     pairs = _pairs(positions, rates)
     if pairs is None:
         return
-    first, second, elapsed, mean_rate = pairs
+    first, second, elapsed, rate = pairs
     moved = (second - first) / elapsed
-    slope, correlation = _compare(moved, mean_rate)
-    if correlation < -_CLEAR and 0.9 < -slope < 1.1:
-        found.errors.append(f"{rate_name} is the rate of {name} with the opposite sign")
-    elif correlation > _CLEAR and not 0.9 < slope < 1.1:
-        for factor, (other, unit) in _FACTORS.items():
-            if unit not in units:
-                continue
-            if abs(slope / factor - 1) < 0.05:
-                found.errors.append(
-                    f"{name} changes {round(slope, 1):g} times as fast as {rate_name} says: is it "
-                    f"in {other}? It must be in {unit}"
-                )
-                return
-            if abs(slope * factor - 1) < 0.05:
-                found.errors.append(
-                    f"{rate_name} says {1 / slope:.3g} times as much as {name} changes: is it in "
-                    f"{other}/s? It must be in {unit}/s"
-                )
-                return
-        found.warnings.append(f"{name} changes {slope:.3g} times as fast as {rate_name} says")
-    elif correlation < 0.5 and _is_motion(moved, mean_rate):
-        found.warnings.append(f"{name} does not change at the rate that {rate_name} gives")
+    others = [(f"{rate_name} is the rate of {name} with the opposite sign", moved, -rate)]
+    for unit in units:
+        for other, size in _SIZES[unit].items():
+            text = f"{name} changes {1 / size:.3g} times as fast as {rate_name} says: is it in "
+            others.append((f"{text}{other}? It must be in {unit}", size * moved, rate))
+            text = f"{rate_name} says {1 / size:.3g} times as much as {name} changes: is it in "
+            others.append((f"{text}{other}/s? It must be in {unit}/s", moved, size * rate))
+    mismatch = _mismatch(moved, rate)
+    better = _better(mismatch, others)
+    if better is not None:
+        found.errors.append(better)
+    elif mismatch > _DIFFERS and _is_motion(moved, rate):
+        found.warnings.append(
+            f"{name} does not change at the rate that {rate_name} gives: they differ by "
+            f"{mismatch:.0%}"
+        )
 
 
 def _check_attitude(measurements: Measurements, found: Findings) -> None:
@@ -176,58 +179,51 @@ def _check_attitude(measurements: Measurements, found: Findings) -> None:
         return
     first, second, elapsed, w_B = pairs
 
-    straight, scalar_last = [0, 1, 2, 3], [3, 0, 1, 2]
-
-    def attitudes(order: list[int], inverse: bool) -> tuple[Rotation, Rotation]:
-        """Return R_WB at the start and end of the intervals, for this convention of quaternions."""
+    def moved(order: list[int], inverse: bool) -> tuple[Rotation, Array]:
+        """Return R_WB at the start, and angular velocities in B, for a convention."""
         R = [Rotation.from_quat(q[:, order], scalar_first=True) for q in (first, second)]
-        return (R[0].inv(), R[1].inv()) if inverse else (R[0], R[1])
+        before, after = (R[0].inv(), R[1].inv()) if inverse else (R[0], R[1])
+        return before, (before.inv() * after).as_rotvec() / elapsed
 
-    def angular_velocity(before: Rotation, after: Rotation) -> NDArray[np.float64]:
-        """Return the mean angular velocity (n, 3) over each interval, in B."""
-        return (before.inv() * after).as_rotvec() / elapsed
-
-    as_read = attitudes(straight, False)
-    w_by_attitude = angular_velocity(*as_read)
-    slope, correlation = _compare(w_by_attitude, w_B)
-    if correlation > _CLEAR:
-        if 0.9 < slope < 1.1:
-            return
-        if abs(slope * 180 / np.pi - 1) < 0.05:
-            found.errors.append(
-                f"the angular velocity is {1 / slope:.3g} times the rate of the attitude: "
-                "is it in degrees/s? It must be in rad/s"
-            )
-            return
-    w_if_in_W = as_read[0].apply(w_B)  # the columns as read, if they were wx, wy, wz
-    explanations = [
-        (w_by_attitude, as_read[0].inv().apply(w_B), _IN_WORLD),
-        (w_by_attitude, w_if_in_W, _IN_BODY),
+    R_WB, by_attitude = moved([0, 1, 2, 3], False)
+    in_W = R_WB.apply(w_B)  # the columns as read, if they were wx, wy, wz
+    name = "the angular velocity seems to be"
+    order = "the quaternion seems to be in the order x, y, z, w; it must be qw, qx, qy, qz"
+    inverse = "the quaternion seems to be that of R_BW; it must be that of R_WB, B's axes in W"
+    degrees = np.pi / 180
+    others = [
+        (
+            f"the angular velocity says {1 / degrees:.3g} times as much as the attitude turns: is "
+            "it in degrees/s? It must be in rad/s",
+            by_attitude,
+            degrees * w_B,
+        ),
+        (
+            f"{name} expressed in the world; name its columns wx, wy, wz",
+            by_attitude,
+            R_WB.inv().apply(w_B),
+        ),
+        (f"{name} expressed in the body; name its columns bwx, bwy, bwz", by_attitude, in_W),
     ]
-    for order, inverse, text in (
-        (scalar_last, False, _SCALAR_LAST),
-        (straight, True, _INVERSE),
-        (scalar_last, True, f"{_SCALAR_LAST}; and {_INVERSE}"),
+    for text, entries, turned in (
+        (order, [3, 0, 1, 2], False),
+        (inverse, [0, 1, 2, 3], True),
+        (f"{order}; and {inverse}", [3, 0, 1, 2], True),
     ):
-        R_WB = attitudes(order, inverse)
-        explanations += [
-            (angular_velocity(*R_WB), w_B, text),
-            (angular_velocity(*R_WB), R_WB[0].inv().apply(w_if_in_W), text),
-        ]
-    for moved, w, text in explanations:
-        slope, agreement = _compare(moved, w)
-        # Noise is the same in every convention, so a convention with a much smaller disagreement is
-        # right.
-        if agreement > _CLEAR and 0.9 < slope < 1.1 and 1 - agreement < 0.2 * (1 - correlation):
-            found.errors.append(text)
-            return
-    if correlation < 0.5 and _is_motion(w_by_attitude, w_B):
-        found.warnings.append("the attitude does not change at the measured angular velocity")
+        R, w = moved(entries, turned)
+        others += [(text, w, w_B), (text, w, R.inv().apply(in_W))]
+    mismatch = _mismatch(by_attitude, w_B)
+    better = _better(mismatch, others)
+    if better is not None:
+        found.errors.append(better)
+    elif mismatch > _DIFFERS and _is_motion(by_attitude, w_B):
+        found.warnings.append(
+            f"the attitude does not change at the measured angular velocity: they differ by "
+            f"{mismatch:.0%}"
+        )
 
 
-def _pairs(
-    positions: Samples, rates: Samples
-) -> tuple[NDArray, NDArray, NDArray, NDArray[np.float64]] | None:
+def _pairs(positions: Samples, rates: Samples) -> tuple[Array, Array, Array, Array] | None:
     """Return the values at both ends of n intervals, their lengths (n, 1), and the mean rates.
 
     The intervals overlap. They have the length `_STEP` if the sensor is faster than that: over one
@@ -255,18 +251,10 @@ def _pairs(
     return value[chosen], value[chosen + stride], elapsed, mean / elapsed
 
 
-def _compare(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the factor from rates to motion in the least-squares sense, and their correlation."""
-    both, own, other = np.sum(moved * rate), np.sum(rate**2), np.sum(moved**2)
-    if not (own > 0 and other > 0):
-        return 1.0, 1.0 if own == other else 0.0
-    return float(both / own), float(both / np.sqrt(own * other))
-
-
-def _is_motion(moved: NDArray[np.float64], rate: NDArray[np.float64]) -> bool:
+def _is_motion(moved: Array, rate: Array) -> bool:
     """Return whether neighbouring intervals agree; in mere noise they do not."""
 
-    def smooth(values: NDArray[np.float64]) -> bool:
+    def smooth(values: Array) -> bool:
         size = np.sum(values**2)
         return bool(np.sum(values[1:] * values[:-1]) > 0.5 * size > 0)
 

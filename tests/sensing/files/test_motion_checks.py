@@ -63,7 +63,6 @@ def in_degrees(log):
     ("spoil", "phrase"),
     [
         (lambda m: {"position": m.position.value * 1000}, "in millimetres"),
-        (lambda m: {"position": m.position.value / 10}, "in units of 10 m"),
         (lambda m: {"position": m.position.value / 0.0254}, "in inches"),
         (lambda m: {"position": moved_point(m)}, "that of the point [0."),
         (lambda m: {"position": moved_point(m) * 100}, "in centimetres"),
