@@ -29,7 +29,11 @@ instead.
 
 
 KNOWN = 0.1
-"""Largest σ of a determined combination of unknowns, as a share of its plausible size."""
+"""Largest σ of a determined combination of unknowns, as a share of its plausible size: of rows, in
+whose regressors noise looks like information."""
+
+SEEN = 0.5
+"""The same of a fit, whose regressors have no noise: a 95 % interval is narrower than ± the size."""
 
 
 @dataclass(frozen=True)
@@ -175,8 +179,7 @@ def solution_of_information(
         estimate: (n,) unknowns.
         information: (n, n) inverse covariance, of the data alone.
         scale: (n,) plausible sizes: a combination of unknowns is treated as undetermined if its σ
-            exceeds a tenth of its size, because noise in the regressors has the same effect as
-            information.
+            exceeds the share `SEEN` of its size.
         residual_sum: sum of the squared residuals of the whitened rows.
         row_count: number of whitened rows.
 
@@ -190,7 +193,7 @@ def solution_of_information(
         scale,
         sizes,
         axes[:, ::-1],
-        sizes > 1 / KNOWN,
+        sizes > 1 / SEEN,
         residual_sum=residual_sum,
         row_count=row_count,
     )

@@ -30,7 +30,9 @@ def plausible_sizes(psi: NDArray[np.float64], least: NDArray[np.float64]) -> NDA
     """
     if not psi[0] > 0:
         return least
-    radius = np.sqrt(max(psi[4] + psi[7] + psi[9], 0.0) / 2 / psi[0])
+    moments = psi[[4, 7, 9]]
+    spread = max(float(moments.sum()) / 2, float(moments.max()), 0.0)  # Σ m r²: some may be unknown
+    radius = np.sqrt(spread / psi[0])
     radius = min(radius, _LARGEST * np.sqrt(least[4] / least[0]))
     return np.maximum(psi[0] * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]]), least)
 
