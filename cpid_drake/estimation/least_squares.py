@@ -33,7 +33,7 @@ KNOWN = 0.1
 whose regressors noise looks like information."""
 
 SEEN = 0.5
-"""The same of a fit, whose regressors have no noise: a 95 % interval is narrower than ± the size."""
+"""The same of a fit, whose regressors have no noise: its 95 % interval is within ± the size."""
 
 
 @dataclass(frozen=True)

@@ -323,7 +323,7 @@ class _Evidence:
             rows[..., :ORDER, :ORDER], rows[..., :ORDER, K] = carried[..., :-1], carried[..., -1]
             rows[..., ORDER:m, :K] = q * P
             rows[..., m:-1, :] = np.dstack([w.T[..., None] * A, (w * each.values).T])[:, None]
-            T = np.linalg.qr(rows, mode="r")
+            T = np.asarray(np.linalg.qr(rows, mode="r"))
             size = np.log(np.abs(np.diagonal(T, axis1=-2, axis2=-1)[..., :K]))
             volume += 2 * np.sum(size[..., :inner], axis=-1) + inner * u
             S, count, carried = S + T[..., K, K] ** 2, count + n, T[..., inner:K, inner:]
