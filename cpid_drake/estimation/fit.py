@@ -159,7 +159,7 @@ def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, 
     for name, rest in residuals.items():
         w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
         near = rest[w == 1.0]  # what is far off says nothing about the noise
-        tau = _correlation(near)
+        tau = _correlation(near) if name in SENSORS else 1.0  # means of a force are smooth
         lost = free / count + absorbed.get(name, 0.0) / rest.size
         freedom = near.size * max(1 - lost, 0.1) / tau
         square = (DECLARED + float(np.sum(near**2)) / tau) / (DECLARED + freedom)

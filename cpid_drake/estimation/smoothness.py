@@ -19,7 +19,7 @@ Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4; Demmler 
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +44,7 @@ FAR = 4.0
 DECLARED = 10.0
 """The declared σ of a sensor counts as much as so many samples."""
 
+_OPEN = 1e-6  # information about the start of a log: none
 _LEGENDRE = np.polynomial.legendre.leggauss(3)  # exact for the square of a quadratic
 _GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
 _RIDGE = 1e-2  # of the penalty, for the factorization: any λ has the same evidence with another one
@@ -51,6 +52,8 @@ _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kas
 _PATIENCE = 2  # numbers of pieces without gain after which no more are tried
 _REWEIGHTINGS = 6
 _SAME = 0.05  # change of a weight that does not matter
+
+_Values = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +92,7 @@ def smoothness_of(
     for _ in range(_REWEIGHTINGS):  # outliers look like a rough motion or like noise, until known
         pieces = _best_pieces(samples, usual, weights)
         evidence = _Evidence(samples, pieces / usual, weights)
-        u, noise = evidence.best()
+        u, noise = evidence.best(evidence.chained())
         before, weights = weights, evidence.weights_of(u, noise)
         change = max(np.abs(a - b).max(initial=0.0) for a, b in zip(before, weights, strict=True))
         if change < _SAME:
@@ -105,7 +108,7 @@ def _best_pieces(
     best, least, in_vain = PIECES[0], np.inf, 0
     for pieces in PIECES:
         evidence = _Evidence(samples, pieces / usual, weights)
-        value = float(evidence.values(evidence.best()[0][:, None]).sum())
+        value = float(evidence.values(evidence.best(evidence.values)[0][:, None]).sum())
         if value < least - _WORTH:
             best, least, in_vain = pieces, value, 0
         else:
@@ -274,16 +277,53 @@ class _Evidence:
         volume -= 2 * np.asarray(weights)[:, None]
         return np.asarray(freedom * np.log((DECLARED + S) / freedom) + volume)
 
-    def best(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def chained(self) -> _Values:
+        """Return the function `values` of blocks that continue from each other.
+
+        Blocks of a slow motion show its jerk only together: each by itself is a parabola.
+        """
+        parts = []
+        for each, pieces, w in zip(self._samples, self._pieces, self._weights, strict=True):
+            A, P = each.design(pieces), each.penalty(pieces)
+            rows = np.dstack([w.T[..., None] * A, (w * each.values).T])
+            own = np.linalg.qr(np.pad(rows, ((0, 0), (0, A.shape[1] + 1), (0, 0))), mode="r")
+            parts.append((np.linalg.qr(P, mode="r"), own, len(A)))
+
+        def values(u: NDArray[np.float64]) -> NDArray[np.float64]:
+            q = np.exp(-u / 2)[..., None, None]
+            carried = np.zeros((*u.shape, ORDER, ORDER + 1))
+            carried[..., range(ORDER), range(ORDER)] = _OPEN
+            S, volume, count = np.zeros(u.shape), np.zeros(u.shape), -ORDER
+            for P, own, n in parts:
+                K = own.shape[-1] - 1
+                m, inner = ORDER + len(P), K - ORDER
+                rows = np.zeros((*u.shape, m + own.shape[1], K + 1))
+                rows[..., :ORDER, :ORDER] = carried[..., :-1]
+                rows[..., :ORDER, K] = carried[..., -1]
+                rows[..., ORDER:m, :K], rows[..., m:, :] = q * P, own[:, None]
+                T = np.asarray(np.linalg.qr(rows, mode="r"))
+                size = np.log(np.abs(np.diagonal(T, axis1=-2, axis2=-1)[..., :K]))
+                volume += 2 * np.sum(size[..., :inner], axis=-1) + inner * u
+                S, count, carried = S + T[..., K, K] ** 2, count + n, T[..., inner:K, inner:]
+            volume += 2 * np.sum(size[..., inner:], axis=-1)
+            return np.asarray((DECLARED + count) * np.log(DECLARED + S) + volume)
+
+        return values
+
+    def best(self, values_at: _Values) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return u = log λ (J,) and the noise factors (J,).
 
         The smoothest u of a grid that is not much worse than the best one; then parabolas.
+
+        Args:
+            values_at: returns −2 log(evidence) (J, G) at u (J, G).
+
         """
-        values = self.values(np.broadcast_to(_GRID, (self._J, len(_GRID))))
+        values = values_at(np.broadcast_to(_GRID, (self._J, len(_GRID))))
         u = _GRID[np.argmax(values < values.min(axis=1)[:, None] + _WORTH, axis=1)]
         for step in (0.75, 0.1):
             at = u[:, None] + step * np.arange(-4, 5)
-            values = self.values(at)
+            values = values_at(at)
             k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
             a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
             shift = np.clip(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12), -1, 1)

@@ -167,3 +167,20 @@ def test_a_block_without_samples_is_part_of_the_motion():
         _, parts = smooth_joints(cut, SUITE)
         t = np.linspace(2.1, 2.9, 9)
         assert np.abs(evaluated(parts, t) - motion(t)).max() < 0.02
+
+
+def test_a_slow_motion_is_seen_although_no_block_shows_its_jerk():
+    """A sine of 20 s in blocks of 4 s, with three times the declared noise and a gap."""
+    rng, t = np.random.default_rng(3), np.arange(0, 60, 0.2)
+    t = t[(t < 30) | (t > 33)]
+    sigma, speed = 2e-3, 2 * np.pi / 20
+    angle = 0.3 * np.sin(speed * t)[:, None]
+    samples = Samples(t, angle + 3 * sigma * rng.standard_normal(angle.shape))
+    suite = SensorSuite(encoders=JointSensor(5.0, sigma))
+    blocks = blocks_of(Measurements(("a",), {"encoders": samples}), 4.0)
+    smoothness, parts = smooth_joints(blocks, suite)
+    error = evaluated(parts, t)[:, 0] - angle[:, 0]
+    assert np.sqrt(np.mean(error**2)) < sigma
+    rate = evaluated(parts, t, 1)[:, 0] - 0.3 * speed * np.cos(speed * t)
+    assert np.sqrt(np.mean(rate**2)) < 0.1 * 0.3 * speed
+    assert smoothness.noise[0] == pytest.approx(3.0, rel=0.15)

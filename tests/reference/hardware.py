@@ -8,10 +8,9 @@ it together with the pose. Each draw writes a URDF, a file of sensors and logs.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
+from itertools import pairwise
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -60,7 +59,7 @@ class Body:
 
 @dataclass(eq=False)
 class Joint:
-    """A joint from the body before it: its origin there, and the body behind it (None: massless)."""
+    """A joint: its origin in the body before it, and the body behind it (None: massless)."""
 
     name: str
     kind: str
@@ -133,9 +132,9 @@ class Craft:
         def link(name: str, body: Body | None) -> str:
             if body is None:
                 return f'<link name="{name}"/>'
-            I, c = body.inertia, " ".join(f"{x:.12g}" for x in body.com)
+            J, c = body.inertia, " ".join(f"{x:.12g}" for x in body.com)
             names = ("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0, 2)
-            inertia = " ".join(f'{n}="{I[a, b]:.12g}"' for n, a, b in (*names, ("iyz", 1, 2)))
+            inertia = " ".join(f'{n}="{J[a, b]:.12g}"' for n, a, b in (*names, ("iyz", 1, 2)))
             return (
                 f'<link name="{name}"><inertial><origin xyz="{c}"/><mass value="{body.mass:.12g}"/>'
                 f"<inertia {inertia}/></inertial></link>"
@@ -195,7 +194,7 @@ def run(
     splits = [0.0, late * T, T] if late > 1e-9 else [0.0, T]
     inside = [
         np.linspace(a, b, max(1, int(np.ceil((b - a) / STEP))) + 1)[:-1]
-        for a, b in zip(splits, splits[1:])
+        for a, b in pairwise(splits)
     ]
     early = len(inside[0]) if len(inside) == 2 else 0  # steps before the late command acts
     within = np.append(np.concatenate(inside), T)

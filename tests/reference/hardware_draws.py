@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Draws of simulated hardware logs, and what `cpid identify` says about them.
 
-`python hardware_draws.py KIND --draws N` identifies N draws of a kind and prints one line for each, worst
-error first. Kinds: valves, floor, pushed (see the functions of these names).
+`python hardware_draws.py KIND --draws N` identifies N draws of a kind and prints one line for
+each, the worst first. Kinds: valves, floor, pushed (see the functions of these names).
 """
 
 import argparse
@@ -231,7 +231,7 @@ def floor(seed: int, folder: Path, *, logs: int = 1, step: float = 0.0, white: b
     acceleration = size * rng.uniform(0.3e-3, 2e-3)
     noise = acceleration, acceleration * mass * 0.2
     sigma_m, sigma_rad, sigma_q = rng.uniform(0.5e-3, 1e-3), rng.uniform(1e-3, 2e-3), 2e-3
-    zero, rate, columns, lost = 1e-2 * rng.standard_normal(len(joints)), 5.0, [], 0.0
+    zero, rate, columns = 1e-2 * rng.standard_normal(len(joints)), 5.0, []
     for number in range(logs):
         times = np.arange(int(rng.uniform(40, 60) * rate)) / rate
         motion = sines(rng, rng.uniform(0.4, 0.9, len(joints)), 0.04, 0.15)

@@ -1,4 +1,4 @@
-"""The simulated hardware logs obey what they claim: momentum, impulse, and Drake's own mass matrix."""
+"""The simulated hardware logs are what they claim: momentum as in Drake, impulses, noise."""
 
 import numpy as np
 import pytest
