@@ -91,6 +91,10 @@ class LogState:
         jumps = {k: self.jumps.get(k, np.zeros(12)) for k in sorted(set(ends))}
         return replace(self, links=dict.fromkeys(jumps, model.farthest), jumps=jumps)
 
+    def with_links(self, share: float) -> "LogState":
+        """Return the log with changes between blocks of a share of their σ."""
+        return replace(self, links={k: share * sigma for k, sigma in self.links.items()})
+
     @property
     def thrust(self) -> Samples:
         """The log of thrust of all blocks."""

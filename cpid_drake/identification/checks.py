@@ -21,7 +21,7 @@ from cpid_drake.sensing.sensors import SENSORS
 SUSPECTED = 0.1
 """Probability from which an error, or a momentum, that may act is mentioned."""
 
-MOST_NOISE = 3.0
+MOST_NOISE = 4.0
 """Ratio of the noise to the given one above which a check fails."""
 
 SEEN = 1.1
