@@ -64,7 +64,7 @@ def test_a_force_is_named_with_its_log(craft, logs, skewed_target):
     assert (effect.name, effect.log) == ("acceleration", "b")
     assert (np.abs(effect.value - PUSH) < 4 * effect.sigma).all()
     assert effect.describe().endswith("during b")
-    assert undeclared.declaration == ["disturbances: {acceleration: 0.001}"]
+    assert undeclared.declaration == ("disturbances: {acceleration: 0.001}",)
     assert undeclared.is_proposed
     assert any("do not declare: an external acceleration" in text for text in found.warnings)
     assert found.failures == ()
