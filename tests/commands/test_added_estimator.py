@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpid_drake.dynamics.rows import ROW_FAMILIES, STANDARD_ROWS
+from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
 from cpid_drake.identification import by_rows
 from cpid_drake.identification.estimators import ESTIMATORS, Estimator
 from cpid_drake.resources import models_directory
@@ -25,7 +25,7 @@ def estimate_every_second(known, logs, progress):
     names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
     whole = log.measurements
     half = whole.updated({n: whole[n].where(slice(None, None, 2)) for n in names})
-    rows = replace(known, family=STANDARD_ROWS)
+    rows = replace(known, family=RELATIVE_ROWS)
     found = by_rows.estimate(rows, {"": replace(log, measurements=half)})
     return replace(found, estimator="every_second", rows=None)
 
@@ -62,11 +62,8 @@ def added(short_reports, monkeypatch, tmp_path):
 def test_what_is_added_identifies_a_log(run_cpid):
     options = ("--estimator", "every_second")
     found = []
-    for method in (("--rows", "standard"), options):
-        assert (
-            run_cpid("identify", SAMPLE, *FREE_FLYER, "--to", 3, *method, "--json", "found.txt")[0]
-            == 0
-        )
+    for method in (("--rows", "relative"), options):
+        assert run_cpid("identify", SAMPLE, *FREE_FLYER, *method, "--json", "found.txt")[0] == 0
         found.append(json.loads(Path("found.txt").read_text()))
     assert found[0]["parameters"] != found[1]["parameters"]
     assert found[1]["parameters"][0] == pytest.approx(8.5, rel=0.05)
