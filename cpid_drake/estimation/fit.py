@@ -26,7 +26,7 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensing.sensors import SENSORS
 
-CLOSE = 1e-2
+CLOSE = 1e-3
 """The fit ends when a step would reduce χ² by less than this."""
 
 CLOSING = (1.0, 0.1, 0.1, 0.1, 0.1)

@@ -477,7 +477,7 @@ MODELS = {
     ),
     "no_base": (file("m.urdf", urdf().replace("bus", "body")), "no body 'bus'", "body"),
     "no_hand": (file("m.urdf", urdf().replace("hand", "grip")), "no frame 'hand'", "grip"),
-    "hand_on_base": (file("m.urdf", urdf().replace("revolute", "fixed")), "'hand' is on the base"),
+    "hand_on_base": (file("m.urdf", urdf().replace("revolute", "fixed")), "no revolute or prismatic"),
 }
 
 
