@@ -92,20 +92,12 @@ def motion(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Also plan motions that turn the base less and less; write them, a table and a "
-            "figure of their worst σ.",
+            help="Also compute the Pareto front of precision against base rotation; write its "
+            "motions, a table and a figure.",
         ),
     ] = None,
     sensors: SensorsOption = None,
     prior: PriorOption = None,
-    family: Annotated[str, typer.Option(help="spline, fourier or waypoints.")] = "spline",
-    criterion: Annotated[
-        str,
-        typer.Option(
-            help="worst (largest σ in units of its scale), A (mean variance), D (volume of the "
-            "ellipsoid) or E (its longest axis)."
-        ),
-    ] = "worst",
     duration: Annotated[
         float | None, typer.Option(help="Duration \\[s]. Default: that of the scenario's motion.")
     ] = None,
@@ -113,8 +105,8 @@ def motion(
         float | None,
         typer.Option(
             metavar="T",
-            help="Plan the transfer of the scenario so that it teaches the most, with at most T "
-            "more seconds than the scenario's motion takes.",
+            help="Plan the transfer of the scenario to be as informative as possible, with at "
+            "most T more seconds than the scenario's motion takes.",
         ),
     ] = None,
     frequency: Annotated[
@@ -130,14 +122,6 @@ def motion(
     acceleration: Annotated[
         float | None, typer.Option(help="Largest acceleration of the joints \\[rad/s² or m/s²].")
     ] = None,
-    stoppable: Annotated[
-        bool,
-        typer.Option(
-            "--stoppable",
-            help="The motion may be stopped at any instant: if every joint brakes with "
-            "--acceleration, positions, distances and torques stay within their limits.",
-        ),
-    ] = False,
     clearance: Annotated[
         float, typer.Option(help="Smallest distance of bodies that are not neighbours \\[m].")
     ] = 0.05,
@@ -194,15 +178,12 @@ def motion(
     loaded = load_scenario(path)
     suite = _suite(loaded, sensors)
     chosen = PlanOptions(
-        family=family,
-        criterion=criterion,
         duration=duration,
         opportunistic=opportunistic or 0.0,
         frequency=frequency,
         joints=tuple(joint or ()),
         rate_share=rate_share,
         acceleration=math.inf if acceleration is None else acceleration,
-        is_stoppable=stoppable,
         clearance=clearance,
         base_attitude=None if base_attitude is None else math.radians(base_attitude),
         base_rate=None if base_rate is None else math.radians(base_rate),
@@ -243,7 +224,7 @@ def _plan(
     with log.status("planning") as status:
 
         def progress(what: str, best: float) -> None:
-            status.update(f"{what}: {problem.options.criterion} σ {100 * best:.3g} % of scale")
+            status.update(f"{what}: worst σ {100 * best:.3g} % of scale")
 
         try:
             best = planner.run(progress)
@@ -330,10 +311,10 @@ def _plan_front(
             _write(problem, point.candidate, scenario, draft / name)
             points.append((math.degrees(point.angle), 100 * point.candidate.score, name))
         rows = [f"{angle:.6g},{score:.6g},{name}" for angle, score, name in points]
-        head = f"turn of the base [deg],{problem.options.criterion} σ [% of scale],motion"
+        head = "turn of the base [deg],worst σ [% of scale],motion"
         write_text(draft / "front.csv", "\n".join([head, *rows]) + "\n")
         values = np.array([each[:2] for each in points])
-        front_picture(values, problem.options.criterion).save(draft, "png")
+        front_picture(values).save(draft, "png")
     log.print(f"{len(points)} motions in {folder}")
     return min((point.candidate for point in found), key=lambda one: one.score)
 
@@ -346,7 +327,7 @@ def _write(
     interrupted = "# Interrupted: the best motion within all limits until then.\n"
     header = ("" if is_finished else interrupted) + (
         f"# Planned with `cpid plan {scenario}` for {len(problem.targets)} plausible targets.\n"
-        f"# Their weighted {problem.options.criterion} criterion is {best.score:.4g} in units of "
+        f"# The largest σ, weighted over these targets, is {best.score:.4g} in units of "
         "the scale. Units of this file: rad, m, s, Hz.\n\n"
     )
     write_text(out, header + dump_motion(problem.family.declare(best.parameters)))
