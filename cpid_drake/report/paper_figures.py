@@ -161,8 +161,8 @@ def _draw_decimals(study: PaperStudy, figure: Figure) -> None:
         theirs = [abs(mass / truth.mass - 1) for mass in PAPER_TABLE_2.values()]
         axes.plot(list(PAPER_TABLE_2), theirs, "s--", color=COLORS[1], label="paper (printed)")
     series = [("here, motion of Fig. 5", "o-", COLORS[0], study.rounded)]
-    if study.livelier is not None:
-        series.append(("here, livelier motion", "^-", COLORS[2], study.livelier.by_fit))
+    if study.exciting is not None:
+        series.append(("here, exciting motion", "^-", COLORS[2], study.exciting.by_fit))
     refused = False
     for name, style, color, cases in series:
         answers = [case for case in cases if not case.objection]
