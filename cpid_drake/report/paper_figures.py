@@ -33,7 +33,7 @@ def configuration_group(study: PaperStudy) -> PictureGroup:
     for name, word, time, image in zip("AB", ("Initial", "Final"), times, images, strict=True):
         title = f"({name}) {word} configuration, t = {time:g} s"
         draw = partial(_draw_image, image, title)
-        pictures.append(Picture(f"figure3-{name}", title, draw, (4.6, 3.5), is_photo=True))
+        pictures.append(Picture(f"figure3-{name}", title, draw, (4.6, 3.5)))
     return PictureGroup("Configurations (Fig. 3)", pictures)
 
 
