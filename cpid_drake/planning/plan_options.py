@@ -9,7 +9,7 @@ from cpid_drake.planning import HIGHEST_FREQUENCY
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a user can choose; see `cpid plan --help`.
+    """What a user can choose; see `cpid plan motion --help`.
 
     Attributes:
         duration: [s]; None for that of the scenario's motion.

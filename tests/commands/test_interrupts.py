@@ -26,7 +26,17 @@ COMMANDS = {
         *("accuracy", "exciting_motion", "--trials", "1000", "--preset", "flight"),
         *("--jobs", "2", "--out", "study"),
     ),
-    "plan": ("plan", "paper", "--candidates", "60000", "--jobs", "2", "--out", "motion.yaml"),
+    "plan": (
+        "plan",
+        "motion",
+        "paper",
+        "--candidates",
+        "60000",
+        "--jobs",
+        "2",
+        "--out",
+        "motion.yaml",
+    ),
 }
 """Commands that take minutes, so that none ends before its interrupt."""
 
