@@ -28,7 +28,7 @@ from cpid_drake.systems.scene_layers import make_layers
 FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]."""
 
-_VIEW = np.array([1.7, -1.5, 1.0])  # from the scene to the camera, in W and sizes of the scene
+_VIEW = np.array([1.35, -1.2, 0.8])  # from the scene to the camera, in W and sizes of the scene
 
 
 class SceneVisualizer(LeafSystem):

@@ -73,7 +73,11 @@ def ready(page) -> None:
 
 
 def seek(page, time: float) -> np.ndarray:
-    page.evaluate("time => { viewer.animator.seek(time); viewer.set_dirty(); }", time)
+    """Move Meshcat's own slider of the time."""
+    page.evaluate(
+        "time => { viewer.animator.time = time; viewer.animator.seek(time); viewer.set_dirty(); }",
+        time,
+    )
     return settled(page)
 
 
