@@ -1,6 +1,6 @@
 from .dynamics.inertia import InertialParameters
 from .dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
-from .dynamics.linear_motion import Spline, Waypoints
+from .dynamics.linear_motion import Spline
 from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from .dynamics.telemetry import Telemetry
 from .dynamics.total_momentum import TotalMomentum
@@ -53,7 +53,6 @@ __all__ = [
     "TargetPrior",
     "Telemetry",
     "TotalMomentum",
-    "Waypoints",
     "export_target",
     "from_columns",
     "identify",

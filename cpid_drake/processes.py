@@ -7,7 +7,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import ContextDecorator, contextmanager
+from contextlib import ContextDecorator
 from functools import cache
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
@@ -80,8 +80,7 @@ def shared_work(
         pickle.dump((prepare, inputs), file)
         file.flush()
         try:
-            with interrupts_held():
-                results = [pool.submit(_work, task) for task in tasks]
+            results = [pool.submit(_work, task) for task in tasks]
             for result in results:
                 yield result.result()
         except BaseException:  # also where the caller stops early, or an interrupt
@@ -96,6 +95,7 @@ _function: Callable[[Any], Any] | None = None
 def _start(file: str) -> None:
     """Prepare a process from the file with its inputs."""
     global _function
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process ends this one
     threading.Thread(target=end_with_parent, daemon=True).start()
     prepare, inputs = pickle.loads(Path(file).read_bytes())  # imports NumPy and SciPy
     one_thread.__enter__()
@@ -105,30 +105,6 @@ def _start(file: str) -> None:
 def _work(task: Any) -> Any:
     assert _function is not None
     return _function(task)
-
-
-@contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Hold interrupts back; processes that are started meanwhile never receive Ctrl-C.
-
-    The main process handles interrupts. It does so when the processes have been started: a process
-    that does not receive its beginning ends with a traceback.
-    """
-    held: list[int] = []
-    is_main = threading.current_thread() is threading.main_thread()
-    handlers = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if is_main}
-    handlers = {n: handler for n, handler in handlers.items() if callable(handler)}
-    for number in handlers:
-        signal.signal(number, lambda number, frame: held.append(number))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for each in held:
-            signal.raise_signal(each)
 
 
 def end_with_parent() -> None:

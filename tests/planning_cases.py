@@ -7,7 +7,7 @@ import numpy as np
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.planning.families import FAMILIES
+from cpid_drake.planning.families import MotionFamily
 from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.objective import Objective, PlausibleTarget
 from cpid_drake.studies.trials import Case, bound_of, ideal_samples, make_case
@@ -78,9 +78,7 @@ def small_objective(
             node_rate=node_rate,
         )
     start = case.case.motion.evaluate(0.0)[0]
-    family = FAMILIES["spline"](
-        craft.joint_names, start, start, np.arange(4), case.case.duration, 0.4
-    )
+    family = MotionFamily(craft.joint_names, start, start, np.arange(4), case.case.duration, 0.4)
     targets = (PlausibleTarget(case.parameters if target is None else target),)
     return Objective(model, family, targets)
 

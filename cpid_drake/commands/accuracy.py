@@ -61,7 +61,7 @@ def accuracy(
         TimeRemainingColumn,
     )
 
-    from cpid_drake.report.accuracy import figure_name, figures, print_table
+    from cpid_drake.report.accuracy import figure_name, figures, print_tables
     from cpid_drake.report.pages.study import STUDY_FILES, accuracy_report, write_study
     from cpid_drake.scenario.files import files_of, load_scenario
     from cpid_drake.scenario.limits import check_limits
@@ -105,5 +105,5 @@ def accuracy(
         drawn = figures(study)
         write_study(draft, accuracy_report(study, drawn, summary, scenario), drawn)
     if not quiet:
-        print_table(study, Console(markup=False))
+        print_tables(study, Console(markup=False))
     log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")

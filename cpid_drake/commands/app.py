@@ -1,7 +1,6 @@
 """The subcommands of `cpid`, and its exit codes."""
 
 import os
-import signal
 import sys
 from typing import Annotated
 
@@ -74,9 +73,6 @@ def run() -> int:
         return code or 0
     except InputError as error:
         return _fail(str(error))
-    except BrokenPipeError:  # the reader of the output, such as `head`, has ended
-        _drop_output()
-        return 128 + signal.SIGPIPE
     except OSError as error:
         if not error.filename:  # not a file of the command: those errors are InputErrors
             _drop_output()

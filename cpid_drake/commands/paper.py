@@ -43,14 +43,14 @@ def paper(
         from cpid_drake.report.paper import FIGURES, figures, print_tables
         from cpid_drake.scenario.limits import check_limits
         from cpid_drake.studies.paper import run_paper_study, summarize
-        from cpid_drake.studies.paper_values import LIVELIER
+        from cpid_drake.studies.paper_values import EXCITING
 
-        livelier = load_scenario(find_scenario(LIVELIER))
+        exciting = load_scenario(find_scenario(EXCITING))
 
         outputs = [*((name, PNG) for name in FIGURES), *STUDY_FILES]
         check_folder("--out", out, outputs, [path, *files_of(loaded)], force=force)
         with prefix_errors(scenario):
-            study = run_paper_study(loaded, status.update, livelier)
+            study = run_paper_study(loaded, status.update, exciting)
             print_warnings(check_limits(study.simulation).exceeded)
         status.update("drawing the figures")
         summary = summarize(study, time.perf_counter() - start)

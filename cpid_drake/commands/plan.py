@@ -6,11 +6,10 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from typer.core import TyperGroup
 
 from cpid_drake.commands import options
 from cpid_drake.errors import InputError, prefix_errors
@@ -29,33 +28,15 @@ from cpid_drake.planning import HIGHEST_FREQUENCY
 from cpid_drake.resources import find_scenario
 
 if TYPE_CHECKING:
+    from cpid_drake.identification.target_prior import TargetPrior
     from cpid_drake.planning.plan_problem import PlanProblem
     from cpid_drake.planning.search import Candidate
     from cpid_drake.scenario.schema import Scenario
     from cpid_drake.sensing.suite import SensorSuite
 
-_MOTION = "motion"
-
-
-class _PlanGroup(TyperGroup):
-    """A group whose first command needs no name: `cpid plan SCENARIO`; its help has the options."""
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        super().format_help(ctx, formatter)
-        command = self.commands[_MOTION]
-        with command.make_context("", [], parent=ctx, resilient_parsing=True) as own:
-            command.format_help(own, formatter)
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        if args and args[0] not in (*self.commands, "--help"):
-            args = [_MOTION, *args]
-        return super().parse_args(ctx, args)
-
-
 plan = typer.Typer(
     no_args_is_help=True,
-    cls=_PlanGroup,
-    help="Plan the joint motion that determines the target best; export a motion.",
+    help="Plan the joint motion that determines the target best; rank motions; export one.",
 )
 
 SensorsOption = Annotated[
@@ -75,16 +56,10 @@ PriorOption = Annotated[
 ]
 
 
-@plan.command(_MOTION)
+@plan.command()
 def motion(
     scenario: options.ScenarioArgument,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML file of the planned motion.")
-    ] = None,
-    compare: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="Rank this motion instead; give it once per motion."),
-    ] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="YAML file of the planned motion.")],
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a page about the plan.")
     ] = None,
@@ -92,20 +67,12 @@ def motion(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Also plan motions that turn the base less and less; write them, a table and a "
-            "figure of their worst σ.",
+            help="Also compute the Pareto front of precision against base rotation; write its "
+            "motions, a table and a figure.",
         ),
     ] = None,
     sensors: SensorsOption = None,
     prior: PriorOption = None,
-    family: Annotated[str, typer.Option(help="spline, fourier or waypoints.")] = "spline",
-    criterion: Annotated[
-        str,
-        typer.Option(
-            help="worst (largest σ in units of its scale), A (mean variance), D (volume of the "
-            "ellipsoid) or E (its longest axis)."
-        ),
-    ] = "worst",
     duration: Annotated[
         float | None, typer.Option(help="Duration \\[s]. Default: that of the scenario's motion.")
     ] = None,
@@ -113,8 +80,8 @@ def motion(
         float | None,
         typer.Option(
             metavar="T",
-            help="Plan the transfer of the scenario so that it teaches the most, with at most T "
-            "more seconds than the scenario's motion takes.",
+            help="Plan the transfer of the scenario to be as informative as possible, with at "
+            "most T more seconds than the scenario's motion takes.",
         ),
     ] = None,
     frequency: Annotated[
@@ -130,14 +97,6 @@ def motion(
     acceleration: Annotated[
         float | None, typer.Option(help="Largest acceleration of the joints \\[rad/s² or m/s²].")
     ] = None,
-    stoppable: Annotated[
-        bool,
-        typer.Option(
-            "--stoppable",
-            help="The motion may be stopped at any instant: if every joint brakes with "
-            "--acceleration, positions, distances and torques stay within their limits.",
-        ),
-    ] = False,
     clearance: Annotated[
         float, typer.Option(help="Smallest distance of bodies that are not neighbours \\[m].")
     ] = 0.05,
@@ -172,17 +131,15 @@ def motion(
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> None:
-    """Plan the joint motion that determines the target best, or rank motions with --compare.
+    """Plan the joint motion that determines the target best.
 
     The motion has the start and the end of the scenario's own motion. The planner does not use the
     target's mass properties in the scenario. Ctrl-C keeps the best motion so far.
     """
     path = find_scenario(scenario)
-    if (out is None) == (not compare):
-        raise InputError("give --out FILE to plan a motion, or --compare FILE to rank motions")
     if opportunistic is not None and duration is not None:
         raise InputError("give either --duration or --opportunistic")
-    outputs = [] if out is None else [Output("--out", out, YAML)]
+    outputs = [Output("--out", out, YAML)]
     outputs += [] if report is None else [Output("--report", report, PAGE)]
     check_outputs(outputs, [path, *([] if prior is None else [prior])], force=force)
     if front is not None:
@@ -194,15 +151,12 @@ def motion(
     loaded = load_scenario(path)
     suite = _suite(loaded, sensors)
     chosen = PlanOptions(
-        family=family,
-        criterion=criterion,
         duration=duration,
         opportunistic=opportunistic or 0.0,
         frequency=frequency,
         joints=tuple(joint or ()),
         rate_share=rate_share,
         acceleration=math.inf if acceleration is None else acceleration,
-        is_stoppable=stoppable,
         clearance=clearance,
         base_attitude=None if base_attitude is None else math.radians(base_attitude),
         base_rate=None if base_rate is None else math.radians(base_rate),
@@ -216,15 +170,49 @@ def motion(
     )
     with prefix_errors(scenario):
         problem = PlanProblem(loaded, suite, chosen)
-        if prior is not None:
-            from cpid_drake.identification.prior_files import load_prior
+        problem.prior = _prior(problem, prior)
+        _plan(problem, scenario, out, report, front, quiet)
 
-            frame = loaded.spacecraft.capture_frame
-            problem.prior = load_prior(prior, problem.spacecraft, frame)
-        if out is None:
-            _compare(problem, compare or [])
-        else:
-            _plan(problem, scenario, out, report, front, quiet)
+
+@plan.command()
+def rank(
+    scenario: options.ScenarioArgument,
+    files: Annotated[
+        list[Path], typer.Argument(metavar="MOTION...", help="YAML files of joint motions.")
+    ],
+    sensors: SensorsOption = None,
+    prior: PriorOption = None,
+) -> None:
+    """Print the predicted σ of the scenario's motion and those in files, the best first."""
+    path = find_scenario(scenario)
+    from cpid_drake.planning.plan_options import PlanOptions
+    from cpid_drake.planning.plan_problem import PlanProblem
+    from cpid_drake.report.plan import print_predictions
+    from cpid_drake.scenario.files import load_scenario
+    from cpid_drake.scenario.joint_motions import MotionFile
+
+    loaded = load_scenario(path)
+    with prefix_errors(scenario):
+        problem = PlanProblem(loaded, _suite(loaded, sensors), PlanOptions())
+        problem.prior = _prior(problem, prior)
+        found = {"scenario's motion": problem.own_motion}
+        for file in files:
+            found[file.name] = MotionFile(str(file)).make(
+                problem.spacecraft, loaded.spacecraft.configuration
+            )
+        target = problem.plausible(1, problem.options.seed)[0].parameters
+        predictions = {name: problem.setting.predict(each, target) for name, each in found.items()}
+    ordered = dict(sorted(predictions.items(), key=lambda item: item[1].worst))
+    title = f"Predicted σ, a target of {target[0]:.3g} kg; the best motion first"
+    print_predictions(ordered, title, Console(markup=False, highlight=False))
+
+
+def _prior(problem: "PlanProblem", file: Path | None) -> "TargetPrior | None":
+    if file is None:
+        return None
+    from cpid_drake.identification.prior_files import load_prior
+
+    return load_prior(file, problem.spacecraft, problem.scenario.spacecraft.capture_frame)
 
 
 def _plan(
@@ -243,7 +231,7 @@ def _plan(
     with log.status("planning") as status:
 
         def progress(what: str, best: float) -> None:
-            status.update(f"{what}: {problem.options.criterion} σ {100 * best:.3g} % of scale")
+            status.update(f"{what}: worst σ {100 * best:.3g} % of scale")
 
         try:
             best = planner.run(progress)
@@ -330,10 +318,10 @@ def _plan_front(
             _write(problem, point.candidate, scenario, draft / name)
             points.append((math.degrees(point.angle), 100 * point.candidate.score, name))
         rows = [f"{angle:.6g},{score:.6g},{name}" for angle, score, name in points]
-        head = f"turn of the base [deg],{problem.options.criterion} σ [% of scale],motion"
+        head = "turn of the base [deg],worst σ [% of scale],motion"
         write_text(draft / "front.csv", "\n".join([head, *rows]) + "\n")
         values = np.array([each[:2] for each in points])
-        front_picture(values, problem.options.criterion).save(draft, "png")
+        front_picture(values).save(draft, "png")
     log.print(f"{len(points)} motions in {folder}")
     return min((point.candidate for point in found), key=lambda one: one.score)
 
@@ -345,27 +333,11 @@ def _write(
 
     interrupted = "# Interrupted: the best motion within all limits until then.\n"
     header = ("" if is_finished else interrupted) + (
-        f"# Planned with `cpid plan {scenario}` for {len(problem.targets)} plausible targets.\n"
-        f"# Their weighted {problem.options.criterion} criterion is {best.score:.4g} in units of "
+        f"# `cpid plan motion {scenario}` for {len(problem.targets)} plausible targets.\n"
+        f"# The largest σ, weighted over these targets, is {best.score:.4g} in units of "
         "the scale. Units of this file: rad, m, s, Hz.\n\n"
     )
     write_text(out, header + dump_motion(problem.family.declare(best.parameters)))
-
-
-def _compare(problem: "PlanProblem", files: list[Path]) -> None:
-    """Print the predictions for the scenario's motion and those in files, the best first."""
-    from cpid_drake.report.plan import print_predictions
-    from cpid_drake.scenario.joint_motions import MotionFile
-
-    default = problem.scenario.spacecraft.configuration
-    found = {"scenario's motion": problem.own_motion}
-    for file in files:
-        found[file.name] = MotionFile(str(file)).make(problem.spacecraft, default)
-    target = problem.targets[0]
-    predictions = {name: problem.setting.predict(each, target) for name, each in found.items()}
-    ordered = dict(sorted(predictions.items(), key=lambda item: item[1].worst))
-    title = f"Predicted σ, a target of {target[0]:.3g} kg; the best motion first"
-    print_predictions(ordered, title, Console(markup=False, highlight=False))
 
 
 def _suite(scenario: "Scenario", sensors: str | None) -> "SensorSuite":

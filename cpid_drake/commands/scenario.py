@@ -1,17 +1,19 @@
-"""`cpid scenario`: checks, prints and creates scenario files."""
+"""`cpid scenario check`."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cpid_drake.commands.options import ForceOption, ScenarioArgument, print_warnings
+from cpid_drake.commands.options import ScenarioArgument, print_warnings
 from cpid_drake.errors import prefix_errors
-from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import YAML, Output, check_outputs
 from cpid_drake.resources import find_scenario
 
-scenario = typer.Typer(no_args_is_help=True, help="Check, print or create a scenario file.")
+scenario = typer.Typer(no_args_is_help=True, help="Check a scenario file.")
+
+
+@scenario.callback()
+def _only_commands() -> None:
+    """Check a scenario file."""
 
 
 @scenario.command()
@@ -53,30 +55,3 @@ def check(
     print_warnings(limits.exceeded)
     if strict and limits.exceeded:
         raise typer.Exit(1)
-
-
-@scenario.command()
-def show(file: ScenarioArgument) -> None:
-    """Print a scenario as YAML, with the default values of the keys that it leaves out."""
-    path = find_scenario(file)
-    from cpid_drake.scenario.files import dump_scenario, load_scenario
-
-    print(dump_scenario(load_scenario(path)), end="")
-
-
-@scenario.command()
-def new(
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File to write. Default: print it.")
-    ] = None,
-    force: ForceOption = False,
-) -> None:
-    """Write a template of a scenario; its comments give units and choices."""
-    from cpid_drake.resources import models_directory
-
-    text = (models_directory() / "scenario_template.yaml").read_text(encoding="utf-8")
-    if out is None:
-        print(text, end="")
-        return
-    check_outputs([Output("--out", out, YAML)], force=force)
-    write_text(out, text)

@@ -50,8 +50,6 @@ def view(
 
     A log needs the options from --spacecraft to --capture-frame. The options from --estimator to
     --leave-out-bad are for logs and runs.
-
-    In the live view, sliders pose the arms before a run; the run starts from the scenario's pose.
     """
     outputs = [] if html is None else [Output("--html", html, PAGE)]
     inputs: list[str | Path] = [source, *log.files()]
@@ -130,19 +128,11 @@ def _show_scenario(
         duration = scenario.simulation.duration
         if as_live:
             meshcat = open_meshcat("*")
-            live = LiveView(
-                make_simulation(scenario, meshcat=meshcat),
-                meshcat,
-                rate,
-                title=Path(source).stem,
-                host="*",
-            )
+            live = LiveView(make_simulation(scenario, meshcat=meshcat), meshcat, rate)
             typer.echo(
-                f"Open {live.url} and use Start and Stop in Open Controls (the page shows the "
-                f"scene of {meshcat.web_url()}; from another machine, both ports must be open)",
-                err=True,
+                f"Open {meshcat.web_url()} and use Start and Stop in Open Controls", err=True
             )
-            status.update("waiting for Start; until then the sliders only pose the arms")
+            status.update("waiting for Start")
 
             def on_frame(time: float, identification: "Identification") -> None:
                 nonlocal text

@@ -1,14 +1,12 @@
-"""Joint motions through waypoints and along splines, which are linear in their parameters."""
+"""Joint motions along splines, which are linear in their parameters."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.dynamics.joint_motion import HalfCosine
 from cpid_drake.errors import InputError
 
 if TYPE_CHECKING:  # SciPy takes a second to import, and reading a scenario does not need it
@@ -18,54 +16,6 @@ SPLINE_DEGREE = 5
 """Degree of the splines: positions, rates, accelerations and jerks are continuous."""
 
 _POINTS_PER_PIECE = 32
-
-
-@dataclass(frozen=True, eq=False)
-class Waypoints:
-    """Half-cosine motions from waypoint to waypoint in equal times, at rest at each of them.
-
-    Source: Ning et al. 2016, Fig. 5 (one such motion).
-
-    Attributes:
-        positions: (S + 1, J) positions at the waypoints, start and end included [rad or m].
-        duration: T [s] of all S motions together.
-
-    Raises:
-        InputError: fewer than two waypoints, an entry is not finite, or the duration is not
-            positive.
-
-    """
-
-    positions: NDArray[np.float64]
-    duration: float
-
-    def __post_init__(self) -> None:
-        _check_table(self, "positions", "waypoint motion", 2)
-
-    @property
-    def joint_count(self) -> int:
-        """Number of joints J."""
-        return self.positions.shape[1]
-
-    @cached_property
-    def _pieces(self) -> list[HalfCosine]:
-        ends, length = self.positions, self.duration / (len(self.positions) - 1)
-        return [HalfCosine(a, b, length) for a, b in pairwise(ends)]
-
-    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Return positions, rates and accelerations (..., 3, J) at times (...)."""
-        time = np.asarray(time, dtype=float)
-        length = self._pieces[0].duration
-        last = len(self._pieces) - 1
-        number = np.floor(np.clip(time / length, 0, last)).astype(int)
-        result = np.empty((*time.shape, 3, self.joint_count))
-        for k, piece in enumerate(self._pieces):
-            result[number == k] = piece.evaluate(time[number == k] - k * length)
-        return result
-
-    def instants(self) -> NDArray[np.float64]:
-        """Return times (N,) from 0 to T that resolve the motion, all waypoints included [s]."""
-        return np.linspace(0.0, self.duration, _POINTS_PER_PIECE * len(self._pieces) + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +41,18 @@ class Spline:
     duration: float
 
     def __post_init__(self) -> None:
-        _check_table(self, "coefficients", "spline motion", SPLINE_DEGREE + 1)
-        c = self.coefficients
+        try:
+            c = np.array(self.coefficients, dtype=float)
+        except (TypeError, ValueError):
+            c = np.zeros(0)
+        if c.ndim != 2 or len(c) <= SPLINE_DEGREE or not np.isfinite(c).all():
+            raise InputError(
+                f"spline motion: each joint needs at least {SPLINE_DEGREE + 1} coefficients, "
+                "finite numbers"
+            )
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise InputError(f"spline motion: the duration must be > 0, not {self.duration}")
+        object.__setattr__(self, "coefficients", c)
         if not (np.array_equal(c[0], c[1]) and np.array_equal(c[-1], c[-2])):
             raise InputError(
                 "spline motion: the first two coefficients of each joint must be equal, and so "
@@ -131,16 +91,3 @@ class Spline:
     def instants(self) -> NDArray[np.float64]:
         """Return times (N,) from 0 to T that resolve every piece [s]."""
         return np.linspace(0.0, self.duration, _POINTS_PER_PIECE * self.pieces + 1)
-
-
-def _check_table(motion: Waypoints | Spline, name: str, where: str, least: int) -> None:
-    """Store a member as an array (K, J), K ≥ least; refuse others, and a bad duration."""
-    try:
-        table = np.array(getattr(motion, name), dtype=float)
-    except (TypeError, ValueError):
-        table = np.zeros(0)
-    if table.ndim != 2 or len(table) < least or not np.isfinite(table).all():
-        raise InputError(f"{where}: each joint needs at least {least} {name}, finite numbers")
-    if not (np.isfinite(motion.duration) and motion.duration > 0):
-        raise InputError(f"{where}: the duration must be > 0, not {motion.duration}")
-    object.__setattr__(motion, name, table)

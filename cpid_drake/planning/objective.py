@@ -1,4 +1,4 @@
-"""What a motion is planned for: criteria of the covariance of the target, and their gradients.
+"""What a motion is planned for: the largest σ of the target's parameters, and its gradients.
 
 A planner does not know the target. It knows plausible targets, and a motion is as good as it is for
 the least favourable of them: the one whose σ exceeds most what other motions reach for it. Without
@@ -7,7 +7,6 @@ compared in units of their scale: the mass, a length for the centre of mass, and
 inertia; see `parameterizations.parameter_scale`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,7 +18,6 @@ from cpid_drake.dynamics.parameterizations import (
     parameter_scale,
     relative_parameterization,
 )
-from cpid_drake.errors import InputError, choose_from
 from cpid_drake.planning.families import MotionFamily
 from cpid_drake.planning.information import InformationModel, inverse
 
@@ -28,54 +26,6 @@ STEP = 1e-20
 
 DIRECTIONS = 24
 """Number of parameters whose derivatives are computed at once."""
-
-# A component of a criterion is ½ log of a mean variance. It is a function of the covariance (d, d)
-# in units of the scale, with derivatives as weighted combinations v: (value, weights, v).
-Component = tuple[float, NDArray[np.float64], NDArray[np.float64]]
-
-
-def _worst(covariance: NDArray[np.float64]) -> list[Component]:
-    variances = np.diag(covariance)
-    one = np.eye(len(covariance))
-    return [
-        (float(np.log(v) / 2), np.array([0.5 / v]), one[k : k + 1]) for k, v in enumerate(variances)
-    ]
-
-
-def _a_optimal(covariance: NDArray[np.float64]) -> list[Component]:
-    d, trace = len(covariance), np.trace(covariance)
-    return [(float(np.log(trace / d) / 2), np.full(d, 0.5 / trace), np.eye(d))]
-
-
-def _d_optimal(covariance: NDArray[np.float64]) -> list[Component]:
-    d = len(covariance)
-    values, axes = np.linalg.eigh(covariance)
-    return [(float(np.log(values).sum() / (2 * d)), 0.5 / d / values, axes.T)]
-
-
-def _e_optimal(covariance: NDArray[np.float64]) -> list[Component]:
-    values, axes = np.linalg.eigh(covariance)
-    return [(float(np.log(values[-1]) / 2), np.array([0.5 / values[-1]]), axes.T[-1:])]
-
-
-CRITERIA: dict[str, Callable[[NDArray[np.float64]], list[Component]]] = {
-    "worst": _worst,
-    "A": _a_optimal,
-    "D": _d_optimal,
-    "E": _e_optimal,
-}
-"""The criteria by name: largest σ, mean variance, volume of the ellipsoid, its longest axis."""
-
-
-def check_criterion(name: str) -> None:
-    """Refuse an unknown criterion.
-
-    Raises:
-        InputError: there is no such criterion.
-
-    """
-    if name not in CRITERIA:
-        raise InputError(f"no criterion '{name}'; {choose_from(name, list(CRITERIA))}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +52,12 @@ class Objective:
         model: the information that sensors give.
         family: the motions.
         targets: the plausible targets, at least one.
-        criterion: name of one of `CRITERIA`.
 
     """
 
     model: InformationModel
     family: MotionFamily
     targets: tuple[PlausibleTarget, ...]
-    criterion: str = "worst"
 
     def samples(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions and rates (N, B, 2, J) at the nodes, from parameters (B, F, K)."""
@@ -140,11 +88,9 @@ class Objective:
     def target_scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the criterion (T, B) of motions (B, F, K) for each of T targets, weighted."""
         covariances = self.covariances(self.samples(parameters))
-        logs = [
-            [max(part[0] for part in self._components(target, one)) for one in of_target]
-            for target, of_target in zip(self.targets, covariances, strict=True)
-        ]
-        return np.asarray(np.exp(logs))
+        weights = np.array([target.weight for target in self.targets])
+        largest = np.diagonal(covariances, axis1=-2, axis2=-1).max(axis=-1)
+        return np.asarray(weights[:, None] * np.sqrt(largest))
 
     def scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the criterion (B,) of motions (B, F, K): a σ in units of the scale."""
@@ -167,31 +113,32 @@ class Objective:
         return replace(self, targets=tuple(replace(one, weight=w) for one, w in targets))
 
     def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the components (C,) for (F, K); the criterion is exp of the largest."""
+        """Return log σ (T d,) of all parameters and targets, weighted, for (F, K).
+
+        The criterion is exp of the largest.
+        """
         covariances = self.covariances(self.samples(parameters[None]))[:, 0]
-        each = zip(self.targets, covariances, strict=True)
-        return np.array([part[0] for one in each for part in self._components(*one)])
+        weights = np.array([target.weight for target in self.targets])
+        variances = np.diagonal(covariances, axis1=-2, axis2=-1)
+        return np.asarray(np.log(weights)[:, None] + np.log(variances) / 2).ravel()
 
     def evaluate(
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the components (C,) for (F, K) and their gradients (C, F K).
-
-        The gradients are exact up to rounding.
-        """
+        """Return `values` (T d,) for (F, K) and their exact gradients (T d, F K)."""
         motions, psi = self.model.motions(self.samples(parameters[None])), self.model.psi
         values, gradients, by_jacobian = [], [], []
         for target in self.targets:
             H = self.model.jacobian(motions, self.psi(target))
             by_psi, _, covariance = self._covariance(target, H)
-            parts = self._components(target, by_psi @ covariance[0, psi, psi] @ by_psi.T)
-            for value, weights, v in parts:
-                y = v @ by_psi @ covariance[0, psi]
-                # −Σ w yᵀ (dHᵀ H + Hᵀ dH) y = ⟨dH, −2 H Σ w y yᵀ⟩
-                values.append(value)
-                by_jacobian.append(-2 * H[0] @ (y.T * weights) @ y)
-        each = len(values) // len(self.targets)
-        stacked = np.reshape(by_jacobian, (len(self.targets), each, -1))
+            variances = np.diag(by_psi @ covariance[0, psi, psi] @ by_psi.T)
+            values.append(np.log(target.weight) + np.log(variances) / 2)
+            # σ² = s C sᵀ and y = C sᵀ: dσ² = −yᵀ (dHᵀ H + Hᵀ dH) y = ⟨dH, −2 H y yᵀ⟩
+            y = by_psi @ covariance[0, psi]
+            by_jacobian.append(
+                [-(H[0] @ np.outer(one, one)) / v for one, v in zip(y, variances, strict=True)]
+            )
+        stacked = np.reshape(by_jacobian, (len(self.targets), len(values[0]), -1))
         for chunk, step in self.steps(parameters):
             motions = self.model.motions(self.samples(chunk))
             slopes = []
@@ -199,7 +146,7 @@ class Objective:
                 dH = self.model.jacobian(motions, self.psi(target)).imag / step
                 slopes.append(G @ dH.reshape(len(dH), -1).T)
             gradients.append(np.concatenate(slopes))
-        return np.array(values), np.concatenate(gradients, axis=1)
+        return np.concatenate(values), np.concatenate(gradients, axis=1)
 
     def steps(self, parameters: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], float]]:
         """Return parameters (D, F, K) with an imaginary step of one parameter each, and the step.
@@ -214,13 +161,6 @@ class Objective:
     def psi(self, target: PlausibleTarget) -> NDArray[np.float64]:
         """Return the relative unknowns ψ (10,) of a target."""
         return relative_parameterization(self.model.tree.mass).from_parameters(target.parameters)
-
-    def _components(
-        self, target: PlausibleTarget, covariance: NDArray[np.float64]
-    ) -> list[Component]:
-        """Return the components of a target with a covariance (d, d), weighted."""
-        found = CRITERIA[self.criterion](covariance)
-        return [(value + float(np.log(target.weight)), w, v) for value, w, v in found]
 
     def _covariance(
         self, target: PlausibleTarget, H: NDArray[np.float64]

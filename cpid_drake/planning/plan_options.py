@@ -9,11 +9,9 @@ from cpid_drake.planning import HIGHEST_FREQUENCY
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a user can choose; see `cpid plan --help`.
+    """What a user can choose; see `cpid plan motion --help`.
 
     Attributes:
-        family: name of the family; see `families.FAMILIES`.
-        criterion: see `objective.CRITERIA`.
         duration: [s]; None for that of the scenario's motion.
         opportunistic: time that the plan may take longer than the scenario's motion [s].
         frequency: highest frequency of the motion [Hz].
@@ -25,7 +23,6 @@ class PlanOptions:
         base_rate: its largest angular rate [rad/s]; None for any.
         base_displacement: largest displacement of its origin [m]; None for any.
         wheel_momentum: largest angular momentum in each wheel [N·m·s]; None for any.
-        is_stoppable: whether all joints can brake at any instant; see `stopping`.
         targets: number of plausible targets.
         candidates: number of motions of the global search.
         starts: number of candidates that the gradient method improves.
@@ -35,8 +32,6 @@ class PlanOptions:
 
     """
 
-    family: str = "spline"
-    criterion: str = "worst"
     duration: float | None = None
     opportunistic: float = 0.0
     frequency: float = HIGHEST_FREQUENCY
@@ -48,7 +43,6 @@ class PlanOptions:
     base_rate: float | None = None
     base_displacement: float | None = None
     wheel_momentum: float | None = None
-    is_stoppable: bool = False
     targets: int = 8
     candidates: int = 2000
     starts: int = 2

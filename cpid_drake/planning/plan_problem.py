@@ -14,14 +14,13 @@ from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.planning.base_limits import BaseAttitude, BaseDisplacement, BaseLimit, BaseRate
 from cpid_drake.planning.constraints import Constraint, Distances
 from cpid_drake.planning.demands import Needed, TargetDemands
-from cpid_drake.planning.families import MotionFamily, family_of
+from cpid_drake.planning.families import MotionFamily
 from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.limits import LimitedFamily, MotionLimits
-from cpid_drake.planning.objective import Objective, PlausibleTarget, check_criterion
+from cpid_drake.planning.objective import Objective, PlausibleTarget
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.prediction import MotionSetting
 from cpid_drake.planning.search import BATCH, Candidate, candidates
-from cpid_drake.planning.stopping import Stops, needed_torque
 from cpid_drake.planning.targets import plausible_targets
 from cpid_drake.planning.wheels import wheel_rates
 from cpid_drake.scenario.schema import Scenario
@@ -74,7 +73,6 @@ class PlanProblem:
     clearance: Clearance | None = None
 
     def __post_init__(self) -> None:
-        check_criterion(self.options.criterion)
         for name in ("targets", "candidates", "starts", "jobs"):
             if getattr(self.options, name) < 1:
                 raise InputError(f"{name} must be at least 1, not {getattr(self.options, name)}")
@@ -82,11 +80,6 @@ class PlanProblem:
             value = getattr(self.options, name)
             if value is not None and not value > 0:
                 raise InputError(f"{name} must be > 0, not {value}")
-        if self.options.is_stoppable and not np.isfinite(self.options.acceleration):
-            raise InputError(
-                "a motion that may be stopped at any instant needs the acceleration with which the "
-                "joints brake; give --acceleration"
-            )
         if not 0 <= self.options.opportunistic < np.inf:
             raise InputError(f"opportunistic must be ≥ 0, not {self.options.opportunistic}")
         self.spacecraft = self.scenario.spacecraft.make()
@@ -109,8 +102,7 @@ class PlanProblem:
         if duration is None:
             duration = own.duration + self.options.opportunistic
         start, end = own.evaluate(0.0)[0], own.evaluate(own.duration)[0]
-        kind = family_of(self.options.family)
-        return kind(names, start, end, np.array(moving), duration, self.options.frequency)
+        return MotionFamily(names, start, end, np.array(moving), duration, self.options.frequency)
 
     @cached_property
     def limited(self) -> LimitedFamily:
@@ -149,7 +141,7 @@ class PlanProblem:
             known_bodies=setting.known_bodies,
             node_rate=PLANNING_NODE_RATE * options.frequency,
         )
-        objective = Objective(model, self.family, targets, options.criterion)
+        objective = Objective(model, self.family, targets)
         if len(targets) == 1:
             return objective
         drawn = candidates(self.limited, WEIGHTING_MOTIONS, options.seed + 2)
@@ -181,14 +173,6 @@ class PlanProblem:
         return distances
 
     @cached_property
-    def stops(self) -> Stops | None:
-        """The stops at any instant; None if they are not asked for."""
-        if not self.options.is_stoppable:
-            return None
-        limits = self.limited.limits
-        return Stops(self.family, limits, self.options.acceleration, self.distances)
-
-    @cached_property
     def demands(self) -> TargetDemands:
         """The limits that depend on the target: of joint efforts and of the base's motion."""
         drawn = self.plausible(MANY_TARGETS, self.options.seed + 1, heaviest=True)
@@ -209,8 +193,7 @@ class PlanProblem:
     @property
     def geometric(self) -> list[Constraint]:
         """The constraints that do not depend on the target's mass properties."""
-        found: list[Constraint] = [] if self.distances is None else [self.distances]
-        return found if self.stops is None else [*found, self.stops]
+        return [] if self.distances is None else [self.distances]
 
     def is_kept(self, candidate: Candidate) -> bool:
         """Return whether a motion keeps all constraints at dense times, in Drake's plant."""
@@ -219,16 +202,7 @@ class PlanProblem:
         distances = self.distances
         if distances is not None and not distances.is_kept(candidate.parameters, DENSE_PERIOD):
             return False
-        if self.stops is not None and not self.stops.is_kept(candidate.parameters):
-            return False
-        return self.needed(candidate).largest <= 1 and self.torque_of_stops(candidate) <= 1
-
-    def torque_of_stops(self, candidate: Candidate) -> float:
-        """Return the largest share of a motor's effort that a stop needs; 0 without stops."""
-        if self.stops is None:
-            return 0.0
-        motion, a = self.motion(candidate), self.options.acceleration
-        return needed_torque(self.setting, motion, self.checked_targets, a)
+        return self.needed(candidate).largest <= 1
 
     def needed(self, candidate: Candidate) -> Needed:
         """Return what a candidate needs with all checked targets, as shares of the limits."""

@@ -65,8 +65,7 @@ class Planner:
             progress: called with the present step in words and the best criterion so far.
 
         Raises:
-            InputError: none of the candidates keeps the constraints, or motors are too weak for the
-                stops of all of them.
+            InputError: none of the candidates keeps the constraints.
 
         """
         options, limited, start = self.problem.options, self.problem.limited, time.perf_counter()
@@ -79,7 +78,6 @@ class Planner:
         order = ranked(objective, drawn, options.jobs, scored)
         seen = np.stack([each.parameters for each in order[:SEEN_CANDIDATES]])
         self.problem.demands.begin(seen)
-        self._check_stops(order[:SEEN_CANDIDATES])
         starts = self._kept(order, options.starts)
         for each in starts:
             self._see(each)
@@ -129,17 +127,6 @@ class Planner:
         self._seen = [each for each in self._seen if self.problem.is_kept(each)]
         self.best = min(self._seen, key=lambda one: one.score, default=None)
         return True
-
-    def _check_stops(self, seen: list[Candidate]) -> None:
-        """Raise InputError if motors are too weak for the stops of all these candidates."""
-        share = min(self.problem.torque_of_stops(each) for each in seen)
-        if share > 1:
-            a = self.problem.options.acceleration
-            raise InputError(
-                f"joints that brake with {a:g} need {100 * share:.0f} % of a motor's torque with a "
-                "heavy target; give a --prior that excludes such targets, or --acceleration "
-                f"{0.9 * a / share:.2g} and a longer --duration"
-            )
 
     def _prepared(self, starts: list[Candidate], better: Callable[[Candidate], None]) -> Candidate:
         """Return the best for all targets of the motions that are found for a few targets.

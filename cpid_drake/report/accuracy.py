@@ -8,24 +8,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.report.page import Cell, Table
 from cpid_drake.report.pictures import Picture, PictureGroup
 from cpid_drake.report.style import COLORS, INK
-from cpid_drake.report.terminal import light_table, print_in_parts
+from cpid_drake.report.terminal import print_table
 from cpid_drake.studies.accuracy import AccuracyStudy
 from cpid_drake.studies.statistics import Accuracy
 
 LEGEND = (
     "Scale: the true mass, 0.5 m, and the trace of I. NEES: mean normalized estimation error "
-    "squared; ! marks values outside the 95 % band. Bias / spread: the largest of the ten "
-    "parameters. Within 1 %: share of trials with an error below 1 % of scale, for the worst "
-    "parameter."
+    "squared, 10 if the covariance agrees with the errors and larger if they are larger than it "
+    "says; ! marks values outside the 95 % band. Bias / spread: the largest of the ten parameters. "
+    "Within 1 %: share of trials with an error below 1 % of scale, for the worst parameter. The "
+    "ratios of fewer than 50 trials are uncertain by over a tenth."
 )
 """The explanation of the tables."""
 
-_FEW = 50  # trials; the RMS error of fewer is uncertain by over a tenth
 _SIZE = (8.0, 3.4)  # of the figures [in]
 
 
@@ -33,68 +33,30 @@ def tables(study: AccuracyStudy) -> list[Table]:
     """Return error over bound, NEES and coverage of every estimator, one table for each preset."""
     result = []
     for preset, results in by_preset(study).items():
-        table = light_table(
+        bound = 100 * results[0].crlb / study.scale
+        rows = [
+            (name, f"{bound[i]:.2g}", *(_ratio(r.ratio[i]) for r in results))
+            for i, name in enumerate(PARAMETER_NAMES)
+        ]
+        rows += [
+            ("NEES", "10", *(_nees(r) for r in results)),
+            ("95 % coverage", "95 %", *(_percent(r.coverage_all) for r in results)),
+            ("  least", "", *(_percent(r.coverage.min()) for r in results)),
+            ("  most", "", *(_percent(r.coverage.max()) for r in results)),
+            ("bias / spread", "0", *(_largest_bias(r) for r in results)),
+            ("within 1 %", "", *(_percent(r.within_one_percent.min()) for r in results)),
+            ("failed", "", *(str(r.failed) for r in results)),
+        ]
+        heads = ["", "bound, %\nof scale", *(r.estimator.replace("_", "\n") for r in results)]
+        caption = (
             f"{preset}: RMS error over Cramér-Rao bound, {study.trials} trials, seed {study.seed}"
         )
-        table.add_column("", no_wrap=True)
-        table.add_column("bound, %\nof scale", justify="right")
-        for r in results:
-            table.add_column(r.estimator.replace("_", "\n"), justify="right")
-        bound = 100 * results[0].crlb / study.scale
-        for i, name in enumerate(PARAMETER_NAMES):
-            table.add_row(name, f"{bound[i]:.2g}", *(_ratio(r.ratio[i]) for r in results))
-        table.add_section()
-        table.add_row("NEES", "10", *(_nees(r) for r in results))
-        table.add_row("95 % coverage", "95 %", *(_percent(r.coverage_all) for r in results))
-        table.add_row("  least", "", *(_percent(r.coverage.min()) for r in results))
-        table.add_row("  most", "", *(_percent(r.coverage.max()) for r in results))
-        table.add_row("bias / spread", "0", *(_largest_bias(r) for r in results))
-        table.add_row("within 1 %", "", *(_percent(r.within_one_percent.min()) for r in results))
-        table.add_row("failed", "", *(str(r.failed) for r in results))
-        result.append(table)
+        result.append(Table(heads, [[name, *map(Cell, rest)] for name, *rest in rows], caption))
     return result
-
-
-def conclusions(study: AccuracyStudy) -> list[str]:
-    """Return what the tables show, as sentences: two for each preset."""
-    sentences = []
-    for preset, results in by_preset(study).items():
-        compared = [r for r in results if np.isfinite(r.ratio).all()]
-        if not compared:
-            sentences.append(f"With the sensors “{preset}”, no estimator determines the target.")
-            continue
-        order = sorted(compared, key=lambda r: float(np.median(r.ratio)))
-        text = f"With the sensors “{preset}”, {_error_in_words(order[0])}"
-        if len(order) > 1:
-            text += f", the smallest of {len(order)} estimators; {_error_in_words(order[-1])}"
-        honest = [r.estimator for r in compared if _nees_is_right(r)]
-        others = [r for r in compared if not _nees_is_right(r)]
-        if honest:
-            texts = [f"the covariance of {_listed(honest)} agrees with the errors"]
-        else:
-            texts = ["no estimator's covariance agrees with its errors"]
-        for word, is_high in (("larger", True), ("smaller", False)):
-            wrong = [r.estimator for r in others if (r.nees_mean > r.nees_band[1]) == is_high]
-            if wrong:
-                texts.append(f"the errors of {_listed(wrong)} are {word} than the covariance says")
-        verdict = "; ".join(texts)
-        sentences += [f"{text}.", f"{verdict[0].upper()}{verdict[1:]} (NEES)."]
-    if study.trials < _FEW:
-        sentences.append(f"These are {study.trials} trials only: the ratios are uncertain.")
-    return sentences
-
-
-def _error_in_words(r: Accuracy) -> str:
-    low, high = _ratio(r.ratio.min()), _ratio(r.ratio.max())
-    return f"{r.estimator} has an RMS error of {low} to {high} times the Cramér-Rao bound"
 
 
 def _nees_is_right(r: Accuracy) -> bool:
     return bool(r.nees_band[0] <= r.nees_mean <= r.nees_band[1])
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def notes(study: AccuracyStudy) -> list[str]:
@@ -108,11 +70,11 @@ def notes(study: AccuracyStudy) -> list[str]:
     return [*lines, *study.notes]
 
 
-def print_table(study: AccuracyStudy, console: Console) -> None:
-    """Print the tables, their explanation and what they show."""
+def print_tables(study: AccuracyStudy, console: Console) -> None:
+    """Print the tables and their explanation."""
     for table in tables(study):
-        print_in_parts(console, table)
-    for line in (LEGEND, *notes(study), *conclusions(study)):
+        print_table(console, table)
+    for line in (LEGEND, *notes(study)):
         console.print(line)
 
 

@@ -33,7 +33,7 @@ def configuration_group(study: PaperStudy) -> PictureGroup:
     for name, word, time, image in zip("AB", ("Initial", "Final"), times, images, strict=True):
         title = f"({name}) {word} configuration, t = {time:g} s"
         draw = partial(_draw_image, image, title)
-        pictures.append(Picture(f"figure3-{name}", title, draw, (4.6, 3.5), is_photo=True))
+        pictures.append(Picture(f"figure3-{name}", title, draw, (4.6, 3.5)))
     return PictureGroup("Configurations (Fig. 3)", pictures)
 
 
@@ -161,8 +161,8 @@ def _draw_decimals(study: PaperStudy, figure: Figure) -> None:
         theirs = [abs(mass / truth.mass - 1) for mass in PAPER_TABLE_2.values()]
         axes.plot(list(PAPER_TABLE_2), theirs, "s--", color=COLORS[1], label="paper (printed)")
     series = [("here, motion of Fig. 5", "o-", COLORS[0], study.rounded)]
-    if study.livelier is not None:
-        series.append(("here, livelier motion", "^-", COLORS[2], study.livelier.by_fit))
+    if study.exciting is not None:
+        series.append(("here, exciting motion", "^-", COLORS[2], study.exciting.by_fit))
     refused = False
     for name, style, color, cases in series:
         answers = [case for case in cases if not case.objection]

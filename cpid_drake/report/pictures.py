@@ -12,7 +12,7 @@ from cpid_drake.report.style import inline_svg, saved_figure
 SMALL = (3.7, 2.3)
 """Width and height of a figure of which a page shows three side by side [in]."""
 
-_WIDE = 5.0  # [in] a phone shows wider figures in part, and scrolls
+_WIDE = 5.0  # [in] a page shows no two wider figures side by side
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,6 @@ class Picture:
         label: what the figure shows, for screen readers.
         draw: function that draws on the given figure.
         size: width and height [in].
-        is_photo: whether the figure is a rendered image, whose colours no page changes.
 
     """
 
@@ -32,11 +31,10 @@ class Picture:
     label: str
     draw: Callable[[Figure], None]
     size: tuple[float, float] = SMALL
-    is_photo: bool = False
 
     @property
     def is_wide(self) -> bool:
-        """Whether the figure is too wide to be read in the width of a phone."""
+        """Whether the figure has the width of a page for itself."""
         return self.size[0] > _WIDE
 
     def svg(self) -> str:

@@ -7,13 +7,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.planning.prediction import Prediction
+from cpid_drake.report.page import Cell, Table
 from cpid_drake.report.pictures import Picture
 from cpid_drake.report.style import COLORS
-from cpid_drake.report.terminal import light_table, print_in_parts
+from cpid_drake.report.terminal import print_table
 
 LEGEND = (
     "σ: Cramér-Rao bound with all errors that the sensors declare and the spacecraft's "
@@ -24,8 +24,7 @@ LEGEND = (
 
 def print_predictions(predictions: Mapping[str, Prediction], title: str, console: Console) -> None:
     """Print the table of `prediction_table`, and its explanation."""
-    print_in_parts(console, prediction_table(predictions, title))
-    console.print(LEGEND)
+    print_table(console, prediction_table(predictions, title))
 
 
 def prediction_table(predictions: Mapping[str, Prediction], title: str) -> Table:
@@ -36,41 +35,39 @@ def prediction_table(predictions: Mapping[str, Prediction], title: str) -> Table
         title: of the table.
 
     """
-    table = light_table(title)
-    table.add_column("", no_wrap=True)
-    for name in predictions:
-        table.add_column(name, justify="right", no_wrap=True)
-    for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True)):
-        row = [_number(each.sigma[k]) for each in predictions.values()]
-        table.add_row(f"σ({name}), {unit}", *row)
-    table.add_section()
     columns = predictions.values()
-    table.add_row("worst σ, % of scale", *(_number(100 * each.worst) for each in columns))
-    table.add_row("condition number", *(_number(each.condition) for each in columns))
-    table.add_row("turn of the base, deg", *(_number(np.degrees(p.base_angle)) for p in columns))
-    table.add_row("its rate, deg/s", *(_number(np.degrees(p.base_rate)) for p in columns))
-    table.add_row("its shift, m", *(_number(each.base_shift) for each in columns))
-    return table
+    rows = [
+        (f"σ({name}), {unit}", *(each.sigma[k] for each in columns))
+        for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True))
+    ]
+    rows += [
+        ("worst σ, % of scale", *(100 * each.worst for each in columns)),
+        ("condition number", *(each.condition for each in columns)),
+        ("turn of the base, deg", *(np.degrees(each.base_angle) for each in columns)),
+        ("its rate, deg/s", *(np.degrees(each.base_rate) for each in columns)),
+        ("its shift, m", *(each.base_shift for each in columns)),
+    ]
+    cells = [[name, *(Cell(_number(value)) for value in values)] for name, *values in rows]
+    return Table(["", *predictions], cells, title, LEGEND)
 
 
-def front_picture(values: NDArray[np.float64], criterion: str) -> Picture:
+def front_picture(values: NDArray[np.float64]) -> Picture:
     """Return the picture of a front.
 
     Args:
-        values: (N, 2) turn of the base [deg] and criterion [% of scale] of N motions.
-        criterion: its name.
+        values: (N, 2) turn of the base [deg] and worst σ [% of scale] of N motions.
 
     """
-    draw = partial(_draw_front, values, criterion)
-    return Picture("front", "criterion of motions over their turn of the base", draw, (4.5, 3.2))
+    draw = partial(_draw_front, values)
+    return Picture("front", "worst σ of motions over their turn of the base", draw, (4.5, 3.2))
 
 
-def _draw_front(values: NDArray[np.float64], criterion: str, figure: Figure) -> None:
+def _draw_front(values: NDArray[np.float64], figure: Figure) -> None:
     axes = figure.subplots()
     axes.plot(values[:, 0], values[:, 1], "o-", color=COLORS[0])
     axes.set_ylim(0.0, 1.1 * values[:, 1].max())
     axes.set_xlabel("largest turn of the base [deg]")
-    axes.set_ylabel(f"{criterion} σ [% of scale]")
+    axes.set_ylabel("worst σ [% of scale]")
     axes.set_title("Precision against disturbance of the base")
 
 

@@ -18,10 +18,9 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result import Identification
-from cpid_drake.report.scene_legend import BODIES, LegendLayer, all_layers, legend
+from cpid_drake.report.scene_legend import LegendLayer, legend
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.scene_layers import scale_length
 from cpid_drake.systems.scene_visualizer import (
     FRAME_PERIOD,
     SceneVisualizer,
@@ -103,9 +102,10 @@ def replay_html(
     meshcat.StopRecording()
     meshcat.PublishRecording()
     steps = [(at - zero, estimate_text(found, truth)) for at, found in estimates]
-    drawn = scene.drawn | ({BODIES} if plant is not None else set())
-    layers = legend(all_layers(extent.size, with_truth=truth is not None), drawn)
-    return _page(meshcat.StaticHtml(), title, steps, zero, layers, scale_length(extent.size))
+    layers = legend(
+        with_shapes=plant is not None, with_boxes=scene.has_boxes, with_truth=truth is not None
+    )
+    return _page(meshcat.StaticHtml(), title, steps, zero, layers)
 
 
 def _page(
@@ -114,9 +114,8 @@ def _page(
     steps: Sequence[tuple[float, str]],
     start: float,
     layers: Sequence[LegendLayer],
-    scale: float,
 ) -> str:
-    """Return Meshcat's page with a title, the estimates, layer toggles and playback controls.
+    """Return Meshcat's page with a title, the estimates and a legend that hides layers.
 
     Args:
         static_html: the page that Meshcat wrote.
@@ -124,12 +123,11 @@ def _page(
         steps: times from which texts are shown, since the start of the replay [s], and the texts.
         start: time at which the replay starts [s].
         layers: the layers of the scene.
-        scale: length of the scene's scale [m].
 
     """
     rows = []
     for layer in layers:
-        names = (f'<i style="color:{m.color}">●</i> {escape(m.meaning)}' for m in layer.marks)
+        names = (f'<i style="color:{c}">●</i> {escape(text)}' for c, text in layer.marks)
         rows.append(
             f'<label><input type="checkbox" value="{layer.path}"> {" ".join(names)}</label>'
         )
@@ -138,7 +136,6 @@ def _page(
         layers="\n".join(rows),
         steps=json.dumps(steps).replace("<", "\\u003c"),
         zero=json.dumps(start),
-        scale=f"{scale:g} m",
     )
     before, end_of_body, after = static_html.rpartition("</body>")
     return f"{before}{overlay}{end_of_body}{after}".replace(

@@ -36,36 +36,22 @@ _STYLE = {
     "ytick.labelsize": 8,
 }
 
-# Placeholders: in a page they are replaced by the page's own colours, light or dark.
-_INK, _GRID = "#010203", "#0405f6"
-_PAGE_COLORS = {
-    _INK: "var(--ink)",
-    _GRID: "var(--grid)",
-    COLORS[-1]: "var(--ink)",
-    **{color.lower(): f"var(--color-{k})" for k, color in enumerate(COLORS[:-1])},
-}
 _IN_PAGE = {
-    "axes.edgecolor": _INK,
     "axes.facecolor": "none",
-    "axes.labelcolor": _INK,
     "axes.labelsize": 8,
     "axes.titlesize": 9,
     "figure.facecolor": "none",
-    "grid.color": _GRID,
     "svg.fonttype": "none",
-    "text.color": _INK,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
 }
 
-INK = _INK
-"""The colour that drawings for a page use instead of black."""
+INK = COLORS[-1]
+"""The colour of what belongs to no series."""
 
 
 def inline_svg(
     name: str, label: str, width: float, height: float, draw: Callable[[Figure], None]
 ) -> str:
-    """Return a drawing as an SVG element for a page, in the page's colours.
+    """Return a drawing as an SVG element for a page.
 
     Args:
         name: unique in the page; letters, digits and hyphens.
@@ -84,9 +70,7 @@ def inline_svg(
     svg = svg[svg.index("<svg") :]
     # Ids are unique in a drawing only, and the page holds several drawings.
     svg = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", svg)
-    svg = re.sub(r"#[0-9a-f]{6}\b", lambda found: _PAGE_COLORS.get(found[0], found[0]), svg)
-    svg = re.sub(r"'DejaVu Sans'[^;\"]*", "inherit-font", svg)
-    svg = svg.replace("inherit-font", "system-ui, sans-serif")
+    svg = re.sub(r"'DejaVu Sans'[^;\"]*", "system-ui, sans-serif", svg)
     root, rest = svg.split(">", 1)
     root = re.sub(r' (width|height)="[^"]*"', "", root)
     return f'{root} role="img" aria-label="{escape(label)}">{rest}'

@@ -1,20 +1,41 @@
-"""Tables on terminals of any width: a table that is too wide is printed in parts."""
-
-from copy import copy
-from dataclasses import replace
+"""Tables of a page on the terminal."""
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.measure import Measurement
-from rich.table import Table
+from rich.table import Table as Drawn
+
+from cpid_drake.report.page import Cell, Table
 
 _WIDEST = 10_000
 
 
-def light_table(title: str) -> Table:
-    """Return an empty table that is only ruled below its header."""
-    return Table(
-        title=title,
+def print_table(console: Console, table: Table) -> None:
+    """Print a table and its note; the columns are split into tables where the terminal is narrow.
+
+    The first column is in each of them. No number is cut or wrapped.
+    """
+    wide = console.options.update(width=_WIDEST)
+    first, rest = 0, 1
+    while rest < len(table.heads):
+        end = rest + 1
+        while (
+            end < len(table.heads)
+            and Measurement.get(console, wide, _drawn(table, rest, end + 1)).maximum
+            <= console.width
+        ):
+            end += 1
+        part = _drawn(table, rest, end)
+        part.title = table.caption if first == 0 else None
+        console.print(part)
+        first, rest = rest, end
+    if table.note:
+        console.print(table.note, highlight=False)
+
+
+def _drawn(table: Table, start: int, end: int) -> Drawn:
+    """Return the first column and those from `start` to `end`."""
+    drawn = Drawn(
         title_justify="left",
         title_style="bold",
         header_style="bold",
@@ -22,34 +43,10 @@ def light_table(title: str) -> Table:
         padding=(0, 1, 0, 0),
         pad_edge=False,
     )
-
-
-def print_in_parts(console: Console, table: Table) -> None:
-    """Print a table; its columns are split into several tables where the terminal is narrow.
-
-    The first column is in each of them. No number is cut or wrapped.
-    """
-    for k, part in enumerate(_parts(console, table)):
-        part.title = table.title if k == 0 else None
-        console.print(part)
-
-
-def _parts(console: Console, table: Table) -> list[Table]:
-    parts, columns = [], [0]
-    for k in range(1, len(table.columns)):
-        if len(columns) > 1 and _width(console, _part(table, [*columns, k])) > console.width:
-            parts.append(_part(table, columns))
-            columns = [0]
-        columns.append(k)
-    return [*parts, _part(table, columns)]
-
-
-def _part(table: Table, columns: list[int]) -> Table:
-    part = copy(table)
-    part.columns = [replace(table.columns[k], _index=i) for i, k in enumerate(columns)]
-    return part
-
-
-def _width(console: Console, table: Table) -> int:
-    wide = console.options.update(width=_WIDEST)
-    return Measurement.get(console, wide, table).maximum
+    drawn.add_column(table.heads[0], no_wrap=True)
+    for head in table.heads[start:end]:
+        drawn.add_column(head, justify="right")
+    for row in table.rows:
+        cells = (row[0], *row[start:end])
+        drawn.add_row(*(cell.text if isinstance(cell, Cell) else cell for cell in cells))
+    return drawn

@@ -10,7 +10,7 @@ from annotated_types import Gt, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.joint_motion import HalfCosine, MultiSine
-from cpid_drake.dynamics.linear_motion import SPLINE_DEGREE, Spline, Waypoints
+from cpid_drake.dynamics.linear_motion import SPLINE_DEGREE, Spline
 from cpid_drake.errors import InputError, choose_from, prefix_errors
 from cpid_drake.input_files.validation import (
     FirstUnlessTagged,
@@ -98,24 +98,6 @@ class MultiSineMotion:
 
 
 @dataclass
-class WaypointMotion:
-    """Half-cosine motions from waypoint to waypoint, tagged `!WaypointMotion` in YAML.
-
-    `waypoints` are the positions of each joint [rad or m by joint name], equally many for all
-    joints, start and end included. A joint that is not named keeps its position in
-    `SpacecraftConfig.configuration`.
-    """
-
-    duration: Annotated[float, Gt(0)] = 10.0
-    waypoints: dict[str, Array] = field(default_factory=dict)
-
-    def make(self, spacecraft: "Spacecraft", default: Configuration) -> Waypoints:
-        """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
-        still = spacecraft.configuration(default, "spacecraft.configuration")
-        return Waypoints(_columns(spacecraft, self.waypoints, "waypoints", still, 2), self.duration)
-
-
-@dataclass
 class SplineMotion:
     """Splines of degree 5, tagged `!SplineMotion` in YAML; see `dynamics.linear_motion.Spline`.
 
@@ -129,21 +111,11 @@ class SplineMotion:
     def make(self, spacecraft: "Spacecraft", default: Configuration) -> Spline:
         """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
         still = spacecraft.configuration(default, "spacecraft.configuration")
-        table = _columns(spacecraft, self.coefficients, "coefficients", still, SPLINE_DEGREE + 1)
+        first = next(iter(self.coefficients), "")
+        count = np.size(self.coefficients[first]) if first else SPLINE_DEGREE + 1
+        each = f"as many as {first}, {count}"
+        table = _table(spacecraft, self.coefficients, "coefficients", still, count, each)
         return Spline(table, self.duration)
-
-
-def _columns(
-    spacecraft: "Spacecraft",
-    entries: dict[str, NDArray[np.float64]],
-    key: str,
-    still: NDArray[np.float64],
-    least: int,
-) -> NDArray[np.float64]:
-    """Return entries of equal length by joint as (K, J); `still` (J,) for the other joints."""
-    first = next(iter(entries), "")
-    count = np.size(entries[first]) if entries else least
-    return _table(spacecraft, entries, key, still, count, f"as many as {first}, {count}")
 
 
 def _table(
@@ -186,13 +158,13 @@ class MotionFile:
             return load_motion(self.file).make(spacecraft, default)
 
 
-AnyMotion = HalfCosine | MultiSine | Waypoints | Spline
+AnyMotion = HalfCosine | MultiSine | Spline
 """A joint motion of a scenario."""
 
-Motion = HalfCosineMotion | MultiSineMotion | WaypointMotion | SplineMotion
+Motion = HalfCosineMotion | MultiSineMotion | SplineMotion
 """The declaration of a joint motion in a file."""
 
-MOTION_TAGS = tuple(map(tag_of, (MultiSineMotion, WaypointMotion, SplineMotion, MotionFile)))
+MOTION_TAGS = tuple(map(tag_of, (MultiSineMotion, SplineMotion, MotionFile)))
 """The YAML tags of joint motions."""
 
 

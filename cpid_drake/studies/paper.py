@@ -1,7 +1,7 @@
 """The study of Ning et al. 2016, from simulation to its tables and figures."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +18,14 @@ from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation, make_simulation
-from cpid_drake.studies.instants import InstantSets, instant_sets, seconds_per_update
 from cpid_drake.studies.paper_values import PAPER_DIGITS, PAPER_TABLE_2, is_papers_target
 from cpid_drake.studies.parameter_errors import error_scale, max_relative_error, parameter_errors
 from cpid_drake.studies.rounding import (
-    LivelierMotion,
+    ExcitingMotion,
     RoundedCase,
-    VelocityShare,
-    livelier_motion,
+    exciting_motion,
     rounded_cases,
-    velocity_share,
 )
-
-SHARE_DECIMALS = 4
-"""Decimals at which the causes of the error are compared."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +48,9 @@ class PaperStudy:
         samples: the telemetry at the identifier's sampling instants.
         exact: batch identification from `samples`.
         rounded: batch identifications from samples rounded to 1 … 12 decimals (Table 2).
-        share: which rounded values cause the error of the mass.
-        livelier: Table 2 for a livelier motion; None if there is none to compare.
+        exciting: Table 2 for a motion that moves the base faster; None if there is none.
         by_count: batch identifications from the first 1 … 10 exact samples.
-        sets: agreement of the identifications from sets of instants.
         orthonormality: largest entry of AᵀA − 1 of the capture frame's attitudes A (Eq. 17).
-        update_seconds: time of one update of the estimate, measured on this machine [s].
         online_parameters: (N, 10) the online identifier's estimate at the times of `telemetry`.
         online_minus_batch: largest difference between the final online and the batch estimate,
             relative as in `max_relative_error`.
@@ -81,12 +72,9 @@ class PaperStudy:
     samples: Telemetry
     exact: SolvedIdentification
     rounded: tuple[RoundedCase, ...]
-    share: VelocityShare
-    livelier: LivelierMotion | None
+    exciting: ExcitingMotion | None
     by_count: list[SampleCase]
-    sets: list[InstantSets]
     orthonormality: float
-    update_seconds: float
     online_parameters: NDArray[np.float64]
     online_minus_batch: float
     linear_drift: NDArray[np.float64]
@@ -132,15 +120,15 @@ def peak_relative_error(error: NDArray[np.float64], reference: NDArray[np.float6
 def run_paper_study(
     scenario: Scenario,
     progress: Callable[[str], None] = lambda step: None,
-    livelier: Scenario | None = None,
+    exciting: Scenario | None = None,
 ) -> PaperStudy:
     """Simulate the scenario, identify online and in batch, and repeat it as the paper did.
 
     Args:
         scenario: a scenario like `models/scenarios/paper.yaml`.
         progress: called at the start of every step with a short description of it.
-        livelier: a scenario with the paper's target and a livelier motion, for Table 2. It is not
-            used if the target of `scenario` is another.
+        exciting: a scenario with the paper's target and a motion that moves the base faster, for
+            Table 2. It is not used if the target of `scenario` is another.
 
     Raises:
         InputError: the scenario cannot be built, or its samples do not determine the target.
@@ -168,15 +156,13 @@ def run_paper_study(
 
     family = row_family(exact.rows or "standard")
     rounded = rounded_cases(samples, range(1, 13), identified, truth)
-    share = velocity_share(samples, SHARE_DECIMALS, identified, truth)
-    of_livelier = None
-    if livelier is not None and is_papers_target(truth):
-        of_livelier = livelier_motion(
-            livelier, samples.time, sorted(PAPER_TABLE_2), family.name, progress
+    of_exciting = None
+    if exciting is not None and is_papers_target(truth):
+        of_exciting = exciting_motion(
+            exciting, samples.time, sorted(PAPER_TABLE_2), family.name, progress
         )
     _, capture = propagate(spacecraft.tree, samples)
     R_WC = capture.R_WC
-    sets = instant_sets(spacecraft, family, samples, samples.rounded(PAPER_DIGITS), truth)
     by_count = []
     for n in range(1, len(samples) + 1):
         found = identified(samples.select(slice(0, n)))
@@ -201,12 +187,9 @@ def run_paper_study(
         samples=samples,
         exact=exact,
         rounded=rounded,
-        share=share,
-        livelier=of_livelier,
+        exciting=of_exciting,
         by_count=by_count,
-        sets=sets,
         orthonormality=float(np.abs(np.swapaxes(R_WC, -1, -2) @ R_WC - np.eye(3)).max()),
-        update_seconds=seconds_per_update(spacecraft, family.name, samples),
         online_parameters=parameter_log.data()[:, first].T.copy(),
         online_minus_batch=float(np.abs(difference / error_scale(truth)).max()),
         linear_drift=P - P[0],
@@ -261,15 +244,13 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
             "rounded6": table_1(study.rounded_to(PAPER_DIGITS).identification),
         },
         "table2": table_2(study.rounded),
-        "velocity_share": asdict(study.share),
-        "livelier": None
-        if study.livelier is None
+        "exciting": None
+        if study.exciting is None
         else {
-            "base_speed": study.livelier.base_speed,
-            "rate_share": study.livelier.rate_share,
-            "log_size": study.livelier.log_size,
-            "by_rows": table_2(study.livelier.by_rows),
-            "by_fit": table_2(study.livelier.by_fit),
+            "rate_share": study.exciting.rate_share,
+            "log_size": study.exciting.log_size,
+            "by_rows": table_2(study.exciting.by_rows),
+            "by_fit": table_2(study.exciting.by_fit),
         },
         "figure7": {
             "max_attitude_relative_error": study.max_attitude_relative_error,
@@ -285,16 +266,7 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
             {"n": case.n, "rank": case.rank, "max_relative_error": nulls(case.max_relative_error)}
             for case in study.by_count
         ],
-        "sets_of_instants": [
-            asdict(sets)
-            | {
-                "disagreement": nulls(sets.disagreement),
-                "disagreement_rounded": nulls(sets.disagreement_rounded),
-            }
-            for sets in study.sets
-        ],
         "orthonormality": study.orthonormality,
-        "update_seconds_on_this_machine": study.update_seconds,
         "online_minus_batch": study.online_minus_batch,
         "wall_seconds": wall_seconds,
     }

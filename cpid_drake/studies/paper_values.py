@@ -9,8 +9,8 @@ PAPER_TARGET = InertialParameters(
 )
 """The true target of Ning et al. 2016, Table 1; the paper's results are for this target only."""
 
-LIVELIER = "exciting_motion"
-"""The shipped scenario with this target and a livelier motion."""
+EXCITING = "exciting_motion"
+"""The shipped scenario with this target and a motion that moves the base faster."""
 
 PAPER_TABLE_1 = InertialParameters.from_vector(
     [99.897213, 0.434876, 0.001487, -0.000866]

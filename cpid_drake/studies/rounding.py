@@ -1,4 +1,4 @@
-"""Identification from data of limited precision: Table 2 of Ning et al. 2016, and its causes."""
+"""Identification from data of limited precision: Table 2 of Ning et al. 2016."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -60,29 +60,10 @@ class RoundedCase:
 
 
 @dataclass(frozen=True)
-class VelocityShare:
-    """Errors of the mass from samples of which only a part is rounded [kg].
-
-    Attributes:
-        decimals: number of decimals.
-        all_rounded: error if all values are rounded.
-        velocity_rounded: error if only the base's velocity is rounded.
-        others_rounded: error if all values but the base's velocity are rounded.
-
-    """
-
-    decimals: int
-    all_rounded: float
-    velocity_rounded: float
-    others_rounded: float
-
-
-@dataclass(frozen=True)
-class LivelierMotion:
+class ExcitingMotion:
     """Table 2 for a motion that moves the base faster.
 
     Attributes:
-        base_speed: the base's largest speed [m/s].
         rate_share: the largest rate of a joint as a share of the joint's limit.
         log_size: number of samples in the whole log.
         by_rows: identifications from as many samples as the paper's, by the paper's equation.
@@ -90,7 +71,6 @@ class LivelierMotion:
 
     """
 
-    base_speed: float
     rate_share: float
     log_size: int
     by_rows: tuple[RoundedCase, ...]
@@ -101,7 +81,7 @@ def rounded_cases(
     samples: Telemetry, decimals: Sequence[int], identified: Identify, truth: InertialParameters
 ) -> tuple[RoundedCase, ...]:
     """Return the identifications from samples rounded to each number of decimals."""
-    speed = base_speed(samples)
+    speed = float(np.linalg.norm(samples.v_WB, axis=1).max())
     cases = []
     for number in decimals:
         found = identified(samples.rounded(number))
@@ -110,30 +90,19 @@ def rounded_cases(
     return tuple(cases)
 
 
-def velocity_share(
-    samples: Telemetry, decimals: int, identified: Identify, truth: InertialParameters
-) -> VelocityShare:
-    """Return how much of the error of the mass the rounding of the base's velocity causes."""
-    rounded = samples.rounded(decimals)
-    only = replace(samples, v_WB=rounded.v_WB)
-    others = replace(rounded, v_WB=samples.v_WB)
-    errors = [identified(data).parameters[0] - truth.mass for data in (rounded, only, others)]
-    return VelocityShare(decimals, *map(float, errors))
-
-
-def livelier_motion(
+def exciting_motion(
     scenario: Scenario,
     times: NDArray[np.float64],
     decimals: Sequence[int],
     rows: str,
     progress: Callable[[str], None],
-) -> LivelierMotion:
+) -> ExcitingMotion:
     """Identify the target of another scenario from data of each number of decimals.
 
     The motion follows from conservation of momentum.
 
     Args:
-        scenario: the scenario with the livelier motion.
+        scenario: the scenario with this motion.
         times: instants of the samples that are used with `rows` [s].
         decimals: numbers of decimals.
         rows: the row family of the few samples.
@@ -156,7 +125,7 @@ def livelier_motion(
 
     fits: list[RoundedCase] = []
     for number in decimals:
-        progress(f"fitting the livelier motion, {number} decimals")
+        progress(f"fitting the exciting motion, {number} decimals")
 
         def by_fit(data: Telemetry, number: int = number) -> SolvedIdentification:
             measured = log_of_states(data).measurements
@@ -164,15 +133,9 @@ def livelier_motion(
             return identify(spacecraft, measured, sensors=sensors, momentum=zero)
 
         fits += rounded_cases(log, [number], by_fit, truth)
-    return LivelierMotion(
-        base_speed=base_speed(samples),
+    return ExcitingMotion(
         rate_share=float((np.abs(log.qdot) / spacecraft.limits.rates).max()),
         log_size=len(log),
         by_rows=rounded_cases(samples, decimals, by_rows, truth),
         by_fit=tuple(fits),
     )
-
-
-def base_speed(samples: Telemetry) -> float:
-    """Return the base's largest speed [m/s]."""
-    return float(np.linalg.norm(samples.v_WB, axis=1).max())

@@ -21,25 +21,21 @@ ROOT = "/cpid"
 
 @dataclass(frozen=True)
 class Extent:
-    """Size, duration and momenta of the motion that is drawn.
+    """Size and momenta of the motion that is drawn.
 
     Attributes:
         centre: (3,) centre of all bodies during the whole motion, in W [m].
-        eye: (3,) position of a camera that looks there and sees all bodies, in W [m].
         size: about half the length of the spacecraft without the target [m].
         momentum: the largest linear momentum of the spacecraft [N·s].
         angular_momentum: the largest angular momentum about the system's centre of mass, or about
             the spacecraft's own if the target is not known [N·m·s].
-        duration: duration of the motion [s].
 
     """
 
     centre: NDArray[np.float64]
-    eye: NDArray[np.float64]
     size: float
     momentum: float
     angular_momentum: float
-    duration: float
 
 
 @dataclass(frozen=True)
@@ -67,18 +63,12 @@ class Moment:
 
 
 class Layer(ABC):
-    """One layer: its objects are created once, and moved, scaled or hidden at every moment.
-
-    Attributes:
-        drawn: names of the objects that have been drawn so far.
-
-    """
+    """One layer: its objects are created once, and moved, scaled or hidden at every moment."""
 
     name: str
 
     def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
         self._meshcat, self._extent = meshcat, extent
-        self.drawn: set[str] = set()
         self._root = f"{ROOT}/{self.name}"
 
     @abstractmethod
@@ -92,7 +82,6 @@ class Layer(ABC):
         self, path: str, X_WD: RigidTransform, scale: ArrayLike | None, time: float | None
     ) -> None:
         """Move an object. The scale is set on the child node, so a transform does not change it."""
-        self.drawn.add(f"{self.name}/{path}")
         self._meshcat.SetTransform(f"{self._root}/{path}", X_WD, time)
         if scale is not None:
             values = [float(value) for value in np.asarray(scale)]

@@ -14,7 +14,6 @@ from cpid_drake.systems.scene_layer import Extent, Layer, Moment
 ESTIMATE_COLOR = Rgba(1.0, 0.45, 0.05, 1.0)
 TRUTH_COLOR = Rgba(0.1, 0.85, 0.75, 0.4)
 CENTRE_COLOR = Rgba(1.0, 1.0, 1.0, 1.0)
-TRAIL_COLOR = Rgba(0.8, 0.47, 0.65, 1.0)
 SPACECRAFT_COLOR = Rgba(0.34, 0.7, 0.91, 1.0)
 TARGET_COLOR = Rgba(0.94, 0.89, 0.26, 1.0)
 _AXIS_COLORS = (Rgba(1.0, 0.25, 0.2, 1.0), Rgba(0.3, 0.9, 0.3, 1.0), Rgba(0.35, 0.5, 1.0, 1.0))
@@ -22,7 +21,6 @@ _AXIS_COLORS = (Rgba(1.0, 0.25, 0.2, 1.0), Rgba(0.3, 0.9, 0.3, 1.0), Rgba(0.35, 
 ABOVE = 0.45
 """Height of the angular momentum's arrows above the centre of mass, in sizes of the spacecraft."""
 
-_BELOW = 0.55  # of the scale's bar below the scene's centre, in sizes of the spacecraft
 _LONGEST = {"linear": 0.4, "angular": 0.25}  # arrow, in sizes of the spacecraft
 
 
@@ -40,8 +38,6 @@ class Bodies(Layer):
 
     def draw(self, moment: Moment, time: float) -> None:
         """Move the boxes."""
-        if moment.body_poses:
-            self.drawn.add(self.name)
         for name, X_WL in moment.body_poses.items():
             self._place(name, X_WL, None, time)
 
@@ -71,34 +67,22 @@ class Frames(Layer):
 
 
 class CentreOfMass(Layer):
-    """The system's centre of mass, and a ring at its first position."""
+    """The system's centre of mass."""
 
     name = "centre_of_mass"
 
     def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
         super().__init__(meshcat, extent)
-        radius = 0.02 * extent.size
-        meshcat.SetObject(f"{self._root}/now/shape", Sphere(radius), CENTRE_COLOR)
-        start, end = wire_sphere(3, 1)
-        meshcat.SetLineSegments(
-            f"{self._root}/place/shape", 2 * radius * start, 2 * radius * end, 1.0, CENTRE_COLOR
-        )
-        for path in ("now/shape", "place/shape"):
-            self._in_front(path)
-        self._first: tuple[RigidTransform, NDArray[np.float64]] | None = None
+        meshcat.SetObject(f"{self._root}/now/shape", Sphere(0.02 * extent.size), CENTRE_COLOR)
+        self._in_front("now/shape")
 
     def draw(self, moment: Moment, time: float) -> None:
-        """Draw the current and the initial centre of mass, both computed with the same target."""
-        p_WK = moment.known.p_WKcm[0]
-        if self._first is None:
-            self._first = moment.X_WC, p_WK
-        for path in ("now", "place"):
-            self._show(path, moment.target is not None, time)
+        """Draw it, once the target is known."""
+        self._show("now", moment.target is not None, time)
         if moment.target is not None:
-            now = system_centre(moment.target, moment.X_WC, p_WK, moment.known.mass)
-            place = system_centre(moment.target, *self._first, moment.known.mass)
-            self._place("now", RigidTransform(now), None, time)
-            self._place("place", RigidTransform(place), None, time)
+            known = moment.known
+            p_WS = system_centre(moment.target, moment.X_WC, known.p_WKcm[0], known.mass)
+            self._place("now", RigidTransform(p_WS), None, time)
 
 
 class EstimatedCentre(Layer):
@@ -224,67 +208,6 @@ class Momentum(Layer):
             self._place(name, RigidTransform(R, start), [width, width, length], time)
 
 
-class Trail(Layer):
-    """Path of the capture point: dots at equal intervals of time."""
-
-    name = "trail"
-
-    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
-        super().__init__(meshcat, extent)
-        self._period = max(0.125, extent.duration / 100)
-        self._start, self._count = 0.0, 0
-
-    def draw(self, moment: Moment, time: float) -> None:
-        """Add a dot when it is due; delete all dots if the time has decreased."""
-        if self._count == 0 or time < self._start:
-            self._meshcat.Delete(self._root)
-            self._start, self._count = time, 0
-            self.drawn.add(self.name)
-        if time < self._start + self._count * self._period - 1e-9:
-            return
-        dot = f"dot{self._count}"
-        self._meshcat.SetObject(
-            f"{self._root}/{dot}", Sphere(0.008 * self._extent.size), TRAIL_COLOR
-        )
-        self._meshcat.SetTransform(f"{self._root}/{dot}", RigidTransform(moment.X_WC.translation()))
-        if self._count:
-            self._show(dot, False, self._start)
-        self._show(dot, True, time)
-        self._count += 1
-
-
-class Scale(Layer):
-    """A bar of a round length in five parts, below the spacecraft and across the view."""
-
-    name = "scale"
-
-    def __init__(self, meshcat: Meshcat, extent: Extent) -> None:
-        super().__init__(meshcat, extent)
-        length, view = scale_length(extent.size), extent.eye - extent.centre
-        along = np.cross([0.0, 0.0, 1.0], view)
-        norm = float(np.linalg.norm(along))
-        along = along / norm if norm > 0 else np.array([1.0, 0.0, 0.0])
-        R_WS = RotationMatrix.MakeFromOneVector(along, 2)
-        for part in range(5):
-            bar = Cylinder(0.012 * extent.size, length / 5)
-            color = CENTRE_COLOR if part % 2 == 0 else GREY
-            meshcat.SetObject(f"{self._root}/bar/{part}", bar, color)
-            self._in_front(f"bar/{part}")
-            X = RigidTransform([0.0, 0.0, (part - 2) * length / 5])
-            meshcat.SetTransform(f"{self._root}/bar/{part}", X)
-        self._X_WS = RigidTransform(R_WS, extent.centre - [0.0, 0.0, _BELOW * extent.size])
-
-    def draw(self, moment: Moment, time: float) -> None:
-        """Place the bar, which does not move."""
-        self._place("bar", self._X_WS, None, time)
-
-
-def scale_length(size: float) -> float:
-    """Return the length of the scale's bar: 1, 2 or 5 times a power of ten, at most `size` [m]."""
-    power = 10.0 ** np.floor(np.log10(size)) if size > 0 else 1.0
-    return float(max(k * power for k in (1, 2, 5) if k == 1 or k * power <= size))
-
-
 def make_layers(
     meshcat: Meshcat,
     extent: Extent,
@@ -292,7 +215,7 @@ def make_layers(
     truth: InertialParameters | None,
 ) -> list[Layer]:
     """Return all layers; `bodies` have no shapes, and `truth` is the target if known."""
-    kinds = (Frames, CentreOfMass, EstimatedCentre, EstimatedInertia, Momentum, Trail, Scale)
+    kinds = (Frames, CentreOfMass, EstimatedCentre, EstimatedInertia, Momentum)
     layers: list[Layer] = [
         Bodies(meshcat, extent, bodies),
         *(kind(meshcat, extent) for kind in kinds),

@@ -5,7 +5,6 @@ from collections.abc import Collection
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, MeshcatParams, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
@@ -24,12 +23,12 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.ports import add_connected
 from cpid_drake.systems.scene_layer import Extent, Moment
-from cpid_drake.systems.scene_layers import ABOVE, make_layers
+from cpid_drake.systems.scene_layers import make_layers
 
 FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]."""
 
-_VIEW = np.array([0.7, -0.62, 0.42])  # from the scene to the camera, in W
+_VIEW = np.array([1.35, -1.2, 0.8])  # from the scene to the camera, in W and sizes of the scene
 
 
 class SceneVisualizer(LeafSystem):
@@ -52,7 +51,7 @@ class SceneVisualizer(LeafSystem):
     Args:
         spacecraft: the known spacecraft.
         meshcat: the Meshcat instance in which the layers are drawn.
-        extent: size, duration and momenta of the motion; see `extent_of`.
+        extent: size and momenta of the motion; see `extent_of`.
         truth: the true target; simulation only.
         shapeless: bodies of the spacecraft to draw as boxes; see `shapeless_bodies`.
         period: time between drawings [s].
@@ -72,7 +71,7 @@ class SceneVisualizer(LeafSystem):
         super().__init__()
         self.set_name("scene_visualizer")
         plant = spacecraft.plant
-        self._spacecraft, self._truth, self._extent = spacecraft, truth, extent
+        self._spacecraft, self._truth = spacecraft, truth
         self._scratch = PlantScratch(plant)
         bodies = [plant.get_body(index) for index in shapeless]
         self._bodies = {f"{int(body.index())}_{body.name()}": body for body in bodies}
@@ -85,14 +84,9 @@ class SceneVisualizer(LeafSystem):
         self.DeclareForcedPublishEvent(self._draw)
 
     @property
-    def drawn(self) -> frozenset[str]:
-        """What has been drawn so far, as LAYER/OBJECT, such as "momentum/linear_target"."""
-        return frozenset().union(*(layer.drawn for layer in self._layers))
-
-    @property
-    def extent(self) -> Extent:
-        """Size and duration of the motion."""
-        return self._extent
+    def has_boxes(self) -> bool:
+        """Whether some bodies are drawn as boxes."""
+        return bool(self._bodies)
 
     @staticmethod
     def AddToBuilder(
@@ -217,27 +211,12 @@ def extent_of(
         mass = spacecraft.mass + target.mass
         p_WS = (spacecraft.mass * p_WS + target.mass * p_WT) / mass
     L = angular_momentum(tree, motion, p_WS)
-    arrows = p_WS + np.array([0.0, 0.0, (ABOVE + 0.2) * size])
     return Extent(
         centre=centre,
-        eye=_eye(centre, np.append(centres, arrows[None], axis=0), np.append(radii, 0.0)),
         size=size,
         momentum=float(np.linalg.norm(P, axis=1).max()),
         angular_momentum=float(np.linalg.norm(L, axis=1).max()),
-        duration=float(telemetry.time[-1] - telemetry.time[0]),
     )
-
-
-def _eye(
-    centre: NDArray[np.float64], balls: NDArray[np.float64], radii: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return a camera position (3,) from which Meshcat shows all balls (K, N, 3) of radii (K,)."""
-    away = _VIEW / np.linalg.norm(_VIEW)
-    towards = (balls - centre) @ away
-    aside = np.linalg.norm(balls - centre - towards[..., None] * away, axis=-1)
-    half = np.radians(75 / 2)
-    distance = towards + aside / np.tan(half) + radii[:, None] / np.sin(half)
-    return centre + distance.max() * away
 
 
 def _radius(body: TreeBody) -> float:
@@ -270,10 +249,10 @@ def open_meshcat(host: str = "localhost") -> Meshcat:
 
 
 def prepare_meshcat(meshcat: Meshcat, extent: Extent) -> None:
-    """Give Meshcat a dark background, light, and a camera that sees the whole motion."""
+    """Give Meshcat a dark background, light, and a camera."""
     meshcat.SetProperty("/Background/<object>", "top_color", [0.02, 0.02, 0.06])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.05, 0.05, 0.12])
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.2)
-    meshcat.SetCameraPose(extent.eye, extent.centre)
+    meshcat.SetCameraPose(extent.centre + extent.size * _VIEW, extent.centre)

@@ -1,4 +1,4 @@
-"""A report in a real browser: offline, on a phone and on a desk, light, dark and printed."""
+"""A report in a real browser: offline, narrow and wide."""
 
 import io
 import json
@@ -40,14 +40,14 @@ def report(tmp_path_factory):
 
 @pytest.fixture
 def opened(new_page, report):
-    """Return a context manager (width, colour scheme) -> page.
+    """Return a context manager (width) -> page.
 
     At its end: nothing but the file was asked for, and nothing complained.
     """
 
     @contextmanager
-    def open_(width: int = 1400, scheme: str = "light"):
-        page = new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    def open_(width: int = 1400):
+        page = new_page(viewport={"width": width, "height": 900})
         said, requests = [], []
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("console", lambda m: said.append(m.text) if m.type == "error" else None)

@@ -1,4 +1,4 @@
-"""Ctrl-C and a request to terminate end every command at once, with one line."""
+"""Ctrl-C ends a command with one line, and leaves nothing half-written."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import HUNG, finish, start
+from processes import HUNG, start
 
 from cpid_drake.resources import models_directory
 
@@ -22,16 +22,19 @@ COMMANDS = {
         *("--json", "r.json", "--report", "r.html"),
     ),
     "simulate": ("simulate", "{inputs}/exciting_motion.yaml", "--out", "run"),
-    "accuracy": (
-        *("accuracy", "exciting_motion", "--trials", "1000", "--preset", "flight"),
-        *("--jobs", "2", "--out", "study"),
+    "plan": (
+        "plan",
+        "motion",
+        "paper",
+        "--candidates",
+        "60000",
+        "--jobs",
+        "2",
+        "--out",
+        "motion.yaml",
     ),
-    "plan": ("plan", "paper", "--candidates", "60000", "--jobs", "2", "--out", "motion.yaml"),
 }
 """Commands that take minutes, so that none ends before its interrupt."""
-
-LONGEST = 30.0
-"""Longest time to the end [s]; a quiet machine needs less than 1 s, a whole command far longer."""
 
 
 @pytest.fixture(scope="module")
@@ -82,21 +85,14 @@ def processes_of_group(group: int) -> list[str]:
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's process status")
 @pytest.mark.parametrize(
-    ("command", "seconds", "number"),
+    ("command", "seconds"),
     [
-        ("identify", 0.3, signal.SIGINT),
-        *(
-            pytest.param(command, seconds, number, marks=pytest.mark.slow)
-            for command, seconds, number in (
-                ("simulate", 0, signal.SIGTERM),
-                ("accuracy", 6, signal.SIGINT),
-                ("plan", 6, signal.SIGTERM),
-            )
-        ),
+        ("identify", 6.0),
+        *(pytest.param(each, 8.0, marks=pytest.mark.slow) for each in ("simulate", "plan")),
     ],
 )
-def test_an_interrupt_ends_a_command_with_one_line(command, seconds, number, inputs, tmp_path):
-    """At any instant: at the start, while modules are imported, or a long computation runs."""
+def test_an_interrupt_ends_a_command_with_one_line(command, seconds, inputs, tmp_path):
+    """While a long computation runs, also with processes of its own."""
     process = start(
         *("-m", "cpid_drake", *(str(each).format(inputs=inputs) for each in COMMANDS[command])),
         "--quiet",
@@ -104,49 +100,14 @@ def test_an_interrupt_ends_a_command_with_one_line(command, seconds, number, inp
         start_new_session=True,
         preexec_fn=heed_interrupts,
     )
-    wait_until_handled(process, signal.SIGTERM)  # the last that the command begins to handle
+    wait_until_handled(process, signal.SIGINT)
     time.sleep(seconds)
     begin = time.perf_counter()
-    if number == signal.SIGINT:
-        os.killpg(process.pid, number)  # as a terminal does
-    else:
-        process.send_signal(number)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     stdout, stderr = process.communicate(timeout=HUNG)
     assert (process.returncode, stdout) == (130, "")
-    assert stderr == "cpid: interrupted\n"
-    duration = time.perf_counter() - begin
+    assert stderr.splitlines()[-1] == "cpid: interrupted"
+    assert "Traceback" not in stderr
     while processes_of_group(process.pid):
         assert time.perf_counter() - begin < HUNG
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
-    assert duration < LONGEST
-
-
-STARTS_PROCESSES = """
-import os, signal, socket, sys, threading
-from cpid_drake.processes import interrupts_held
-
-def interrupt(number, frame):
-    raise KeyboardInterrupt
-
-number = int(sys.argv[1])
-signal.signal(number, interrupt)
-received, wakes = socket.socketpair()
-wakes.setblocking(False)
-signal.set_wakeup_fd(wakes.fileno())
-threading.Thread(target=threading.Event().wait, daemon=True).start()
-try:
-    with interrupts_held():
-        os.kill(os.getpid(), number)
-        received.recv(1)  # until a thread has received it
-        print("started")
-    print("not interrupted")
-except KeyboardInterrupt:
-    print(signal.getsignal(number) is interrupt)
-"""
-
-
-@pytest.mark.slow
-def test_an_interrupt_waits_until_processes_have_been_started(tmp_path):
-    """Also if another thread receives the signal, and with the handler of the command."""
-    ended = finish(start("-c", STARTS_PROCESSES, int(signal.SIGINT), cwd=tmp_path))
-    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "started\nTrue\n", "")
+    assert not list(tmp_path.iterdir())

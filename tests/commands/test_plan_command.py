@@ -27,7 +27,7 @@ def planned(tmp_path_factory):
     """A plan of the paper's scenario: its file, and the command's output."""
     folder, text = tmp_path_factory.mktemp("plan"), StringIO()
     file, page = folder / "motion.yaml", folder / "motion.html"
-    arguments = ("plan", "paper", "--out", file, "--report", page, *SMALL, *ARM)
+    arguments = ("plan", "motion", "paper", "--out", file, "--report", page, *SMALL, *ARM)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(text):
         patch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
@@ -54,7 +54,7 @@ def test_a_plan_is_written_compared_exported_and_simulated(run_cpid, planned, tm
     for heading in ("Conclusion", "Predicted σ", "Joints", "Base motion", "Replay", "Provenance"):
         assert f">{heading}</h2>" in page
 
-    code, ranking, _ = run_cpid("plan", "paper", "--compare", file, *SMALL)
+    code, ranking, _ = run_cpid("plan", "rank", "paper", file)
     assert code == 0
     assert "motion.yaml scenario's motion" in " ".join(ranking.split())
     assert worst(ranking) == [plan, own]
@@ -85,7 +85,7 @@ def test_an_interrupt_keeps_the_best_motion_so_far(tmp_path, monkeypatch):
     file = tmp_path / "motion.yaml"
     with pytest.raises(KeyboardInterrupt):
         motion("paper", file, targets=1, jobs=1)
-    assert "criterion is 0.5" in file.read_text()
+    assert "is 0.5 in units" in file.read_text()
     assert file.read_text().startswith("# Interrupted: ")
     assert load_motion(file).duration == 10.0
 
@@ -98,7 +98,7 @@ def test_a_better_motion_of_the_front_becomes_the_plan(tmp_path, monkeypatch):
     monkeypatch.setattr(pareto, "front", lambda *arguments, **options: points)
     file = tmp_path / "motion.yaml"
     motion("paper", file, front=tmp_path / "front", targets=1, jobs=1, frequency=0.3, quiet=True)
-    assert "criterion is 0.4" in file.read_text()
+    assert "is 0.4 in units" in file.read_text()
     assert not file.read_text().startswith("# Interrupted: ")
     assert file.read_text() == (tmp_path / "front/motion_00.yaml").read_text()
 
@@ -109,18 +109,21 @@ PLANS = ((0.01, 0.5), (0.02, 0.4))
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("paper",), "give --out FILE to plan a motion, or --compare FILE"),
-        (("nowhere.yaml", "--out", "x.yaml"), "nowhere.yaml: no such file"),
-        (("paper", "--out", "x.csv"), "x.csv"),
+        (("motion", "paper"), "--out"),
+        (("paper",), "paper"),
+        (("motion", "nowhere.yaml", "--out", "x.yaml"), "nowhere.yaml: no such file"),
+        (("motion", "paper", "--out", "x.csv"), "x.csv"),
         (
-            ("paper", "--out", "x.yaml", "--duration", "12", "--opportunistic", "1"),
+            ("motion", "paper", "--out", "x.yaml", "--duration", "12", "--opportunistic", "1"),
             "give either --duration or --opportunistic",
         ),
-        (("paper", "--out", "x.yaml", "--sensors", "none"), "none: no such file"),
-        (("paper", "--out", "x.yaml", "--frequency", "100"), "give a highest frequency"),
-        (("paper", "--out", "x.yaml", "--stoppable"), "give --acceleration"),
-        (("paper", "--out", "x.yaml", "--wheel-momentum", "1"), "the spacecraft has no wheels"),
-        (("paper", "--compare", "nowhere.yaml"), "nowhere.yaml: no such file"),
+        (("motion", "paper", "--out", "x.yaml", "--sensors", "none"), "none: no such file"),
+        (("motion", "paper", "--out", "x.yaml", "--frequency", "100"), "give a highest frequency"),
+        (
+            ("motion", "paper", "--out", "x.yaml", "--wheel-momentum", "1"),
+            "the spacecraft has no wheels",
+        ),
+        (("rank", "paper", "nowhere.yaml"), "nowhere.yaml: no such file"),
         (("export", "nowhere.yaml", "--scenario", "paper", "--out", "x.csv"), "no such file"),
     ],
 )
@@ -139,16 +142,15 @@ def test_a_motion_of_another_spacecraft_is_refused(run_cpid, planned, tmp_path):
     text = dump_motion(load_motion(file)).replace("capture_arm_joint1", "elbow")
     other = tmp_path / "other.yaml"
     other.write_text(text)
-    code, _, error = run_cpid("plan", "paper", "--compare", other)
+    code, _, error = run_cpid("plan", "rank", "paper", other)
     assert code == 2
     assert "no joint 'elbow'" in error
 
 
 def test_the_help_has_the_units(run_cpid):
-    code, text, _ = run_cpid("plan", "--help")
+    code, text, _ = run_cpid("plan", "motion", "--help")
     assert code == 0
     text = " ".join(re.sub("[│\n]", " ", text).split())
-    assert " export " in text
-    assert "--stoppable" in text
+    assert "--acceleration" in text
     for unit in ("[s]", "[Hz]", "[m]", "[deg]", "[deg/s]", "[rad/s² or m/s²]", "[N·m·s]"):
         assert unit in text

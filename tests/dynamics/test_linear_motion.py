@@ -1,10 +1,10 @@
-"""Motions through waypoints and along splines: smooth, bounded, and linear in their parameters."""
+"""Motions along splines: smooth, bounded, and linear in their parameters."""
 
 import numpy as np
 import pytest
 
-from cpid_drake.dynamics.joint_motion import HalfCosine, MultiSine
-from cpid_drake.dynamics.linear_motion import Spline, Waypoints
+from cpid_drake.dynamics.joint_motion import MultiSine
+from cpid_drake.dynamics.linear_motion import Spline
 from cpid_drake.errors import InputError
 
 
@@ -18,19 +18,12 @@ def coefficients(rows: int = 9, seed: int = 1, equal: int = 3) -> np.ndarray:
     return c
 
 
-MAKERS = {
-    "waypoints": lambda seed: Waypoints(table(5, seed), 8.0),
-    "spline": lambda seed: Spline(coefficients(9, seed), 8.0),
-}
+@pytest.fixture
+def motion() -> Spline:
+    return Spline(coefficients(9, 1), 8.0)
 
 
-@pytest.fixture(params=MAKERS)
-def maker(request):
-    return MAKERS[request.param]
-
-
-def test_they_start_and_end_at_rest_and_stay_there(maker):
-    motion = maker(1)
+def test_they_start_and_end_at_rest_and_stay_there(motion):
     before, start, end, after = motion.evaluate([-1.0, 0.0, 8.0, 9.0])
     np.testing.assert_array_equal(before[0], start[0])
     np.testing.assert_allclose(after[0], end[0], atol=1e-15)
@@ -39,8 +32,8 @@ def test_they_start_and_end_at_rest_and_stay_there(maker):
     assert not after[2].any()
 
 
-def test_rates_and_accelerations_are_derivatives(maker):
-    motion, h = maker(1), 1e-6
+def test_rates_and_accelerations_are_derivatives(motion):
+    h = 1e-6
     t = np.linspace(0.11, 7.9, 40)
     ahead, now, behind = (motion.evaluate(t + d) for d in (h, 0.0, -h))
     np.testing.assert_allclose((ahead[:, 0] - behind[:, 0]) / (2 * h), now[:, 1], atol=1e-8)
@@ -49,18 +42,10 @@ def test_rates_and_accelerations_are_derivatives(maker):
 
 def test_they_are_linear_in_their_parameters():
     t = np.linspace(0, 8, 33)
-    for kind, make in ((Waypoints, table), (Spline, coefficients)):
-        a, b = make(9, 2), make(9, 3)
-        both = kind(a + 2 * b, 8.0).evaluate(t)
-        parts = kind(a, 8.0).evaluate(t) + 2 * kind(b, 8.0).evaluate(t)
-        np.testing.assert_allclose(both, parts, atol=1e-12)
-
-
-def test_each_piece_between_waypoints_is_a_half_cosine():
-    motion, t = Waypoints(table(5), 8.0), np.linspace(0.0, 1.99, 20)
-    for k in range(4):
-        piece = HalfCosine(*motion.positions[k : k + 2], 2.0).evaluate(t)
-        np.testing.assert_allclose(motion.evaluate(t + 2 * k), piece, atol=1e-12)
+    a, b = coefficients(9, 2), coefficients(9, 3)
+    both = Spline(a + 2 * b, 8.0).evaluate(t)
+    parts = Spline(a, 8.0).evaluate(t) + 2 * Spline(b, 8.0).evaluate(t)
+    np.testing.assert_allclose(both, parts, atol=1e-12)
 
 
 def test_a_spline_stays_between_its_coefficients():
@@ -94,8 +79,6 @@ def test_sines_may_end_elsewhere():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Waypoints(table(1), 8.0), "at least 2 positions"),
-        (lambda: Waypoints(table(3), 0.0), "duration must be > 0"),
         (lambda: Spline(coefficients(5), 8.0), "at least 6 coefficients"),
         (lambda: Spline(table(9), 8.0), "start and end at rest"),
         (lambda: Spline(coefficients(), np.inf), "duration must be > 0"),

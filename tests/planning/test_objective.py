@@ -1,26 +1,22 @@
-"""Criteria of a motion, and their exact gradients."""
+"""The criterion of a motion, and its exact gradients."""
 
 import numpy as np
 import pytest
 
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
-from cpid_drake.planning.families import FAMILIES
+from cpid_drake.planning.families import MotionFamily
 from cpid_drake.planning.limits import LimitedFamily, MotionLimits
-from cpid_drake.planning.objective import (
-    CRITERIA,
-    Objective,
-    PlausibleTarget,
-)
+from cpid_drake.planning.objective import Objective, PlausibleTarget
 
 
-def objective(case, criterion="worst", targets=None, joints=4) -> Objective:
+def objective(case, targets=None, joints=4) -> Objective:
     craft, motion = case.spacecraft, case.case.motion
     start = motion.evaluate(0.0)[0]
-    family = FAMILIES["spline"](
+    family = MotionFamily(
         craft.joint_names, start, start, np.arange(joints), case.case.duration, 0.4
     )
     targets = targets or (PlausibleTarget(case.parameters),)
-    return Objective(case.model, family, targets, criterion)
+    return Objective(case.model, family, targets)
 
 
 def parameters(objective, *shape, seed=3) -> np.ndarray:
@@ -57,19 +53,16 @@ def test_gradients_are_those_of_differences(exciting):
 @pytest.mark.slow
 def test_gradients_with_an_uncertain_spacecraft_and_two_targets(uncertain):
     targets = PlausibleTarget(uncertain.parameters), other_target(uncertain)
-    goal = objective(uncertain, "worst", targets, joints=2)
+    goal = objective(uncertain, targets, joints=2)
     check_gradient(goal, parameters(goal), 4e-2, 1e-3)
 
 
-def test_criteria_of_a_covariance(exciting):
+def test_the_criterion_is_the_largest_sigma(exciting):
     goal = objective(exciting)
     x = parameters(goal, 1)
     [[C]] = goal.covariances(goal.samples(x))
-    scores = {name: objective(exciting, name).scores(x)[0] for name in CRITERIA}
-    assert scores["worst"] == pytest.approx(np.sqrt(np.diag(C)).max())
-    assert scores["A"] == pytest.approx(np.sqrt(np.trace(C) / 10))
-    assert scores["D"] == pytest.approx(np.linalg.det(C) ** (1 / 20))
-    assert scores["E"] == pytest.approx(np.sqrt(np.linalg.eigvalsh(C)[-1]))
+    assert goal.scores(x)[0] == pytest.approx(np.sqrt(np.diag(C)).max())
+    assert np.exp(goal.values(x[0]).max()) == pytest.approx(goal.scores(x)[0])
 
 
 def test_the_least_favourable_target_decides(exciting):

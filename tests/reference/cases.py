@@ -382,7 +382,9 @@ def million(folder: Path) -> dict:
 def plan(folder: Path) -> dict:
     """The σ of one plan."""
     small = ["--targets", "1", "--starts", "1", "--candidates", "200", "--jobs", "1"]
-    done = cli("plan", "paper", "--sensors", "flight", "--out", folder / "motion.yaml", *small)
+    done = cli(
+        "plan", "motion", "paper", "--sensors", "flight", "--out", folder / "motion.yaml", *small
+    )
     own, found = re.search(r"worst σ.*?([\d.e-]+)\s+([\d.e-]+)\s*$", done.stdout, re.M).groups()
     figures = {
         "worst σ of the plan, %": figure(float(found), at_most=1.3 * float(found)),

@@ -1,4 +1,4 @@
-"""Joint motions of scenarios: splines, waypoints, and motions in files of their own."""
+"""Joint motions of scenarios: splines, sines, and motions in files of their own."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,6 @@ from cpid_drake.scenario.joint_motions import (
     MotionFile,
     MultiSineMotion,
     SplineMotion,
-    WaypointMotion,
     dump_motion,
     load_motion,
 )
@@ -18,7 +17,6 @@ from cpid_drake.scenario.joint_motions import (
 SPLINE = SplineMotion(
     5.0, {"capture_arm_joint2": np.array([0.1, 0.1, 0.1, 0.5, -0.3, -0.2, -0.2, -0.2])}
 )
-WAYPOINTS = WaypointMotion(6.0, {"capture_arm_joint1": np.array([0.0, 0.4, -0.3])})
 SINES = MultiSineMotion(
     8.0,
     2.0,
@@ -40,7 +38,7 @@ def spacecraft(paper_scenario):
     return paper_scenario.spacecraft.make()
 
 
-@pytest.mark.parametrize("motion", [SPLINE, WAYPOINTS, SINES], ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize("motion", [SPLINE, SINES], ids=lambda m: type(m).__name__)
 def test_a_file_of_its_own_is_the_same_motion(motion, spacecraft, tmp_path):
     path = tmp_path / "motion.yaml"
     path.write_text(dump_motion(motion))
@@ -83,10 +81,10 @@ def test_a_scenario_can_name_a_file_of_its_folder(tmp_path):
         (SplineMotion(5.0, {"elbow": np.zeros(6)}), "no joint 'elbow'"),
         (SplineMotion(5.0, {"capture_arm_joint1": np.zeros(5)}), "at least 6 coefficients"),
         (
-            WaypointMotion(
-                5.0, {"capture_arm_joint1": np.zeros(3), "capture_arm_joint2": np.zeros(2)}
+            SplineMotion(
+                5.0, {"capture_arm_joint1": np.zeros(7), "capture_arm_joint2": np.zeros(6)}
             ),
-            "capture_arm_joint2 needs finite numbers, as many as capture_arm_joint1, 3",
+            "capture_arm_joint2 needs finite numbers, as many as capture_arm_joint1, 7",
         ),
         (MotionFile("nowhere.yaml"), "no such file"),
     ],

@@ -15,9 +15,8 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.planning.prediction import MotionSetting, Prediction
 from cpid_drake.report.figures import motion_pictures
 from cpid_drake.report.page import Report, Section, embedded_json
-from cpid_drake.report.pages.study import page_table
 from cpid_drake.report.pictures import Picture
-from cpid_drake.report.plan import LEGEND, prediction_table
+from cpid_drake.report.plan import prediction_table
 from cpid_drake.report.replay import replay_html
 from cpid_drake.report.sections.provenance import provenance_section
 from cpid_drake.report.style import COLORS
@@ -75,8 +74,7 @@ def plan_report(plan: PlannedMotion) -> Report:
             Section("Conclusion", warnings=plan.exceeded, texts=texts),
             Section(
                 "Predicted σ",
-                texts=[LEGEND],
-                tables=[page_table(prediction_table(plan.predictions, assumed))],
+                tables=[prediction_table(plan.predictions, assumed)],
                 pictures=[_sigma_picture(plan.predictions)],
             ),
             Section("Joints", pictures=_joint_pictures(plan.motion)),

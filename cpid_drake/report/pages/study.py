@@ -5,13 +5,10 @@ import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
-import rich.table
-
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import PAGE, SUMMARY
 from cpid_drake.report import accuracy, paper
-from cpid_drake.report.page import Cell, Report, Section, Table
-from cpid_drake.report.paper_conclusions import conclusions
+from cpid_drake.report.page import Report, Section
 from cpid_drake.report.pictures import PictureGroup
 from cpid_drake.report.sections.provenance import provenance_section
 from cpid_drake.studies.accuracy import AccuracyStudy
@@ -36,17 +33,9 @@ def paper_report(
         scenario: name or path of the simulated scenario.
 
     """
-    introduction = (
-        "Reproduces the simulation and the identification of Ning et al. 2016, Coordinated "
-        "Parameter Identification Technique for the Inertial Parameters of Non-Cooperative Target "
-        "(PLoS ONE 11(4): e0153604)."
-    )
     sections = [
-        Section("Conclusion", texts=[introduction, *conclusions(study)]),
-        *(
-            Section(title, tables=[page_table(table, note) for table, note in tables])
-            for title, tables in paper.tables(study).items()
-        ),
+        Section("The paper and this study", texts=paper.INTRODUCTION),
+        *(Section(title, tables=tables) for title, tables in paper.tables(study).items()),
         _figures(figures),
         provenance_section(
             [("Scenario", scenario)],
@@ -65,15 +54,17 @@ def accuracy_report(
     scenario: str,
 ) -> Report:
     """Return the report of an accuracy study; arguments as for `paper_report`."""
-    tables = [page_table(table) for table in accuracy.tables(study)]
     words = ["cpid", "accuracy", scenario, "--trials", str(study.trials)]
     words += ["--seed", str(study.seed)]
     for option, name in (("--preset", "preset"), ("--estimator", "estimator")):
         for value in dict.fromkeys(getattr(result, name) for result in study.results):
             words += [option, value]
     sections = [
-        Section("Conclusion", texts=accuracy.conclusions(study)),
-        Section("Tables", texts=[accuracy.LEGEND, *accuracy.notes(study)], tables=tables),
+        Section(
+            "Tables",
+            texts=[accuracy.LEGEND, *accuracy.notes(study)],
+            tables=accuracy.tables(study),
+        ),
         _figures(figures),
         provenance_section(
             [("Scenario", scenario), ("Trials", str(study.trials)), ("Seed", str(study.seed))],
@@ -97,14 +88,6 @@ def write_study(folder: Path, page: Report, figures: Mapping[str, PictureGroup])
         group.save(folder / name)
     page.write(folder / "report.html")
     write_text(folder / "summary.json", page.data["summary"] + "\n")
-
-
-def page_table(table: rich.table.Table, note: str = "") -> Table:
-    """Convert a table of the terminal to a table of a page."""
-    columns = [[str(cell) for cell in column.cells] for column in table.columns]
-    rows = [[first, *map(Cell, rest)] for first, *rest in zip(*columns)]
-    heads = [str(column.header).replace("\n", " ") for column in table.columns]
-    return Table(heads, rows, str(table.title or ""), note)
 
 
 def _figures(groups: Mapping[str, PictureGroup]) -> Section:
