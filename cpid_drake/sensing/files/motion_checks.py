@@ -160,8 +160,9 @@ def check_motion(
     if house.unit == "m":
         # A model whose base has a slightly wrong centre of mass looks like a point close by.
         is_far = float(np.linalg.norm(house.fit.point_B)) > _FAR * house.fit.reach
-        if not house.is_origin and is_far and is_clear:
-            (found.errors if house.fit.is_complete else found.warnings).append(house.sentence)
+        if not house.is_origin and plain.error > _EQUAL * house.fit.error:
+            is_certain = is_far and is_clear and house.fit.is_complete
+            (found.errors if is_certain else found.warnings).append(house.sentence)
         elif expected.score > _EXPLAINS:
             found.unchecked.append(
                 "point of the position, signs of joints (no motion explains the positions closely)"
