@@ -9,15 +9,15 @@ from .identification.identify import identify, identify_together
 from .identification.result import Identification
 from .identification.target_prior import TargetPrior
 from .identification.validation import validate
+from .logs.conversion import from_columns as from_columns
+from .logs.files import read_telemetry, write_telemetry
+from .logs.log import Measurements
 from .resources import shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
 from .scenario.simulation import Simulation, initial_state, make_simulation
-from .sensing.files.conversion import from_columns as from_columns
-from .sensing.files.telemetry_files import read_telemetry, write_telemetry
-from .sensing.measurements import Measurements
-from .sensing.presets import load_sensors
-from .sensing.suite import SensorSuite
+from .sensors.presets import load_sensors
+from .sensors.suite import SensorSuite
 from .spacecraft.export import export_target
 from .spacecraft.spacecraft import Spacecraft
 from .systems.adaptive_joint_controller import AdaptiveJointController

@@ -15,8 +15,8 @@ from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.sensors import (
+from cpid_drake.logs.log import Measurements
+from cpid_drake.sensors.sensors import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     SENSORS,
@@ -26,7 +26,7 @@ from cpid_drake.sensing.sensors import (
     Sensor,
     VectorSensor,
 )
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.studies import trials
 
 DURATION = 4.0

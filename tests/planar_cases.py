@@ -4,10 +4,10 @@ import numpy as np
 from sensing_cases import Sines, measured
 
 from cpid_drake import InertialParameters, Spacecraft
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import AttitudeSensor, JointSensor, VectorSensor
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor, VectorSensor
+from cpid_drake.sensors.suite import SensorSuite
 
 TARGET = InertialParameters(
     2.5, [0.18, -0.07, 0.12], [[0.09, 0.01, -0.03], [0.01, 0.08, 0.02], [-0.03, 0.02, 0.07]]

@@ -10,15 +10,15 @@ from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.sensing.measurements import Measurements, Samples, ideal_measurements
-from cpid_drake.sensing.sensors import (
+from cpid_drake.logs.log import Measurements, Samples, ideal_measurements
+from cpid_drake.sensors.sensors import (
     SENSORS,
     AttitudeSensor,
     Gyro,
     JointSensor,
     VectorSensor,
 )
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 
 MOMENTUM = np.array([30.0, -20.0, 25.0, 4.0, 2.0, -3.0])
 """Total momentum [L; P] of a tumbling capture about W's origin, in W [N·m·s, N·s]."""

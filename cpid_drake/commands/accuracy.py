@@ -48,7 +48,7 @@ def accuracy(
     check_folder("--out", out, [])
     path = find_scenario(scenario)
     if preset:
-        from cpid_drake.sensing.presets import load_sensors
+        from cpid_drake.sensors.presets import load_sensors
 
         for name in preset:
             load_sensors(name)

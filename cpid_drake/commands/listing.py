@@ -22,7 +22,7 @@ def list_names() -> None:
     """List the shipped scenarios and sensors, the estimators and their row families."""
     from cpid_drake.dynamics.rows import ROW_FAMILIES
     from cpid_drake.identification.estimators import ESTIMATORS
-    from cpid_drake.sensing.presets import load_sensors, preset_folder, sensor_presets
+    from cpid_drake.sensors.presets import load_sensors, preset_folder, sensor_presets
 
     scenarios = sorted((models_directory() / "scenarios").glob("*.yaml"))
     parts = {

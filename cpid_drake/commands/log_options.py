@@ -109,7 +109,7 @@ class LogOptions:
         ending = Path(source).suffix.lower()
         if ending in (*_NO_LOGS, *_LOGS):  # without the slow import
             return ending in _LOGS
-        from cpid_drake.sensing.files.telemetry_files import telemetry_endings
+        from cpid_drake.logs.files import telemetry_endings
 
         return ending in telemetry_endings()
 

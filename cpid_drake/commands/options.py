@@ -159,14 +159,14 @@ def check_inputs(
             and `load_sensors`.
 
     """
-    from cpid_drake.sensing.files.telemetry_files import check_telemetry
+    from cpid_drake.logs.files import check_telemetry
 
     check_telemetry(telemetry, columns)
     refuse_unfinished(Path(telemetry).parent)
     if "://" not in model or model.startswith(f"package://{MODELS_PACKAGE}/"):
         resolve_model(model)
     if sensors is not None:
-        from cpid_drake.sensing.presets import load_sensors
+        from cpid_drake.sensors.presets import load_sensors
 
         load_sensors(sensors)
     if prior is not None and not Path(prior).is_file():

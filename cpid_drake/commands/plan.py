@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cpid_drake.planning.plan_problem import PlanProblem
     from cpid_drake.planning.search import Candidate
     from cpid_drake.scenario.schema import Scenario
-    from cpid_drake.sensing.suite import SensorSuite
+    from cpid_drake.sensors.suite import SensorSuite
 
 plan = typer.Typer(
     no_args_is_help=True,
@@ -341,7 +341,7 @@ def _write(
 
 
 def _suite(scenario: "Scenario", sensors: str | None) -> "SensorSuite":
-    from cpid_drake.sensing.presets import load_sensors
+    from cpid_drake.sensors.presets import load_sensors
 
     own = scenario.make_suite() if sensors is None else None
     return own or load_sensors(sensors or scenario.accuracy.presets[0])

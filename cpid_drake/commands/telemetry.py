@@ -12,7 +12,7 @@ from cpid_drake.output_files.overwriting import LOGS, YAML, Output, check_output
 from cpid_drake.resources import package_folders, resolve_model
 
 if TYPE_CHECKING:
-    from cpid_drake.sensing.files.conversion import TelemetryFile
+    from cpid_drake.logs.conversion import TelemetryFile
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 telemetry = typer.Typer(
@@ -48,7 +48,7 @@ def check(
     if any(given) and not all(given):
         raise InputError("give all of --spacecraft, --base and --capture-frame, or none of them")
     topics, packages = options.topics_of(topic), options.packages_of(package)
-    from cpid_drake.sensing.files.telemetry_files import inspect_telemetry
+    from cpid_drake.logs.files import inspect_telemetry
 
     craft = None
     if spacecraft and base and capture_frame:
@@ -83,8 +83,8 @@ def _comparisons(
     found: "TelemetryFile", craft: "Spacecraft | None"
 ) -> tuple[list[str], list[str], list[str]]:
     """Return errors, warnings, and what could not be compared."""
-    from cpid_drake.sensing.files.consistency import check_consistency
-    from cpid_drake.sensing.files.motion_checks import not_checked
+    from cpid_drake.logs.consistency import check_consistency
+    from cpid_drake.logs.motion_checks import not_checked
 
     unchecked = not_checked(found.measurements, has_spacecraft=craft is not None)
     if craft is None:
@@ -136,10 +136,10 @@ def map_columns(
         inputs: list[str | Path] = [file, resolve_model(spacecraft, package_folders(packages))]
         check_outputs([Output("--out", out, YAML)], inputs, force=force)
     from cpid_drake.identification.checked_log import check_log
+    from cpid_drake.logs.guess.guess import guess_map
+    from cpid_drake.logs.guess.map_text import column_map_text
+    from cpid_drake.logs.guess.raw_log import read_raw
     from cpid_drake.output_files.drafts import write_text
-    from cpid_drake.sensing.column_guess.guess import guess_map
-    from cpid_drake.sensing.column_guess.map_text import column_map_text
-    from cpid_drake.sensing.column_guess.raw_log import read_raw
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
     craft = Spacecraft(spacecraft, base=base, capture_frame=capture_frame, packages=packages)
@@ -186,7 +186,7 @@ def convert(
     kind = next((k for k in LOGS if out.name.lower().endswith(k.endings)), LOGS[0])
     inputs = [file, *([] if columns is None else [columns])]
     check_outputs([Output("", out, kind)], inputs, force=force)
-    from cpid_drake.sensing.files.telemetry_files import read_telemetry, write_telemetry
+    from cpid_drake.logs.files import read_telemetry, write_telemetry
 
     log = read_telemetry(file, leave_out_bad=leave_out_bad, topics=topics, columns=columns)
     write_telemetry(out, log)

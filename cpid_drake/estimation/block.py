@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.sensing.measurements import THRUST, Measurements, concatenated
-from cpid_drake.sensing.sensors import Quantity, sensors_of
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.log import THRUST, Measurements, concatenated
+from cpid_drake.sensors.sensors import Quantity, sensors_of
+from cpid_drake.sensors.suite import SensorSuite
 
 SHORTEST_BLOCK = 1.0
 """Length of a block [s]; longer ones if the encoders are slow."""

@@ -24,7 +24,7 @@ from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensors.sensors import SENSORS
 
 CLOSE = 1e-3
 """The fit ends when a step would reduce χ² by less than this."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.smoothness import JointSamples, Smoothness, smoothness_of
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 
 
 def smooth_joints(

@@ -13,8 +13,8 @@ from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.smoothness import Smoothness
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.sensors import ATTITUDE
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.sensors.sensors import ATTITUDE
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,7 @@ from cpid_drake.estimation.online_block import (
 from cpid_drake.estimation.online_state import OnlineState, Recent
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
-from cpid_drake.sensing.measurements import Measurements
+from cpid_drake.logs.log import Measurements
 
 WELL_KNOWN = 1e-3
 """Relative error of the system's inertia from which a block is linear about the target."""

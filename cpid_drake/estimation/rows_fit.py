@@ -36,8 +36,8 @@ from cpid_drake.estimation.least_squares import (
 )
 from cpid_drake.estimation.momentum_rows import error_square, momentum_columns, row_blocks
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.thinning import EvenSelection
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.thinning import EvenSelection
 
 TARGET, MOMENTUM = "target", "momentum"
 """The unknowns of a log's Gaussian."""

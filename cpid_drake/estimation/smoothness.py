@@ -28,9 +28,9 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, spline_basis
-from cpid_drake.sensing.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
-from cpid_drake.sensing.splines import DerivativeSamples
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.splines import DerivativeSamples
+from cpid_drake.sensors.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
+from cpid_drake.sensors.suite import SensorSuite
 
 PIECES = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 """Numbers of pieces that a block of the usual length may need."""

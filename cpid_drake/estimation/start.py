@@ -24,8 +24,8 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values, roll
 from cpid_drake.estimation.thrust_start import SeenMotion, balanced_with_thrust, seen_states
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Quantity, sensors_of
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Quantity, sensors_of
 
 _INSTANTS = 10  # in a block
 _DEGREE = 5  # of the polynomials through the samples of a block

@@ -29,7 +29,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.smoothness import FAR
 from cpid_drake.estimation.unknowns import PSI, Model, undetermined
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.logs.log import Samples
 
 _LAG = 5  # instants between which momenta change
 _PASSES = 8

@@ -27,8 +27,8 @@ from cpid_drake.estimation.likelihood.priors import (
     psi_scale,
 )
 from cpid_drake.estimation.likelihood.white_force import white_forces
-from cpid_drake.sensing.sensors import Gyro
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.sensors import Gyro
+from cpid_drake.sensors.suite import SensorSuite
 
 WIDE = 1e3
 """σ of a target of which nothing is known, in sizes of a target like the spacecraft."""

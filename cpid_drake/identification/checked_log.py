@@ -15,12 +15,12 @@ from cpid_drake.identification.requirements import (
     limit_warnings,
     other_joints,
 )
-from cpid_drake.sensing.files.consistency import check_consistency
-from cpid_drake.sensing.files.motion_checks import MotionFindings, check_motion
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.screening import screen
-from cpid_drake.sensing.sensors import SENSORS
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.consistency import check_consistency
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.motion_checks import MotionFindings, check_motion
+from cpid_drake.logs.screening import screen
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 LONGEST_STEP = 3600.0

@@ -16,7 +16,7 @@ from cpid_drake.estimation.whiteness import MOST_CORRELATED
 from cpid_drake.identification.consistency import with_consistency
 from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensors.sensors import SENSORS
 
 SUSPECTED = 0.1
 """Probability from which an error, or a momentum, that may act is mentioned."""

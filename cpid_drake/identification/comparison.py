@@ -25,9 +25,9 @@ from cpid_drake.estimation.unknowns import Model
 from cpid_drake.identification.checks import SUSPECTED
 from cpid_drake.identification.effects import LEARNED, EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.result import Check
-from cpid_drake.sensing.disturbances import Disturbances
-from cpid_drake.sensing.sensors import SENSORS
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.suite import SensorSuite
 
 PLAUSIBLE = {
     "delay_ms": 30.0,

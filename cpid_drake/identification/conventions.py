@@ -3,7 +3,7 @@
 All candidates have one score: what the conservation of momentum leaves unexplained, as a share of
 the motion, with a free target and momentum. Angular momentum about the centre of mass is linear in
 the target (`RELATIVE_ROWS`), and so are the base's velocities, or its positions
-(`sensing.files.centre_of_mass`). The score is the geometric mean of both shares. The right
+(`logs.centre_of_mass`). The score is the geometric mean of both shares. The right
 convention leaves noise, all others much more. Errors of any size (delays, scales, zeros, masses)
 are no conventions: the fit compares them by evidence.
 """
@@ -24,12 +24,12 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.momentum_rows import momentum_rows
 from cpid_drake.identification.by_rows import complete_samples
-from cpid_drake.sensing.files.centre_of_mass import BaseTravel, TravelModel
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.noise_estimation import estimate_suite
-from cpid_drake.sensing.sensors import POSITION, VELOCITY
-from cpid_drake.sensing.smoothing import smooth
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.centre_of_mass import BaseTravel, TravelModel
+from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.noise_estimation import estimate_suite
+from cpid_drake.logs.smoothing import smooth
+from cpid_drake.sensors.sensors import POSITION, VELOCITY
+from cpid_drake.sensors.suite import SensorSuite
 
 LONGEST = 60.0
 """Length of the part of a log that is examined [s]."""

@@ -14,8 +14,8 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification import by_rows, fitted, online
 from cpid_drake.identification.known import Known
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.sensing.sensors import SENSORS
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
     from cpid_drake.identification.checked_log import CheckedLog

@@ -35,9 +35,9 @@ from cpid_drake.identification.result import Check, MomentumEstimate
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.together import with_sources
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.sensors import SENSORS
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.log import Measurements
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
     from cpid_drake.identification.checked_log import CheckedLog

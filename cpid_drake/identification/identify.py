@@ -22,9 +22,9 @@ from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.table_setting import TableSetting
 from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.logs.log import Measurements
 from cpid_drake.processes import one_thread
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 THRUST_NOT_USED = (

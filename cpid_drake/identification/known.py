@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.sensing.noise_estimation import estimate_suite
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.noise_estimation import estimate_suite
+from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
     from cpid_drake.identification.checked_log import CheckedLog

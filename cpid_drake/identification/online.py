@@ -25,7 +25,7 @@ from cpid_drake.identification.fitted import change_warnings
 from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.result import Check
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
     from cpid_drake.identification.checked_log import CheckedLog

@@ -16,8 +16,8 @@ from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.identification.checks import MOST_NOISE
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.noise_estimation import sensor_noise
+from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.noise_estimation import sensor_noise
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 LEVEL = np.radians(5.0)

@@ -18,11 +18,11 @@ from cpid_drake.identification.prior_files import load_prior
 from cpid_drake.identification.requirements import left_out_warning
 from cpid_drake.identification.result import Identification, Request, Source
 from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.logs.conversion import TelemetryFile
+from cpid_drake.logs.files import inspect_telemetry, refuse_problems
+from cpid_drake.logs.log import Measurements
 from cpid_drake.resources import resolve_model, version_of
-from cpid_drake.sensing.files.conversion import TelemetryFile
-from cpid_drake.sensing.files.telemetry_files import inspect_telemetry, refuse_problems
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 

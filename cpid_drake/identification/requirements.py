@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from cpid_drake.errors import InputError
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.screening import as_arrays, screen
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.screening import as_arrays, screen
+from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 

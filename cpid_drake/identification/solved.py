@@ -18,7 +18,7 @@ from cpid_drake.estimation.least_squares import (
 )
 from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.result import Array, Identification
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # Drake takes half a second to import
     from pydrake.multibody.tree import SpatialInertia

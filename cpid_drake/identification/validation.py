@@ -28,10 +28,10 @@ from cpid_drake.identification.identify import identify
 from cpid_drake.identification.known import suite_of
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import Combinations, TargetPrior
+from cpid_drake.logs.log import Measurements
 from cpid_drake.processes import one_thread
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.sensors import SENSORS
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 FALSE_ALARM = 0.01

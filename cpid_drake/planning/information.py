@@ -32,10 +32,10 @@ from cpid_drake.estimation.likelihood.sensors import model_classes
 from cpid_drake.estimation.roll import bias_sigma
 from cpid_drake.estimation.sweep import START
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.planning.motion_batch import MotionBatch
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.sensors import SENSORS, Gyro
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.sensors import SENSORS, Gyro
+from cpid_drake.sensors.suite import SensorSuite
 
 REMEMBERED = 8
 """Number of the last batches of motions that are kept, for the criterion and all constraints."""

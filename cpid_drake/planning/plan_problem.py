@@ -24,7 +24,7 @@ from cpid_drake.planning.search import BATCH, Candidate, candidates
 from cpid_drake.planning.targets import plausible_targets
 from cpid_drake.planning.wheels import wheel_rates
 from cpid_drake.scenario.schema import Scenario
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.clearance import Clearance
 
 PLANNING_NODE_RATE = 8.0

@@ -16,10 +16,10 @@ from cpid_drake.dynamics.spatial_inertia import second_moment
 from cpid_drake.estimation.whiteness import scaled_sums
 from cpid_drake.identification.convergence import Estimates
 from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
+from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.report.findings import IdentifiedLog
 from cpid_drake.report.pictures import Picture, together
 from cpid_drake.report.style import COLORS, INK, label_axes
-from cpid_drake.sensing.measurements import Measurements, Samples
 
 _TIME = "time [s]"
 _MOST_POINTS = 1500  # points of a line in a page; a line of more points becomes an image

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from cpid_drake.sensing.files.conversion import TelemetryFile
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.logs.conversion import TelemetryFile
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.sensors import SENSORS
 
 
 def contents(found: TelemetryFile, where: str) -> list[str]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.scenario.schema import PriorConfig, Scenario, TargetConfig
-from cpid_drake.sensing.suite import check_sensors
+from cpid_drake.sensors.suite import check_sensors
 
 ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
 """Estimators that can run in a Diagram."""

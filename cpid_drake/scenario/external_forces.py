@@ -17,10 +17,10 @@ from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.logs.burns import log_of_burns
+from cpid_drake.logs.log import Samples
 from cpid_drake.scenario.schema import Scenario
-from cpid_drake.sensing.burns import log_of_burns
-from cpid_drake.sensing.disturbances import SimulatedDisturbance
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.sensors.disturbances import SimulatedDisturbance
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.disturbance_source import DisturbanceSource
 from cpid_drake.systems.gravity_gradient import GravityGradient

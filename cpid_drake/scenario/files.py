@@ -8,7 +8,7 @@ from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.joint_motions import MOTION_TAGS, MotionFile, load_motion
 from cpid_drake.scenario.schema import Scenario
-from cpid_drake.sensing.presets import load_sensors, sensor_presets
+from cpid_drake.sensors.presets import load_sensors, sensor_presets
 
 UNUSED_KEY = "publish_every_time_step:"
 

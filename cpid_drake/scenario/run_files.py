@@ -14,6 +14,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.identification.result import Request, SpacecraftReference
 from cpid_drake.input_files.validation import dump_yaml, nulls
+from cpid_drake.logs.files import write_telemetry
 from cpid_drake.output_files.drafts import UNFINISHED, draft_folder
 from cpid_drake.output_files.overwriting import CSV_LOG, SUMMARY, TRUTH, YAML, Kind
 from cpid_drake.resources import version_of
@@ -21,7 +22,6 @@ from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.limits import LimitCheck
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation
-from cpid_drake.sensing.files.telemetry_files import write_telemetry
 
 _RUN_FILE = Kind("a file of a run", (".yaml",))
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
+from cpid_drake.logs.burns import Burn
 from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, Motion, MotionFile
-from cpid_drake.sensing.burns import Burn
-from cpid_drake.sensing.disturbances import SimulatedDisturbance
-from cpid_drake.sensing.presets import load_sensors
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.disturbances import SimulatedDisturbance
+from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # these import Drake or SciPy, which reading a scenario does not need
     from cpid_drake.dynamics.inertia import InertialParameters

@@ -21,11 +21,11 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Check, Identification
+from cpid_drake.logs.log import THRUST, Measurements
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import checked_estimator
 from cpid_drake.scenario.external_forces import ExternalForces, add_external_forces
 from cpid_drake.scenario.schema import Scenario
-from cpid_drake.sensing.measurements import THRUST, Measurements
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController

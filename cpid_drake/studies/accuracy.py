@@ -16,7 +16,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import methods
 from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
-from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.statistics import Accuracy, statistics_of
 from cpid_drake.studies.trials import bound_of, ideal_samples, make_case, run_trials
 

@@ -14,7 +14,7 @@ from cpid_drake.identification.checked_log import log_of_states
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.scenario.schema import Scenario
-from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.parameter_errors import max_relative_error
 
 Identify = Callable[[Telemetry], SolvedIdentification]

@@ -23,18 +23,18 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.processes import shared_work
-from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
-from cpid_drake.sensing.burns import Burn, log_of_burns
-from cpid_drake.sensing.disturbances import SimulatedDisturbance
-from cpid_drake.sensing.measurements import (
+from cpid_drake.logs.burns import Burn, log_of_burns
+from cpid_drake.logs.log import (
     THRUST,
     IdealMeasurements,
     Measurements,
     ideal_measurements,
 )
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.processes import shared_work
+from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
+from cpid_drake.sensors.disturbances import SimulatedDisturbance
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 

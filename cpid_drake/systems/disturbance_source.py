@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from cpid_drake.sensing.disturbances import WALK_PERIOD, SimulatedDisturbance
+from cpid_drake.sensors.disturbances import WALK_PERIOD, SimulatedDisturbance
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.spatial_forces import SpatialForces, force_on
 

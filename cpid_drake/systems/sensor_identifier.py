@@ -26,11 +26,11 @@ from cpid_drake.estimation.online import finish, step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.logs.log import THRUST, Measurements, Samples
+from cpid_drake.logs.screening import ScreeningMemory, screen
 from cpid_drake.processes import one_thread
-from cpid_drake.sensing.measurements import THRUST, Measurements, Samples
-from cpid_drake.sensing.screening import ScreeningMemory, screen
-from cpid_drake.sensing.sensors import SENSORS
-from cpid_drake.sensing.suite import SensorSuite, check_sensors
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
 from cpid_drake.systems.ports import add_connected

@@ -18,10 +18,10 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import prefix_errors
-from cpid_drake.sensing.measurements import Measurements, Samples, first_sample
-from cpid_drake.sensing.noise import SensorNoise
-from cpid_drake.sensing.sensors import ANGULAR_VELOCITY, SENSORS, SensorErrors
-from cpid_drake.sensing.suite import SensorSuite, check_sensors
+from cpid_drake.logs.log import Measurements, Samples, first_sample
+from cpid_drake.logs.simulated_noise import SensorNoise
+from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, SENSORS, SensorErrors
+from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import add_connected
 

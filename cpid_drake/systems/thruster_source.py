@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
     EventStatus,
 )
 
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.logs.log import Samples
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.spatial_forces import SpatialForces, force_on
 

@@ -20,7 +20,7 @@ import numpy as np
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, shipped_scenario
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.joint_motion import HalfCosine
-from cpid_drake.sensing.files.telemetry_files import table_of
+from cpid_drake.logs.files import table_of
 
 JOINTS = ("shoulder", "elbow", "wrist")
 TARGET = InertialParameters(20.0, [0.3, 0.1, -0.1], [[2, 0.1, 0], [0.1, 3, 0.2], [0, 0.2, 4]])
@@ -477,7 +477,10 @@ MODELS = {
     ),
     "no_base": (file("m.urdf", urdf().replace("bus", "body")), "no body 'bus'", "body"),
     "no_hand": (file("m.urdf", urdf().replace("hand", "grip")), "no frame 'hand'", "grip"),
-    "hand_on_base": (file("m.urdf", urdf().replace("revolute", "fixed")), "no revolute or prismatic"),
+    "hand_on_base": (
+        file("m.urdf", urdf().replace("revolute", "fixed")),
+        "no revolute or prismatic",
+    ),
 }
 
 

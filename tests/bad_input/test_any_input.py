@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 from cpid_drake import InputError, Measurements, Spacecraft, load_scenario
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
-from cpid_drake.sensing.files.consistency import check_consistency
-from cpid_drake.sensing.files.telemetry_files import (
+from cpid_drake.logs.consistency import check_consistency
+from cpid_drake.logs.files import (
     inspect_telemetry,
     read_telemetry,
 )
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.sensors import SENSORS
 
 
 def few(count: int):

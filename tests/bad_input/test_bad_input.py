@@ -21,7 +21,7 @@ from cpid_drake import (
 from cpid_drake.commands.main import main
 from cpid_drake.errors import prefix_errors
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensors.sensors import SENSORS
 
 CASES = cases()
 SLOW = ("million_rows", "npz_bomb", "directives_that_double")

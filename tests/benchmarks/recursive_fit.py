@@ -40,9 +40,9 @@ from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.online import step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.sensing.measurements import ideal_measurements
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.logs.log import ideal_measurements
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import SENSORS
 
 SEEN, BLOCKS = 5.0, 3
 

@@ -8,9 +8,9 @@ import pytest
 
 from cpid_drake import read_telemetry, write_telemetry
 from cpid_drake.errors import InputError
+from cpid_drake.logs.files import FORMATS, Format
+from cpid_drake.logs.table import Table
 from cpid_drake.resources import models_directory
-from cpid_drake.sensing.files.table import Table
-from cpid_drake.sensing.files.telemetry_files import FORMATS, Format
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (
@@ -36,7 +36,7 @@ def added(monkeypatch, tmp_path):
     write_telemetry("log.json", read_telemetry(SAMPLE))
 
 
-FORMATS_MODULE = "cpid_drake.sensing.files.telemetry_files"
+FORMATS_MODULE = "cpid_drake.logs.files"
 JSON = Format((".json",), read_json, write_json)
 
 

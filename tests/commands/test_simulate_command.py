@@ -12,10 +12,10 @@ from cpid_drake import identify, load_scenario, load_sensors
 from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.errors import InputError
+from cpid_drake.logs.files import read_telemetry
 from cpid_drake.report.run_folder import read_run
 from cpid_drake.report.sections.simulated import simulated_section
 from cpid_drake.resources import models_directory
-from cpid_drake.sensing.files.telemetry_files import read_telemetry
 
 
 @pytest.fixture(scope="module")

@@ -17,10 +17,10 @@ from cpid_drake import (
     write_telemetry,
 )
 from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.logs.column_map import load_column_map
+from cpid_drake.logs.log import Samples
 from cpid_drake.resources import models_directory
-from cpid_drake.sensing.files.column_map import load_column_map
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensors.sensors import SENSORS
 
 MODEL = models_directory() / "free_flyer/free_flyer.urdf"
 CRAFT = ("--spacecraft", MODEL, "--base", "body", "--capture-frame", "capture_point")

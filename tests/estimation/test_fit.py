@@ -16,9 +16,9 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite()

@@ -21,9 +21,9 @@ from cpid_drake.estimation.online import run, step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.online import identification_of_state, model_of
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import JointSensor, VectorSensor
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import JointSensor, VectorSensor
 from cpid_drake.studies.trials import Firing
 
 FITS = ("trajectory_fit", "recursive_fit")

@@ -9,9 +9,9 @@ from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import joint_part, smooth_joints, smoothed
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.smoothness import Smoothness
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.sensors import JointSensor
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.sensors.sensors import JointSensor
+from cpid_drake.sensors.suite import SensorSuite
 
 SIGMA, RATE_SIGMA = 1e-4, 1e-3
 SUITE = SensorSuite(encoders=JointSensor(50.0, SIGMA), joint_rates=JointSensor(20.0, RATE_SIGMA))

@@ -19,8 +19,8 @@ from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.identification.estimate import at_momentum
 from cpid_drake.identification.online import identification_of_state
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite()

@@ -12,8 +12,8 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.sensors import AttitudeSensor
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.sensors import AttitudeSensor
 
 SUITES = {
     "gyro": coarse_suite(),

@@ -14,7 +14,7 @@ from cpid_drake.identification.by_rows import estimate
 from cpid_drake.identification.checked_log import check_log, log_of_states
 from cpid_drake.identification.known import Known
 from cpid_drake.identification.target_prior import TargetPrior
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 DURATION = 5.0
 TIMES = np.arange(0.0, DURATION, 0.05)

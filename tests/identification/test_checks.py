@@ -7,8 +7,8 @@ import pytest
 from sensing_cases import Sines, coarse_suite, measured
 
 from cpid_drake import TotalMomentum, identify
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import Gyro, VectorSensor
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import Gyro, VectorSensor
 
 ZERO = TotalMomentum.zero()
 FAST_GYRO = Gyro(50.0, 0.005, 1.0, 0.1)
@@ -55,7 +55,9 @@ def test_a_position_with_a_slow_error_fails_a_check(craft, log, estimator):
 
 
 @pytest.mark.parametrize(("factor", "is_trusted"), [(3.0, True), (6.0, False)])
-def test_noise_of_three_times_the_given_one_passes_and_of_six_times_fails_a_check(craft, log, factor, is_trusted):
+def test_noise_of_three_times_the_given_one_passes_and_of_six_times_fails_a_check(
+    craft, log, factor, is_trusted
+):
     suite = coarse_suite(gyro=FAST_GYRO)
     samples, _ = log(replace(suite, position=VectorSensor(5.0, factor * 1e-3)), 5.0)
     found = identify(craft, samples, sensors=suite)

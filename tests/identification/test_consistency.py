@@ -11,7 +11,7 @@ from cpid_drake.identification.checks import checked
 from cpid_drake.identification.consistency import with_consistency
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 
 PLACES = np.array([0, 1, 2, 9])
 

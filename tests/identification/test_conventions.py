@@ -17,8 +17,8 @@ from sensing_cases import (
 
 from cpid_drake import InputError, identify
 from cpid_drake.identification.conventions import convention_of
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
 
 TIMES = np.arange(0.0, 6.0, 0.03)
 

@@ -6,8 +6,8 @@ import pytest
 from sensing_cases import Sines, coarse_suite, measured
 
 from cpid_drake import identify
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 
 DOUBT = "times as large as their declared sigma"
 

@@ -12,7 +12,7 @@ from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 SUITE = replace(coarse_suite(), gyro=replace(coarse_suite().gyro, scale_ppm=300.0))
 

@@ -17,9 +17,9 @@ from sensing_cases import (
 from cpid_drake import HalfCosine, InertialParameters, InputError, Spacecraft, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 DURATION = 8.0
 OFFLINE = ("eq18", "standard", "trajectory_fit")

@@ -7,7 +7,7 @@ import pytest
 
 from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
 from cpid_drake.scenario.schema import WristConfig
-from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.sensors.disturbances import Disturbances
 
 pytestmark = pytest.mark.slow
 

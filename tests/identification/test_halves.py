@@ -6,7 +6,7 @@ import pytest
 from sensing_cases import Sines, coarse_suite, measured
 
 from cpid_drake import identify
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 
 @pytest.fixture(scope="module")

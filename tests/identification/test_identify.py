@@ -18,9 +18,9 @@ from sensing_cases import (
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import JointSensor
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import JointSensor
 
 DURATION = 8.0
 

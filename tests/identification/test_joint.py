@@ -19,8 +19,8 @@ from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.identify import identify_together
 from cpid_drake.identification.target_prior import TargetPrior
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 POOR = {
     "attitude": AttitudeSensor(5.0, 200.0, 1600.0, np.array([0.0, 0.6, 0.8])),

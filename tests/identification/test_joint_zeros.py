@@ -5,8 +5,8 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured
 
 from cpid_drake import identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.sensors import JointSensor
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.sensors import JointSensor
 
 ZEROS = np.array([0.012, -0.008, 0.01, 0.0])  # the last one is a turn of the capture frame
 SUITE = coarse_suite(encoders=JointSensor(20.0, 1e-5, zero_mrad=10.0))

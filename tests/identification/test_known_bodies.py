@@ -12,7 +12,7 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft
 from cpid_drake import TotalMomentum, identify
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.studies.trials import Firing
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)

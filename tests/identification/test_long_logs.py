@@ -7,7 +7,7 @@ from sensing_cases import Sines, small_craft, true_telemetry
 from cpid_drake import InertialParameters, identify
 from cpid_drake.errors import InputError
 from cpid_drake.identification.checked_log import check_log, log_of_states
-from cpid_drake.sensing.measurements import Measurements, Samples
+from cpid_drake.logs.log import Measurements, Samples
 
 TARGET = InertialParameters.from_vector([80.0, 0.3, 0.1, -0.2, 15.0, 18.0, 12.0, 0.5, -1.0, 0.8])
 

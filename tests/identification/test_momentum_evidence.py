@@ -5,7 +5,7 @@ from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured
 
 from cpid_drake import identify
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 
 def test_a_momentum_too_small_to_be_noticed_is_in_the_intervals(craft, skewed_target):

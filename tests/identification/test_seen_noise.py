@@ -9,9 +9,9 @@ from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import identify
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import Gyro, JointSensor
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import Gyro, JointSensor
 from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))

@@ -10,9 +10,9 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.online import run
 from cpid_drake.identification.online import identification_of_state, model_of
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise import SensorNoise
-from cpid_drake.sensing.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import SensorNoise
+from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
 SIGMA, SEEDS = 0.15, 5
 POOR = {

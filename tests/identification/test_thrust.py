@@ -15,12 +15,12 @@ from cpid_drake.dynamics.base_motion import BaseTrajectory
 from cpid_drake.dynamics.forced_motion import propagate_forced
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.validation import validate
+from cpid_drake.logs.burns import Burn, log_of_burns
+from cpid_drake.logs.log import THRUST, Samples, ideal_measurements
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.scenario.schema import BurnConfig
-from cpid_drake.sensing.burns import Burn, log_of_burns
-from cpid_drake.sensing.disturbances import Disturbances
-from cpid_drake.sensing.measurements import THRUST, Samples, ideal_measurements
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.trials import draw, ideal_samples, make_case
 
 BURNS = [

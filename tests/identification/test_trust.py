@@ -19,9 +19,9 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.suite import SensorSuite
 
 DURATION = 6.0
 KNOWN_SENSORS = {"sample_count": 100, "estimator": "trajectory_fit", "sensors": SensorSuite()}

@@ -10,7 +10,7 @@ from sensing_cases import Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import TotalMomentum
 from cpid_drake.identification.identify import identify
-from cpid_drake.sensing.noise import SensorNoise, add_noise
+from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 
 HIDDEN = {
     "attitude.delay": ("attitude", "delay_ms", 30.0),

@@ -13,8 +13,8 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.identify import identify, identify_together
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.noise import SensorNoise, add_noise
+from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 
 PUSH = np.array([1e-3, -5e-4, 0.0])
 

@@ -7,7 +7,7 @@ import pytest
 from sensing_cases import Sines, coarse_suite, measured, small_craft
 
 from cpid_drake import identify
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 
 def test_noise_that_is_larger_than_given_widens_the_intervals(tmp_path, skewed_target):

@@ -10,8 +10,8 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, 
 from cpid_drake import InertialParameters, Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.noise import add_noise
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
 
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
 

@@ -22,9 +22,9 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
     tensor_to_vector,
 )
-from cpid_drake.sensing.noise import SensorNoise
-from cpid_drake.sensing.sensors import SENSORS, AttitudeSensor, Gyro
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.simulated_noise import SensorNoise
+from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro
+from cpid_drake.sensors.suite import SensorSuite
 
 X, Y, Z = np.eye(3)
 BASE_MASS, ARM_MASS, ARM_IZZ, BASE_IZZ = 10.0, 2.0, 0.3, 4.0

@@ -22,7 +22,7 @@ from cpid_drake.report.replay import estimate_text
 from cpid_drake.report.sections.residuals import residuals_section
 from cpid_drake.report.sections.result import result_section
 from cpid_drake.report.sections.warnings import warnings_section
-from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensors.presets import load_sensors
 
 TARGET = InertialParameters(10.0, [0.1, -0.2, 0.3], np.diag([2.0, 3.0, 4.0]))
 SIGMA = np.array([0.4, *3 * [0.01], *3 * [0.05], *3 * [0.02]])

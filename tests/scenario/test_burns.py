@@ -10,8 +10,8 @@ from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.schema import BurnConfig, DisturbanceConfig
-from cpid_drake.sensing.disturbances import Disturbances
-from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.trials import base_trajectory, draw, ideal_samples, make_case
 
 FORCE, POINT, TORQUE = (

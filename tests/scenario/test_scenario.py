@@ -18,7 +18,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.resources import models_directory
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.joint_motions import HalfCosineMotion, MultiSineMotion
-from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.paper import sampling_times
 
 

@@ -21,9 +21,9 @@ from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.scenario.schema import ControllerConfig, DisturbanceConfig, SprungMassConfig
-from cpid_drake.sensing.disturbances import Disturbances
-from cpid_drake.sensing.sensors import JointSensor
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.sensors import JointSensor
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.studies.trials import base_trajectory, make_case
 
 

@@ -9,7 +9,7 @@ from cpid_drake import InertialParameters, InputError, load_scenario, shipped_sc
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.scenario.schema import FiringConfig
-from cpid_drake.sensing.presets import load_sensors
+from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.accuracy import run_accuracy
 from cpid_drake.studies.statistics import statistics_of
 from cpid_drake.studies.trials import Firing, Outcome, base_trajectory, make_case

@@ -9,7 +9,7 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, small_craft
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.studies.trials import Case, Firing, base_trajectory, draw, ideal_samples
 
 SIZES = Disturbances(1e-3, 0.2, acceleration_walk=5e-4, torque_walk=0.1)

@@ -19,8 +19,8 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.unknowns import PSI
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.sensors import (
+from cpid_drake.logs.log import Measurements
+from cpid_drake.sensors.sensors import (
     SENSORS,
     AttitudeSensor,
     Gyro,

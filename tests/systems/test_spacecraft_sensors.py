@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import every_sensor
 
 from cpid_drake import InputError, Telemetry
-from cpid_drake.sensing.measurements import ideal_measurements, sample_times
-from cpid_drake.sensing.noise import add_noise
-from cpid_drake.sensing.sensors import SENSORS, Gyro
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.log import ideal_measurements, sample_times
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import SENSORS, Gyro
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,
     log_samples,

@@ -1,7 +1,7 @@
 """The log of thrust as forces of actuators, with what changes them.
 
 An actuator pushes with a force a(t) along a direction at a point, or turns with a moment. Thrusters
-with valves (`cpid_drake.sensing.thrusters`) are such actuators. A log of the total force and torque
+with valves (`cpid_drake.sensors.thrusters`) are such actuators. A log of the total force and torque
 in B is that of six: three moments and three forces at B's origin, with one error of their scale.
 """
 
@@ -18,8 +18,8 @@ from cpid_drake.estimation.likelihood.constants import (
     VALVE_LOSS,
     Constants,
 )
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.thrusters import Thrusters
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.thrusters import Thrusters
 
 
 @dataclass(frozen=True, eq=False)

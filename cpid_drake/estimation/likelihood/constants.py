@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.sensing.sensors import ARCSECOND
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.sensors import ARCSECOND
+from cpid_drake.sensors.suite import SensorSuite
 
 THRUST_SCALE = "thrust_scale"
 """Name of the error of the scale of logged thrust, common to all its components."""
@@ -19,7 +19,7 @@ THRUSTERS = "thrusters"
 """Name before the errors that all valves have in common."""
 
 VALVE_FORCE, VALVE_LOSS, VALVE_DELAY = "force", "loss", "valve_delay"
-"""Kinds of errors of thrusters with valves; see `cpid_drake.sensing.thrusters`."""
+"""Kinds of errors of thrusters with valves; see `cpid_drake.sensors.thrusters`."""
 
 OF_THRUST = (THRUST_SCALE, VALVE_FORCE, VALVE_LOSS, VALVE_DELAY)
 """Kinds that change the thrust."""

@@ -30,7 +30,7 @@ from cpid_drake.estimation.likelihood.motion import (
     TrajectoryState,
 )
 from cpid_drake.estimation.likelihood.thrust import inverse_mass
-from cpid_drake.sensing.sensors import Gyro
+from cpid_drake.sensors.sensors import Gyro
 
 
 @dataclass(frozen=True, eq=False)

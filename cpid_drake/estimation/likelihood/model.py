@@ -29,9 +29,9 @@ from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, Traj
 from cpid_drake.estimation.likelihood.sensors import SensorModel, model_classes
 from cpid_drake.estimation.likelihood.white_effects import White, WhiteReading
 from cpid_drake.estimation.likelihood.white_force import white_forces
-from cpid_drake.sensing.measurements import Measurements
-from cpid_drake.sensing.sensors import Gyro
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.logs.log import Measurements
+from cpid_drake.sensors.sensors import Gyro
+from cpid_drake.sensors.suite import SensorSuite
 
 STEP = 0.025
 """Longest step of the grid on which the base's attitude is integrated [s]."""

@@ -21,8 +21,8 @@ from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
-from cpid_drake.sensing.measurements import Measurements, Samples
-from cpid_drake.sensing.sensors import (
+from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.sensors.sensors import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     POSITION,
@@ -31,7 +31,7 @@ from cpid_drake.sensing.sensors import (
     AttitudeSensor,
     Gyro,
 )
-from cpid_drake.sensing.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite
 
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 """Entries of the gyro's matrix that its six misalignments are: measured axis, true axis."""

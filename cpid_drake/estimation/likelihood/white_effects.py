@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from cpid_drake.estimation.likelihood.effects import Effect, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 from cpid_drake.estimation.likelihood.white_force import TORQUE_NOISE, WhiteForce
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.logs.log import Samples
 
 
 class White(Effect):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.plane import NORMAL_W
-from cpid_drake.sensing.disturbances import Disturbances
+from cpid_drake.sensors.disturbances import Disturbances
 
 PIECE = 0.5
 """Length of a piece [s]."""

@@ -1,8 +1,8 @@
 """The section with the motion of the base."""
 
+from cpid_drake.logs.log import Measurements
 from cpid_drake.report.figures import motion_pictures
 from cpid_drake.report.page import Section
-from cpid_drake.sensing.measurements import Measurements
 
 
 def base_motion_section(measurements: Measurements) -> Section:

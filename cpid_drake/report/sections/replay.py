@@ -11,12 +11,12 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.requests import Evidence
 from cpid_drake.identification.requirements import in_joint_order
+from cpid_drake.logs.noise_estimation import estimate_suite
+from cpid_drake.logs.screening import screen
+from cpid_drake.logs.smoothing import smooth
 from cpid_drake.report.findings import Findings, IdentifiedLog
 from cpid_drake.report.page import Section, embedded_json
 from cpid_drake.report.replay import replay_html
-from cpid_drake.sensing.noise_estimation import estimate_suite
-from cpid_drake.sensing.screening import screen
-from cpid_drake.sensing.smoothing import smooth
 
 _MOST, _LONGEST = 20_000, 60.0
 """Number of samples of one sensor above which only the first minute [s] is shown."""

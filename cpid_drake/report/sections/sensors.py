@@ -4,7 +4,7 @@ import numpy as np
 
 from cpid_drake.identification.requests import Evidence
 from cpid_drake.report.page import Cell, Section, Table
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.sensors.sensors import SENSORS
 
 
 def sensors_section(evidence: Evidence) -> Section:

@@ -14,9 +14,9 @@ from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.sensors import OFF_DIAGONAL
-from cpid_drake.sensing.disturbances import Disturbances
-from cpid_drake.sensing.measurements import Samples
-from cpid_drake.sensing.sensors import SENSORS
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.sensors import SENSORS
 
 START, END = 1.0, 2.5
 STEP = 0.0125

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.likelihood.effects import GyroBias
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.sensing.sensors import Gyro
+from cpid_drake.sensors.sensors import Gyro
 
 WALKING = Gyro(rate=5.0, bias=1.0, bias_random_walk=60.0)
 

@@ -13,8 +13,8 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.roll import jumped
-from cpid_drake.sensing.disturbances import Disturbances
-from cpid_drake.sensing.measurements import Samples
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.disturbances import Disturbances
 
 START, END = 1.0, 2.5
 STEP = 0.0125

@@ -10,9 +10,9 @@ from sensing_cases import MOMENTUM, coarse_suite
 
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.sensing.measurements import THRUST, Samples
-from cpid_drake.sensing.suite import Disturbances
-from cpid_drake.sensing.thrusters import Thrusters, Valve
+from cpid_drake.logs.log import THRUST, Samples
+from cpid_drake.sensors.suite import Disturbances
+from cpid_drake.sensors.thrusters import Thrusters, Valve
 
 SUITE = coarse_suite(
     disturbances=Disturbances(acceleration_noise=1e-3, torque_noise=1e-2),

@@ -1,0 +1,274 @@
+"""A map of a log's columns: their names, units, frames and conventions, as a YAML file.
+
+Everything that a map does not say is as in the package's own format (`logs.table`), so an
+empty map changes nothing.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Gt
+from numpy.typing import NDArray
+
+from cpid_drake.errors import InputError
+from cpid_drake.input_files.validation import Numbers, load_yaml
+from cpid_drake.resources import resolve_model
+
+Length = Literal["m", "cm", "mm", "km", "in", "ft"]
+Angle = Literal["rad", "mrad", "deg"]
+Speed = Literal["m/s", "cm/s", "mm/s", "km/s", "in/s", "ft/s"]
+AngularRate = Literal["rad/s", "mrad/s", "deg/s", "rpm"]
+Force = Literal["N", "mN", "lbf"]
+Torque = Literal["N*m", "mN*m", "lbf*ft"]
+TimeUnit = Literal["s", "ms", "us", "ns", "frame"]
+Order = Literal[
+    "wxyz", "xyzw", "rotation_vector", "roll_pitch_yaw", "yaw_pitch_roll", "euler_xyz", "yaw"
+]
+"""Entries of an attitude: a quaternion, a rotation vector, the angles of the rotation about z, then
+the new y, then the new x (yaw, pitch, roll), the angles about x, then the new y, then the new z, or
+the angle about z alone: of a base on a table.
+"""
+
+QUATERNION_ORDERS = ("wxyz", "xyzw")
+
+_SCALES = {
+    **{"m": 1.0, "cm": 0.01, "mm": 1e-3, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    **{"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "rpm": 2 * np.pi / 60},
+    **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    **{"N": 1.0, "mN": 1e-3, "lbf": 4.4482216152605},
+    **{"N*m": 1.0, "mN*m": 1e-3, "lbf*ft": 1.3558179483314004},
+}
+
+
+def scale_of(unit: str) -> float:
+    """Return the size of a unit in SI units and radians."""
+    return _SCALES[unit.removesuffix("/s")]
+
+
+Vector = Annotated[NDArray[np.float64], Numbers(3)]
+
+
+@dataclass
+class TimeColumn:
+    """The time.
+
+    Attributes:
+        column: its name in the log.
+        unit: its unit; "frame" for numbers of frames.
+        rate: frames per second, if the unit is "frame" [Hz].
+        epoch: the log's number, in its unit, at which the time is zero.
+        nanoseconds: a column of nanoseconds that are added, as in a ROS 2 stamp; null for none.
+
+    """
+
+    column: str = "time"
+    unit: TimeUnit = "s"
+    rate: Annotated[float, Gt(0)] | None = None
+    epoch: float = 0.0
+    nanoseconds: str | None = None
+
+
+@dataclass
+class AttitudeColumns:
+    """The attitude of the base.
+
+    With the order "yaw" the base is on a table; see `sensing.files.planar_columns`. Position and
+    velocity then have two columns, along x and y, and the angular velocity one, about z.
+
+    Attributes:
+        columns: names in the log, in the order of `order`; empty for qw, qx, qy, qz, or for yaw.
+        order: the entries' order and meaning.
+        unit: unit of angles.
+        direction: the rotation that is logged: R_WB has B's axes in W as its columns.
+
+    """
+
+    columns: list[str] = field(default_factory=list)
+    order: Order = "wxyz"
+    unit: Angle = "rad"
+    direction: Literal["R_WB", "R_BW"] = "R_WB"
+
+
+@dataclass
+class PositionColumns:
+    """The position of a point P of the base in W.
+
+    Attributes:
+        columns: names in the log; empty for x, y, z.
+        unit: unit of the log.
+        point_B: (3,) p_BP_B: P, such as a marker, from B's origin in B [m].
+
+    """
+
+    columns: list[str] = field(default_factory=list)
+    unit: Length = "m"
+    point_B: Vector = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass
+class VelocityColumns:
+    """The velocity of a point P of the base relative to W.
+
+    Attributes:
+        columns: names in the log; empty for vx, vy, vz.
+        unit: unit of the log.
+        frame: the axes in which the velocity is expressed, those of W or of B.
+        point_B: (3,) p_BP_B [m]; a point other than zero needs the angular velocity.
+
+    """
+
+    columns: list[str] = field(default_factory=list)
+    unit: Speed = "m/s"
+    frame: Literal["world", "body"] = "world"
+    point_B: Vector = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass
+class AngularVelocityColumns:
+    """The angular velocity of the base relative to W.
+
+    Attributes:
+        columns: names in the log; empty for bwx, bwy, bwz or wx, wy, wz.
+        unit: unit of the log.
+        frame: the axes in which it is expressed, those of W or of B; null for those that the names
+            of columns say: B for bwx, bwy, bwz and for columns with a name of their own.
+
+    """
+
+    columns: list[str] = field(default_factory=list)
+    unit: AngularRate = "rad/s"
+    frame: Literal["world", "body"] | None = None
+
+
+@dataclass
+class ThrustColumns:
+    """Force and torque of all thrusters together, in B; each row holds until the next.
+
+    Attributes:
+        force: names in the log; empty for thrust_fx, thrust_fy, thrust_fz.
+        torque: names in the log of the torque about the point at which the force is given; empty
+            for thrust_tx, thrust_ty, thrust_tz.
+        force_unit, torque_unit: units of the log.
+        point_B: (3,) p_BP_B: the point, from B's origin in B [m].
+
+    """
+
+    force: list[str] = field(default_factory=list)
+    torque: list[str] = field(default_factory=list)
+    force_unit: Force = "N"
+    torque_unit: Torque = "N*m"
+    point_B: Vector = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass
+class JointPositionColumns:
+    """The positions of the joints.
+
+    Attributes:
+        prefix, suffix: a column PREFIX + JOINT + SUFFIX holds the positions of this joint.
+        columns: by joint, the column in the log, where it is not of this form.
+        unit: unit of all joints.
+        units: by joint, the unit where it is another.
+
+    """
+
+    prefix: str = "q:"
+    suffix: str = ""
+    columns: dict[str, str] = field(default_factory=dict)
+    unit: Angle | Length = "rad"
+    units: dict[str, Angle | Length] = field(default_factory=dict)
+
+
+@dataclass
+class JointRateColumns:
+    """The rates of the joints; the attributes are those of `JointPositionColumns`."""
+
+    prefix: str = "qd:"
+    suffix: str = ""
+    columns: dict[str, str] = field(default_factory=dict)
+    unit: AngularRate | Speed = "rad/s"
+    units: dict[str, AngularRate | Speed] = field(default_factory=dict)
+
+
+@dataclass
+class ColumnMap:
+    """A map of a log's columns; what is not given is as in the package's own format.
+
+    Attributes:
+        time, attitude, position, velocity, angular_velocity, joint_positions, joint_rates, thrust:
+            the columns of each quantity.
+        ignore_joints: joints of the log that are not used, such as those of a gripper.
+        ignore_columns: columns of the log that are not used although their names have a meaning.
+
+    """
+
+    time: TimeColumn = field(default_factory=TimeColumn)
+    attitude: AttitudeColumns = field(default_factory=AttitudeColumns)
+    position: PositionColumns = field(default_factory=PositionColumns)
+    velocity: VelocityColumns = field(default_factory=VelocityColumns)
+    angular_velocity: AngularVelocityColumns = field(default_factory=AngularVelocityColumns)
+    joint_positions: JointPositionColumns = field(default_factory=JointPositionColumns)
+    joint_rates: JointRateColumns = field(default_factory=JointRateColumns)
+    thrust: ThrustColumns = field(default_factory=ThrustColumns)
+    ignore_joints: list[str] = field(default_factory=list)
+    ignore_columns: list[str] = field(default_factory=list)
+
+
+def load_column_map(path: str | Path) -> ColumnMap:
+    """Read a map of columns from a YAML file.
+
+    Raises:
+        InputError: no such file, not YAML, unknown keys, or values that `check_column_map` refuses.
+
+    """
+    column_map = load_yaml(ColumnMap, resolve_model(path), str(path), "a map of columns")
+    check_column_map(column_map, str(path))
+    return column_map
+
+
+def check_column_map(column_map: ColumnMap, where: str) -> None:
+    """Refuse a map that contradicts itself.
+
+    Args:
+        column_map: the map.
+        where: its file's name in error messages.
+
+    Raises:
+        InputError: a wrong number of columns, a column that is named twice, frames without a rate,
+            or nanoseconds besides a time that is not in seconds.
+
+    """
+    time = column_map.time
+    if (time.unit == "frame") != (time.rate is not None):
+        raise InputError(f"{where}: time.rate (frames per second) and time.unit: frame go together")
+    if time.nanoseconds is not None and time.unit != "s":
+        raise InputError(f"{where}: time.nanoseconds are added to a time of the unit s only")
+    is_quaternion = column_map.attitude.order in QUATERNION_ORDERS
+    is_planar = column_map.attitude.order == "yaw"
+    angles = 1 if is_planar else 3
+    groups = {
+        "attitude": (column_map.attitude.columns, 4 if is_quaternion else angles),
+        "position": (column_map.position.columns, 2 if is_planar else 3),
+        "velocity": (column_map.velocity.columns, 2 if is_planar else 3),
+        "angular_velocity": (column_map.angular_velocity.columns, angles),
+        "thrust.force": (column_map.thrust.force, 2 if is_planar else 3),
+        "thrust.torque": (column_map.thrust.torque, angles),
+    }
+    named = [time.column, *([time.nanoseconds] if time.nanoseconds else [])]
+    for group, (columns, width) in groups.items():
+        if len(columns) not in (0, width):
+            key = group if "." in group else f"{group}.columns"
+            raise InputError(f"{where}: {key} must name {width}, not {len(columns)}")
+        named += columns
+    if not (column_map.attitude.columns or is_quaternion or is_planar):
+        raise InputError(f"{where}: attitude.columns must name the three angles")
+    named += column_map.joint_positions.columns.values()
+    named += column_map.joint_rates.columns.values()
+    for name in named:
+        if named.count(name) > 1:
+            raise InputError(f"{where}: the column '{name}' is named {named.count(name)} times")
+    for name in column_map.ignore_columns:
+        if name in named:
+            raise InputError(f"{where}: the column '{name}' is named, and ignored too")

@@ -1,0 +1,569 @@
+"""Converts the columns of a file to a log in SI units, as a `ColumnMap` says.
+
+The package's own columns are the default map, in SI units and radians; either all columns of a
+group are present or none:
+
+- `time` [s], strictly increasing;
+- `qw`, `qx`, `qy`, `qz`: attitude R_WB of the base as a unit quaternion;
+- `x`, `y`, `z`: p_WBo_W, the base frame's origin [m];
+- `wx`, `wy`, `wz`: w_WB_W, or `bwx`, `bwy`, `bwz`: w_WB_B, as gyros measure it [rad/s];
+- `vx`, `vy`, `vz`: v_WBo_W [m/s];
+- `q:<joint>`, `qd:<joint>`: joint positions and rates [rad, m, rad/s, m/s]. Rates of all joints or
+  of none; positions of rotors, such as reaction wheels, may be absent;
+- "thrust_fx", "thrust_fy", "thrust_fz", "thrust_tx", "thrust_ty", "thrust_tz": force on the base
+  [N], and torque about its origin [N·m], of all thrusters together, in B. Each row holds until the
+  next. Without the columns of the torque, the force acts at B's origin;
+- "valve:<name>": opening of a valve, 0 or 1 or between; see `sensors.thrusters`.
+
+Logs on a table have `yaw` [rad], the rotation of B about W's z axis, instead of the quaternion, and
+of the others `x`, `y`, `vx`, `vy`, `wz` or `bwz`, "thrust_fx", "thrust_fy" and "thrust_tz" only.
+What the table holds is exactly zero in the samples.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.dynamics.rotations import rotate_by_quaternion
+from cpid_drake.errors import InputError
+from cpid_drake.logs.column_map import (
+    QUATERNION_ORDERS,
+    ColumnMap,
+    JointPositionColumns,
+    JointRateColumns,
+    check_column_map,
+    scale_of,
+)
+from cpid_drake.logs.log import (
+    FORCE_COLUMNS,
+    THRUST,
+    TORQUE_COLUMNS,
+    Measurements,
+    Samples,
+)
+from cpid_drake.logs.table import Table
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.thrusters import VALVE
+
+LARGEST = 1e9
+"""Largest plausible number in a file [SI units, rad]."""
+
+LARGEST_TIME = 1e11
+"""Largest plausible time in a file [s]."""
+
+YAW = "yaw"
+"""The column of the angle of B about W's z axis."""
+
+_NORM = 1e-3
+"""Largest deviation of the norm of a quaternion from 1."""
+
+_EULER = {"yaw_pitch_roll": "ZYX", "euler_xyz": "XYZ"}
+_SHOWN = 8  # columns in a message
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TelemetryFile:
+    """A log as read from a file, and what is wrong in the file.
+
+    Attributes:
+        measurements: the samples of every sensor that have no problem.
+        row_count: number of rows in the file.
+        problems: the problems with their places, in the order of rows.
+        partial: by sensor, the number of incomplete samples, which are left out.
+        ignored: columns that are not used.
+        left_out_joints: joints of the log that the spacecraft does not have.
+
+    """
+
+    measurements: Measurements
+    row_count: int
+    problems: Sequence[str] = ()
+    partial: Mapping[str, int] = field(default_factory=dict)
+    ignored: tuple[str, ...] = ()
+    left_out_joints: tuple[str, ...] = ()
+
+
+def from_columns(
+    columns: Mapping[str, ArrayLike], column_map: ColumnMap | None = None
+) -> Measurements:
+    """Return a log from columns in memory, such as those of a MATLAB file or a data frame.
+
+    Args:
+        columns: by name, numbers (N,), NaN for absent samples.
+        column_map: what the columns mean; None for the package's own columns.
+
+    Raises:
+        InputError: a column is no array of N numbers; or for the same reasons as `read_columns`,
+            also for the first bad row.
+
+    """
+    arrays = {}
+    for name, column in columns.items():
+        try:
+            arrays[name] = np.asarray(column, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"column '{name}' is not made of numbers: {error}") from error
+    shapes = {array.shape for array in arrays.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 1:
+        raise InputError("all columns must have one dimension and the same length")
+    found = read_columns(column_map or ColumnMap(), Table(arrays), "the columns")
+    if found.problems:
+        raise InputError(found.problems[0])
+    return found.measurements
+
+
+def read_columns(
+    given: ColumnMap,
+    table: Table,
+    where: str,
+    *,
+    map_name: str = "the map",
+    joints: Collection[str] | None = None,
+) -> TelemetryFile:
+    """Convert the columns of a file to a log.
+
+    Args:
+        given: the map of the columns.
+        table: the columns.
+        where: the file's name in messages.
+        map_name: the map's name in messages.
+        joints: the spacecraft's joints, if they are known; columns of others are then left out,
+            unless the log lacks one of the spacecraft's joints.
+
+    Raises:
+        InputError: see `choose_columns`; or there are no samples.
+
+    """
+    check_column_map(given, map_name)
+    chosen = choose_columns(given, table, where, map_name=map_name, joints=joints)
+    for name in chosen.names:
+        if name in table.unreadable:
+            raise InputError(f"{where}: '{name}' {table.unreadable[name]}")
+    conversion = _Conversion(given, table, chosen)
+    measurements = conversion.measurements()
+    if not np.isfinite(measurements.interval[0]) and not conversion.problems:
+        raise InputError(f"{where}: the file has no samples")
+    used = set(chosen.names)
+    return TelemetryFile(
+        measurements,
+        len(table) + len(table.problems),
+        [text for _, text in sorted(conversion.problems, key=lambda problem: problem[0])],
+        {name: count for name, count in conversion.partial.items() if count},
+        tuple(name for name in (*table.columns, *table.unreadable) if name not in used),
+        chosen.left_out,
+    )
+
+
+# -- names ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenColumns:
+    """The columns of a file by their meaning; groups that are absent are empty.
+
+    Attributes:
+        groups: columns of the sensors of the base, of "force" and of "torque".
+        in_world: whether the angular velocity is expressed in W.
+        is_planar: whether the base has x, y and yaw only.
+        positions, rates: columns by joint.
+        left_out: joints that the spacecraft does not have.
+
+    """
+
+    time: tuple[str, ...]
+    groups: Mapping[str, tuple[str, ...]]
+    in_world: bool
+    is_planar: bool
+    positions: Mapping[str, str]
+    rates: Mapping[str, str]
+    left_out: tuple[str, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """All chosen columns."""
+        base = [name for group in self.groups.values() for name in group]
+        return [*self.time, *base, *self.positions.values(), *self.rates.values()]
+
+
+def choose_columns(
+    given: ColumnMap,
+    table: Table,
+    where: str,
+    *,
+    map_name: str = "the map",
+    joints: Collection[str] | None = None,
+) -> ChosenColumns:
+    """Return the columns that a map names, and of its other quantities the package's own columns.
+
+    Args: see `read_columns`.
+
+    Raises:
+        InputError: a repeated column, no time, a column that the map names is missing, groups that
+            are not complete, angular velocity both in W and in B or in W without the attitude, no
+            joint positions, or joints without a rate where others have one.
+
+    """
+    where = f"{where}: {table.header}" if table.header else where
+    names = [*table.columns, *table.unreadable]
+    explicit = [name for name in _named(given) if name != "time" or "time" in names]
+    if not table.has_names and not {*explicit} & {*names}:
+        raise InputError(
+            f"{where} holds numbers; the first line must hold the columns' names, or a map must "
+            "name the columns by their numbers, such as '1'"
+        )
+    free = [name for name in names if name not in explicit and name not in given.ignore_columns]
+    unknown = [name for name in free if not _is_own(name)]
+
+    def refuse_twice(names: Iterable[str]) -> None:
+        for name in names:
+            if name in table.twice:
+                raise InputError(f"{where}: the column '{name}' is there {table.twice[name]} times")
+
+    refuse_twice([*explicit, *filter(_is_own, free)])
+    if given.time.column == "time" and "time" not in names:
+        raise InputError(f"{where}: there is no column 'time'{_likely('time', unknown)}")
+    for name in explicit:
+        if name not in names:
+            more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+            raise InputError(
+                f"{where}: there is no column '{name}', which {map_name} names; the columns are "
+                f"{', '.join(names[:_SHOWN])}{more}"
+            )
+
+    def group(columns: list[str], label: str, *own: Sequence[str]) -> tuple[str, ...]:
+        """Return the given columns, or the package's own if they are in the file."""
+        there = [] if columns else [each for each in own if any(name in free for name in each)]
+        for each in there:
+            missing = [name for name in each if name not in free]
+            if missing:
+                raise InputError(
+                    f"{where}: {label} needs the columns {', '.join(each)}; missing: "
+                    f"{', '.join(missing)}{_likely(missing[0], unknown)}"
+                )
+        if len(there) > 1:
+            raise InputError(
+                f"{where}: {label} is there twice, in the body ({', '.join(there[0])}) and in the "
+                f"world ({', '.join(there[1])}); keep one of them"
+            )
+        return tuple(columns or (there[0] if there else ()))
+
+    quaternion = SENSORS["attitude"].columns
+    is_planar = given.attitude.order == "yaw" or (
+        not given.attitude.columns and YAW in free and not {*quaternion} & {*free}
+    )
+    last = slice(2, 3) if is_planar else slice(0, 3)  # entries about the table's normal
+    first = slice(0, 2) if is_planar else slice(0, 3)
+    gyro = SENSORS["gyro"]
+    in_B, in_W = gyro.columns[last], gyro.columns_in_W[last]
+    rate = given.angular_velocity
+    groups = {
+        "attitude": group(given.attitude.columns, "attitude", (YAW,) if is_planar else quaternion),
+        "gyro": group(rate.columns, gyro.label, in_B, in_W),
+        "position": group(given.position.columns, "position", SENSORS["position"].columns[first]),
+        "velocity": group(given.velocity.columns, "velocity", SENSORS["velocity"].columns[first]),
+        "force": group(given.thrust.force, "the force of thrusters", FORCE_COLUMNS[first]),
+        "torque": group(given.thrust.torque, "the torque of thrusters", TORQUE_COLUMNS[last]),
+    }
+    groups |= {name: (name,) for name in free if name.startswith(VALVE)}
+    in_world = rate.frame == "world" or (rate.frame is None and groups["gyro"] == in_W)
+    if groups["gyro"] and in_world and not groups["attitude"]:
+        raise InputError(
+            f"{where}: angular velocity in the world ({', '.join(groups['gyro'])}) needs the "
+            "attitude (qw, qx, qy, qz) to be rotated into the body; if it is in the body, name it "
+            f"{', '.join(in_B)}"
+        )
+    of_joints = [
+        _joint_columns(section, free, given.ignore_joints)
+        for section in (given.joint_positions, given.joint_rates)
+    ]
+    positions, rates, left_out = _without_others(of_joints[0], of_joints[1], joints)
+    pushes = any(columns for name, columns in groups.items() if name not in SENSORS)
+    if not (positions or pushes):  # only thrust moves a spacecraft without joints
+        near = _likely("q:joint", unknown)
+        raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
+    without = [joint for joint in positions if rates and joint not in rates]
+    if without:
+        raise InputError(
+            f"{where}: there is a column 'q:{without[0]}', but no 'qd:{without[0]}'; give joint "
+            "rates of all joints or of none, or leave the joint out (ignore_joints of a map of "
+            "columns)"
+        )
+    chosen = ChosenColumns(
+        (given.time.column, *([given.time.nanoseconds] if given.time.nanoseconds else [])),
+        groups,
+        in_world,
+        is_planar,
+        positions,
+        rates,
+        left_out,
+    )
+    refuse_twice(chosen.names)
+    return chosen
+
+
+def _named(given: ColumnMap) -> Iterable[str]:
+    """Return the columns that a map names, in its order."""
+    names = [given.time.column, *([given.time.nanoseconds] if given.time.nanoseconds else [])]
+    for group in (given.attitude, given.position, given.velocity, given.angular_velocity):
+        names += group.columns
+    for section in (given.joint_positions, given.joint_rates):
+        names += section.columns.values()
+    return dict.fromkeys([*names, *given.thrust.force, *given.thrust.torque])
+
+
+def _is_own(name: str) -> bool:
+    """Return whether the package's own columns have this name."""
+    own = {"time", YAW, *FORCE_COLUMNS, *TORQUE_COLUMNS}
+    for sensor in SENSORS.values():
+        own |= {*sensor.columns, *sensor.columns_in_W}
+    return name in own or (name.startswith(("q:", "qd:", VALVE)) and not name.endswith(":"))
+
+
+def _likely(wanted: str, unknown: Sequence[str]) -> str:
+    if not unknown:
+        return ""
+    close = get_close_matches(wanted, unknown, n=1)
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    shown = ", ".join(f"'{name:.40}'" for name in unknown[:_SHOWN])
+    more = f" and {len(unknown) - _SHOWN} more" if len(unknown) > _SHOWN else ""
+    return (
+        f"; ignored columns: {shown}{more}; `cpid telemetry map` finds out what the columns of a "
+        "log mean"
+    )
+
+
+def _joint_columns(
+    section: JointPositionColumns | JointRateColumns, free: Sequence[str], ignored: Sequence[str]
+) -> dict[str, str]:
+    """Return the columns by joint, in the file's order where the names follow the pattern."""
+    prefix, suffix = section.prefix, section.suffix
+    found = dict(section.columns)
+    for name in free if prefix or suffix else ():
+        is_long = len(name) > len(prefix) + len(suffix)
+        if is_long and name.startswith(prefix) and name.endswith(suffix):
+            found.setdefault(name[len(prefix) : len(name) - len(suffix)], name)
+    return {joint: name for joint, name in found.items() if joint not in ignored}
+
+
+def _without_others(
+    positions: dict[str, str], rates: dict[str, str], joints: Collection[str] | None
+) -> tuple[dict[str, str], dict[str, str], tuple[str, ...]]:
+    """Return the columns without joints that the spacecraft lacks, and these joints."""
+    everything = {**positions, **rates}
+    if joints is None or any(joint not in everything for joint in joints):
+        return positions, rates, ()  # the joint that is missing may have one of the other names
+    kept = [{j: name for j, name in part.items() if j in joints} for part in (positions, rates)]
+    return kept[0], kept[1], tuple(joint for joint in everything if joint not in joints)
+
+
+# -- values ---------------------------------------------------------------------------------------
+
+
+class _Conversion:
+    """The conversion of one file, with what is wrong in it.
+
+    Attributes:
+        problems: numbers of rows, and texts.
+        partial: by sensor, the number of incomplete samples.
+
+    """
+
+    def __init__(self, given: ColumnMap, table: Table, chosen: ChosenColumns) -> None:
+        self._map, self._table, self._chosen = given, table, chosen
+        self.problems = list(table.problems)
+        self.partial = Counter(table.rejected)
+        self._usable = np.ones(len(table), dtype=bool)
+        self._samples: dict[str, Samples] = {}
+
+    def measurements(self) -> Measurements:
+        """Return the samples without problems; positions of joints with rates only are NaN."""
+        given, chosen = self._map, self._chosen
+        self._refuse_texts()
+        time = self._times()
+        blocks = {
+            "attitude": self._block("attitude", given.attitude.unit),
+            "gyro": self._block("gyro", given.angular_velocity.unit),
+            "position": self._block("position", given.position.unit),
+            "velocity": self._block("velocity", given.velocity.unit),
+            "encoders": self._joint_block(given.joint_positions, chosen.positions),
+            "joint_rates": self._joint_block(given.joint_rates, chosen.rates),
+            "force": self._block("force", given.thrust.force_unit),
+            "torque": self._block("torque", given.thrust.torque_unit),
+        }
+        self._refuse_order(time)
+        q = self._quaternions(blocks["attitude"])
+        inverse = q * [1.0, -1.0, -1.0, -1.0]
+        w = self._spatial(blocks["gyro"], last=True)
+        in_B = rotate_by_quaternion(inverse, w) if chosen.in_world else w
+        p, arm = self._spatial(blocks["position"]), given.position.point_B
+        if arm.any():
+            p = p - rotate_by_quaternion(q, arm)
+        v, point = self._spatial(blocks["velocity"]), given.velocity.point_B
+        if given.velocity.frame == "body":
+            v = rotate_by_quaternion(q, v)
+        if point.any():
+            v = v - rotate_by_quaternion(q, np.cross(in_B, point))
+        attitude = q if chosen.is_planar or given.attitude.order not in QUATERNION_ORDERS else None
+        if attitude is None:
+            attitude = self._ordered(blocks["attitude"])
+        for name, value in (
+            ("attitude", attitude),
+            ("gyro", in_B),
+            ("position", p),
+            ("velocity", v),
+            ("encoders", blocks["encoders"]),
+            ("joint_rates", blocks["joint_rates"]),
+        ):
+            self._take(name, time, value, blocks[name])
+        joints = tuple(dict.fromkeys([*chosen.positions, *chosen.rates]))
+        if len(joints) > len(chosen.positions):
+            samples = self._samples["encoders"]
+            value = np.full((len(samples), len(joints)), np.nan)
+            value[:, [joints.index(joint) for joint in chosen.positions]] = samples.value
+            self._samples["encoders"] = Samples(samples.time, value)
+        force, torque = blocks["force"], blocks["torque"]
+        if force.shape[1] or torque.shape[1]:
+            nothing = np.zeros((len(force), 3))
+            f = self._spatial(force) if force.shape[1] else nothing
+            tau = self._spatial(torque, last=True) if torque.shape[1] else nothing
+            wrench = np.hstack([tau + np.cross(given.thrust.point_B, f), f])
+            self._take(THRUST, time, wrench, np.hstack([force, torque]))
+        for name in chosen.groups:
+            if name.startswith(VALVE):
+                opening = self._plausible((name,), self._table.block((name,)))
+                self._take(name, time, opening, opening)
+        return Measurements(joints, self._samples)
+
+    def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
+        """Add the complete samples of a sensor; count those of which some cells are absent."""
+        if not logged.shape[1]:
+            return
+        # A conversion makes all entries NaN if it lacks a cell, also of another quantity.
+        there = np.isfinite(value).all(axis=1) & np.isfinite(logged).all(axis=1) & self._usable
+        self.partial[name] += int((self._usable & np.isfinite(logged).any(axis=1) & ~there).sum())
+        everything = there.all()
+        self._samples[name] = Samples(
+            time if everything else time[there], value if everything else value[there]
+        )
+
+    def _block(self, group: str, unit: str) -> Array:
+        """Return the columns of a group in SI units; entries of quaternions have no unit."""
+        columns = self._chosen.groups[group]
+        is_quaternion = group == "attitude" and len(columns) == 4
+        block = self._table.block(columns)
+        scale = 1.0 if is_quaternion else scale_of(unit)
+        return self._plausible(columns, block if scale == 1.0 else block * scale)
+
+    def _joint_block(
+        self, section: JointPositionColumns | JointRateColumns, columns: Mapping[str, str]
+    ) -> Array:
+        scales = np.array([scale_of(section.units.get(joint, section.unit)) for joint in columns])
+        block = self._table.block(columns.values())
+        block = block if (scales == 1.0).all() else block * scales
+        return self._plausible(tuple(columns.values()), block)
+
+    def _spatial(self, block: Array, *, last: bool = False) -> Array:
+        """Return vectors (N, 3): what a table holds is zero; NaN without columns."""
+        if block.shape[1] == 3:
+            return block
+        if not block.shape[1]:
+            return np.full((len(block), 3), np.nan)
+        zeros = np.zeros((len(block), 3 - block.shape[1]))
+        return np.hstack([zeros, block] if last else [block, zeros])
+
+    def _ordered(self, block: Array) -> Array:
+        """Return quaternions of R_WB, scalar first, with the logged digits."""
+        given = self._map.attitude
+        q = block[:, [3, 0, 1, 2]] if given.order == "xyzw" and block.shape[1] else block
+        return q * [1.0, -1.0, -1.0, -1.0] if given.direction == "R_BW" and q.shape[1] else q
+
+    def _quaternions(self, block: Array) -> Array:
+        """Return unit quaternions of R_WB (N, 4), scalar first; NaN where the attitude is absent.
+
+        Quaternions of another norm than 1 are problems.
+        """
+        given, q = self._map.attitude, np.full((len(block), 4), np.nan)
+        there = np.isfinite(block).all(axis=1) & (block.shape[1] > 0)
+        if not there.any():
+            return q
+        if block.shape[1] == 4:
+            q = self._ordered(block)
+            with np.errstate(over="ignore"):
+                norm = np.linalg.norm(q, axis=1)
+            for row in np.flatnonzero(self._usable & (np.abs(norm - 1) > _NORM)):
+                self._refuse(row, "", f"the quaternion's norm is {norm[row]:.6g}, not 1")
+            return q / np.where(self._usable & there, norm, np.nan)[:, None]
+        if self._chosen.is_planar:
+            half = block[there, 0] / 2
+            zeros = np.zeros((len(half), 2))
+            q[there] = np.column_stack([np.cos(half), zeros, np.sin(half)])
+        else:
+            q[there] = self._rotation(block[there]).as_quat(scalar_first=True)
+        return q * [1.0, -1.0, -1.0, -1.0] if given.direction == "R_BW" else q
+
+    def _rotation(self, angles: Array) -> "scipy.spatial.transform.Rotation":
+        Rotation = scipy.spatial.transform.Rotation  # imported at its first use: it takes 0.25 s
+        order = self._map.attitude.order
+        if order == "rotation_vector":
+            return Rotation.from_rotvec(angles)
+        if order == "roll_pitch_yaw":
+            order, angles = "yaw_pitch_roll", angles[:, ::-1]
+        return Rotation.from_euler(_EULER[order], angles)
+
+    # -- problems ----------------------------------------------------------------------------
+
+    def _refuse(self, row: int | np.intp, column: str, text: str) -> None:
+        number, place = self._table.place(row, column)
+        self.problems.append((number, f"{place}: {text}"))
+        self._usable[row] = False
+
+    def _refuse_texts(self) -> None:
+        for name in self._chosen.names:
+            for row, cell in self._table.texts.get(name, {}).items():
+                remedy = "give a number with a decimal point"
+                if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+                    remedy = "leave the cell of an absent sample empty"
+                self._refuse(row, name, f"'{cell:.40}' is not a finite number; {remedy}")
+
+    def _times(self) -> Array:
+        """Return the time (N,) [s]; rows without a plausible one are problems."""
+        given, column = self._map.time, self._chosen.time[0]
+        ticks = self._table.columns[column] - given.epoch
+        time = ticks / given.rate if given.rate else ticks * scale_of(given.unit)
+        if given.nanoseconds is not None:
+            time = time + self._table.columns[given.nanoseconds] * 1e-9
+        for row in np.flatnonzero(self._usable & ~np.isfinite(time)):
+            self._refuse(row, column, "the time is absent")
+        for row in np.flatnonzero(self._usable & (np.abs(time) > LARGEST_TIME)):
+            self._refuse(
+                row,
+                column,
+                f"{time[row]:g} is implausible: beyond {LARGEST_TIME:g}; is it in ns? It must be "
+                "in s, unless a map of columns says otherwise",
+            )
+        return time
+
+    def _refuse_order(self, time: Array) -> None:
+        latest = np.fmax.accumulate(np.append(-np.inf, np.where(self._usable, time, -np.inf)))[:-1]
+        for row in np.flatnonzero(self._usable & (time <= latest)):
+            now, before = (
+                np.format_float_positional(t, trim="-") for t in (time[row], latest[row])
+            )
+            what = "is there twice" if time[row] == latest[row] else f"comes after {before} s"
+            self._refuse(row, self._chosen.time[0], f"time {now} s {what}")
+
+    def _plausible(self, columns: Sequence[str], block: Array) -> Array:
+        """Return a block in SI units, after a look for implausibly large numbers."""
+        if block.size and max(np.nanmax(block, initial=0), -np.nanmin(block, initial=0)) > LARGEST:
+            for row, k in np.argwhere(np.abs(block) > LARGEST):
+                text = f"{block[row, k]:g} is implausible: beyond {LARGEST:g}"
+                self._refuse(row, columns[k], text)
+        return block

@@ -1,0 +1,259 @@
+"""Logs from and to files, in any format of the registry `FORMATS`."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.errors import InputError
+from cpid_drake.logs.arrays import read_npz, read_parquet, write_npz, write_parquet
+from cpid_drake.logs.column_map import ColumnMap, load_column_map
+from cpid_drake.logs.conversion import TelemetryFile, choose_columns, read_columns
+from cpid_drake.logs.csv_format import csv_names, read_csv, write_csv
+from cpid_drake.logs.log import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS, Measurements
+from cpid_drake.logs.table import Table
+from cpid_drake.output_files.drafts import draft_of
+from cpid_drake.resources import NOT_A_FILE, resolve_model
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.thrusters import VALVE
+
+THRUST_COLUMNS = (*TORQUE_COLUMNS, *FORCE_COLUMNS)
+"""Columns of logged thrust, in the order of its samples."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of log files.
+
+    Attributes:
+        endings: endings of file names, in lower case, each with its dot.
+        read: reads a file, given its path and its name in messages.
+        write: writes columns, names and values (N, C) with NaN where a cell is absent; None if the
+            format is only read.
+        names: reads the columns' names alone; None if that takes as long as all of the file.
+
+    """
+
+    endings: tuple[str, ...]
+    read: Callable[[Path, str], Table]
+    write: Callable[[Path, list[str], NDArray[np.float64]], None] | None = None
+    names: Callable[[Path, str], Table] | None = None
+
+
+FORMATS: list[Format] = [
+    Format((".csv",), read_csv, write_csv, csv_names),
+    Format((".npz",), read_npz, write_npz),
+    Format((".parquet",), read_parquet, write_parquet),
+]
+"""All formats of one file with one time; append one to add it."""
+
+BAG_ENDINGS = (".mcap", ".db3")
+"""Endings of ROS 2 bags, which can be folders too."""
+
+
+def telemetry_endings(*, written: bool = False) -> tuple[str, ...]:
+    """Return the endings of log files that can be read, or that can be written."""
+    endings = [e for each in FORMATS for e in each.endings if each.write or not written]
+    return (*endings, *(() if written else BAG_ENDINGS))
+
+
+def inspect_telemetry(
+    path: str | Path,
+    *,
+    topics: Mapping[str, str] | None = None,
+    columns: ColumnMap | str | Path | None = None,
+    joints: Collection[str] | None = None,
+) -> TelemetryFile:
+    """Read a log file and list all problems in it.
+
+    `logs.conversion` explains the columns. A sample that is absent is an empty cell in CSV
+    files, NaN in NPZ files (one array (N,) for each column), null or NaN in Parquet files.
+
+    Args:
+        path: the file, or a bag's folder.
+        topics: topics of a bag; see `rosbag.read_rosbag`.
+        columns: a map of the file's columns, or the map's YAML file; None for the package's own
+            columns.
+        joints: the spacecraft's joints, if they are known; see `read_columns`.
+
+    Raises:
+        InputError: no such file or folder, a file of another kind, or one in which nothing can be
+            read: see also `read_columns`.
+
+    """
+    given, map_name = _map_of(columns)
+    try:
+        table = read_table(path, topics)
+        return read_columns(given, table, str(path), map_name=map_name, joints=joints)
+    except MemoryError as error:
+        raise InputError(f"{path}: the file does not fit into memory") from error
+
+
+def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> Table:
+    """Return the columns of a log file as they are in the file.
+
+    Raises:
+        InputError: no such file or folder, a file of another kind, or one that cannot be read.
+
+    """
+    file, kind = _format_of(path)
+    if kind is not None:
+        if topics:
+            raise InputError(f"{path}: topics are for ROS 2 bags")
+        return kind.read(file, str(path))
+    from cpid_drake.logs.rosbag import read_rosbag
+
+    return read_rosbag(file, topics or {})
+
+
+def read_telemetry(
+    path: str | Path,
+    *,
+    leave_out_bad: bool = False,
+    topics: Mapping[str, str] | None = None,
+    columns: ColumnMap | str | Path | None = None,
+) -> Measurements:
+    """Return the samples in a log file of any format in `FORMATS`, or in a ROS 2 bag.
+
+    Args:
+        path: the file, or a bag's folder.
+        leave_out_bad: leave out rows that have a problem, instead of refusing the file.
+        topics: topics of a bag; see `rosbag.read_rosbag`.
+        columns: a map of the file's columns, or the map's YAML file.
+
+    Raises:
+        InputError: for the same reasons as `inspect_telemetry`; also for the first bad row, unless
+            bad rows are left out.
+
+    """
+    found = inspect_telemetry(path, topics=topics, columns=columns)
+    if not leave_out_bad:
+        refuse_problems(found.problems, str(path))
+    return found.measurements
+
+
+def refuse_problems(problems: Sequence[str], where: str) -> None:
+    """Refuse a file that has problems.
+
+    Raises:
+        InputError: the first of them.
+
+    """
+    if problems:
+        others = len(problems) - 1
+        more = f" (and {others} more: `cpid telemetry check` lists them)" if others else ""
+        raise InputError(f"{where}: {problems[0]}{more}")
+
+
+def check_telemetry(path: str | Path, columns: str | Path | None = None) -> None:
+    """Refuse a file that cannot be a log, after a look at its name and beginning.
+
+    Args:
+        path: the file.
+        columns: the YAML file of a map of its columns.
+
+    Raises:
+        InputError: no such file, a file of another kind, or a CSV file with a wrong first line; or
+            for the same reasons as `load_column_map`.
+
+    """
+    file, kind = _format_of(path)
+    given, map_name = _map_of(columns)
+    if kind is not None and kind.names is not None:
+        choose_columns(given, kind.names(file, str(path)), str(path), map_name=map_name)
+
+
+def _map_of(columns: ColumnMap | str | Path | None) -> tuple[ColumnMap, str]:
+    """Return a map and its name in messages."""
+    if columns is None or isinstance(columns, ColumnMap):
+        return columns or ColumnMap(), "the map"
+    return load_column_map(columns), str(columns)
+
+
+def _format_of(path: str | Path) -> tuple[Path, Format | None]:
+    """Return a file and its format; None for a bag.
+
+    Raises:
+        InputError: no such file, or no format with its ending.
+
+    """
+    if Path(path).is_dir() or Path(path).suffix.lower() in BAG_ENDINGS:
+        _refuse_pipes(Path(path))
+        return Path(path), None
+    file = resolve_model(path)
+    for kind in FORMATS:
+        if file.suffix.lower() in kind.endings:
+            return file, kind
+    raise InputError(
+        f"{path}: telemetry is read from {', '.join(telemetry_endings())} files and bag folders, "
+        f"not from '{file.suffix or file.name}'"
+    )
+
+
+def _refuse_pipes(bag: Path) -> None:
+    """Refuse pipes and devices in the place of a bag's files: to read them may never end.
+
+    Raises:
+        InputError: there is one.
+
+    """
+    for file in bag.iterdir() if bag.is_dir() else [bag]:
+        if file.exists() and not (file.is_file() or file.is_dir()):
+            raise InputError(f"{file}: {NOT_A_FILE}")
+
+
+def write_telemetry(path: str | Path, motion: Telemetry | Measurements) -> None:
+    """Write a motion or a log to a file; the ending chooses the format.
+
+    All digits are kept.
+
+    Raises:
+        InputError: no format with this ending is written, or the file cannot be written.
+
+    """
+    path = Path(path)
+    for kind in FORMATS:
+        if path.suffix.lower() in kind.endings and kind.write is not None:
+            columns, values = table_of(motion)
+            with draft_of(path) as draft:
+                kind.write(draft, columns, values)
+            return
+    endings = ", ".join(telemetry_endings(written=True))
+    raise InputError(f"{path}: telemetry is written as {endings}")
+
+
+def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the package's columns and values (N, C) of a motion or a log; NaN for absent cells.
+
+    The angular velocity of a motion is in W, that of a log in B, as gyros measure it.
+    """
+    joints = motion.joint_names
+    if isinstance(motion, Telemetry):
+        groups = {
+            SENSORS["attitude"].columns: motion.quaternion_WB,
+            SENSORS["position"].columns: motion.p_WB,
+            SENSORS["gyro"].columns_in_W: motion.w_WB,
+            SENSORS["velocity"].columns: motion.v_WB,
+            SENSORS["encoders"].columns_of(joints): motion.q,
+            SENSORS["joint_rates"].columns_of(joints): motion.qdot,
+        }
+        values = np.hstack([motion.time[:, None], *groups.values()])
+        return ["time", *(name for group in groups for name in group)], values
+    valves = {VALVE + name: samples for name, samples in motion.valves.items()}
+    everything = {**dict(motion.items()), THRUST: motion.thrust, **valves}
+    time = np.unique(np.concatenate([samples.time for samples in everything.values()]))
+    names, blocks = ["time"], [time[:, None]]
+    for name, samples in everything.items():
+        if not len(samples):
+            continue
+        if name == THRUST:
+            names += THRUST_COLUMNS
+        else:
+            names += SENSORS[name].columns_of(joints) if name in SENSORS else (name,)
+        block = np.full((time.size, samples.value.shape[1]), np.nan)
+        block[np.searchsorted(time, samples.time)] = samples.value
+        blocks.append(block)
+    return names, np.hstack(blocks)

@@ -1,0 +1,301 @@
+"""Samples of every sensor at the sensor's own times."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.sensors.sensors import SENSORS, Gyro, SensorErrors, VectorSensor
+from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.sensors.thrusters import VALVE
+
+LONGEST_STEP = 0.02
+"""Longest step between the instants at which the mean of an integrating gyro is computed [s]."""
+
+
+THRUST = "thrust"
+"""Name of the samples of logged thrust."""
+
+TORQUE_COLUMNS = ("thrust_tx", "thrust_ty", "thrust_tz")
+"""Columns in files of the thrusters' torque about B's origin, in B [N·m]."""
+
+FORCE_COLUMNS = ("thrust_fx", "thrust_fy", "thrust_fz")
+"""Columns in files of the thrusters' force on the base, in B [N]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples of one sensor: time (N,) [s] and value (N, width)."""
+
+    time: NDArray[np.float64]
+    value: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    def where(self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "Samples":
+        """Return the samples that a mask, indices or a slice select."""
+        return Samples(self.time[keep], self.value[keep])
+
+    def held_at(
+        self, times: ArrayLike, side: Literal["left", "right"] = "right"
+    ) -> NDArray[np.float64]:
+        """Return the values (..., width) at times (...) [s] if each holds until the next sample.
+
+        They are zero before the first sample.
+
+        Args:
+            times: [s].
+            side: "right" for the values just after the times, "left" for those just before.
+
+        """
+        number = np.searchsorted(self.time, times, side=side)
+        return np.concatenate([np.zeros((1, self.value.shape[1])), self.value])[number]
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Measurements:
+    """The samples of all sensors; those of one sensor are `self[name]`, or the attribute `name`.
+
+    Samples are in SI units and radians, as the sensor's `Quantity` defines. A sensor of the table
+    that is absent has no samples: times (0,) and values (0, width). Logged thrust is no sensor, and
+    has samples of the name `THRUST`; see `thrust`.
+
+    Args:
+        joint_names: the joints, in the order of columns of joint sensors.
+        samples: the samples, by the sensors' names in `SENSORS`, by `THRUST`, and of each valve by
+            `VALVE` and its name.
+        named: samples by sensor, as keywords; they replace those in `samples`.
+
+    """
+
+    joint_names: tuple[str, ...]
+    samples: Mapping[str, Samples] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        joint_names: tuple[str, ...],
+        samples: Mapping[str, Samples] | None = None,
+        **named: Samples,
+    ) -> None:
+        object.__setattr__(self, "joint_names", tuple(joint_names))
+        object.__setattr__(self, "samples", {**(samples or {}), **named})
+        others = (name for name in self.samples if name not in SENSORS and name != THRUST)
+        unknown = [name for name in others if not name.startswith(VALVE)]
+        if unknown:
+            raise TypeError(f"no sensor '{unknown[0]}'; the sensors are {', '.join(SENSORS)}")
+
+    def __getitem__(self, name: str) -> Samples:
+        if name in self.samples:
+            return self.samples[name]
+        width = 6 if name == THRUST else SENSORS[name].width(len(self.joint_names))
+        return Samples(np.empty(0), np.empty((0, width)))
+
+    def __getattr__(self, name: str) -> Samples:
+        if name not in SENSORS:
+            raise AttributeError(f"measurements have no sensor '{name}'")
+        return self[name]
+
+    def items(self) -> Iterator[tuple[str, Samples]]:
+        """Yield name and samples of every sensor of the table, absent ones included."""
+        return ((name, self[name]) for name in SENSORS)
+
+    @property
+    def thrust(self) -> Samples:
+        """The log of thrust: [τ; f] (N, 6), each of which holds from its time to the next.
+
+        The torque about B's origin [N·m] and the force [N] on the base, both in B; if the suite has
+        thrusters, the openings (N, V) of the valves. There is no thrust before the first sample.
+        """
+        return self[THRUST]
+
+    @property
+    def has_thrust(self) -> bool:
+        """Whether a log of thrust says that thrusters fired."""
+        return bool(self.thrust.value.any())
+
+    @property
+    def valves(self) -> dict[str, Samples]:
+        """The logged openings (N, 1) of each valve, by its name."""
+        return {
+            name.removeprefix(VALVE): samples
+            for name, samples in self.samples.items()
+            if name.startswith(VALVE)
+        }
+
+    @property
+    def last_time(self) -> float:
+        """Time of the latest sample, also of thrust [s]; −inf without samples."""
+        return max((float(s.time[-1]) for s in self.samples.values() if len(s)), default=-np.inf)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Times of the first and of the last sample of all sensors [s]; (∞, −∞) without samples."""
+        times = [samples.time for _, samples in self.items() if len(samples)]
+        first = min((float(time[0]) for time in times), default=np.inf)
+        return first, max((float(time[-1]) for time in times), default=-np.inf)
+
+    def updated(self, samples: Mapping[str, Samples]) -> "Measurements":
+        """Return measurements in which `samples` replace those of the same sensors."""
+        return Measurements(self.joint_names, {**self.samples, **samples})
+
+    def between(self, start: float, end: float) -> "Measurements":
+        """Return the samples with start ≤ time ≤ end [s], and the thrust held at the start."""
+        kept = {name: s.where((s.time >= start) & (s.time <= end)) for name, s in self.items()}
+        return self.updated(kept | self.thrust_between(start, end))
+
+    def blocks(self, seconds: float = 60.0) -> Iterator["Measurements"]:
+        """Yield the samples in intervals of `seconds` [s] from the first one on.
+
+        Intervals without samples are left out. The arrays are not copied. Times must increase.
+        """
+        start, since = self.interval[0], -np.inf
+        times = [(s.time - start) / seconds for _, s in self.items()]
+        numbers = np.unique(np.floor(np.concatenate(times)))
+        for limit in [*(start + seconds * (numbers[:-1] + 1)), np.inf][: numbers.size]:
+            kept = {}
+            for name, samples in self.items():
+                first, last = np.searchsorted(samples.time, [since, limit])
+                kept[name] = samples.where(slice(first, last))
+            thrust = self.thrust_between(since, float(np.nextafter(limit, -np.inf)))
+            yield self.updated(kept | thrust)
+            since = limit
+
+    def after(self, zero: float) -> "Measurements":
+        """Return the samples with a time that is counted from `zero` [s]."""
+        everything = {**dict(self.items()), **self.samples}
+        return self.updated({k: Samples(s.time - zero, s.value) for k, s in everything.items()})
+
+    def thinned(self, most: int = 4000) -> "Measurements":
+        """Return every k-th sample of a sensor with more than `most` samples, for figures."""
+        steps = {name: -(-len(s) // most) or 1 for name, s in self.items()}
+        return self.updated(
+            {name: s.where(slice(None, None, steps[name])) for name, s in self.items()}
+        )
+
+    @property
+    def coasting(self) -> "Measurements":
+        """The samples before thrusters fire for the first time; all samples if they never do."""
+        fires = self.thrust.value.any(axis=1)
+        return self.between(-np.inf, self.thrust.time[fires][0]) if fires.any() else self
+
+    def thrust_between(self, start: float, end: float) -> dict[str, Samples]:
+        """Return the log of thrust from start to end [s], by `THRUST`; nothing without a log.
+
+        The sample that holds at the start becomes one at the start.
+        """
+        if THRUST not in self.samples:
+            return {}
+        log = self.thrust
+        first = int(np.searchsorted(log.time, start, side="right")) - 1
+        last = int(np.searchsorted(log.time, end, side="right"))
+        kept = log.where(slice(max(first, 0), last))
+        return {THRUST: Samples(np.maximum(kept.time, start), kept.value)}
+
+
+def concatenated(pieces: Sequence[Measurements]) -> Measurements:
+    """Return consecutive pieces of one log, at least one, as one."""
+    names = dict.fromkeys(name for piece in pieces for name in piece.samples)
+    samples = {}
+    for name in names:
+        each = [piece[name] for piece in pieces]
+        samples[name] = Samples(
+            np.concatenate([s.time for s in each]), np.concatenate([s.value for s in each])
+        )
+    return Measurements(pieces[0].joint_names, samples)
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class IdealMeasurements(Measurements):
+    """Samples of sensors without errors, with the true motion on which errors depend.
+
+    Args:
+        joint_names: the joints, in the order of columns of joint sensors.
+        samples: the samples, by the sensors' names.
+        motion: the true motion at the samples of every sensor with a lever arm, by name.
+        named: samples by sensor, as keywords; they replace those in `samples`.
+
+    """
+
+    motion: Mapping[str, Telemetry] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        joint_names: tuple[str, ...],
+        samples: Mapping[str, Samples] | None = None,
+        motion: Mapping[str, Telemetry] | None = None,
+        **named: Samples,
+    ) -> None:
+        super().__init__(joint_names, samples, **named)
+        object.__setattr__(self, "motion", dict(motion or {}))
+
+
+def first_sample(errors: SensorErrors) -> int:
+    """Return the number k of a sensor's first sample, at the time k / rate after the start.
+
+    It is 1 for a gyro that integrates, since no time has passed before the start, else 0.
+    """
+    return int(isinstance(errors, Gyro) and errors.integrates)
+
+
+def sample_times(rate: float, duration: float, start: float = 0.0) -> NDArray[np.float64]:
+    """Return a sensor's sampling times from `start` to `duration`, both included [s]."""
+    return start + np.arange(int(np.floor((duration - start) * rate + 1e-9)) + 1) / rate
+
+
+def ideal_measurements(
+    suite: SensorSuite,
+    joint_names: tuple[str, ...],
+    motion: Callable[[NDArray[np.float64]], Telemetry],
+    duration: float,
+) -> IdealMeasurements:
+    """Return the samples of sensors without errors, at their own times in [0, duration].
+
+    A sample of a gyro that integrates is the mean of the angular velocity since the sample before,
+    by Simpson's rule over steps of at most `LONGEST_STEP`.
+
+    Args:
+        suite: the sensors. Used are their rates, `Gyro.integrates`, and whether they have a lever
+            arm.
+        joint_names: the joints.
+        motion: returns the true telemetry at increasing times (N,).
+        duration: [s].
+
+    """
+    sensors = suite.present()
+    if not sensors:
+        return IdealMeasurements(joint_names)
+    shares = {name: _shares(errors) for name, errors in sensors.items()}
+    times, instants = {}, {}
+    for name, errors in sensors.items():
+        times[name] = sample_times(errors.rate, duration)[first_sample(errors) :]
+        numbers = np.arange(times[name].size)[:, None] + shares[name][0]
+        instants[name] = numbers / errors.rate
+    everything = np.concatenate([each.ravel() for each in instants.values()])
+    keys = np.round(everything * 1e9).astype(np.int64)
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    telemetry = motion(everything[first])
+    samples, true, start = {}, {}, 0
+    for name, errors in sensors.items():
+        rows = inverse[start : start + instants[name].size]
+        start += rows.size
+        value, weights = SENSORS[name].quantity.ideal(telemetry)[rows], shares[name][1]
+        if weights.size > 1:
+            value = np.einsum("s,nsi->ni", weights, value.reshape(-1, weights.size, 3))
+        samples[name] = Samples(times[name], value)
+        if isinstance(errors, VectorSensor) and errors.lever_arm_mm:
+            true[name] = telemetry.select(rows)
+    return IdealMeasurements(joint_names, samples, true)
+
+
+def _shares(errors: SensorErrors) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return instants (S,) in units of a sensor's period, and weights (S,) of a sample's mean."""
+    if not first_sample(errors):
+        return np.zeros(1), np.ones(1)
+    steps = 2 * int(np.ceil(1 / (errors.rate * LONGEST_STEP)))
+    weights = np.ones(steps + 1)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    return np.arange(steps + 1) / steps, weights / weights.sum()

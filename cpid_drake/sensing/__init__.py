@@ -1,1 +1,0 @@
-"""Sensors: their errors, their samples, smoothing of samples to motion, telemetry files."""

@@ -1,1 +1,0 @@
-"""Telemetry files: CSV, NPZ, Parquet and ROS 2 bags."""

@@ -1,0 +1,1 @@
+"""What measures: the sensors, their errors, and the disturbances while they measure."""

@@ -1,0 +1,134 @@
+"""External forces and torques on the spacecraft: their size, and values that a seed determines."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.sensors.random_streams import random_stream
+
+Size = Annotated[float, Ge(0)]
+
+
+@dataclass
+class Disturbances:
+    """σ of external forces and torques; zero means that there are none.
+
+    The acceleration is that of the centre of mass of spacecraft and target. The torque is that
+    about this centre. Both are expressed in W. Drag, a leaking valve, gravity gradient over a short
+    time or a table out of level cause such disturbances.
+
+    Attributes:
+        acceleration: σ of each coordinate of a constant acceleration [m/s²].
+        torque: σ of each coordinate of a constant torque [N·m].
+        acceleration_noise: white acceleration, as of an air-bearing floor: the velocity changes in
+            a time t by this value times √t [m/s²/√Hz].
+        torque_noise: white torque: the angular momentum changes likewise [N·m/√Hz].
+        acceleration_walk: random walk of the acceleration: it changes in a time t by this value
+            times √t [m/s²/√s].
+        torque_walk: random walk of the torque [N·m/√s].
+        thrust_scale: σ of the error of the scale of logged thrust: the true thrust is the logged
+            one times one plus this error, common to all its components.
+        compliance_urad: σ of the compliance of the grasp about each axis of C: the target turns
+            against C by so much per moment [10⁻⁶ rad/(N·m)]. No seed draws it: simulations have a
+            wrist of their own.
+        translational_compliance_um: the same along each axis of C: the target moves against C by so
+            much per force [10⁻⁶ m/N].
+        orbit: orbit of W's origin, whose gravity gradient turns the system and moves its centre of
+            mass; None for none. It is known, and has no σ.
+
+    """
+
+    acceleration: Size = 0.0
+    torque: Size = 0.0
+    acceleration_noise: Size = 0.0
+    torque_noise: Size = 0.0
+    acceleration_walk: Size = 0.0
+    torque_walk: Size = 0.0
+    thrust_scale: Size = 0.0
+    compliance_urad: Size = 0.0
+    translational_compliance_um: Size = 0.0
+    orbit: Orbit | None = None
+
+
+WALK_PERIOD = 0.5
+"""Simulated random walks and white forces change in steps of this period [s]."""
+
+
+class SimulatedDisturbance:
+    """Values of torque and acceleration as a function of time, which a seed determines.
+
+    Attributes:
+        thrust_scale: error of the scale of logged thrust; see `Disturbances`.
+
+    Args:
+        disturbances: their σ; None for no disturbances but the given ones.
+        seed: a whole number >= 0.
+        torque_W: (3,) constant torque about the system's centre of mass, in W, which replaces the
+            random one [N·m].
+        acceleration_W: (3,) constant acceleration of this centre, in W, which replaces the random
+            one [m/s²].
+
+    """
+
+    def __init__(
+        self,
+        disturbances: Disturbances | None,
+        seed: int = 0,
+        *,
+        torque_W: NDArray[np.float64] | None = None,
+        acceleration_W: NDArray[np.float64] | None = None,
+    ) -> None:
+        size = disturbances or Disturbances()
+        self._seed = int(seed)
+        self._walk = np.repeat([size.torque_walk, size.acceleration_walk], 3)
+        self._noise = np.repeat([size.torque_noise, size.acceleration_noise], 3)
+        self._constant = np.repeat([size.torque, size.acceleration], 3) * self._normal(0, 1)[0]
+        for part, given in ((slice(0, 3), torque_W), (slice(3, 6), acceleration_W)):
+            if given is not None:
+                self._constant[part] = given
+        self._pieces = self._constant[None]
+        self.thrust_scale = float(size.thrust_scale * self._normal(2, 1)[0, 0])
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether torque and acceleration are zero at all times."""
+        return not (self._constant.any() or self.walks)
+
+    @property
+    def walks(self) -> bool:
+        """Whether torque or acceleration change with time."""
+        return bool(self._walk.any() or self._noise.any())
+
+    def piece(self, number: int) -> NDArray[np.float64]:
+        """Return [torque; acceleration] (6,) from number * `WALK_PERIOD` to the next multiple.
+
+        Torque about the system's centre of mass and acceleration of this centre, in W [N·m, m/s²].
+        The random walk starts at zero.
+        """
+        if not self.walks:
+            return self._constant
+        if number >= len(self._pieces):
+            count = max(64, 2 * number)
+            steps = self._walk * np.sqrt(WALK_PERIOD) * self._normal(1, count)
+            walk = np.cumsum(steps, axis=0)
+            self._pieces = self._constant + np.vstack([np.zeros(6), walk])
+            self._pieces += self._noise / np.sqrt(WALK_PERIOD) * self._normal(3, count + 1)
+        return self._pieces[number]
+
+    def at(self, time: float) -> NDArray[np.float64]:
+        """Return [torque; acceleration] (6,) just after a time [s]; see `piece`."""
+        return self.piece(int(np.floor(max(time, 0.0) / WALK_PERIOD + 1e-9)))
+
+    def changes(self, start: float, end: float) -> Iterator[float]:
+        """Yield the times between `start` and `end` at which a piece ends [s]."""
+        first, last = np.floor(start / WALK_PERIOD) + 1, np.ceil(end / WALK_PERIOD)
+        return (float(k * WALK_PERIOD) for k in np.arange(first, last) if self.walks)
+
+    def _normal(self, kind: int, count: int) -> NDArray[np.float64]:
+        """Return (count, 6) numbers: constant values (0), walks (1), scale (2) or noise (3)."""
+        return random_stream(self._seed, 0, 0, kind).standard_normal((count, 6))

@@ -1,0 +1,169 @@
+"""The sensors of the table that a spacecraft has, with their rates and errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
+
+import numpy as np
+from annotated_types import Interval
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.input_files.validation import check_values
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.sensors import (
+    JOINT_POSITIONS,
+    SENSORS,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    SensorErrors,
+    VectorSensor,
+)
+from cpid_drake.sensors.thrusters import Thrusters
+
+NUMERICAL_SIGMA = 1e-8
+"""Smallest σ that estimators assume for a sensor, due to rounding [rad, m, rad/s, m/s]."""
+
+Decimals = Annotated[int, Interval(ge=0, le=15)]
+
+
+@dataclass
+class SensorSuite:
+    """A spacecraft's sensors; an absent sensor is None.
+
+    `suite[name]` returns any sensor of the table.
+
+    Attributes:
+        description: one line for people.
+        decimals: every sample is rounded to this number of decimals, in SI units (attitude as 3-2-1
+            Euler angles); None for no rounding.
+        digits: former name of `decimals`, which files may still use.
+        disturbances: external forces and torques that act while the sensors measure; None without.
+        thrusters: the valves that the log has columns of; None without.
+
+    """
+
+    description: str = ""
+    attitude: AttitudeSensor | None = None
+    gyro: Gyro | None = None
+    position: VectorSensor | None = None
+    velocity: VectorSensor | None = None
+    encoders: JointSensor | None = None
+    joint_rates: JointSensor | None = None
+    decimals: Decimals | None = None
+    digits: Decimals | None = None
+    disturbances: Disturbances | None = None
+    thrusters: Thrusters | None = None
+
+    def __getitem__(self, name: str) -> SensorErrors:
+        """Return the errors of a sensor that is present.
+
+        Raises:
+            KeyError: it is absent.
+
+        """
+        errors = getattr(self, name, None) if name in SENSORS else None
+        if errors is None:
+            raise KeyError(name)
+        return errors
+
+    def present(self) -> dict[str, SensorErrors]:
+        """Return the errors of the sensors that are present, by name."""
+        return {name: self[name] for name in SENSORS if getattr(self, name, None) is not None}
+
+    @property
+    def orbit(self) -> Orbit | None:
+        """The orbit of W's origin; None if there is none."""
+        return None if self.disturbances is None else self.disturbances.orbit
+
+    @property
+    def rounding(self) -> int | None:
+        """Number of decimals to which samples are rounded; None for no rounding."""
+        return self.digits if self.decimals is None else self.decimals
+
+    def sigmas(self, name: str) -> NDArray[np.float64]:
+        """Return σ of one sample of a sensor: noise, quantization and rounding together.
+
+        (3,) about the axes of `AttitudeSensor.R_BS` for attitude, (1,) for other quantities, in SI
+        units and radians; never below `NUMERICAL_SIGMA`.
+
+        Raises:
+            KeyError: the sensor is absent.
+
+        """
+        variance = self[name].sigmas ** 2 + self.step(name) ** 2 / 12 + NUMERICAL_SIGMA**2
+        return np.asarray(np.sqrt(variance))
+
+    def step(self, name: str) -> float:
+        """Return the step of quantization and rounding together; 0 for none [SI units, rad].
+
+        Raises:
+            KeyError: the sensor is absent.
+
+        """
+        rounding = 0.0 if self.rounding is None else 10.0**-self.rounding
+        return float(np.hypot(self[name].step, rounding))
+
+    def noisier(self, factors: Mapping[str, float]) -> Self:
+        """Return the suite with σ of some sensors multiplied, by name; see `sigmas`."""
+        suite = replace(self)
+        for name, factor in factors.items():
+            own, total = self[name].sigmas, self.sigmas(name)
+            larger = self[name].with_sigmas(np.sqrt(own**2 + (factor**2 - 1) * total**2))
+            setattr(suite, name, larger)
+        return suite
+
+
+def check_sensors(suite: SensorSuite, where: str) -> None:
+    """Refuse a suite with impossible values.
+
+    Args:
+        suite: a suite from a file, from a scenario or made in Python.
+        where: name of the suite in error messages.
+
+    Raises:
+        InputError: a value is of the wrong type or out of the limits that its class declares; no
+            encoders; both `decimals` and `digits`; a boresight vector that has no direction; a
+            zero or a delay of joint rates; a random walk of a disturbance without its σ; an orbit
+            that is not determined.
+
+    """
+    check_values(suite, where, "a sensor suite")
+    for name, errors in suite.present().items():
+        zero = errors.zero_mrad if isinstance(errors, JointSensor) else 0.0
+        if zero and SENSORS[name].quantity is not JOINT_POSITIONS:
+            raise InputError(
+                f"{where}: {name}.zero_mrad must be 0, not {zero}; only joint positions have a zero"
+            )
+        direction = errors.boresight_B if isinstance(errors, AttitudeSensor) else np.ones(1)
+        if not 1e-100 < np.abs(direction).max() < 1e100:
+            raise InputError(
+                f"{where}: {name}.boresight_B must be a direction of finite length, not zero, "
+                f"not {direction}"
+            )
+    if suite.encoders is None:
+        raise InputError(
+            f"{where}: encoders are missing; no estimator works without joint positions"
+        )
+    if suite.decimals is not None and suite.digits is not None:
+        raise InputError(f"{where}: decimals and digits are the same; give one of the two")
+    rates = suite.joint_rates
+    if rates is not None and rates.delay_ms:
+        raise InputError(
+            f"{where}: joint_rates.delay_ms must be 0: their stamps belong to the clock of the "
+            "encoders; give encoders.delay_ms"
+        )
+    if suite.thrusters is not None:
+        with prefix_errors(f"{where}: thrusters"):
+            suite.thrusters.check()
+    if suite.disturbances is not None and suite.disturbances.orbit is not None:
+        with prefix_errors(f"{where}: disturbances.orbit"):
+            suite.disturbances.orbit.check()
+    walks = suite.disturbances
+    for name in ("acceleration", "torque"):
+        if walks is not None and getattr(walks, f"{name}_walk") and not getattr(walks, name):
+            raise InputError(
+                f"{where}: disturbances.{name}_walk needs disturbances.{name}, the σ at the start"
+            )

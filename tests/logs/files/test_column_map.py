@@ -1,0 +1,279 @@
+"""A log in another convention, read with a map of its columns, is the log in the house format."""
+
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from cpid_drake import InputError, read_telemetry
+from cpid_drake.logs.column_map import ColumnMap, load_column_map
+from cpid_drake.logs.conversion import from_columns
+from cpid_drake.logs.files import FORMATS, inspect_telemetry
+from cpid_drake.resources import models_directory
+from cpid_drake.sensors.sensors import SENSORS
+
+POINT = np.array([0.3, -0.2, 0.5])
+
+
+@pytest.fixture
+def motion(random_motion):
+    """Return exact telemetry of 40 samples, 0.1 s apart."""
+    return replace(random_motion(40, 3), time=np.arange(40) * 0.1)
+
+
+def written(folder, columns, ending="csv"):
+    """Write columns by name to a file of this ending, and return its path."""
+    path = folder / f"log.{ending}"
+    [write] = [kind.write for kind in FORMATS if path.suffix in kind.endings]
+    values = np.stack([np.asarray(column, dtype=float) for column in columns.values()], axis=1)
+    write(path, list(columns), values)
+    return path
+
+
+def house(motion):
+    """Return the columns of the house format by name."""
+    columns = {"time": motion.time}
+    for names, values in (
+        (("qw", "qx", "qy", "qz"), motion.quaternion_WB),
+        (("x", "y", "z"), motion.p_WB),
+        (("vx", "vy", "vz"), motion.v_WB),
+        (("wx", "wy", "wz"), motion.w_WB),
+        ([f"q:{joint}" for joint in motion.joint_names], motion.q),
+        ([f"qd:{joint}" for joint in motion.joint_names], motion.qdot),
+    ):
+        columns.update(zip(names, values.T))
+    return columns
+
+
+def mapped(folder, text):
+    path = folder / "map.yaml"
+    path.write_text(text)
+    return path
+
+
+def in_B(motion, vectors):
+    return np.einsum("nji,nj->ni", motion.R_WB, vectors)
+
+
+def assert_reads_as(log, motion, tolerance=1e-12):
+    """Assert that measurements are this motion."""
+    for name in ("attitude", "position", "velocity", "encoders", "joint_rates", "gyro"):
+        ideal = SENSORS[name].quantity.ideal(motion)
+        value = log[name].value
+        if name == "attitude":  # q and −q are the same attitude
+            value = value * np.sign(np.sum(value * ideal, axis=1))[:, None]
+        np.testing.assert_allclose(value, ideal, rtol=0, atol=tolerance)
+        np.testing.assert_allclose(log[name].time, motion.time, rtol=0, atol=1e-9)
+    assert log.joint_names == motion.joint_names
+
+
+def attitude_of(motion, **conventions):
+    R_WB = Rotation.from_quat(motion.quaternion_WB, scalar_first=True)
+    return {
+        "xyzw": R_WB.as_quat(),
+        "R_BW": R_WB.inv().as_quat(scalar_first=True),
+        "rotation_vector": R_WB.as_rotvec(),
+        "yaw_pitch_roll": R_WB.as_euler("ZYX", degrees=True),
+        "roll_pitch_yaw": R_WB.as_euler("ZYX")[:, ::-1],
+        "euler_xyz": R_WB.as_euler("XYZ"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("kind", "entry"),
+    [
+        ("xyzw", "order: xyzw"),
+        ("R_BW", "direction: R_BW"),
+        ("rotation_vector", "order: rotation_vector"),
+        ("yaw_pitch_roll", "{order: yaw_pitch_roll, unit: deg}"),
+        ("roll_pitch_yaw", "order: roll_pitch_yaw"),
+        ("euler_xyz", "order: euler_xyz"),
+    ],
+)
+def test_an_attitude_in_any_convention_is_read(tmp_path, motion, kind, entry):
+    columns = house(motion)
+    for name in ("qw", "qx", "qy", "qz"):
+        columns.pop(name)
+    values = attitude_of(motion)[kind].T
+    columns.update({f"a{k}": column for k, column in enumerate(values)})
+    names = ", ".join(f"a{k}" for k in range(len(values)))
+    text = f"attitude: {{columns: [{names}], {entry.strip('{}')}}}"
+    log = read_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    assert_reads_as(log, motion)
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
+def test_names_units_frames_and_a_marker_are_converted_in_every_format(tmp_path, motion, ending):
+    arm = np.einsum("nij,j->ni", motion.R_WB, POINT)
+    columns = {"stamp": motion.time * 1e9 + 1.7e18}
+    for names, values in (
+        ("abcd", motion.quaternion_WB),
+        (("TX", "TY", "TZ"), (motion.p_WB + arm) * 1000),
+        (("u", "v", "w"), in_B(motion, motion.v_WB + np.cross(motion.w_WB, arm)) * 100),
+        (("wx", "wy", "wz"), np.degrees(in_B(motion, motion.w_WB))),
+        ([f"arm/{joint}.pos" for joint in motion.joint_names], np.degrees(motion.q)),
+        ([f"arm/{joint}.vel" for joint in motion.joint_names], motion.qdot * 30 / np.pi),
+    ):
+        columns.update(zip(names, values.T))
+    columns["arm/finger.pos"] = np.arange(40)
+    text = f"""
+        time: {{column: stamp, unit: ns, epoch: 1.7e18}}
+        attitude: {{columns: [a, b, c, d]}}
+        position: {{columns: [TX, TY, TZ], unit: mm, point_B: {POINT.tolist()}}}
+        velocity: {{columns: [u, v, w], unit: cm/s, frame: body, point_B: {POINT.tolist()}}}
+        angular_velocity: {{unit: deg/s, frame: body}}
+        joint_positions: {{prefix: arm/, suffix: .pos, unit: deg}}
+        joint_rates: {{prefix: arm/, suffix: .vel, unit: rpm}}
+        ignore_joints: [finger]
+    """
+    file, columns_file = written(tmp_path, columns, ending), mapped(tmp_path, text)
+    found = inspect_telemetry(file, columns=columns_file)
+    moved = found.measurements
+    # 1.7e18 ns has a resolution of 256 ns.
+    np.testing.assert_allclose(moved.gyro.time, motion.time, rtol=0, atol=2e-7)
+    for name in ("attitude", "position", "velocity", "encoders", "joint_rates", "gyro"):
+        ideal = SENSORS[name].quantity.ideal(motion)
+        np.testing.assert_allclose(moved[name].value, ideal, rtol=0, atol=1e-12)
+    assert "arm/finger.pos" in found.ignored
+
+
+def test_frames_and_stamps_of_two_columns_are_times(tmp_path, motion):
+    columns = house(motion)
+    columns["time"] = np.arange(40) + 7
+    text = "time: {unit: frame, rate: 10, epoch: 7}"
+    log = read_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    np.testing.assert_allclose(log.gyro.time, motion.time, rtol=0, atol=1e-12)
+    columns["time"] = np.floor(motion.time) + 1.7e9
+    columns["nanosec"] = np.round((motion.time % 1) * 1e9)
+    text = "time: {epoch: 1.7e9, nanoseconds: nanosec}"
+    log = read_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    np.testing.assert_allclose(log.gyro.time, motion.time, rtol=0, atol=1e-12)
+
+
+def test_the_map_in_the_documentation_has_every_key(tmp_path):
+    page = (models_directory() / "telemetry/README.md").read_text()
+    text = page.split("```yaml\n")[1].split("```")[0]
+    column_map = load_column_map(mapped(tmp_path, text.replace("unit: ns #", "unit: s #")))
+    given = yaml.safe_load(text)
+    for entry in fields(ColumnMap):
+        section = getattr(column_map, entry.name)
+        assert entry.name in given
+        if is_dataclass(section) and entry.name not in ("time", "joint_rates", "velocity"):
+            assert {key.name for key in fields(section)} == given[entry.name].keys()
+    assert column_map.position.point_B.tolist() == [0.1, 0.0, 0.2]
+
+
+def test_a_marker_without_an_attitude_on_its_row_is_counted_not_used(tmp_path, motion):
+    columns = house(motion)
+    columns["qw"] = np.where(np.arange(40) == 5, np.nan, columns["qw"])
+    file = written(tmp_path, columns)
+    found = inspect_telemetry(file, columns=mapped(tmp_path, "position: {point_B: [1, 0, 0]}"))
+    assert found.partial["position"] == 1
+    assert len(found.measurements.position) == 39
+
+
+def test_samples_that_are_logged_in_part_are_counted_whatever_their_convention(tmp_path, motion):
+    columns = house(motion)
+    columns["vy"] = np.where(np.arange(40) == 7, np.nan, columns["vy"])
+    columns["qw"] = np.where(np.arange(40) < 3, np.nan, columns["qw"])
+    for name in ("wx", "wy", "wz"):  # not logged at all on most rows: absent, not incomplete
+        columns[name] = np.where(np.arange(40) % 4, np.nan, columns[name])
+    found = inspect_telemetry(
+        written(tmp_path, columns), columns=mapped(tmp_path, "velocity: {frame: body}")
+    )
+    assert found.partial == {"attitude": 3, "gyro": 1, "velocity": 4}
+    assert len(found.measurements.velocity) == 36
+
+
+def test_angles_that_are_logged_in_part_are_counted(tmp_path, motion):
+    columns = house(motion)
+    angles = attitude_of(motion)["euler_xyz"]
+    angles[4:6, 1] = np.nan
+    for name in ("qw", "qx", "qy", "qz", "wx", "wy", "wz"):
+        columns.pop(name)
+    columns.update(zip("abc", angles.T))
+    text = "attitude: {columns: [a, b, c], order: euler_xyz}"
+    found = inspect_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    assert found.partial == {"attitude": 2}
+
+
+def test_joints_that_the_spacecraft_lacks_do_not_make_samples_incomplete(tmp_path, motion):
+    columns = house(motion)
+    columns["q:finger"] = np.full(40, np.nan)  # without a rate, and at its own times
+    file = written(tmp_path, columns)
+    with pytest.raises(InputError, match="no 'qd:finger'"):
+        read_telemetry(file)
+    found = inspect_telemetry(file, joints=motion.joint_names)
+    assert found.left_out_joints == ("finger",)
+    np.testing.assert_array_equal(found.measurements.encoders.value, motion.q)
+
+
+@pytest.mark.parametrize(
+    ("text", "phrase"),
+    [
+        ("positon: {unit: mm}", "map.yaml: unknown key 'positon'; did you mean 'position'"),
+        ("position: {unit: mn}", "map.yaml: position.unit must be one of m, cm, mm"),
+        ("position: {columns: [x, y]}", "map.yaml: position.columns must name 3, not 2"),
+        ("attitude: {order: euler_xyz}", "map.yaml: attitude.columns must name the three angles"),
+        ("time: {unit: frame}", r"time.rate \(frames per second\) and time.unit: frame go togeth"),
+        ("time: {rate: 10.0}", r"time.rate \(frames per second\)"),
+        ("time: {unit: ms, nanoseconds: n}", "time.nanoseconds are added to a time of the unit s"),
+        ("position: {columns: [x, x, z]}", "the column 'x' is named 2 times"),
+        ("{position: {columns: [a, b, c]}, ignore_columns: [a]}", "'a' is named, and ignored too"),
+    ],
+)
+def test_a_map_that_contradicts_itself_is_refused(tmp_path, text, phrase):
+    with pytest.raises(InputError, match=phrase):
+        load_column_map(mapped(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("text", "phrase"),
+    [
+        (
+            "position: {columns: [X, y, z]}",
+            r"no column 'X', which .*map.yaml names; the columns are time, qw,",
+        ),
+        ("time: {column: t}", r"no column 't', which .*map.yaml names"),
+        ("joint_positions: {columns: {a: angle}}", r"no column 'angle', which"),
+        ("joint_positions: {prefix: j}", r"no joint positions"),
+    ],
+)
+def test_a_map_of_another_log_is_refused(tmp_path, motion, text, phrase):
+    file = written(tmp_path, house(motion))
+    with pytest.raises(InputError, match=phrase):
+        read_telemetry(file, columns=mapped(tmp_path, text))
+
+
+@pytest.mark.parametrize("between", [" ", ";", "\t", "   "])
+def test_a_text_file_without_a_header_is_read_by_the_numbers_of_its_columns(
+    tmp_path, motion, between
+):
+    columns = house(motion)
+    values = np.stack(list(columns.values()), axis=1)
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(between.join(map(repr, row)) for row in values.tolist()))
+    with pytest.raises(InputError, match=r"line 1 holds numbers; .* by their numbers"):
+        read_telemetry(file)
+    numbers = dict(zip(columns, map(str, range(1, len(columns) + 1))))
+    given = ColumnMap()
+    given.time.column = numbers["time"]
+    given.attitude.columns = [numbers[name] for name in ("qw", "qx", "qy", "qz")]
+    given.position.columns = [numbers[name] for name in "xyz"]
+    given.velocity.columns = [numbers[name] for name in ("vx", "vy", "vz")]
+    given.angular_velocity.columns = [numbers[name] for name in ("wx", "wy", "wz")]
+    given.angular_velocity.frame = "world"
+    for section, prefix in ((given.joint_positions, "q:"), (given.joint_rates, "qd:")):
+        section.columns = {joint: numbers[prefix + joint] for joint in motion.joint_names}
+    assert_reads_as(read_telemetry(file, columns=given), motion)
+
+
+def test_columns_in_memory_are_read_like_a_file(motion):
+    """As from a MATLAB file or a data frame."""
+    assert_reads_as(from_columns(house(motion)), motion)
+    with pytest.raises(InputError, match="row 3, column 'x': 'inf' is not a finite number"):
+        from_columns(house(motion) | {"x": np.where(np.arange(40) == 3, np.inf, 0.0)})
+    with pytest.raises(InputError, match="the same length"):
+        from_columns(house(motion) | {"x": np.zeros(3)})

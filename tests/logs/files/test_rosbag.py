@@ -1,0 +1,295 @@
+"""ROS 2 bags: written with the package rosbags, read back; topics, frames, clocks, damage."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpid_drake import InputError, read_telemetry
+from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.logs.files import inspect_telemetry
+from cpid_drake.sensors.sensors import SENSORS
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
+typesys = pytest.importorskip("rosbags.typesys")
+STORE = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+START = 1_763_737_800_123_456_789  # ns; as float seconds it would be off by up to 1.2e-7 s
+STEP = 10_000_001  # ns
+COUNT = 40
+TYPES = {name.split("/")[-1]: STORE.types[name] for name in STORE.types if "/msg/" in name}
+
+
+def header(nanoseconds: int, frame: str = "world"):
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return TYPES["Header"](STORE.types["builtin_interfaces/msg/Time"](seconds, rest), frame)
+
+
+def vector(values):
+    return TYPES["Vector3"](*map(float, values))
+
+
+def pose(telemetry, k):
+    w, x, y, z = telemetry.quaternion_WB[k]
+    return TYPES["Pose"](TYPES["Point"](*telemetry.p_WB[k]), TYPES["Quaternion"](x, y, z, w))
+
+
+def odometry(telemetry, k, stamp, child="bus"):
+    """As a ROS driver gives it: the twist is in the child frame."""
+    R_BW = telemetry.R_WB[k].T
+    twist = TYPES["Twist"](
+        vector(R_BW @ telemetry.v_WB[k]),
+        vector(R_BW @ telemetry.w_WB[k]),
+    )
+    none = np.zeros(36)
+    posed = TYPES["PoseWithCovariance"](pose(telemetry, k), none)
+    return TYPES["Odometry"](header(stamp), child, posed, TYPES["TwistWithCovariance"](twist, none))
+
+
+def stamped_pose(telemetry, k, stamp):
+    return TYPES["PoseStamped"](header(stamp), pose(telemetry, k))
+
+
+def imu(telemetry, k, stamp, oriented=True, w_error=0.0):
+    known, unknown = np.zeros(9), np.array([-1.0] + 8 * [0.0])
+    w, x, y, z = telemetry.quaternion_WB[k]
+    return TYPES["Imu"](
+        header(stamp, "bus"),
+        TYPES["Quaternion"](x, y, z, w),
+        known if oriented else unknown,
+        vector(telemetry.R_WB[k].T @ telemetry.w_WB[k] + w_error),
+        known,
+        vector(np.zeros(3)),
+        unknown,
+    )
+
+
+def joint_state(telemetry, k, stamp, order=None, rates=True):
+    order = np.arange(len(telemetry.joint_names)) if order is None else order
+    return TYPES["JointState"](
+        header(stamp, ""),
+        [telemetry.joint_names[j] for j in order],
+        telemetry.q[k, order],
+        telemetry.qdot[k, order] if rates else np.empty(0),
+        np.empty(0),
+    )
+
+
+def stamps(count=COUNT):
+    return [START + k * STEP for k in range(count)]
+
+
+@pytest.fixture(scope="module")
+def telemetry(zero_momentum_motion, skewed_target):
+    return zero_momentum_motion(skewed_target, COUNT, 3)
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function (topics, storage) -> bag, topics being lists of messages by name."""
+
+    def make(topics: dict[str, list], storage="SQLITE3", received=None, empty=()) -> Path:
+        folder = tmp_path / f"bag{len(list(tmp_path.iterdir()))}"
+        plugin = rosbag2.StoragePlugin[storage]
+        with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+            for topic, kind in empty:
+                writer.add_connection(topic, kind, typestore=STORE)
+            for topic, messages in topics.items():
+                kind = messages[0].__msgtype__
+                connection = writer.add_connection(topic, kind, typestore=STORE)
+                for k, message in enumerate(messages):
+                    when = START + 5_000_000 + k * STEP if received is None else received[k]
+                    writer.write(connection, when, STORE.serialize_cdr(message, kind))
+        return folder
+
+    return make
+
+
+def series(make, telemetry, **options):
+    return [make(telemetry, k, stamp, **options) for k, stamp in enumerate(stamps(len(telemetry)))]
+
+
+def odometry_and_joints(telemetry):
+    return {"/odom": series(odometry, telemetry), "/joints": series(joint_state, telemetry)}
+
+
+def assert_equal(measurements, telemetry, sensors=SENSORS):
+    assert measurements.joint_names == telemetry.joint_names
+    for name in SENSORS:
+        samples = getattr(measurements, name)
+        if name not in sensors:
+            assert len(samples) == 0
+            continue
+        expected = np.arange(len(telemetry)) * STEP / 1e9
+        np.testing.assert_allclose(samples.time, expected, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(
+            samples.value, SENSORS[name].quantity.ideal(telemetry), atol=1e-12
+        )
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_a_bag_gives_back_the_motion(write, telemetry, storage):
+    bag = write(odometry_and_joints(telemetry), storage)
+    assert_equal(read_telemetry(bag), telemetry)
+    (file,) = [file for file in bag.iterdir() if file.suffix in (".db3", ".mcap")]
+    assert_equal(read_telemetry(str(file)), telemetry)
+
+
+def test_a_map_of_columns_serves_bags(write, telemetry, tmp_path):
+    names = tuple(f"robot/{name}" for name in telemetry.joint_names)
+    degrees = replace(telemetry, joint_names=names, q=np.degrees(telemetry.q))
+    bag = write(
+        {
+            "/pose": series(stamped_pose, replace(telemetry, p_WB=telemetry.p_WB * 100)),
+            "/joints": series(joint_state, degrees),
+        }
+    )
+    columns = tmp_path / "map.yaml"
+    columns.write_text(
+        """
+        position: {unit: cm}
+        joint_positions: {prefix: "q:robot/", unit: deg}
+        joint_rates: {prefix: "qd:robot/"}
+        """
+    )
+    found = read_telemetry(bag, columns=columns)
+    assert_equal(found, telemetry, ("attitude", "position", "encoders", "joint_rates"))
+
+
+def test_poses_give_attitude_and_position_only(write, telemetry):
+    topics = {"/mocap": series(stamped_pose, telemetry), "/j": series(joint_state, telemetry)}
+    joint_and_pose = ("attitude", "position", "encoders", "joint_rates")
+    assert_equal(read_telemetry(write(topics)), telemetry, joint_and_pose)
+
+
+def test_thrust_is_read_from_the_topic_that_is_named(write, telemetry):
+    """Another topic of this type can be that of a force sensor."""
+    messages = [
+        TYPES["WrenchStamped"](
+            header(stamp, "bus"), TYPES["Wrench"](vector([k, 2.0, 3.0]), vector([4.0, 5.0, -k]))
+        )
+        for k, stamp in enumerate(stamps())
+    ]
+    bag = write({**odometry_and_joints(telemetry), "/thrusters": messages, "/wrist": messages[:5]})
+    assert not len(read_telemetry(bag).thrust)
+    found = read_telemetry(bag, topics={"thrust": "/thrusters"})
+    assert_equal(found, telemetry)
+    expected = [[4.0, 5.0, -k, k, 2.0, 3.0] for k in range(COUNT)]
+    np.testing.assert_array_equal(found.thrust.value, expected)
+    np.testing.assert_allclose(found.thrust.time, np.arange(COUNT) * STEP / 1e9, atol=1e-15)
+
+
+def test_an_imu_gives_the_gyro_and_an_attitude_if_it_says_so(write, telemetry):
+    joints = series(joint_state, telemetry, rates=False)
+    bag = write({"/imu": series(imu, telemetry), "/j": joints})
+    assert_equal(read_telemetry(bag), telemetry, ("attitude", "gyro", "encoders"))
+    bag = write({"/imu": series(imu, telemetry, oriented=False), "/j": joints})
+    assert_equal(read_telemetry(bag), telemetry, ("gyro", "encoders"))
+
+
+def test_the_imu_is_the_gyro_beside_odometry_unless_it_is_left_out(write, telemetry):
+    topics = odometry_and_joints(telemetry) | {"/imu": series(imu, telemetry, w_error=0.5)}
+    bag = write(topics)
+    gyro = SENSORS["gyro"].quantity.ideal(telemetry)
+    measurements = read_telemetry(bag)
+    np.testing.assert_allclose(measurements.gyro.value, gyro + 0.5, atol=1e-12)
+    np.testing.assert_allclose(measurements.attitude.value, telemetry.quaternion_WB, atol=1e-12)
+    assert_equal(read_telemetry(bag, topics={"imu": ""}), telemetry)
+
+
+def test_joints_may_change_their_order_and_messages_may_be_late(write, telemetry):
+    rng = np.random.default_rng(1)
+    topics = odometry_and_joints(telemetry)
+    for k in range(1, COUNT):
+        order = rng.permutation(len(telemetry.joint_names))
+        topics["/joints"][k] = joint_state(telemetry, k, stamps()[k], order=order)
+    received = (START + STEP * (np.arange(COUNT) + rng.uniform(0, 20, COUNT))).astype(int)
+    assert (np.diff(received) < 0).any()
+    assert_equal(read_telemetry(write(topics, received=received.tolist())), telemetry)
+
+
+def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    topics["/odom"][7].pose.pose.orientation = TYPES["Quaternion"](0.0, 0.0, 0.0, 0.0)
+    found = inspect_telemetry(write(topics))
+    assert found.partial == {"attitude": 1, "velocity": 1}
+    assert not found.problems
+    assert len(found.measurements.position) == COUNT
+    v_WB_B = rotate(np.swapaxes(telemetry.R_WB, 1, 2), telemetry.v_WB)
+    assert np.abs(v_WB_B - telemetry.v_WB).max() > 0.1  # else the turn into W would not show
+    others = np.delete(np.arange(COUNT), 7)
+    velocity = found.measurements.velocity.value
+    np.testing.assert_allclose(velocity, telemetry.v_WB[others], atol=1e-12)
+
+
+def test_a_message_that_comes_twice_counts_once(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    topics["/joints"].append(joint_state(telemetry, 3, stamps()[-1]))
+    found = inspect_telemetry(write(topics))
+    assert found.partial == {"encoders": 1, "joint_rates": 1}
+    assert_equal(found.measurements, telemetry)
+
+
+def test_one_of_several_topics_is_chosen_by_name(write, telemetry):
+    topics = odometry_and_joints(telemetry)
+    topics["/slam"] = [odometry(telemetry, 0, stamp) for stamp in stamps()]
+    bag = write(topics)
+    with pytest.raises(InputError, match=r"several .*: /odom, /slam; .*'odometry': '/odom'"):
+        read_telemetry(bag)
+    assert_equal(read_telemetry(bag, topics={"odometry": "/odom"}), telemetry)
+    assert np.ptp(read_telemetry(bag, topics={"odometry": "/slam"}).position.value) > 0
+    assert np.ptp(read_telemetry(bag, topics={"odometry": "/slam"}).position.value[:, 0]) == 0
+
+
+def test_messages_that_contradict_each_other_are_refused(write, telemetry):
+    def damaged(topic, k, message):
+        topics = odometry_and_joints(telemetry)
+        topics[topic][k] = message
+        return write(topics)
+
+    stamp = stamps()[9]
+    left = joint_state(telemetry, 9, stamp, order=np.arange(6))
+    short = joint_state(telemetry, 9, stamp)
+    short.position = short.position[:-1]
+    twice = joint_state(telemetry, 0, stamps()[0])
+    twice.name[1] = twice.name[0]
+    for bag, words in [
+        (damaged("/joints", 9, left), "message 9 names joints .* must name all joints"),
+        (damaged("/joints", 9, short), "message 9 has 11 values for 12 joints"),
+        (damaged("/joints", 0, twice), "must name every joint once"),
+        (damaged("/odom", 9, odometry(telemetry, 9, stamp, child="debris")), "several frames"),
+        (damaged("/odom", 9, odometry(telemetry, 9, 0)), "jump back by 1.76374e.09 s at message 9"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            read_telemetry(bag)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
+    bag = write(odometry_and_joints(telemetry.select(slice(8))), storage)
+    (file,) = [file for file in bag.iterdir() if file.suffix in (".db3", ".mcap")]
+    whole, rng = file.read_bytes(), np.random.default_rng(5)
+    truncated = [whole[: int(len(whole) * part)] for part in (0.0, 0.01, 0.3, 0.6, 0.95)]
+    for content in truncated:
+        file.write_bytes(content)
+        with pytest.raises(InputError):
+            read_telemetry(bag)
+    refused = 0
+    for _ in range(30):
+        content = np.frombuffer(whole, np.uint8).copy()
+        where = rng.integers(content.size, size=30)
+        content[where] = rng.integers(256, size=where.size)
+        file.write_bytes(content.tobytes())
+        try:
+            read_telemetry(bag)  # noise in the numbers alone cannot be seen
+        except InputError:
+            refused += 1
+    assert refused > 10
+    file.write_bytes(whole)
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 8", "message_count: 9"))
+    with pytest.raises(InputError, match="/odom: only 8 of 9 messages are present"):
+        read_telemetry(bag)
+    metadata.write_text("rosbag2_bagfile_information: [1, 2")
+    with pytest.raises(InputError, match="not a ROS 2 bag"):
+        read_telemetry(bag)

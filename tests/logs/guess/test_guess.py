@@ -1,0 +1,178 @@
+"""Noisy logs in conventions drawn at random: the guessed map gives back every sample."""
+
+import numpy as np
+import pytest
+from sensing_cases import (
+    MOMENTUM,
+    Sines,
+    coarse_suite,
+    measured,
+    small_craft,
+    true_telemetry,
+)
+
+from cpid_drake import InertialParameters, InputError
+from cpid_drake.logs.column_map import load_column_map
+from cpid_drake.logs.files import table_of
+from cpid_drake.logs.guess.guess import guess_map
+from cpid_drake.logs.guess.map_text import column_map_text
+from cpid_drake.logs.guess.raw_log import RawLog
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.sensors import JointSensor, VectorSensor
+
+TARGET = InertialParameters(60.0, [0.5, 0.05, -0.1], [[6, 0, 0], [0, 9, 0], [0, 0, 8]])
+SUITE = coarse_suite(velocity=VectorSensor(5.0, 1e-4), joint_rates=JointSensor(20.0, 1e-4))
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("craft"), wheels=True)
+
+
+@pytest.fixture(scope="module")
+def log(craft):
+    motion = Sines.drawn(len(craft.joint_names), 3, 10.0)
+    return add_noise(SUITE, measured(craft, motion, TARGET, SUITE, MOMENTUM), 4)
+
+
+def in_other_conventions(log, seed):
+    """Return the columns of a log with units and conventions drawn at random."""
+    rng = np.random.default_rng(seed)
+    names, values = table_of(log)
+    given = dict(zip(names, values.T))
+    scale, start = [(1.0, 0.0), (1e3, 0.0), (1e6, 1.7e15), (1e9, 1.7e18)][rng.integers(4)]
+    columns = {"stamp": given["time"] * scale + start}
+    quaternion = np.stack([given[name] for name in ("qw", "qx", "qy", "qz")], axis=1)
+    quaternion = quaternion * ([1, -1, -1, -1] if rng.random() < 0.5 else 1)
+    order = [1, 2, 3, 0] if rng.random() < 0.5 else [0, 1, 2, 3]
+    columns |= {f"quat[{k}]": column for k, column in enumerate(quaternion[:, order].T)}
+    length, speed = rng.choice([1.0, 1e3, 100.0]), rng.choice([1.0, 1e3])
+    turn, angle = rng.choice([1.0, 180 / np.pi], 2)
+    has_rates = rng.random() < 0.7
+    for axis in "xyz":
+        columns[f"pos.{axis}"] = given[axis] * length
+        if has_rates:
+            columns[f"gyro.{axis}"] = given[f"bw{axis}"] * turn
+            columns[f"vel.{axis}"] = given[f"v{axis}"] * speed
+    for joint in log.joint_names:
+        size = 1e3 if joint == "slide" else angle
+        columns[f"arm/{joint}.position"] = given[f"q:{joint}"] * size
+        columns[f"arm/{joint}.velocity"] = given[f"qd:{joint}"] * size
+    columns["arm/finger.position"] = np.full(len(values), 3.0)
+    return columns
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_guessed_map_gives_back_every_sample(craft, log, tmp_path, seed):
+    columns = in_other_conventions(log, seed)
+    guess = guess_map(RawLog(columns, {}), craft, "base")
+    for name in ("attitude", "position", "encoders", "joint_rates", "gyro", "velocity"):
+        read, true = guess.measurements[name], log[name]
+        if name in ("gyro", "velocity") and not any(
+            column.startswith("gyro") for column in columns
+        ):
+            assert not len(read)
+            continue
+        np.testing.assert_allclose(read.time, true.time, rtol=0, atol=5e-7)
+        np.testing.assert_allclose(read.value, true.value, rtol=1e-12, atol=1e-12)
+    assert guess.column_map.joint_positions.units == {"slide": "mm"}
+    path = tmp_path / "map.yaml"
+    path.write_text(column_map_text(guess.column_map, guess.reasons))
+    again = column_map_text(load_column_map(path), guess.reasons)
+    assert again == path.read_text()
+
+
+def test_joints_are_found_by_number_and_by_names_in_cells(craft, log):
+    columns = in_other_conventions(log, 0)
+    joints = log.joint_names
+    numbered = {name: column for name, column in columns.items() if not name.startswith("arm/")}
+    for k, joint in enumerate(joints):
+        numbered[f"q({k + 1})"] = columns[f"arm/{joint}.position"]
+    found = guess_map(RawLog(numbered, {}), craft, "base").column_map.joint_positions.columns
+    assert found == {joint: f"q({k + 1})" for k, joint in enumerate(joints)}
+    texts = {f"name{k + 1}": joint for k, joint in enumerate(reversed(joints))}
+    texted = {name: column for name, column in columns.items() if not name.startswith("arm/")}
+    for k, joint in enumerate(reversed(joints)):
+        texted[f"position{k + 1}"] = columns[f"arm/{joint}.position"]
+    found = guess_map(RawLog(texted, texts), craft, "base").column_map.joint_positions.columns
+    assert found == {joint: f"position{k + 1}" for k, joint in enumerate(reversed(joints))}
+
+
+def test_columns_of_the_base_are_preferred_to_those_of_other_bodies(craft, log):
+    columns = in_other_conventions(log, 0)
+    for axis in "xyz":
+        columns[f"Base:T{axis.upper()}"] = columns.pop(f"pos.{axis}")
+        columns[f"Debris:T{axis.upper()}"] = np.arange(len(columns["stamp"])) * 0.1
+    found = guess_map(RawLog(dict(sorted(columns.items(), reverse=True)), {}), craft, "base")
+    assert sorted(found.column_map.position.columns) == ["Base:TX", "Base:TY", "Base:TZ"]
+
+
+@pytest.mark.parametrize(
+    ("force", "torque"),
+    [("thrust_f", "thrust_t"), ("rcs.force.", "rcs.torque."), ("thruster_", "thruster_moment_")],
+)
+def test_thrust_is_found_by_name(craft, log, force, torque):
+    """It is no position; commands of thrusters are no thrust."""
+    columns = in_other_conventions(log, 0)
+    for k, axis in enumerate("xyz"):
+        columns[force + axis] = np.full(len(columns["stamp"]), k + 1.0)
+        columns[torque + axis] = np.full(len(columns["stamp"]), k + 4.0)
+        columns[f"thruster_cmd_{axis}"] = np.full(len(columns["stamp"]), 9.0)
+    guess = guess_map(RawLog(columns, {}), craft, "base")
+    assert guess.column_map.thrust.force == [force + axis for axis in "xyz"]
+    assert guess.column_map.position.columns == [f"pos.{axis}" for axis in "xyz"]
+    np.testing.assert_array_equal(guess.measurements.thrust.value[0], [4, 5, 6, 1, 2, 3])
+    assert "force at its origin" in guess.reasons["thrust"][0]
+
+
+def test_without_a_time_the_columns_are_listed(craft, log):
+    columns = in_other_conventions(log, 0)
+    columns["stamp"] = columns["stamp"][::-1]
+    with pytest.raises(InputError, match=r"no column can be the time: .* columns of numbers are"):
+        guess_map(RawLog(columns, {}), craft, "base")
+
+
+def columns_at_200_hz(craft):
+    """Return columns at common times, the time in ms, the angles in rad, by plain names."""
+    motion, times = Sines.drawn(len(craft.joint_names), 3, 10.0), np.arange(0.0, 1.5, 0.005)
+    states = true_telemetry(craft.tree, craft.joint_names, motion, TARGET, times, MOMENTUM)
+    columns = {"t": 1e3 * times}
+    columns |= {f"Q{k + 1}": values for k, values in enumerate(states.quaternion_WB.T)}
+    columns |= {f"pos.{axis}": values for axis, values in zip("xyz", states.p_WB.T)}
+    columns |= {f"{n}.position": values for n, values in zip(craft.joint_names, states.q.T)}
+    return columns | {f"{n}.rate": values for n, values in zip(craft.joint_names, states.qdot.T)}
+
+
+def test_a_fast_clock_in_ms_is_found_by_the_rates_or_left_open(craft):
+    columns = columns_at_200_hz(craft)
+    guess = guess_map(RawLog(columns, {}), craft, "base")
+    assert (guess.column_map.time.unit, guess.missing) == ("ms", ())
+    without = {name: values for name, values in columns.items() if not name.endswith("rate")}
+    [text] = guess_map(RawLog(without, {}), craft, "base").missing
+    assert text == "the time may be in s or ms (time.unit)"
+    slow = {name: v / (100 if name.endswith("rate") else 1) for name, v in columns.items()}
+    slow["t"] = columns["t"] / 10  # in s, in steps of 0.5 s
+    guess = guess_map(RawLog(slow, {}), craft, "base")
+    assert (guess.column_map.time.unit, guess.missing) == ("s", ())
+
+
+def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
+    columns = columns_at_200_hz(craft)
+    columns["t"] = columns["t"] / 1e3
+    for k, name in enumerate(("shoulder", "slide", "elbow", "roll")):
+        size = 1.0 if name == "slide" else 180 / np.pi
+        columns[f"A{k + 1}"] = columns.pop(f"{name}.position") * size
+    columns = {name: values for name, values in columns.items() if not name.endswith("rate")}
+    columns["mode"] = np.zeros(len(columns["t"]))
+    columns = {name: values for name, values in columns.items() if "spin" not in name}
+    guess = guess_map(RawLog(columns, {}), craft, "base")
+    assert sorted(guess.column_map.attitude.columns) == ["Q1", "Q2", "Q3", "Q4"]
+    assert list(guess.column_map.joint_positions.columns.values()) == ["A1", "A2", "A3", "A4"]
+    assert guess.column_map.joint_positions.unit == "deg"
+    assert guess.missing == ()
+    assert guess.reasons["ignore_columns"] == ["not used: mode"]
+    bare = {name: values for name, values in columns.items() if name[0] not in "Qp"}
+    bare |= {name: np.radians(v) for name, v in bare.items() if name in ("A1", "A3", "A4")}
+    attitude, unit = guess_map(RawLog(bare, {}), craft, "base").missing
+    assert "attitude" in attitude
+    assert "joint_positions.unit" in unit

@@ -1,0 +1,80 @@
+"""Sensors from presets and files: all presets load, and bad files are refused in one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from cpid_drake import InputError
+from cpid_drake.sensors.presets import load_sensors, sensor_presets
+from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor
+
+PRESETS = (
+    *("air_bearing", "coarse", "digits6", "flight", "flight_thrust"),
+    *("ideal", "orbit", "servicer", "testbed"),
+)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def make(content) -> Path:
+        path = tmp_path / "sensors.yaml"
+        if isinstance(content, dict):
+            content = yaml.safe_dump(content)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return make
+
+
+def refusal(path) -> str:
+    with pytest.raises(InputError) as caught:
+        load_sensors(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+# -- presets -------------------------------------------------------------------------------------
+
+
+def test_the_presets_are_these():
+    assert sensor_presets() == PRESETS
+
+
+def test_presets_get_worse_in_this_order():
+    order = ("ideal", "flight", "servicer", "coarse")
+    for name in ("attitude", "gyro", "position", "encoders"):
+        sigmas = np.array([load_sensors(preset).sigmas(name).max() for preset in order])
+        assert (np.diff(sigmas) > 0).all()
+
+
+@pytest.mark.parametrize(("name", "digits"), [("ideal", None), ("digits6", 6)])
+def test_presets_without_noise_have_all_sensors_at_one_rate(name, digits):
+    suite = load_sensors(name)
+    assert tuple(suite.present()) == tuple(SENSORS)
+    assert {sensor.rate for sensor in suite.present().values()} == {100.0}
+    assert suite.digits == digits
+    floor = 1e-8 if digits is None else 1e-6 / np.sqrt(12)
+    for sensor in SENSORS:
+        np.testing.assert_allclose(suite.sigmas(sensor), floor, rtol=1e-2)
+
+
+# -- files ---------------------------------------------------------------------------------------
+
+
+def test_what_a_file_leaves_out_is_not_there_or_as_by_default(write):
+    suite = load_sensors(write("encoders: {bits: 14}\nattitude: {boresight_B: [1, 0, 0]}\n"))
+    assert tuple(suite.present()) == ("attitude", "encoders")
+    assert suite.attitude.rate == AttitudeSensor().rate
+    np.testing.assert_array_equal(suite.attitude.R_BS[:, 2], [1.0, 0.0, 0.0])
+    assert suite.encoders.bits == 14
+
+
+# -- what is refused -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["", "fligth", "FLIGHT", "models/sensors/flight"])
+def test_an_unknown_preset_is_answered_with_the_names(name):
+    assert f"choose from {', '.join(PRESETS)}" in refusal(name)
