@@ -198,6 +198,11 @@ MODELS = {
     "sdf 1.7": ("mine.sdf", sdf("1.7"), "hand"),
     "mjcf, an empty body": ("mine.xml", MJCF, "hand"),
     "mjcf, a full body": ("mine.xml", MJCF, "tip"),
+    "mjcf, a joint beside its body's origin": (
+        "mine.xml",
+        MJCF.replace('axis="0.6 0 0.8"', 'axis="0.6 0 0.8" pos="0.1 -0.2 0.05"'),
+        "tip",
+    ),
 }
 models = pytest.mark.parametrize(("file", "text", "frame"), MODELS.values(), ids=MODELS.keys())
 
