@@ -126,8 +126,8 @@ def map_columns(
     the conservation of momentum are compared. The map is printed, and with --out written, as YAML
     with the reasons as comments; `--columns` of other commands reads it.
 
-    Exit codes: 0 the log agrees with the map; 2 it does not, columns are missing, or a unit is
-    open.
+    Exit codes: 0 the log agrees with the map; 2 columns are missing; 4 the log does not agree with
+    the map, or an attitude, a unit or a direction is open.
     """
     packages, topics = options.packages_of(package), options.topics_of(topic)
     if frame_rate is not None and not 0 < frame_rate < 1e6:
@@ -157,9 +157,11 @@ def map_columns(
     except InputError as error:
         raise InputError(f"{file}: does not agree with this map: {error}") from error
     if guess.missing:
-        raise InputError(f"{file}: complete this map: {'; '.join(guess.missing)}")
+        log.print(f"{file}: complete this map: {'; '.join(guess.missing)}")
+        return 4
     if checked.failures:
-        raise InputError(f"{file}: does not agree with this map: {checked.failures[0]}")
+        log.print(f"{file}: does not agree with this map: {checked.failures[0]}")
+        return 4
     for warning in checked.warnings:
         log.print(f"warning: {warning}")
     if out is not None:

@@ -162,6 +162,13 @@ def choose_attitude_conventions(draft: MapDraft) -> None:
             draft.say("attitude", f"{given.order}, {given.direction}: {said}")
             draft.say("angular_velocity", f"in {rate.unit}, axes of the {rate.frame}: {said}")
             return
+        if error < 1.0:  # the gyro moves, and contradicts every convention: momentum cannot help
+            draft.open.append(
+                "the attitude does not turn at the angular velocity in any convention (they differ "
+                f"by {error:.0%} at least): order and direction of the attitude, or the axes of "
+                "one of the sensors, are not determined"
+            )
+            return
     if not draft.map.position.columns:
         draft.say("attitude", f"{given.order}, {given.direction}: assumed, nothing to compare")
         return

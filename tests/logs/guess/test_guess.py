@@ -176,3 +176,13 @@ def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
     attitude, unit = guess_map(RawLog(bare, {}), craft, "base").missing
     assert "attitude" in attitude
     assert "joint_positions.unit" in unit
+
+
+def test_a_gyro_with_exchanged_axes_leaves_the_attitude_open(craft, log):
+    """No convention of the attitude agrees with it; momentum is not asked for a guess."""
+    names, values = table_of(log)
+    columns = dict(zip(names, values.T))
+    assert guess_map(RawLog(columns, {}), craft, "base").missing == ()
+    columns |= {"bwx": columns["bwy"], "bwy": columns["bwz"], "bwz": columns["bwx"]}
+    missing = guess_map(RawLog(columns, {}), craft, "base").missing
+    assert any("does not turn at the angular velocity in any convention" in t for t in missing)
