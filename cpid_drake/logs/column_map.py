@@ -1,6 +1,6 @@
 """A map of a log's columns: their names, units, frames and conventions, as a YAML file.
 
-Everything that a map does not say is as in the package's own format (`logs.table`), so an
+Everything that a map does not say is as in the package's own format (`logs.column_choice`), so an
 empty map changes nothing.
 """
 
@@ -74,7 +74,7 @@ class TimeColumn:
 class AttitudeColumns:
     """The attitude of the base.
 
-    With the order "yaw" the base is on a table; see `sensing.files.planar_columns`. Position and
+    With the order "yaw" the base is on a table; see `logs.column_choice`. Position and
     velocity then have two columns, along x and y, and the angular velocity one, about z.
 
     Attributes:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.logs.arrays import read_npz, read_parquet, write_npz, write_parquet
+from cpid_drake.logs.column_choice import choose_columns
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
-from cpid_drake.logs.conversion import TelemetryFile, choose_columns, read_columns
+from cpid_drake.logs.conversion import TelemetryFile, read_columns
 from cpid_drake.logs.csv_format import csv_names, read_csv, write_csv
 from cpid_drake.logs.log import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS, Measurements
 from cpid_drake.logs.table import Table
@@ -69,7 +70,7 @@ def inspect_telemetry(
 ) -> TelemetryFile:
     """Read a log file and list all problems in it.
 
-    `logs.conversion` explains the columns. A sample that is absent is an empty cell in CSV
+    `logs.column_choice` explains the columns. A sample that is absent is an empty cell in CSV
     files, NaN in NPZ files (one array (N,) for each column), null or NaN in Parquet files.
 
     Args:
