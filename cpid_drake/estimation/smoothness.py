@@ -287,7 +287,7 @@ class _Evidence:
             A, P = each.design(pieces), each.penalty(pieces)
             rows = np.dstack([w.T[..., None] * A, (w * each.values).T])
             own = np.linalg.qr(np.pad(rows, ((0, 0), (0, A.shape[1] + 1), (0, 0))), mode="r")
-            parts.append((np.linalg.qr(P, mode="r"), own, len(A)))
+            parts.append((np.asarray(np.linalg.qr(P, mode="r")), np.asarray(own), len(A)))
 
         def values(u: NDArray[np.float64]) -> NDArray[np.float64]:
             q = np.exp(-u / 2)[..., None, None]

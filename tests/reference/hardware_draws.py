@@ -195,9 +195,9 @@ def valves(seed: int, folder: Path, *, planar: bool | None = None, joint: bool |
     sensors["thrusters"] = thrusters
     far = np.abs(found["p"]).max()
     what = (
-        f"{'planar' if planar else '3-D'}{' joint' if joint else ''} {mass:.1f} kg, {100 * share:.0f} % "
-        f"unknown, {count} valves, {1e3 * delay:.0f} ms, loss {loss:.2f}, floor {1e3 * white:.1f} mm/s/√s, "
-        f"{duration:.0f} s at {rate:g} Hz, within {far:.1f} m"
+        f"{'planar' if planar else '3-D'}{' joint' if joint else ''} {mass:.1f} kg, "
+        f"{100 * share:.0f} % unknown, {count} valves, {1e3 * delay:.0f} ms, loss {loss:.2f}, "
+        f"floor {1e3 * white:.1f} mm/s/√s, {duration:.0f} s at {rate:g} Hz, within {far:.1f} m"
     )
     return write(folder, craft, sensors, [columns], what, f"v{dead + 1}")
 
@@ -341,8 +341,8 @@ def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | Non
     sensors["thrusters"] = {"delay_ms": 100.0, "valves": entries}
     far = np.abs(found["p"]).max()
     what = (
-        f"{'planar' if planar else '3-D'}, on {on}, {base.mass:.1f} + {target.mass:.1f} kg, {1e3 * delay:.0f} ms, "
-        f"floor {1e3 * white:.1f} mm/s/√s, {duration:.0f} s at {rate:g} Hz, within {far:.1f} m"
+        f"{'planar' if planar else '3-D'}, on {on}, {base.mass:.1f} + {target.mass:.1f} kg, "
+        f"{1e3 * delay:.0f} ms, floor {1e3 * white:.1f} mm/s/√s, {duration:.0f} s at {rate:g} Hz, within {far:.1f} m"
     )
     return write(folder, craft, sensors, [columns], what)
 
@@ -355,8 +355,8 @@ def identified(draw: Draw, *words: str) -> dict:
     out = draw.urdf.with_name("found.json")
     out.unlink(missing_ok=True)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = cli("identify", *draw.logs, "--spacecraft", draw.urdf, "--base", "base",
-               "--capture-frame", "capture_point", "--sensors", draw.sensors, "--json", out, *words)  # fmt: skip
+    craft = "--spacecraft", draw.urdf, "--base", "base", "--capture-frame", "capture_point"
+    done = cli("identify", *draw.logs, *craft, "--sensors", draw.sensors, "--json", out, *words)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     text = done.stderr + done.stdout
@@ -386,7 +386,8 @@ def table(rows: dict[int, dict]) -> str:
     for seed in order:
         r = rows[seed]
         lines.append(
-            f"{seed:4} {r['code']:4} {r['worst']:7.2f} {r['mass']:7.2f} {100 * r.get('relative', np.nan):5.1f}% "
+            f"{seed:4} {r['code']:4} {r['worst']:7.2f} {r['mass']:7.2f} "
+            f"{100 * r.get('relative', np.nan):5.1f}% "
             f"{r['inside']:2}/{r['known']:<2} {r['changes']:5} {'named' if r['named'] else '-':>6} "
             f"{r['seconds']:5.1f}  {r['what']}"
         )
@@ -394,7 +395,8 @@ def table(rows: dict[int, dict]) -> str:
     inside, known = (sum(r[key] for r in good) for key in ("inside", "known"))
     lines.append(
         f"answered {len(good)} of {len(rows)}, intervals of these hold {inside} of {known}, "
-        f"{sum(r['named'] for r in rows.values())} named, {max(r['seconds'] for r in rows.values()):.0f} s at most"
+        f"{sum(r['named'] for r in rows.values())} named, "
+        f"{max(r['seconds'] for r in rows.values()):.0f} s at most"
     )
     return "\n".join(lines)
 
