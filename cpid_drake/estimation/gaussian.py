@@ -214,12 +214,11 @@ def solution_of(
     seen = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
     x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
     rank, unobservable = int(seen.sum()), axes[~seen]
+    is_open = np.linalg.norm(unobservable, axis=0) > 1e-3
     # The others have their plausible size as σ; entries that are known contain little of them.
     sigma = 1 / np.where(seen, sizes, np.sqrt(sizes**2 + 1.0))
     root = scale[:, None] * axes.T * sigma
     covariance = root @ root.T
-    most, added = (np.linalg.norm(root[:, part], axis=1) for part in (seen, ~seen))
-    is_open = (np.linalg.norm(unobservable, axis=0) > 1e-3) & (added > most)
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),

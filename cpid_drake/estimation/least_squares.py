@@ -29,11 +29,7 @@ instead.
 
 
 KNOWN = 0.1
-"""Largest σ of a determined combination of unknowns, as a share of its plausible size: of rows, in
-whose regressors noise looks like information."""
-
-SEEN = 0.2
-"""The same of a fit, which estimates the regressors too: noise of joints at rest reaches 0.32."""
+"""Largest σ of a determined combination of unknowns, as a share of its plausible size."""
 
 
 @dataclass(frozen=True)

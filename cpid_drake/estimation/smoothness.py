@@ -106,7 +106,8 @@ def _best_pieces(
 ) -> int:
     """Return the number of pieces in a block of the usual length [s] that has most evidence."""
     best, least, in_vain = PIECES[0], np.inf, 0
-    for pieces in PIECES:
+    count = float(np.median([len(each.values) for each in samples]))
+    for pieces in (n for n in PIECES if n == 1 or n <= count / 2):  # samples show no more
         evidence = _Evidence(samples, pieces / usual, weights)
         value = float(evidence.values(evidence.best(evidence.values)[0][:, None]).sum())
         if value < least - _WORTH:

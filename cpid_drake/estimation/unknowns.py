@@ -17,7 +17,7 @@ from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import SEEN
+from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.constants import OF_GRASP, VALVE_FORCE, Constants
 from cpid_drake.estimation.likelihood.priors import (
     FASTEST_DRIFT,
@@ -191,7 +191,7 @@ def undetermined(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the combinations (k, 10) of ψ that are not determined, and plausible sizes (10,).
 
-    The σ of each is more than `SEEN` of its size. A fit does not move them: they are what a
+    The σ of each is more than `KNOWN` of its size. A fit does not move them: they are what a
     target has before the first sample, and no noise makes an impossible body of them.
 
     Args:
@@ -206,7 +206,7 @@ def undetermined(
     least = np.sign(psi) * np.maximum(np.abs(psi) - 2 * sigma, 0.0)  # its size as far as known
     sizes = plausible_sizes(least, model.plausible)
     _, s, Vt = np.linalg.svd(target.R * sizes)
-    return Vt[s < 1 / SEEN] / sizes, sizes
+    return Vt[s < 1 / KNOWN] / sizes, sizes
 
 
 def psi_about(

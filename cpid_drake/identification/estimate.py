@@ -9,7 +9,7 @@ import numpy as np
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation import gaussian as gaussians
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import SEEN, LeastSquaresSolution
+from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.identification.effects import EffectEstimate
@@ -50,7 +50,6 @@ def solution_of(
         gaussian.marginal([PSI]).moved(-values[PSI]),
         values[PSI],
         sizes,
-        largest=SEEN,
         residual_sum=residual_sum,
         row_count=row_count,
     )

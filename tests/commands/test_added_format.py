@@ -43,7 +43,7 @@ JSON = Format((".json",), read_json, write_json)
 def test_a_log_in_an_added_format_is_identified_from(added, run_cpid):
     results = []
     for log in (SAMPLE, "log.json"):
-        options = ("--estimator", "least_squares", "--to", 3, "--json", "found.txt")
+        options = ("--estimator", "least_squares", "--json", "found.txt")
         assert run_cpid("identify", log, *FREE_FLYER, *options)[0] == 0
         results.append(json.loads(Path("found.txt").read_text()))
     for key in ("parameters", "covariance"):

@@ -342,7 +342,8 @@ def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | Non
     far = np.abs(found["p"]).max()
     what = (
         f"{'planar' if planar else '3-D'}, on {on}, {base.mass:.1f} + {target.mass:.1f} kg, "
-        f"{1e3 * delay:.0f} ms, floor {1e3 * white:.1f} mm/s/√s, {duration:.0f} s at {rate:g} Hz, within {far:.1f} m"
+        f"{1e3 * delay:.0f} ms, floor {1e3 * white:.1f} mm/s/√s, "
+        f"{duration:.0f} s at {rate:g} Hz, within {far:.1f} m"
     )
     return write(folder, craft, sensors, [columns], what)
 
