@@ -31,7 +31,7 @@ class SpacecraftSensors(LeafSystem):
 
     Every sensor takes its sample k at time k / rate and holds it until the next sample that is not
     lost in a dropout. Its error
-    depends on the seed and on k only: replays, other Contexts and `noise.add_noise` give the same
+    depends on the seed and on k only: replays, other Contexts and `simulated_noise.add_noise` give the same
     samples. The latest samples are the discrete state. The stamp of a sample is k / rate plus the
     constant delay that the seed gives to the sensor; it can therefore differ from the time of the
     Context.
