@@ -88,7 +88,7 @@ def roll(
         model: the unknowns.
         log: the log.
         values: of the unknowns.
-        starts: states at the start of some blocks, to which the jumps of the log are set; default: none.
+        starts: states at the start of some blocks, at which the jumps of the log aim.
 
     Raises:
         InputError: no rigid body has these values.

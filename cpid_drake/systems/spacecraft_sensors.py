@@ -30,9 +30,9 @@ class SpacecraftSensors(LeafSystem):
     """Measures a spacecraft's motion, every sensor at its own rate and with its own errors.
 
     Every sensor takes its sample k at time k / rate and holds it until the next sample that is not
-    lost in a dropout. Its error
-    depends on the seed and on k only: replays, other Contexts and `simulated_noise.add_noise` give the same
-    samples. The latest samples are the discrete state. The stamp of a sample is k / rate plus the
+    lost in a dropout. Its error depends on the seed and on k only: replays, other Contexts and
+    `simulated_noise.add_noise` give the same samples. The latest samples are the discrete
+    state. The stamp of a sample is k / rate plus the
     constant delay that the seed gives to the sensor; it can therefore differ from the time of the
     Context.
 
