@@ -27,7 +27,6 @@ from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.likelihood.thrust import Push, inverse_mass
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.smoothness import FAR
 from cpid_drake.estimation.unknowns import PSI, Model, undetermined
 from cpid_drake.logs.log import Samples
 
@@ -66,20 +65,14 @@ def balanced_with_thrust(
     table = {name: model.unknown(name) for name in names}
     sizes = {name: unknown.size for name, unknown in table.items()}
     mean = np.concatenate([unknown.mean for unknown in table.values()])
-    fails = np.concatenate([np.full(u.size, u.may_fail) for u in table.values()])
     x, seen = mean.copy(), [(log, m) for log, m in zip(logs, motions, strict=True) if m is not None]
     found = Gaussian.of_rows(sizes, np.zeros((0, len(x) + 1)))
-    noise: list[float] = []
-    for k in range(_PASSES):
-        sigma = np.concatenate([unknown.sigma for unknown in table.values()])
-        if k > 99:  # first, all valves push as declared: the noise is what that leaves
-            sigma = np.where(fails, sigma * np.maximum(1.0, np.abs(x) / FAR), sigma)
+    sigma = np.concatenate([unknown.sigma for unknown in table.values()])
+    for _ in range(_PASSES):
         found = Gaussian.of_rows(sizes, np.column_stack([np.diag(1 / sigma), (mean - x) / sigma]))
         parts = [_rows(model, log, motion, x) for log, motion in seen]
-        both = [np.concatenate(rows) for rows in zip(*parts, strict=True)]
-        noise = [_spread(rows, found) for rows in both] if k < 2 else noise
-        for rows, size in zip(both, noise, strict=True):
-            found = found.add(Gaussian.of_rows(sizes, rows / size))
+        for rows in map(np.concatenate, zip(*parts, strict=True)):
+            found = found.add(Gaussian.of_rows(sizes, rows / _spread(rows, found)))
         x = x + found.solve(held={PSI: undetermined(model, x[:10], found)[0]})
     momenta = [
         np.zeros(3) if motion is None else _momenta(motion)[0][0] + _momenta(motion)[1][0] @ x[:10]

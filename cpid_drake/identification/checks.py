@@ -22,7 +22,7 @@ SUSPECTED = 0.1
 """Probability from which an error, or a momentum, that may act is mentioned."""
 
 MOST_NOISE = 4.0
-"""Ratio of the noise to the given one above which a check fails."""
+"""Ratio of the noise to the given one above which a check fails; hardware may have three times."""
 
 SEEN = 1.1
 """Factor of the noise from which a warning says so."""
