@@ -15,12 +15,11 @@ from .logs.log import Measurements
 from .resources import shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
-from .scenario.simulation import Simulation, initial_state, make_simulation
+from .scenario.simulation import Simulation, make_simulation
 from .sensors.presets import load_sensors
 from .sensors.suite import SensorSuite
 from .spacecraft.export import export_target
 from .spacecraft.spacecraft import Spacecraft
-from .systems.adaptive_joint_controller import AdaptiveJointController
 from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
 from .systems.joint_motion_source import JointMotionSource
@@ -31,7 +30,6 @@ from .systems.spacecraft_sensors import SpacecraftSensors
 __all__ = [
     "PARAMETER_NAMES",
     "PARAMETER_UNITS",
-    "AdaptiveJointController",
     "HalfCosine",
     "Identification",
     "InertialParameters",
@@ -57,7 +55,6 @@ __all__ = [
     "from_columns",
     "identify",
     "identify_together",
-    "initial_state",
     "load_scenario",
     "load_sensors",
     "make_simulation",

@@ -23,7 +23,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
 from cpid_drake import (
-    AdaptiveJointController,
     InertialParameters,
     InputError,
     JointController,
@@ -34,13 +33,11 @@ from cpid_drake import (
     SceneVisualizer,
     SensorIdentifier,
     SpacecraftSensors,
-    initial_state,
     load_scenario,
     load_sensors,
     shipped_scenario,
 )
 from cpid_drake.report.style import COLORS, label_axes, saved_figure
-from cpid_drake.scenario.simulation import predicted_motion
 from cpid_drake.systems.scene_visualizer import extent_of, prepare_meshcat
 
 LOG_PERIOD = 0.05  # [s]
@@ -108,12 +105,12 @@ def simulate(
     # From here on nothing knows the target.
     if source in (NOTHING, EXACT):
         identifier = MomentumIdentifier.AddToBuilder(
-            builder, spacecraft, spacecraft_state=state, rows="standard", period=0.5, offset=0.5
+            builder, spacecraft, state=state, rows="standard", period=0.5, offset=0.5
         )
     else:
         suite = load_sensors(source)
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, spacecraft, spacecraft_state=state, suite=suite, seed=seed
+            builder, spacecraft, state=state, suite=suite, seed=seed
         )
         identifier = SensorIdentifier.AddToBuilder(
             builder, spacecraft, samples=sensors.sample_ports(), suite=suite
@@ -122,24 +119,23 @@ def simulate(
     ports = {"state": state, "desired_motion": desired_motion, "generalized_force": force}
     used = None
     if source == NOTHING:
-        model = spacecraft.make_simulation_plant(guess) if guess else spacecraft.plant
-        JointController.AddToBuilder(builder, spacecraft, **ports, plant=model)
+        JointController.AddToBuilder(builder, spacecraft, **ports, target=guess)
     else:
-        controller = AdaptiveJointController.AddToBuilder(
-            builder, spacecraft, **ports, **estimate, guess=guess
+        controller = JointController.AddToBuilder(
+            builder, spacecraft, **ports, **estimate, target=guess
         )
         used = LogVectorOutput(controller.GetOutputPort("model_target"), builder, LOG_PERIOD)
 
     states = LogVectorOutput(state, builder, LOG_PERIOD)
     if meshcat is not None:
         times = np.linspace(0.0, motion.duration / 2, 50)
-        extent = extent_of(spacecraft, predicted_motion(spacecraft, target, motion, times), target)
+        extent = extent_of(spacecraft, spacecraft.predicted_motion(target, motion, times), target)
         prepare_meshcat(meshcat, extent)
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
         SceneVisualizer.AddToBuilder(
             builder,
             spacecraft,
-            spacecraft_state=state,
+            state=state,
             **estimate,
             meshcat=meshcat,
             extent=extent,
@@ -151,7 +147,7 @@ def simulate(
     simulator.set_target_realtime_rate(rate)
     root_context = simulator.get_mutable_context()
     plant_context = plant.GetMyMutableContextFromRoot(root_context)
-    plant.SetPositionsAndVelocities(plant_context, initial_state(spacecraft, target, motion))
+    plant.SetPositionsAndVelocities(plant_context, spacecraft.initial_state(target, motion))
     simulator.AdvanceTo(motion.duration)
 
     log = states.FindLog(root_context)

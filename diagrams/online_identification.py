@@ -21,7 +21,6 @@ from cpid_drake import (
     JointMotionSource,
     MomentumIdentifier,
     Spacecraft,
-    initial_state,
 )
 
 MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
@@ -66,14 +65,13 @@ def main() -> None:
     source = builder.AddSystem(JointMotionSource(motion))
     # The controller does not know the tank: it assumes a sphere of 100 kg.
     sphere = InertialParameters(100.0, np.zeros(3), 10.0 * np.eye(3))
-    model = spacecraft.make_simulation_plant(sphere)
     JointController.AddToBuilder(
         builder,
         spacecraft,
         state=state,
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        plant=model,
+        target=sphere,
     )
 
     sensors = builder.AddSystem(RoundingSensors(state.size(), args.decimals))
@@ -81,7 +79,7 @@ def main() -> None:
     identifier = MomentumIdentifier.AddToBuilder(
         builder,
         spacecraft,
-        spacecraft_state=sensors.get_output_port(),
+        state=sensors.get_output_port(),
         rows=args.rows,
         period=args.period,
         offset=args.period,
@@ -92,7 +90,7 @@ def main() -> None:
     simulator.get_mutable_integrator().set_target_accuracy(1e-8)
     root_context = simulator.get_mutable_context()
     plant_context = plant.GetMyMutableContextFromRoot(root_context)
-    plant.SetPositionsAndVelocities(plant_context, initial_state(spacecraft, tank, motion))
+    plant.SetPositionsAndVelocities(plant_context, spacecraft.initial_state(tank, motion))
     context = identifier.GetMyContextFromRoot(root_context)
 
     print("time [s]  rank     m [kg] ± σ                       c [m]       Ixx, Iyy, Izz [kg·m²]")

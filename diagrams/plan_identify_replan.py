@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Plan a motion, identify while it is made, and plan the next one, until the target is known.
 
-planned motion -> adaptive joint controller -> plant (zero gravity) -> sensors -> identifier, and
+planned motion -> joint controller -> plant (zero gravity) -> sensors -> identifier, and
 the estimate back to the controller and to the planner. Nothing is known about the target at first:
 the first motion is planned for a range of targets, and the controller has one of them as its model.
 As long as the estimate is not as precise as asked, the next motion is planned with the estimate and
@@ -22,10 +22,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
 from cpid_drake import (
-    AdaptiveJointController,
     HalfCosine,
     InertialParameters,
     InputError,
+    JointController,
     JointMotion,
     JointMotionSource,
     Scenario,
@@ -33,7 +33,6 @@ from cpid_drake import (
     SensorSuite,
     SpacecraftSensors,
     TargetPrior,
-    initial_state,
     load_scenario,
     load_sensors,
     shipped_scenario,
@@ -86,12 +85,12 @@ class Craft:
 
         # From here on nothing knows the target.
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, spacecraft, spacecraft_state=state, suite=suite, seed=seed
+            builder, spacecraft, state=state, suite=suite, seed=seed
         )
         self.identifier = SensorIdentifier.AddToBuilder(
             builder, spacecraft, samples=sensors.sample_ports(), suite=suite
         )
-        self.controller = AdaptiveJointController.AddToBuilder(
+        self.controller = JointController.AddToBuilder(
             builder,
             spacecraft,
             state=state,
@@ -99,7 +98,7 @@ class Craft:
             covariance=self.identifier.GetOutputPort("covariance"),
             spatial_inertia=self.identifier.GetOutputPort("spatial_inertia"),
             generalized_force=self.plant.get_applied_generalized_force_input_port(),
-            guess=guess,
+            target=guess,
         )
         self.logs = {
             "state": LogVectorOutput(state, builder, LOG_PERIOD),
@@ -112,7 +111,7 @@ class Craft:
         ResetIntegratorFromFlags(self.simulator, "runge_kutta5", 0.05)
         self.simulator.get_mutable_integrator().set_target_accuracy(1e-10)
         self.root = self.simulator.get_mutable_context()
-        start = initial_state(spacecraft, target, first)
+        start = spacecraft.initial_state(target, first)
         context = self.plant.GetMyMutableContextFromRoot(self.root)
         self.plant.SetPositionsAndVelocities(context, start)
 

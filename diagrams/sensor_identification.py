@@ -20,7 +20,6 @@ from cpid_drake import (
     JointMotionSource,
     SensorIdentifier,
     SpacecraftSensors,
-    initial_state,
     load_scenario,
     load_sensors,
     shipped_scenario,
@@ -44,20 +43,19 @@ def main() -> None:
     state = plant.get_state_output_port()
 
     source = builder.AddSystem(JointMotionSource(motion))
-    model = spacecraft.make_simulation_plant(target)
     JointController.AddToBuilder(
         builder,
         spacecraft,
         state=state,
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        plant=model,
+        target=target,
     )
 
     try:
         suite = load_sensors(args.sensors)
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, spacecraft, spacecraft_state=state, suite=suite, seed=args.seed
+            builder, spacecraft, state=state, suite=suite, seed=args.seed
         )
         identifier = SensorIdentifier.AddToBuilder(
             builder, spacecraft, samples=sensors.sample_ports(), suite=suite
@@ -70,7 +68,7 @@ def main() -> None:
     simulator.get_mutable_integrator().set_target_accuracy(1e-8)
     root_context = simulator.get_mutable_context()
     plant_context = plant.GetMyMutableContextFromRoot(root_context)
-    plant.SetPositionsAndVelocities(plant_context, initial_state(spacecraft, target, motion))
+    plant.SetPositionsAndVelocities(plant_context, spacecraft.initial_state(target, motion))
     context = identifier.GetMyMutableContextFromRoot(root_context)
 
     print("time [s]  samples            m [kg]             c_x [m]         Ixx [kg·m²]")
@@ -81,10 +79,8 @@ def main() -> None:
         columns = (f"{result.parameters[k]:10.5f} ± {sigma[k]:<7.2g}" for k in SHOWN)
         print(f"{time:8.2f} {result.sample_count:8d}", *columns)
     simulator.AdvanceTo(motion.duration)
-    simulator.AdvancePendingEvents()  # process the sensors' last samples,
-    identifier.ExecuteForcedEvents(context)  # then the identifier
-
-    result = identifier.identification(context)
+    simulator.AdvancePendingEvents()  # the sensors' last samples
+    result = identifier.Finish(root_context)
     print(f"\n{result.explain()}")
     print(f"{'':12}{'estimate':>12}{'std. deviation':>18}{'truth':>12}")
     sigma = np.sqrt(np.diag(result.covariance))

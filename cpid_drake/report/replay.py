@@ -94,7 +94,7 @@ def replay_html(
             shown, found = newest, estimates[newest][1]
             feed["covariance"].FixValue(inputs, found.covariance.ravel())
             feed["spatial_inertia"].FixValue(inputs, Value(found.spatial_inertia()))
-        scene.GetInputPort("spacecraft_state").FixValue(inputs, states[k])
+        scene.GetInputPort("state").FixValue(inputs, states[k])
         if plant is not None:
             plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), states[k])
         context.SetTime(time - zero)

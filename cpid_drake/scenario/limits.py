@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.scenario.simulation import Simulation, predicted_motion
+from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.spacecraft.clearance import Clearance
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 
@@ -58,7 +58,7 @@ def check_limits(simulation: Simulation) -> LimitCheck:
     momentum_W = simulation.scenario.simulation.momentum_W
     try:
         with np.errstate(over="raise", invalid="raise"):
-            base = predicted_motion(spacecraft, simulation.truth, motion, times, momentum_W)
+            base = spacecraft.predicted_motion(simulation.truth, motion, times, momentum_W)
     except FloatingPointError:
         return LimitCheck((), "", ("limits (the motion of the base is not finite)",))
     states = spacecraft.to_states(base)

@@ -11,7 +11,6 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
@@ -97,8 +96,8 @@ class Simulation:
         context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         momentum_W = self.scenario.simulation.momentum_W
         state = self.plant.GetPositionsAndVelocities(context).copy()  # with relaxed springs
-        state[self.state_columns] = initial_state(
-            self.spacecraft, self.truth, self.joint_motion, momentum_W
+        state[self.state_columns] = self.spacecraft.initial_state(
+            self.truth, self.joint_motion, momentum_W
         )
         self.plant.SetPositionsAndVelocities(context, state)
         self.forces.start(simulator.get_mutable_context())
@@ -137,10 +136,7 @@ class Simulation:
             advance(simulator, time)
             states.append(self.plant.GetPositionsAndVelocities(context)[self.state_columns])
         simulator.AdvancePendingEvents()  # the samples that are due at the end
-        if isinstance(self.identifier, SensorIdentifier):
-            root_context = simulator.get_mutable_context()
-            last = self.identifier.GetMyMutableContextFromRoot(root_context)
-            self.identifier.ExecuteForcedEvents(last)
+        self.identifier.Finish(simulator.get_mutable_context())
         return simulator.get_context().Clone(), states
 
     def identification(self, root_context: Context) -> Identification:
@@ -205,45 +201,6 @@ def advance(simulator: Simulator, time: float) -> None:
         raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
 
 
-def initial_state(
-    spacecraft: Spacecraft,
-    target: InertialParameters,
-    motion: JointMotion,
-    momentum_W: ArrayLike | None = None,
-) -> NDArray[np.float64]:
-    """Return the plant state (nx,) at t = 0 with B at W and the given total momentum.
-
-    If joints already move at t = 0, they contribute to the momentum. The returned twist of the base
-    takes this into account, so that the system has the desired momentum.
-
-    Args:
-        spacecraft: the known spacecraft.
-        target: the target.
-        motion: the motion of the joints.
-        momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: zero.
-
-    """
-    motion_at_start = predicted_motion(spacecraft, target, motion, [0.0], momentum_W)
-    return spacecraft.to_states(motion_at_start)[0]
-
-
-def predicted_motion(
-    spacecraft: Spacecraft,
-    target: InertialParameters,
-    motion: JointMotion,
-    times: ArrayLike,
-    momentum_W: ArrayLike | None = None,
-) -> Telemetry:
-    """Return the motion at times (N,) [s] that conserves momentum; B is at W at the start.
-
-    The arguments are those of `initial_state`.
-    """
-    base = propagate_base(
-        spacecraft.tree, motion, target.to_standard_vector(), times, momentum_W=momentum_W
-    )
-    return base.to_telemetry(spacecraft.joint_names, times, motion)
-
-
 def make_simulation(
     scenario: Scenario, *, target: InertialParameters | None = None, meshcat: Meshcat | None = None
 ) -> Simulation:
@@ -293,7 +250,8 @@ def make_simulation(
         state=plant.get_state_output_port(),
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        plant=spacecraft.make_simulation_plant(_controllers_target(scenario, truth), connect),
+        target=_controllers_target(scenario, truth),
+        connect=connect,
         natural_frequency=scenario.controller.natural_frequency,
         damping_ratio=scenario.controller.damping_ratio,
     )
@@ -302,7 +260,7 @@ def make_simulation(
     forces = add_external_forces(builder, scenario, spacecraft, plant, body, truth)
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, spacecraft, spacecraft_state=state, suite=suite, seed=scenario.sensors.seed
+            builder, spacecraft, state=state, suite=suite, seed=scenario.sensors.seed
         )
         sensor_logs = log_samples(builder, sensors)
     thrusters = forces.thrusters if scenario.simulation.burns_logged else None
@@ -317,7 +275,7 @@ def make_simulation(
         times = np.linspace(0.0, scenario.simulation.duration, 50)
         momentum_W = scenario.simulation.momentum_W
         extent = extent_of(
-            spacecraft, predicted_motion(spacecraft, truth, motion, times, momentum_W), truth
+            spacecraft, spacecraft.predicted_motion(truth, motion, times, momentum_W), truth
         )
         prepare_meshcat(meshcat, extent)
         if scene_graph is not None:
@@ -326,7 +284,7 @@ def make_simulation(
         SceneVisualizer.AddToBuilder(
             builder,
             spacecraft,
-            spacecraft_state=state,
+            state=state,
             covariance=identifier.GetOutputPort("covariance"),
             spatial_inertia=identifier.GetOutputPort("spatial_inertia"),
             meshcat=meshcat,
@@ -368,16 +326,14 @@ def _add_identifier(
         return MomentumIdentifier.AddToBuilder(
             builder,
             spacecraft,
-            spacecraft_state=state,
+            state=state,
             rows=scenario.online_rows,
             momentum=momentum,
             period=config.period,
             offset=config.offset,
         )
     thrust = {} if thrusters is None else {THRUST: thrusters.GetOutputPort("thrust")}
-    prior = {}
-    if config.prior is not None:
-        prior = {"guess": config.prior.guess(), "guess_sigma": config.prior.sigma}
+    prior = config.prior
     return SensorIdentifier.AddToBuilder(
         builder,
         spacecraft,
@@ -385,7 +341,8 @@ def _add_identifier(
         suite=sensors.suite,
         momentum=momentum,
         known_bodies=scenario.body_uncertainty(),
-        **prior,
+        guess=None if prior is None else prior.guess(),
+        guess_sigma=0.5 if prior is None else prior.sigma,
     )
 
 

@@ -13,7 +13,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RevoluteJoint, RigidBody
 from pydrake.systems.framework import Context
 
+from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -238,6 +240,40 @@ class Spacecraft:
         states = np.atleast_2d(np.asarray(states, dtype=float))
         parts = {name: states[:, columns] for name, columns in self._columns.items()}
         return Telemetry(self.joint_names, np.atleast_1d(time), **parts)
+
+    def predicted_motion(
+        self,
+        target: InertialParameters,
+        motion: JointMotion,
+        times: ArrayLike,
+        momentum_W: ArrayLike | None = None,
+    ) -> Telemetry:
+        """Return the motion at times (N,) [s] that conserves momentum; B is at W at the start.
+
+        Args:
+            target: the target on C.
+            motion: the motion of the joints.
+            times: (N,) [s], increasing.
+            momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: zero.
+
+        """
+        base = propagate_base(
+            self.tree, motion, target.to_standard_vector(), times, momentum_W=momentum_W
+        )
+        return base.to_telemetry(self.joint_names, times, motion)
+
+    def initial_state(
+        self,
+        target: InertialParameters,
+        motion: JointMotion,
+        momentum_W: ArrayLike | None = None,
+    ) -> NDArray[np.float64]:
+        """Return the state x = [q; v] (nx,) at t = 0 with B at W and the given total momentum.
+
+        Joints that move at t = 0 contribute to the momentum; the twist of the base takes this into
+        account. The arguments are those of `predicted_motion`.
+        """
+        return self.to_states(self.predicted_motion(target, motion, [0.0], momentum_W))[0]
 
     def require_joints(self, telemetry: Telemetry) -> None:
         """Refuse telemetry of another spacecraft.

@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,6 +53,20 @@ class Identifier(LeafSystem):
     def identification(self, context: Context) -> SolvedIdentification:
         """Return the identification of this system's context."""
         return self._solution.Eval(context)
+
+    def Finish(self, root_context: Context) -> SolvedIdentification:
+        """Use what is still to be used at the end of a run, and return the identification.
+
+        `MomentumIdentifier` takes the sample that is due now, `SensorIdentifier` solves the block
+        that is not complete.
+
+        Args:
+            root_context: Context of the diagram after the run.
+
+        """
+        context = self.GetMyMutableContextFromRoot(root_context)
+        self.ExecuteForcedEvents(context)
+        return self.identification(context)
 
     def _declare_outputs(self, state_ticket: DependencyTicket) -> None:
         """Declare the ports; `_solve` depends on the state with this ticket."""
@@ -108,14 +121,14 @@ class MomentumIdentifier(Identifier):
 
         name: MomentumIdentifier
         input_ports:
-        - spacecraft_state
+        - state
         output_ports:
         - parameters
         - covariance
         - spatial_inertia
         - diagnostics
 
-    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
+    - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - `parameters` (10): m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg, m, kg·m²] as estimated; see
       `parameterizations.PARAMETER_NAMES`. An entry is NaN until it is observable.
     - `covariance` (100): of the parameters, row by row, from the residuals of equally
@@ -179,13 +192,16 @@ class MomentumIdentifier(Identifier):
         self._scratch = PlantScratch(spacecraft.plant)
 
         self._state_port = self.DeclareVectorInputPort(
-            "spacecraft_state", spacecraft.plant.num_multibody_states()
+            "state", spacecraft.plant.num_multibody_states()
         )
         self._root_index = self.DeclareDiscreteState(empty_information(self._size - 1).ravel())
-        self._count_index = self.DeclareDiscreteState([0.0, 0.0])  # samples, and rows not zero
+        # Number of samples, number of rows that are not zero, time of the latest sample.
+        self._count_index = self.DeclareDiscreteState([0.0, 0.0, -np.inf])
+        self._period, self._offset = period, offset
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=offset, update=self._take_sample
         )
+        self.DeclareForcedDiscreteUpdateEvent(self._take_sample_if_due)
         self._declare_outputs(self.xd_ticket())
 
     @staticmethod
@@ -193,24 +209,39 @@ class MomentumIdentifier(Identifier):
         builder: DiagramBuilder,
         spacecraft: Spacecraft,
         *,
-        spacecraft_state: OutputPort,
-        **options: Any,
+        state: OutputPort,
+        rows: str = "standard",
+        momentum: TotalMomentum | None = None,
+        period: float = 1.0,
+        offset: float = 1.0,
+        rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
     ) -> "MomentumIdentifier":
         """Add an identifier and connect its input.
 
         Args:
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
-            spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-            options: further arguments of the constructor.
+            state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
+            rows: see the constructor, as for the other options.
+            momentum: see the constructor.
+            period: see the constructor.
+            offset: see the constructor.
+            rank_tolerance: see the constructor.
 
         Raises:
             InputError: the port has the wrong size for this spacecraft; also the errors of the
                 constructor.
 
         """
-        system = MomentumIdentifier(spacecraft, **options)
-        return add_connected(builder, system, {"spacecraft_state": spacecraft_state})
+        system = MomentumIdentifier(
+            spacecraft,
+            rows=rows,
+            momentum=momentum,
+            period=period,
+            offset=offset,
+            rank_tolerance=rank_tolerance,
+        )
+        return add_connected(builder, system, {"state": state})
 
     def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the square-root information (11, 11) after adding one sample x = [q; v] to `root`.
@@ -230,15 +261,24 @@ class MomentumIdentifier(Identifier):
         return self._family.full_rows(sample, self._momentum.is_unknown)
 
     def _take_sample(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+        samples, row_count, latest = context.get_discrete_state(self._count_index).value()
+        if context.get_time() == latest:  # `Finish` took this sample, and the run goes on
+            return EventStatus.DidNothing()
         state = self._state_port.Eval(context)
         rows = self._checked_rows(state, context.get_time())
         root = self._root(context)
         discrete_state.set_value(self._root_index, updated_information(root, rows).ravel())
-        samples, row_count = context.get_discrete_state(self._count_index).value()
         # The zero rows of a sample at rest must not be counted: they would reduce the variance.
         row_count += np.count_nonzero(rows.any(axis=1))
-        discrete_state.set_value(self._count_index, [samples + 1, row_count])
+        discrete_state.set_value(self._count_index, [samples + 1, row_count, context.get_time()])
         return EventStatus.Succeeded()
+
+    def _take_sample_if_due(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+        """Take the sample of this instant, which a simulation leaves pending at its end."""
+        periods = (context.get_time() - self._offset) / self._period
+        if periods < -1e-9 or abs(periods - round(periods)) > 1e-9:
+            return EventStatus.DidNothing()
+        return self._take_sample(context, discrete_state)
 
     def _checked_rows(self, state: NDArray[np.float64], time: float) -> NDArray[np.float64]:
         finite = np.isfinite(state)
@@ -253,9 +293,7 @@ class MomentumIdentifier(Identifier):
             if np.isfinite(rows).all():
                 return rows
             problem = "too large: its momentum is not finite"
-        raise InputError(
-            f"{self.GetSystemPathname()}: spacecraft_state at t = {time:g} s is {problem}"
-        )
+        raise InputError(f"{self.GetSystemPathname()}: the state at t = {time:g} s is {problem}")
 
     def _root(self, context: Context) -> NDArray[np.float64]:
         root = context.get_discrete_state(self._root_index).value()
@@ -263,7 +301,7 @@ class MomentumIdentifier(Identifier):
 
     def _solve(self, context: Context) -> SolvedIdentification:
         root = self._root(context)
-        samples, row_count = context.get_discrete_state(self._count_index).value()
+        samples, row_count, _ = context.get_discrete_state(self._count_index).value()
         solution = solve_information(
             root, int(row_count), eliminated=self._extra, rank_tolerance=self._rank_tolerance
         )

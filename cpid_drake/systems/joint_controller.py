@@ -1,89 +1,44 @@
-"""Computed torque for a tree of joints on a free base."""
+"""Computed torque for a tree of joints on a free base, with a fixed or an identified target."""
 
 import numpy as np
+from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiagramBuilder,
+    EventStatus,
     InputPort,
     LeafSystem,
     OutputPort,
+    State,
 )
 
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Connect, Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.ports import add_connected
 
-
-class ComputedTorque(LeafSystem):
-    """Base class of the joint controllers: computed torque with a model of spacecraft and target.
-
-    `FreeFloatingDynamics` gives the efforts that accelerate the joints by
-    a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q). These efforts act between the links, so they conserve
-    momentum whatever the model is. The ports and arguments are those of `JointController`.
-    """
-
-    def __init__(
-        self,
-        spacecraft: Spacecraft,
-        plant: MultibodyPlant,
-        *,
-        natural_frequency: float = 10.0,
-        damping_ratio: float = 1.0,
-    ) -> None:
-        super().__init__()
-        self.set_name("joint_controller")
-        gains = (natural_frequency, damping_ratio)
-        if not (np.isfinite(gains).all() and min(gains) > 0):
-            raise InputError(
-                "controller gains must be > 0: natural_frequency "
-                f"{natural_frequency:g}, damping_ratio {damping_ratio:g}"
-            )
-        self._dynamics = FreeFloatingDynamics(spacecraft, plant)
-        self._scratch = PlantScratch(plant)
-        self._stiffness = natural_frequency**2
-        self._damping = 2 * damping_ratio * natural_frequency
-        columns = spacecraft.columns_in(plant)
-        self._q_columns, self._v_columns = (columns[k] for k in spacecraft.joint_state_columns)
-
-        self.DeclareVectorInputPort("state", plant.num_multibody_states())
-        self.DeclareVectorInputPort("desired_motion", 3 * len(self._v_columns))
-        self.DeclareVectorOutputPort(
-            name="generalized_force",
-            size=plant.num_velocities(),
-            calc=self._calc_generalized_force,
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.all_state_ticket()},
-        )
-
-    def _model_context(self, context: Context) -> Context:
-        """Return a context of the model, whose state is overwritten."""
-        return self._scratch.context
-
-    def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
-        state = self.GetInputPort("state").Eval(context)
-        q_d, qdot_d, qddot_d = self.GetInputPort("desired_motion").Eval(context).reshape(3, -1)
-        a_J = (
-            qddot_d
-            + self._damping * (qdot_d - state[self._v_columns])
-            + self._stiffness * (q_d - state[self._q_columns])
-        )
-        model = self._model_context(context)
-        self._dynamics.plant.SetPositionsAndVelocities(model, state)
-        output.SetFromVector(self._dynamics.generalized_force(model, a_J))
+_NO_TARGET = SpatialInertia(0.0, np.zeros(3), UnitInertia(0.0, 0.0, 0.0), skip_validity_check=True)
+_PLACEHOLDER = InertialParameters(1.0, np.zeros(3), np.eye(3))
 
 
-class JointController(ComputedTorque):
+class JointController(LeafSystem):
     """Drives the joints of a spacecraft along a motion; the base floats freely.
 
-    This is computed torque with a constant model, see `ComputedTorque`.
+    This is computed torque with a model of spacecraft and target: `FreeFloatingDynamics` gives the
+    efforts that accelerate the joints by a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q). These efforts
+    act between the links, so they conserve momentum whatever the model is.
 
-    With a plant that includes the target the joints follow the desired motion exactly. A controller
-    that must not know the target uses `Spacecraft.plant`, or better a plant with a nominal target:
-    without one, the torques at the wrist are far too small for the load. A nominal target of half
-    or twice the true mass suffices, because feedback corrects the rest.
+    With the true target in the model the joints follow the desired motion exactly. Without any
+    target the torques at the wrist are far too small for the load. A guess of half or twice the
+    true mass suffices, because feedback corrects the rest. A controller that reads an identifier's
+    estimate replaces the target of its model as soon as all ten parameters are known with the
+    required tolerance.
 
     .. pydrake_system::
 
@@ -91,25 +46,94 @@ class JointController(ComputedTorque):
         input_ports:
         - state
         - desired_motion
+        - covariance
+        - spatial_inertia
         output_ports:
         - generalized_force
+        - model_target
 
-    - `state`: x = [q; v] of the controller's model, which is that of the spacecraft's plant if the
-      target is welded.
-    - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints.
+    - `state`: x = [q; v] of the plant.
+    - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints, the layout of `JointMotionSource` and
+      of Drake's `TrajectorySource` with `output_derivative_order=2`.
+    - `covariance` (100) and `spatial_inertia`, if `reads_estimate`: outputs of an identifier, NaN
+      while unknown.
     - `generalized_force`: for the plant's applied-generalized-force port; zero on the base.
+    - `model_target` (10): the target of the model as `parameterizations.PARAMETER_NAMES`; zero if
+      the model is the spacecraft alone.
+
+    The state is the spatial inertia of the model's target about C's origin, in C.
 
     Args:
         spacecraft: the spacecraft to be controlled.
-        plant: the controller's model, with or without target. If the simulated plant has a
-            compliant wrist, the model must have it too.
+        target: the model's target, at the start if the estimate is read; default: none.
+        connect: joins C and the target in the model, see `Spacecraft.add_to`. If the simulated
+            plant has a compliant wrist, the model must have it too.
         natural_frequency: ω of the joint errors [rad/s].
         damping_ratio: ζ of the joint errors.
+        reads_estimate: whether the target of the model follows an identifier's estimate.
+        tolerance: the largest σ of an estimate that is used, relative to the scale of each
+            parameter (see `parameterizations.parameter_scale`).
+        period: time between two readings of the estimate [s].
 
     Raises:
-        InputError: the plant does not have the spacecraft's joints, or a gain is not positive.
+        InputError: a gain, the tolerance or the period is not positive, or the target is not a
+            rigid body.
 
     """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        *,
+        target: InertialParameters | None = None,
+        connect: Connect = MultibodyPlant.WeldFrames,
+        natural_frequency: float = 10.0,
+        damping_ratio: float = 1.0,
+        reads_estimate: bool = False,
+        tolerance: float = 0.05,
+        period: float = 0.1,
+    ) -> None:
+        super().__init__()
+        self.set_name("joint_controller")
+        for name, value in (
+            ("natural_frequency", natural_frequency),
+            ("damping_ratio", damping_ratio),
+            ("tolerance", tolerance),
+            ("period", period),
+        ):
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"joint controller: {name} must be > 0, not {value:g}")
+        plant = MultibodyPlant(time_step=0.0)
+        self._target = spacecraft.add_to(plant, target or _PLACEHOLDER, connect=connect)
+        self._dynamics, self._scratch = FreeFloatingDynamics(spacecraft, plant), PlantScratch(plant)
+        self._stiffness = natural_frequency**2
+        self._damping = 2 * damping_ratio * natural_frequency
+        self._tolerance = tolerance
+        columns = spacecraft.columns_in(plant)
+        self._q_columns, self._v_columns = (columns[k] for k in spacecraft.joint_state_columns)
+
+        self.DeclareVectorInputPort("state", plant.num_multibody_states())
+        self.DeclareVectorInputPort("desired_motion", 3 * len(self._v_columns))
+        start = target.to_spatial_inertia() if target else _NO_TARGET
+        self._target_index = self.DeclareAbstractState(Value(start))
+        if reads_estimate:
+            self.DeclareVectorInputPort("covariance", 100)
+            self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
+            self.DeclarePeriodicUnrestrictedUpdateEvent(
+                period_sec=period, offset_sec=0.0, update=self._read_estimate
+            )
+        self.DeclareVectorOutputPort(
+            name="generalized_force",
+            size=plant.num_velocities(),
+            calc=self._calc_generalized_force,
+            prerequisites_of_calc={self.all_input_ports_ticket(), self.xa_ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            name="model_target",
+            size=10,
+            calc=self._calc_model_target,
+            prerequisites_of_calc={self.xa_ticket()},
+        )
 
     @staticmethod
     def AddToBuilder(
@@ -119,10 +143,16 @@ class JointController(ComputedTorque):
         state: OutputPort,
         desired_motion: OutputPort,
         generalized_force: InputPort,
-        plant: MultibodyPlant,
-        **gains: float,
+        covariance: OutputPort | None = None,
+        spatial_inertia: OutputPort | None = None,
+        target: InertialParameters | None = None,
+        connect: Connect = MultibodyPlant.WeldFrames,
+        natural_frequency: float = 10.0,
+        damping_ratio: float = 1.0,
+        tolerance: float = 0.05,
+        period: float = 0.1,
     ) -> "JointController":
-        """Add a controller and connect its inputs and its output.
+        """Add a controller and connect its inputs and the output `generalized_force`.
 
         Args:
             builder: the diagram's builder.
@@ -131,15 +161,69 @@ class JointController(ComputedTorque):
             desired_motion: usually the output of a `JointMotionSource`.
             generalized_force: the input to drive, usually
                 `MultibodyPlant.get_applied_generalized_force_input_port()`.
-            plant: the controller's model; see the constructor.
-            gains: the feedback gains; see the constructor.
+            covariance: an identifier's output of this name; default: no estimate is read.
+            spatial_inertia: an identifier's output of this name; given with `covariance`.
+            target: see the constructor, as for the other options.
+            connect: see the constructor.
+            natural_frequency: see the constructor.
+            damping_ratio: see the constructor.
+            tolerance: see the constructor.
+            period: see the constructor.
 
         Raises:
-            InputError: a port has the wrong size for this spacecraft; also the errors of the
-                constructor.
+            InputError: a port has the wrong size for this spacecraft, or one output of an
+                identifier is given without the other; also the errors of the constructor.
 
         """
-        ports = {"state": state, "desired_motion": desired_motion}
-        system = add_connected(builder, JointController(spacecraft, plant, **gains), ports)
+        estimate = {"covariance": covariance, "spatial_inertia": spatial_inertia}
+        given = {name: port for name, port in estimate.items() if port is not None}
+        if len(given) == 1:
+            raise InputError("joint controller: give both covariance and spatial_inertia, or none")
+        system = JointController(
+            spacecraft,
+            target=target,
+            connect=connect,
+            natural_frequency=natural_frequency,
+            damping_ratio=damping_ratio,
+            reads_estimate=bool(given),
+            tolerance=tolerance,
+            period=period,
+        )
+        add_connected(builder, system, {"state": state, "desired_motion": desired_motion, **given})
         builder.Connect(system.GetOutputPort("generalized_force"), generalized_force)
         return system
+
+    def _model_inertia(self, context: Context) -> SpatialInertia:
+        return context.get_abstract_state(self._target_index).get_value()
+
+    def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
+        state = self.GetInputPort("state").Eval(context)
+        q_d, qdot_d, qddot_d = self.GetInputPort("desired_motion").Eval(context).reshape(3, -1)
+        a_J = (
+            qddot_d
+            + self._damping * (qdot_d - state[self._v_columns])
+            + self._stiffness * (q_d - state[self._q_columns])
+        )
+        model = self._scratch.context
+        self._target.SetSpatialInertiaInBodyFrame(model, self._model_inertia(context))
+        self._dynamics.plant.SetPositionsAndVelocities(model, state)
+        output.SetFromVector(self._dynamics.generalized_force(model, a_J))
+
+    def _calc_model_target(self, context: Context, output: BasicVector) -> None:
+        inertia = self._model_inertia(context)
+        is_known = inertia.get_mass() > 0
+        output.SetFromVector(
+            InertialParameters.from_spatial_inertia(inertia).to_vector() if is_known else [0.0] * 10
+        )
+
+    def _read_estimate(self, context: Context, state: State) -> EventStatus:
+        estimate = self.GetInputPort("spatial_inertia").Eval(context)
+        covariance = self.GetInputPort("covariance").Eval(context).reshape(10, 10)
+        if estimate.IsNaN():
+            return EventStatus.DidNothing()
+        parameters = InertialParameters.from_spatial_inertia(estimate).to_vector()
+        sigma = np.sqrt(np.diag(covariance))  # NaN where it is not known
+        if not np.all(sigma <= self._tolerance * parameter_scale(parameters)):
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(self._target_index).set_value(estimate)
+        return EventStatus.Succeeded()

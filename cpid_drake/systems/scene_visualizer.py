@@ -41,11 +41,11 @@ class SceneVisualizer(LeafSystem):
 
         name: SceneVisualizer
         input_ports:
-        - spacecraft_state
+        - state
         - covariance
         - spatial_inertia
 
-    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
+    - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - `covariance` (100) and `spatial_inertia`: an identifier's outputs, NaN while unknown.
 
     Args:
@@ -77,7 +77,7 @@ class SceneVisualizer(LeafSystem):
         self._bodies = {f"{int(body.index())}_{body.name()}": body for body in bodies}
         inertias = {name: b.default_spatial_inertia() for name, b in self._bodies.items()}
         self._layers = make_layers(meshcat, extent, inertias, truth)
-        self.DeclareVectorInputPort("spacecraft_state", plant.num_multibody_states())
+        self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self.DeclareVectorInputPort("covariance", 100)
         self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
         self.DeclarePeriodicPublishEvent(period_sec=period, offset_sec=0.0, publish=self._draw)
@@ -93,7 +93,7 @@ class SceneVisualizer(LeafSystem):
         builder: DiagramBuilder,
         spacecraft: Spacecraft,
         *,
-        spacecraft_state: OutputPort,
+        state: OutputPort,
         covariance: OutputPort,
         spatial_inertia: OutputPort,
         **options: Any,
@@ -103,7 +103,7 @@ class SceneVisualizer(LeafSystem):
         Args:
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
-            spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
+            state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
             covariance: an identifier's output of this name.
             spatial_inertia: an identifier's output of this name.
             options: further arguments of the constructor.
@@ -113,7 +113,7 @@ class SceneVisualizer(LeafSystem):
 
         """
         ports = {
-            "spacecraft_state": spacecraft_state,
+            "state": state,
             "covariance": covariance,
             "spatial_inertia": spatial_inertia,
         }
@@ -121,7 +121,7 @@ class SceneVisualizer(LeafSystem):
 
     def _draw(self, context: Context) -> EventStatus:
         plant, scratch = self._spacecraft.plant, self._scratch.context
-        state = self.GetInputPort("spacecraft_state").Eval(context)
+        state = self.GetInputPort("state").Eval(context)
         plant.SetPositionsAndVelocities(scratch, state)
         known = self._spacecraft.momentum_sample(scratch)
         motion = known.motion

@@ -3,7 +3,6 @@
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,8 +97,8 @@ class SensorIdentifier(Identifier):
     A sensor may deliver its samples late, by up to `LONGEST_DELAY`: a block is complete when every
     sensor has delivered its samples, or after that delay. Later samples are rejected. Only the
     stamps determine the blocks; their zero is arbitrary. At the end of a simulation,
-    `Simulator.AdvancePendingEvents()` and then `SensorIdentifier.ExecuteForcedEvents(context)`
-    process all samples, those of the incomplete block included.
+    `Finish` processes all samples, those of the incomplete block included. The samples that are due
+    at this instant need `Simulator.AdvancePendingEvents` before.
 
     The state is one abstract value that is never changed, only replaced. Its size does not grow
     with time, and clones of a Context share it. The work of an update is bounded; see
@@ -183,7 +182,11 @@ class SensorIdentifier(Identifier):
         *,
         samples: Mapping[str, OutputPort],
         suite: SensorSuite,
-        **options: Any,
+        momentum: TotalMomentum | None = None,
+        period: float | None = None,
+        guess: InertialParameters | None = None,
+        guess_sigma: float = 0.5,
+        known_bodies: BodyUncertainty | None = None,
     ) -> "SensorIdentifier":
         """Add an identifier and connect its inputs.
 
@@ -194,13 +197,26 @@ class SensorIdentifier(Identifier):
                 sensors that the identifier does not use are left out. A port of the name "thrust"
                 is that of the log of thrust.
             suite: the sensors.
-            options: further arguments of the constructor.
+            momentum: see the constructor, as for the other options.
+            period: see the constructor.
+            guess: see the constructor.
+            guess_sigma: see the constructor.
+            known_bodies: see the constructor.
 
         Raises:
             InputError: a port is missing or has the wrong size; also the errors of the constructor.
 
         """
-        system = SensorIdentifier(spacecraft, suite, reads_thrust=THRUST in samples, **options)
+        system = SensorIdentifier(
+            spacecraft,
+            suite,
+            momentum=momentum,
+            period=period,
+            guess=guess,
+            guess_sigma=guess_sigma,
+            reads_thrust=THRUST in samples,
+            known_bodies=known_bodies,
+        )
         missing = [name for name in system._sample_ports if name not in samples]
         if missing:
             raise InputError(f"no output port is given for the samples of '{missing[0]}'")

@@ -43,7 +43,7 @@ class SpacecraftSensors(LeafSystem):
 
         name: SpacecraftSensors
         input_ports:
-        - spacecraft_state
+        - state
         output_ports:
         - attitude
         - gyro
@@ -52,7 +52,7 @@ class SpacecraftSensors(LeafSystem):
         - encoders
         - joint_rates
 
-    - `spacecraft_state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
+    - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - one output (1 + width) for each sensor of the suite: the stamp [s] of the latest sample, then
       its value as in `Measurements`; NaN before the first. Samples due at the end of a simulation
       need `Simulator.AdvancePendingEvents`.
@@ -75,7 +75,7 @@ class SpacecraftSensors(LeafSystem):
         self._spacecraft = spacecraft
         self._noise = SensorNoise(suite, seed)
         self._state_port = self.DeclareVectorInputPort(
-            "spacecraft_state", spacecraft.plant.num_multibody_states()
+            "state", spacecraft.plant.num_multibody_states()
         )
         self._is_integrating = any(first_sample(errors) for errors in suite.present().values())
         if self._is_integrating:
@@ -89,7 +89,7 @@ class SpacecraftSensors(LeafSystem):
         builder: DiagramBuilder,
         spacecraft: Spacecraft,
         *,
-        spacecraft_state: OutputPort,
+        state: OutputPort,
         suite: SensorSuite,
         seed: int = 0,
     ) -> "SpacecraftSensors":
@@ -98,7 +98,7 @@ class SpacecraftSensors(LeafSystem):
         Args:
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
-            spacecraft_state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
+            state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
             suite: see the constructor.
             seed: see the constructor.
 
@@ -108,7 +108,7 @@ class SpacecraftSensors(LeafSystem):
 
         """
         system = SpacecraftSensors(spacecraft, suite, seed)
-        return add_connected(builder, system, {"spacecraft_state": spacecraft_state})
+        return add_connected(builder, system, {"state": state})
 
     def sample_ports(self) -> dict[str, OutputPort]:
         """Return the output ports by sensor, for `SensorIdentifier.AddToBuilder`."""

@@ -132,7 +132,7 @@ def main() -> None:
 
     state, (q, v) = states[7], reference.state(telemetry, 7)
     context = identifier.CreateDefaultContext()
-    identifier.GetInputPort("spacecraft_state").FixValue(context, state)
+    identifier.GetInputPort("state").FixValue(context, state)
 
     def event() -> None:
         context.SetTime(context.get_time() + 1.0)  # else Drake answers from its cache

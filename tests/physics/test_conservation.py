@@ -13,7 +13,6 @@ from cpid_drake import (
     JointMotionSource,
     TotalMomentum,
     identify,
-    initial_state,
 )
 from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.momentum import total_momentum
@@ -42,13 +41,13 @@ def drake(servicer, skewed_target, motion):
         state=plant.get_state_output_port(),
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        plant=servicer.make_simulation_plant(skewed_target),
+        target=skewed_target,
     )
     logger = LogVectorOutput(plant.get_state_output_port(), builder, 1.0)
     simulator = Simulator(builder.Build())
     simulator.get_mutable_integrator().set_target_accuracy(1e-8)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    start = initial_state(servicer, skewed_target, motion, TUMBLE)
+    start = servicer.initial_state(skewed_target, motion, TUMBLE)
     plant.SetPositionsAndVelocities(context, start)
     simulator.AdvanceTo(10.0)
     log = logger.FindLog(simulator.get_context())

@@ -11,7 +11,6 @@ from cpid_drake import (
     InputError,
     JointController,
     identify,
-    initial_state,
     load_scenario,
     make_simulation,
     shipped_scenario,
@@ -45,7 +44,7 @@ class Swinging:
 def test_a_motion_that_starts_moving_needs_the_right_base_twist(servicer, skewed_target):
     """With it the system has no momentum; with a base at rest it has."""
     motion = Swinging(12)
-    state = initial_state(servicer, skewed_target, motion)
+    state = servicer.initial_state(skewed_target, motion)
     columns = servicer.joint_state_columns[1]
     np.testing.assert_allclose(state[columns], motion.evaluate(0.0)[1])
     plant = servicer.make_simulation_plant(skewed_target)
@@ -62,7 +61,7 @@ def test_a_motion_that_starts_moving_needs_the_right_base_twist(servicer, skewed
 
 
 def test_a_motion_from_rest_starts_at_rest(servicer, paper_target):
-    state = initial_state(servicer, paper_target, HalfCosine(np.zeros(12), np.ones(12), 5.0))
+    state = servicer.initial_state(paper_target, HalfCosine(np.zeros(12), np.ones(12), 5.0))
     assert not state[servicer.plant.num_positions() :].any()
 
 
@@ -174,8 +173,7 @@ def test_a_controller_has_the_gains_and_the_sphere_of_its_scenario(servicer):
     found = system.GetOutputPort("generalized_force").Eval(system.GetMyContextFromRoot(root))
 
     sphere = InertialParameters(60.0, np.zeros(3), 0.4 * 60.0 * 0.7**2 * np.eye(3))
-    model = servicer.make_simulation_plant(sphere)
-    by_hand = JointController(servicer, model, natural_frequency=3.0, damping_ratio=0.6)
+    by_hand = JointController(servicer, target=sphere, natural_frequency=3.0, damping_ratio=0.6)
     context = by_hand.CreateDefaultContext()
     desired = simulation.joint_motion.evaluate(0.0).ravel()
     by_hand.GetInputPort("state").FixValue(context, state)

@@ -5,7 +5,6 @@ import pytest
 from sensing_cases import MOMENTUM, small_craft
 
 from cpid_drake import InertialParameters, MultiSine, Spacecraft
-from cpid_drake.scenario.simulation import predicted_motion
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 
 TARGET = InertialParameters(80.0, [0.3, -0.1, 0.2], np.diag([9.0, 12.0, 8.0]))
@@ -27,7 +26,7 @@ def test_the_motors_power_is_the_rate_of_the_kinetic_energy(craft, momentum_W):
     h = 2e-4
     middle = np.linspace(0.5, 3.5, 9)
     times = np.sort(np.concatenate([middle - h, middle, middle + h]))
-    telemetry = predicted_motion(craft, TARGET, motion, times, momentum_W)
+    telemetry = craft.predicted_motion(TARGET, motion, times, momentum_W)
     states = craft.to_states(telemetry)
     plant = craft.make_simulation_plant(TARGET)
     context = plant.CreateDefaultContext()

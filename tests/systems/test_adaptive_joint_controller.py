@@ -9,11 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from cpid_drake import (
-    AdaptiveJointController,
     JointController,
     JointMotionSource,
     MomentumIdentifier,
-    initial_state,
     load_scenario,
     shipped_scenario,
 )
@@ -64,9 +62,9 @@ def target_of(controller, context):
     return controller.GetOutputPort("model_target").Eval(context)
 
 
-def constant_force(servicer, inputs, plant):
-    """Return the force of a `JointController` with this model."""
-    controller = JointController(servicer, plant)
+def constant_force(servicer, inputs, target=None):
+    """Return the force of a controller with this model."""
+    controller = JointController(servicer, target=target)
     context = controller.CreateDefaultContext()
     for name, value in zip(("state", "desired_motion"), inputs, strict=True):
         controller.GetInputPort(name).FixValue(context, value)
@@ -74,23 +72,23 @@ def constant_force(servicer, inputs, plant):
 
 
 def test_before_the_estimate_the_model_is_the_spacecraft_alone(servicer, inputs):
-    controller = AdaptiveJointController(servicer)
+    controller = JointController(servicer, reads_estimate=True)
     context = fixed(controller, inputs)
     update(controller, context)
     assert not target_of(controller, context).any()
-    expected = constant_force(servicer, inputs, servicer.plant)
+    expected = constant_force(servicer, inputs)
     np.testing.assert_allclose(force(controller, context), expected, rtol=1e-11, atol=1e-11)
 
 
 def test_a_known_estimate_becomes_the_models_target(servicer, inputs, skewed_target):
     """The efforts are then those of a controller that knows the target."""
-    controller = AdaptiveJointController(servicer)
+    controller = JointController(servicer, reads_estimate=True)
     context = fixed(controller, inputs, skewed_target, PRECISE)
     update(controller, context)
     np.testing.assert_allclose(
         target_of(controller, context), skewed_target.to_vector(), atol=1e-12
     )
-    expected = constant_force(servicer, inputs, servicer.make_simulation_plant(skewed_target))
+    expected = constant_force(servicer, inputs, skewed_target)
     np.testing.assert_allclose(force(controller, context), expected, rtol=1e-11, atol=1e-11)
 
 
@@ -98,7 +96,7 @@ def test_a_known_estimate_becomes_the_models_target(servicer, inputs, skewed_tar
 def test_one_parameter_that_is_not_known_well_enough_keeps_the_model(
     servicer, inputs, skewed_target, entry
 ):
-    controller = AdaptiveJointController(servicer, tolerance=0.05)
+    controller = JointController(servicer, reads_estimate=True, tolerance=0.05)
     sigma = np.full(10, PRECISE)
     sigma[entry] = 0.06
     context = fixed(controller, inputs, skewed_target, sigma)
@@ -111,7 +109,7 @@ def test_one_parameter_that_is_not_known_well_enough_keeps_the_model(
 
 
 def test_an_estimate_that_is_lost_stays_in_use(servicer, inputs, skewed_target, paper_target):
-    controller = AdaptiveJointController(servicer)
+    controller = JointController(servicer, reads_estimate=True)
     context = fixed(controller, inputs, skewed_target, PRECISE)
     update(controller, context)
     for estimate, sigma in ((None, np.nan), (paper_target, 0.5)):
@@ -125,7 +123,7 @@ def test_an_estimate_that_is_lost_stays_in_use(servicer, inputs, skewed_target, 
 
 def test_the_model_is_state_of_the_context(servicer, inputs, skewed_target):
     """Two contexts of one controller have each their own model, evaluated in turn."""
-    controller = AdaptiveJointController(servicer)
+    controller = JointController(servicer, reads_estimate=True)
     before = fixed(controller, inputs, skewed_target, PRECISE)
     after = before.Clone()
     update(controller, after)
@@ -147,9 +145,9 @@ def test_an_estimate_with_the_wrong_momentum_is_not_used():
     spacecraft.add_to(plant, target)
     state = plant.get_state_output_port()
     identifier = MomentumIdentifier.AddToBuilder(
-        builder, spacecraft, spacecraft_state=state, rows="standard", period=0.25, offset=0.25
+        builder, spacecraft, state=state, rows="standard", period=0.25, offset=0.25
     )
-    controller = AdaptiveJointController.AddToBuilder(
+    controller = JointController.AddToBuilder(
         builder,
         spacecraft,
         state=state,
@@ -161,7 +159,7 @@ def test_an_estimate_with_the_wrong_momentum_is_not_used():
     simulator = Simulator(builder.Build())
     simulator.get_mutable_integrator().set_target_accuracy(1e-6)
     root_context = simulator.get_mutable_context()
-    start = initial_state(spacecraft, target, motion, scenario.simulation.momentum_W)
+    start = spacecraft.initial_state(target, motion, scenario.simulation.momentum_W)
     plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(root_context), start)
     simulator.AdvanceTo(3.0)
     found = identifier.identification(identifier.GetMyContextFromRoot(root_context))

@@ -21,8 +21,9 @@ def motion(skewed_target, zero_momentum_motion):
 
 
 def take(identifier, context, state) -> None:
-    """Let the identifier take one sample of a state."""
-    identifier.GetInputPort("spacecraft_state").FixValue(context, state)
+    """Let the identifier take one sample of a state, a second later."""
+    context.SetTime(context.get_time() + 1.0)
+    identifier.GetInputPort("state").FixValue(context, state)
     update = identifier.EvalUniquePeriodicDiscreteUpdate(context)
     context.get_mutable_discrete_state().SetFrom(update)
 
@@ -34,7 +35,7 @@ def outputs(identifier, context) -> dict:
 
 def test_ports_are_as_documented(servicer):
     identifier = MomentumIdentifier(servicer)
-    assert identifier.GetInputPort("spacecraft_state").size() == 37
+    assert identifier.GetInputPort("state").size() == 37
     sizes = {"parameters": 10, "covariance": 100, "diagnostics": len(DIAGNOSTICS)}
     for name, size in sizes.items():
         assert identifier.GetOutputPort(name).size() == size
@@ -145,18 +146,22 @@ def test_one_identifier_serves_many_contexts(servicer, motion, skewed_target):
     assert outputs(identifier, other)["diagnostics"][0] == 1
 
 
-@pytest.mark.parametrize(("period", "offset", "count"), [(1.0, 1.0, 4), (0.5, 0.25, 8), (2, 0, 3)])
+@pytest.mark.parametrize(
+    ("period", "offset", "count"), [(1.0, 1.0, 4), (0.5, 0.25, 8), (2, 0, 3), (0.1, 0.2, 39)]
+)
 def test_samples_are_taken_at_the_given_times(servicer, motion, period, offset, count):
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(servicer.to_states(motion)[0]))
     identifier = MomentumIdentifier.AddToBuilder(
-        builder, servicer, spacecraft_state=source.get_output_port(), period=period, offset=offset
+        builder, servicer, state=source.get_output_port(), period=period, offset=offset
     )
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(4.0)
-    simulator.AdvancePendingEvents()
-    context = identifier.GetMyContextFromRoot(simulator.get_context())
-    assert identifier.GetOutputPort("diagnostics").Eval(context)[0] == count
+    root_context = simulator.get_mutable_context()
+    for _ in range(2):  # the sample that is due at the end is taken once
+        assert identifier.Finish(root_context).sample_count == count
+    simulator.AdvanceTo(4.0 + 0.1 * period)
+    assert identifier.Finish(root_context).sample_count == count
 
 
 @pytest.mark.parametrize(
@@ -179,9 +184,7 @@ def test_a_state_that_is_not_finite_is_refused_and_changes_nothing(servicer, mot
     state[20] = bad
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(state))
-    identifier = MomentumIdentifier.AddToBuilder(
-        builder, servicer, spacecraft_state=source.get_output_port()
-    )
+    identifier = MomentumIdentifier.AddToBuilder(builder, servicer, state=source.get_output_port())
     simulator = Simulator(builder.Build())
     with pytest.raises(InputError, match=r"at t = 1 s is not finite \(entry 20\)"):
         simulator.AdvanceTo(1.5)

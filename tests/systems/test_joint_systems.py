@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from cpid_drake import (
     HalfCosine,
     InputError,
     JointController,
     JointMotionSource,
+    Spline,
     identify,
     load_scenario,
     make_simulation,
@@ -49,6 +52,24 @@ def test_source_gives_the_motion_at_the_contexts_time():
         np.testing.assert_array_equal(value, motion.evaluate(time))
 
 
+def test_drakes_source_of_trajectories_has_the_same_layout():
+    """Positions, rates, accelerations: either drives a `JointController`."""
+    motion = Spline(np.array([[0.0, 1.0]] * 3 + [[0.4, -0.2]] * 3 + [[0.7, 0.3]] * 3), 4.0)
+    ours = JointMotionSource(motion)
+    times = np.linspace(0.0, 4.0, 200)
+    cubic = PiecewisePolynomial.CubicWithContinuousSecondDerivatives(
+        times, motion.evaluate(times)[:, 0].T
+    )
+    drakes = TrajectorySource(cubic, output_derivative_order=2)
+    values = []
+    for source in (ours, drakes):
+        context = source.CreateDefaultContext()
+        context.SetTime(2.3)
+        values.append(source.get_output_port().Eval(context))
+    np.testing.assert_allclose(*values, rtol=0, atol=1e-3)
+    assert np.abs(values[0]).min() > 0.01
+
+
 def test_another_motion_starts_at_the_contexts_time():
     """The motion belongs to the Context: a clone keeps the first one."""
     first, second = HalfCosine([0.0], [1.0], 4.0), HalfCosine([1.0], [-2.0], 3.0)
@@ -85,7 +106,9 @@ def test_momentum_is_conserved_whatever_the_controller_believes(run):
 def test_commanded_acceleration_is_what_the_plant_does(servicer, skewed_target, random_motion):
     """M v̇ + C = τ in the full plant: the joints accelerate as asked, to rounding."""
     plant = servicer.make_simulation_plant(skewed_target)
-    controller = JointController(servicer, plant, natural_frequency=3.0, damping_ratio=0.7)
+    controller = JointController(
+        servicer, target=skewed_target, natural_frequency=3.0, damping_ratio=0.7
+    )
     state = servicer.to_states(random_motion(1, seed=52))[0]
     desired = np.random.default_rng(53).normal(size=(3, 12))
     context = controller.CreateDefaultContext()
@@ -118,7 +141,7 @@ def wired(servicer, target, joints=12):
         state=plant.get_state_output_port(),
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        plant=servicer.make_simulation_plant(target),
+        target=target,
         natural_frequency=4.0,
     )
     return builder, plant

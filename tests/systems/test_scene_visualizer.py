@@ -62,7 +62,7 @@ def scene(servicer):
             M = SpatialInertia.NaN() if estimate is None else estimate.to_spatial_inertia()
             values = np.zeros((10, 10))
             values[1:4, 1:4] = covariance
-            system.GetInputPort("spacecraft_state").FixValue(context, states[k])
+            system.GetInputPort("state").FixValue(context, states[k])
             system.GetInputPort("covariance").FixValue(context, values.ravel())
             system.GetInputPort("spatial_inertia").FixValue(context, Value(M))
             context.SetTime(telemetry.time[k])

@@ -85,7 +85,7 @@ def collect(identifier, context, time=None, **shown) -> None:
 def give(identifier, context, **shown) -> None:
     """Let the identifier process what its inputs show."""
     show(identifier, context, **shown)
-    identifier.ExecuteForcedEvents(context)
+    identifier.Finish(context)
 
 
 def play(identifier, context, measurements, *, delay=None, until=np.inf) -> None:
@@ -184,7 +184,7 @@ def test_samples_that_come_late_are_used_as_if_they_were_punctual(flight, sample
     play(flight, punctual, samples)
     play(flight, late, samples, delay={"attitude": 0.3, "position": 0.1})
     for context in (punctual, late):
-        flight.ExecuteForcedEvents(context)
+        flight.Finish(context)
     np.testing.assert_array_equal(known(flight, late), known(flight, punctual))
     assert diagnostics(flight, late) == pytest.approx(diagnostics(flight, punctual), nan_ok=True)
 
@@ -193,7 +193,7 @@ def test_samples_that_come_too_late_are_rejected_and_counted(flight, samples):
     """The others determine the target as without these samples."""
     context = flight.CreateDefaultContext()
     play(flight, context, samples, delay={"position": LONGEST_DELAY + 2.5}, until=5.5)
-    flight.ExecuteForcedEvents(context)
+    flight.Finish(context)
     counts = diagnostics(flight, context)
     late = int((samples.position.time < 2.5 - 1e-9).sum())
     assert counts["position_rejected"] == pytest.approx(late, abs=1)
@@ -212,7 +212,7 @@ def test_the_zero_of_the_stamps_has_no_effect(flight, samples):
     play(flight, here, samples)
     play(flight, there, moved, delay=dict.fromkeys(SENSORS, -offset))
     for context in (here, there):
-        flight.ExecuteForcedEvents(context)
+        flight.Finish(context)
     one, other = flight.identification(here), flight.identification(there)
     assert one.sample_count == other.sample_count
     sigma = np.sqrt(np.diag(one.covariance))
@@ -225,7 +225,7 @@ def test_an_uncertain_spacecraft_limits_the_estimate(servicer, simulation, finis
     uncertain = SensorIdentifier(servicer, load_sensors("flight"), known_bodies=grasp)
     context = uncertain.CreateDefaultContext()
     play(uncertain, context, samples)
-    uncertain.ExecuteForcedEvents(context)
+    uncertain.Finish(context)
     exact = simulation.identifier.GetMyContextFromRoot(finished)
     found, noise = (
         np.sqrt(np.diag(identification.covariance))[1:4]
@@ -311,7 +311,7 @@ def test_an_update_that_is_not_kept_leaves_the_context_as_it_was(flight, samples
     for _ in range(2):
         flight.CalcForcedUnrestrictedUpdate(context, context.Clone().get_mutable_state())
         np.testing.assert_array_equal(known(flight, context), before)
-    flight.ExecuteForcedEvents(context)
+    flight.Finish(context)
     assert diagnostics(flight, context)["encoders_used"] == 251
 
 
@@ -320,7 +320,7 @@ def test_the_estimator_continues_after_its_incomplete_block(flight, samples, ske
     context = flight.CreateDefaultContext()
     for stop in (1.7, 2.3, 4.0):
         play(flight, context, samples, until=stop)
-        flight.ExecuteForcedEvents(context)
+        flight.Finish(context)
     counts = diagnostics(flight, context)
     assert counts["encoders_used"] == counts["gyro_used"] == 351
     result = flight.identification(context)

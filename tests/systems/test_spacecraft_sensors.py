@@ -71,7 +71,7 @@ def diagram(servicer, suite, motion):
         builder = DiagramBuilder()
         source = builder.AddSystem(Moving(servicer, motion))
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, servicer, spacecraft_state=source.get_output_port(), suite=suite, seed=seed
+            builder, servicer, state=source.get_output_port(), suite=suite, seed=seed
         )
         if per_step:
             ports = {name: sensors.GetOutputPort(name) for name in suite.present()}
@@ -104,7 +104,7 @@ def latest(sensors, context) -> dict:
 
 def test_ports_are_as_documented(servicer, suite):
     sensors = SpacecraftSensors(servicer, suite)
-    assert sensors.GetInputPort("spacecraft_state").size() == 37
+    assert sensors.GetInputPort("state").size() == 37
     sizes = dict(zip(SENSORS, (5, 4, 4, 4, 13, 13)))
     assert sensors.num_output_ports() == len(sizes)
     for name, size in sizes.items():
@@ -132,7 +132,7 @@ def test_samples_of_a_simulated_plant_are_those_of_its_logged_motion(servicer, s
     plant = plant_diagram.AddSystem(servicer.make_simulation_plant(paper_target))
     state_port = plant.get_state_output_port()
     sensors = SpacecraftSensors.AddToBuilder(
-        plant_diagram, servicer, spacecraft_state=state_port, suite=suite, seed=8
+        plant_diagram, servicer, state=state_port, suite=suite, seed=8
     )
     logs = log_samples(plant_diagram, sensors)
     simulator = Simulator(plant_diagram.Build())
@@ -231,7 +231,7 @@ def test_wiring_a_port_of_another_size_is_refused(servicer, suite):
     source = builder.AddSystem(ConstantVectorSource(np.zeros(5)))
     with pytest.raises(InputError, match="5 entries"):
         SpacecraftSensors.AddToBuilder(
-            builder, servicer, spacecraft_state=source.get_output_port(), suite=suite
+            builder, servicer, state=source.get_output_port(), suite=suite
         )
 
 
@@ -255,9 +255,7 @@ def test_a_state_that_means_nothing_is_refused(servicer, suite, motion, change, 
     state[change[0]] = change[1]
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(state))
-    SpacecraftSensors.AddToBuilder(
-        builder, servicer, spacecraft_state=source.get_output_port(), suite=suite
-    )
+    SpacecraftSensors.AddToBuilder(builder, servicer, state=source.get_output_port(), suite=suite)
     simulator = Simulator(builder.Build())
     with pytest.raises(InputError, match=rf"spacecraft_sensors: \w+ at t = 0 s: .*{message}"):
         simulator.AdvanceTo(0.1)
