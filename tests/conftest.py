@@ -32,7 +32,7 @@ def pytest_collection_modifyitems(items):
 
 @dataclass(frozen=True, eq=False)
 class PaperRun:
-    """What `cpid paper` found, wrote and printed."""
+    """What `cpid study paper` found, wrote and printed."""
 
     study: paper.PaperStudy
     folder: Path
@@ -55,7 +55,7 @@ def paper_scenario():
 
 @pytest.fixture(scope="session")
 def paper_run(tmp_path_factory) -> PaperRun:
-    """`cpid paper`, once for all tests of a process that ask for it."""
+    """`cpid study paper`, once for all tests of a process that ask for it."""
     studies, stdout, stderr = [], StringIO(), StringIO()
     run_paper_study = paper.run_paper_study
 
@@ -68,7 +68,7 @@ def paper_run(tmp_path_factory) -> PaperRun:
         patch.chdir(folder)
         patch.setenv("COLUMNS", "120")
         patch.setattr(paper, "run_paper_study", kept)
-        patch.setattr(sys, "argv", ["cpid", "paper", "--out", "new/paper"])
+        patch.setattr(sys, "argv", ["cpid", "study", "paper", "--out", "new/paper"])
         with pytest.raises(SystemExit) as ended:
             main()
     assert ended.value.code == 0, stderr.getvalue()

@@ -1,28 +1,37 @@
 """`cpid export`."""
 
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from cpid_drake.commands.options import ForceOption, log_console
+from cpid_drake.commands.options import ForceOption, ResultArgument, log_console
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.errors import InputError
+from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result_files import read_result
 from cpid_drake.output_files.overwriting import MODEL, Output, check_outputs
-from cpid_drake.resources import resolve_model
+from cpid_drake.spacecraft.export import export_target
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-if TYPE_CHECKING:
-    from cpid_drake.dynamics.inertia import InertialParameters
-    from cpid_drake.identification.result import Identification
+
+class Format(StrEnum):
+    """Kinds of models; the last are Drake's model directives."""
+
+    URDF = "urdf"
+    SDF = "sdf"
+    MJCF = "mjcf"
+    DRAKE = "drake-yaml"
 
 
 def export(
-    result: Annotated[
-        Path, typer.Argument(metavar="RESULT", help="Result file of `cpid identify --json`.")
+    result: ResultArgument,
+    format: Annotated[Format, typer.Option(help="Format; drake-yaml: model directives.")],
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="File to write; its ending must fit the format.")
     ],
-    format: Annotated[
-        str, typer.Option(help="urdf, sdf, mjcf, or drake-yaml (Drake model directives).")
-    ],
-    out: Annotated[Path, typer.Option(help="File to write; its ending must fit the format.")],
     with_spacecraft: Annotated[
         bool,
         typer.Option("--with-spacecraft", help="Write the spacecraft with the target attached."),
@@ -46,11 +55,6 @@ def export(
     force: ForceOption = False,
 ) -> None:
     """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
-    resolve_model(result)
-    from cpid_drake.identification.result_files import read_result
-    from cpid_drake.spacecraft.export import export_target
-    from cpid_drake.spacecraft.spacecraft import Spacecraft
-
     found = read_result(result)
     if found.failures and not allow_failed_checks:
         raise InputError(
@@ -69,10 +73,9 @@ def export(
             capture_frame=source.capture_frame,
             packages=source.packages,
         )
-    inputs = [result, *found.files()]
-    check_outputs([Output("--out", out, MODEL)], inputs, force=force)
+    check_outputs([Output("--out", out, MODEL)], [result, *found.files()], force=force)
     written = export_target(
-        parameters, out, format=format, spacecraft=spacecraft, name=name, overwrite=force
+        parameters, out, format=format.value, spacecraft=spacecraft, name=name, overwrite=force
     )
     log = log_console()
     if written.name != (name or "target"):
@@ -81,16 +84,13 @@ def export(
         log.print(f"{file}: written; Drake reads the same parameters from it")
 
 
-def _parameters(found: "Identification", raw: bool, where: Path) -> "InertialParameters":
+def _parameters(found: Identification, raw: bool, where: Path) -> InertialParameters:
     """Return the parameters to export.
 
     Raises:
         InputError: not all ten are known, or a raw estimate is not physically consistent.
 
     """
-    from cpid_drake.dynamics.inertia import InertialParameters
-    from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-
     unknown = [name for name, value in zip(PARAMETER_NAMES, found.parameters) if value != value]
     if unknown:
         raise InputError(

@@ -1,32 +1,35 @@
 """`cpid identify`."""
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cpid_drake.commands import options
-from cpid_drake.commands.log_options import LogOptions, with_log_options
+from cpid_drake.identification.description import describe
+from cpid_drake.identification.requests import identify_files
+from cpid_drake.identification.result_files import write_result
 from cpid_drake.output_files.overwriting import PAGE, RESULT, Output, check_outputs
 
 NOT_ALL_KNOWN = 3
-"""Exit code if the data do not determine all ten parameters."""
+"""Exit code if the data do not determine all that can act on the motion."""
 
 CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""
 
 
-@with_log_options
+@options.with_options
 def identify(
-    telemetry: Annotated[
+    logs: Annotated[
         list[str],
         typer.Argument(
-            metavar="TELEMETRY...",
+            metavar="LOG...",
             help=f"{options.LOG_KINDS} Several logs of the same spacecraft and target give one "
             "estimate; each has its own start, momentum and biases.",
         ),
     ],
-    log: LogOptions,
+    chosen: options.LogOptions,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result to this file.")
     ] = None,
@@ -44,7 +47,7 @@ def identify(
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
-    """Identify the target that a spacecraft holds from logs of the spacecraft's motion.
+    """Identify the target that a spacecraft holds from logs of its motion.
 
     Exit codes: 0 all ten parameters are known, on a table the four that can be; 2 bad input or
     usage; 3 not all are determined; 4 a check failed: the first line says which.
@@ -54,12 +57,8 @@ def identify(
         for option, path, kind in (("--json", json_file, RESULT), ("--report", report, PAGE))
         if path is not None
     ]
-    check_outputs(outputs, [*telemetry, *log.files()], force=force)
-    requests = [log.request(each) for each in telemetry]
-    from cpid_drake.identification.description import describe
-    from cpid_drake.identification.requests import identify_files
-    from cpid_drake.identification.result_files import write_result
-
+    check_outputs(outputs, [*logs, *chosen.files()], force=force)
+    requests = [chosen.request(each) for each in logs]
     console = options.log_console()
     with options.log_console(quiet).status("identifying") as status:
         evidence = identify_files(requests, status.update)
@@ -67,8 +66,7 @@ def identify(
         if json_file is not None:
             write_result(json_file, result)
         if report is not None:
-            import logging
-
+            # Imported here: most runs draw nothing, and Matplotlib takes half a second.
             from cpid_drake.report.findings import findings_of
             from cpid_drake.report.pages.identification import identification_report
 
@@ -77,17 +75,18 @@ def identify(
             identification_report(findings, progress=status.update).write(report)
     if evidence.ignored:
         console.print(f"note: ignored columns: {', '.join(evidence.ignored[:20])}")
-    for warning in result.warnings:
-        console.print(f"warning: {warning}")
+    options.print_warnings(result.warnings)
     if not quiet:
         options.print_lines(describe(result))
-    if diagnose:
-        undeclared = result.undeclared
-        nothing = [
-            "  --diagnose needs --sensors without --known-bodies, a fit, and logs that determine "
-            "all that can act on the motion"
-        ]
-        options.print_lines([*(nothing if undeclared is None else undeclared.lines())])
+    if diagnose and result.undeclared is None:
+        options.print_lines(
+            [
+                "  --diagnose needs --sensors without --known-bodies, a fit, and logs that "
+                "determine all that can act on the motion"
+            ]
+        )
+    elif diagnose and result.undeclared is not None:
+        options.print_lines(result.undeclared.lines())
     if result.failures:
         return CHECK_FAILED
     return 0 if result.is_complete else NOT_ALL_KNOWN

@@ -1,18 +1,122 @@
-"""The `cpid` command: its end, also after an interrupt."""
+"""The `cpid` command: its subcommands, its exit codes and its end."""
 
+import os
+import platform
 import sys
+from importlib import import_module
+from typing import Annotated, Any
 
-INTERRUPTED = 130
+import typer
+import typer.core
+import typer.main
+
+from cpid_drake.errors import InputError
+from cpid_drake.resources import version_of
+
+COMMANDS = {
+    "identify": "Identify the target that a spacecraft holds from logs of its motion.",
+    "simulate": "Simulate a scenario; write the log of its sensors and the true parameters.",
+    "plan": "Plan the joint motion that determines the target best; rank motions; export one.",
+    "validate": "Test an identified target with another log, and predict this log.",
+    "export": "Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.",
+    "report": "Write the report of an identification or of a simulated run, one HTML page.",
+    "view": "Show a scenario live in the browser, or write the replay of a scenario or a log.",
+    "log": "Check logs, find out what their columns mean, and convert them.",
+    "study": "Reproduce the paper's study, or compare the estimators on many noisy logs.",
+    "list": "List the shipped scenarios and sensors, the estimators and their row families.",
+}
+"""The subcommands and what they do; each is an object in the module of its name."""
+
+EXIT_CODES = {
+    0: "success",
+    2: "bad input or usage, or an output that cannot be written",
+    3: "the data do not determine all that can act on the motion",
+    4: "a check failed",
+    130: "interrupted",
+}
+"""The exit codes of all commands and their meanings."""
+
+
+class LazyGroup(typer.core.TyperGroup):
+    """Imports a subcommand only when it is used: Drake, SciPy and Matplotlib take a second."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all subcommands."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a stand-in of a subcommand, which has its name and its help."""
+        if cmd_name not in COMMANDS:
+            return None
+        return typer.core.TyperCommand(cmd_name, help=COMMANDS[cmd_name])
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the name of the subcommand, the subcommand itself, and its arguments."""
+        name, found, rest = super().resolve_command(ctx, args)
+        if found is None:
+            return name, found, rest
+        command = getattr(import_module(f"cpid_drake.commands.{name}"), str(name))
+        if not isinstance(command, typer.Typer):
+            single = typer.Typer()
+            single.command(name)(command)
+            command = single
+        return name, typer.main.get_command(command), rest
+
+
+app = typer.Typer(
+    name="cpid",
+    cls=LazyGroup,
+    help="Identify a captured target's inertial parameters from momentum conservation.",
+    epilog="Exit codes: " + "; ".join(f"{code} {text}" for code, text in EXIT_CODES.items()) + ".",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+
+def print_version(wanted: bool) -> None:
+    """Print the versions of this package, Drake and Python, and exit, if this is wanted."""
+    if wanted:
+        own, drake = (version_of(name) or "not installed" for name in ("cpid-drake", "drake"))
+        print(f"cpid {own} (Drake {drake}, Python {platform.python_version()})")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=print_version, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    pass
 
 
 def main() -> None:
-    """Run `cpid` and exit; an error or Ctrl-C causes one line on stderr."""
+    """Run `cpid` and exit with a code of `EXIT_CODES`; an error is one line on stderr."""
     try:
-        from cpid_drake.commands.app import run
-
-        code = run()
-    except KeyboardInterrupt:
-        code = INTERRUPTED
-    if code == INTERRUPTED:  # also what Typer makes of an interrupt
+        code = app(standalone_mode=False) or 0
+        sys.stdout.flush()  # a full disk is noticed here
+    except InputError as error:
+        code = _fail(str(error))
+    except OSError as error:
+        if not error.filename:  # standard output; the interpreter would fail again to write it
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = _fail(f"{error.filename or 'standard output'}: {error.strerror or error}")
+    except (KeyboardInterrupt, typer.Abort):
+        code = 130
+    except Exception as error:
+        # Usage errors: their class is Typer's or Click's, depending on Typer's version.
+        if not hasattr(error, "format_message"):
+            raise
+        message = error.format_message()  # empty if the help has been printed
+        code = _fail(message) if message else 2
+    if code == 130:  # also what Typer makes of an interrupt
         print("cpid: interrupted", file=sys.stderr)
     sys.exit(code)
+
+
+def _fail(message: str) -> int:
+    print(f"cpid: error: {' '.join(message.split())}", file=sys.stderr)
+    return 2

@@ -1,48 +1,53 @@
-"""Options that several commands share, and the checks of their values.
+"""Options that several commands share, each declared once."""
 
-The checks import neither Drake nor SciPy: a wrong path or name is reported at once.
-"""
-
+import inspect
 import os
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_type_hints
 
 import typer
 from rich.console import Console
 
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
+from cpid_drake.identification.result import Request, SpacecraftReference
+from cpid_drake.input_files.validation import from_tree
+from cpid_drake.input_files.yaml_text import parse_yaml
 from cpid_drake.output_files.drafts import refuse_unfinished
-from cpid_drake.resources import MODELS_PACKAGE, resolve_model
+from cpid_drake.resources import find_scenario, package_folders, resolve_model
+from cpid_drake.scenario.files import load_scenario
+from cpid_drake.scenario.joint_motions import MOTION_TAGS
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 T = TypeVar("T")
 
 LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
 
+
+class Momentum(StrEnum):
+    """The total momentum of spacecraft and target about W's origin."""
+
+    ZERO = "zero"
+    UNKNOWN = "unknown"
+
+
 ScenarioArgument = Annotated[
     str,
     typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a shipped scenario."),
 ]
-FolderOption = Annotated[Path, typer.Option(help="Output folder; created if it does not exist.")]
-ModelOption = Annotated[
-    T,
-    typer.Option(
-        "--spacecraft",
-        metavar="MODEL",
-        help="Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives.",
-    ),
+LogArgument = Annotated[str, typer.Argument(metavar="LOG", help=LOG_KINDS)]
+ResultArgument = Annotated[
+    Path, typer.Argument(metavar="RESULT", help="Result file of `cpid identify --json`.")
 ]
-BaseOption = Annotated[
-    T, typer.Option("--base", metavar="NAME", help="Base body of the spacecraft.")
-]
-CaptureFrameOption = Annotated[
-    T,
-    typer.Option(
-        "--capture-frame", metavar="NAME", help="Frame or link of the model that holds the target."
-    ),
+OutFolder = Annotated[
+    Path,
+    typer.Option("--out", metavar="FOLDER", help="Folder to write; created if it is not there."),
 ]
 SensorsOption = Annotated[
     str | None,
@@ -53,40 +58,12 @@ SensorsOption = Annotated[
     ),
 ]
 MomentumOption = Annotated[
-    str | None,
+    Momentum | None,
     typer.Option(
         "--momentum",
-        metavar="zero|unknown",
         help="Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero "
         "if the log agrees with that, else unknown.",
     ),
-]
-KnownBodiesOption = Annotated[
-    str | None,
-    typer.Option(
-        "--known-bodies",
-        metavar="KEY=NUMBER,...|YAML",
-        help="Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and inertia "
-        "(relative), com \\[m], joint_position_mm, joint_axis_mrad, grasp_mm, grasp_mrad. Default: "
-        "the model is exact.",
-    ),
-]
-PackageOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--package",
-        metavar="NAME=FOLDER",
-        help="Folder of a package that the model's URIs name; may be repeated.",
-    ),
-]
-StartOption = Annotated[
-    float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
-]
-EndOption = Annotated[
-    float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
-]
-LeaveOutBadOption = Annotated[
-    bool, typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem.")
 ]
 TopicOption = Annotated[
     list[str] | None,
@@ -97,14 +74,8 @@ TopicOption = Annotated[
         "thrust; may be repeated.",
     ),
 ]
-ColumnsOption = Annotated[
-    str | None,
-    typer.Option(
-        "--columns",
-        metavar="YAML",
-        help="Map of the log's columns: names, units and conventions; `cpid telemetry map` writes "
-        "one. Default: the columns of models/telemetry/README.md.",
-    ),
+LeaveOutBadOption = Annotated[
+    bool, typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem.")
 ]
 ForceOption = Annotated[
     bool,
@@ -117,20 +88,330 @@ ForceOption = Annotated[
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors.")]
 
 
+@dataclass
+class SpacecraftFile:
+    """The keys of a YAML file for --scenario that is no scenario: what is known of a spacecraft.
+
+    Paths in such a file are relative to its folder.
+    """
+
+    model: str
+    base: str
+    capture_frame: str
+    packages: dict[str, str] = field(default_factory=dict)
+    sensors: str | None = None
+    momentum: Literal["zero", "unknown"] | None = None
+    planar: bool | None = None
+    known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
+
+
+def load_spacecraft_file(name: str) -> SpacecraftFile:
+    """Return what a scenario, or a spacecraft's own file, says about the spacecraft.
+
+    The target and the motion of a scenario are not used.
+
+    Raises:
+        InputError: no such file, or for the same reasons as `load_scenario`.
+
+    """
+    file = resolve_model(find_scenario(name))
+    tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
+    if not (isinstance(tree, dict) and "spacecraft" in tree):
+        found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
+        folder = file.parent
+        local = found.sensors is not None and (folder / found.sensors).is_file()
+        return replace(
+            found,
+            model=found.model if "://" in found.model else str(folder / found.model),
+            packages={key: str(folder / each) for key, each in found.packages.items()},
+            sensors=str(folder / found.sensors) if local and found.sensors else found.sensors,
+        )
+    scenario = load_scenario(file)
+    craft = scenario.spacecraft
+    return SpacecraftFile(
+        craft.model,
+        craft.base,
+        craft.capture_frame,
+        craft.packages,
+        sensors=scenario.sensors.suite or None,
+        momentum="unknown" if scenario.identification.unknown_momentum else "zero",
+        planar=True if craft.on_table else None,
+        known_bodies=scenario.known_bodies,
+    )
+
+
+@dataclass(frozen=True)
+class SpacecraftOptions:
+    """The known spacecraft."""
+
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            "--scenario",
+            metavar="SCENARIO|YAML",
+            help="Scenario, or file of a spacecraft, with model, base, capture frame, packages, "
+            "sensors, momentum, table and known bodies; other options override it.",
+        ),
+    ] = None
+    spacecraft: Annotated[
+        str | None,
+        typer.Option(
+            "--spacecraft",
+            metavar="MODEL",
+            help="Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives.",
+        ),
+    ] = None
+    base: Annotated[
+        str | None, typer.Option("--base", metavar="NAME", help="Base body of the spacecraft.")
+    ] = None
+    capture_frame: Annotated[
+        str | None,
+        typer.Option(
+            "--capture-frame",
+            metavar="NAME",
+            help="Frame or link of the model that holds the target.",
+        ),
+    ] = None
+    package: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--package",
+            metavar="NAME=FOLDER",
+            help="Folder of a package that the model's URIs name; may be repeated.",
+        ),
+    ] = None
+
+    @property
+    def is_given(self) -> bool:
+        """Whether any of the options is given."""
+        return any((self.scenario, self.spacecraft, self.base, self.capture_frame, self.package))
+
+    def known(self) -> SpacecraftFile:
+        """Return what is known of the spacecraft from the file and the single options.
+
+        Raises:
+            InputError: the model, its base or its capture frame is missing, or the file is wrong.
+
+        """
+        packages = _pairs("--package", self.package, "NAME=FOLDER")
+        given: dict[str, Any] = {
+            "model": self.spacecraft and _absolute(self.spacecraft),
+            "base": self.base,
+            "capture_frame": self.capture_frame,
+        }
+        given = {key: value for key, value in given.items() if value is not None}
+        if self.scenario is not None:
+            found = load_spacecraft_file(self.scenario)
+            found = replace(found, **given, packages={**found.packages, **packages})
+        elif len(given) == 3:
+            found = SpacecraftFile(**given, packages=packages)
+        else:
+            raise InputError(
+                "a log needs a spacecraft: give --scenario, or all of --spacecraft, --base and "
+                "--capture-frame"
+            )
+        absolute = {name: _absolute(folder) for name, folder in found.packages.items()}
+        found = replace(found, model=_absolute(found.model), packages=absolute)
+        if "://" not in found.model:
+            resolve_model(found.model)
+        return found
+
+    def make(self) -> Spacecraft:
+        """Return the spacecraft.
+
+        Raises:
+            InputError: for the same reasons as `known` and `Spacecraft`.
+
+        """
+        found = self.known()
+        return Spacecraft(
+            found.model,
+            base=found.base,
+            capture_frame=found.capture_frame,
+            packages=found.packages,
+        )
+
+    def files(self) -> list[str | Path]:
+        """Return the files that the options name."""
+        if not self.is_given:
+            return []
+        found = self.known()
+        scenario = [] if self.scenario is None else [find_scenario(self.scenario)]
+        return [*scenario, resolve_model(found.model, package_folders(found.packages))]
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """How to read a log."""
+
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            "--columns",
+            metavar="YAML",
+            help="Map of the log's columns: names, units and conventions; `cpid log map` writes "
+            "one. Default: the columns of models/telemetry/README.md.",
+        ),
+    ] = None
+    topic: TopicOption = None
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics by kind.
+
+        Raises:
+            InputError: an entry does not have the form KIND=/NAME.
+
+        """
+        return _pairs("--topic", self.topic, "KIND=/NAME, such as imu=/imu/data")
+
+
+@dataclass(frozen=True)
+class PartOptions(ReadingOptions):
+    """How to read a log, and which part of it to use."""
+
+    leave_out_bad: LeaveOutBadOption = False
+    start: Annotated[
+        float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
+    ] = None
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
+    ] = None
+
+
+@dataclass(frozen=True)
+class LogOptions(PartOptions, SpacecraftOptions):
+    """The options of a log and of its identification."""
+
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            "--estimator",
+            metavar="NAME",
+            help="Estimator, such as least_squares, trajectory_fit or recursive_fit; `cpid list` "
+            "explains all. Default: trajectory_fit with --sensors or --known-bodies, else "
+            "least_squares.",
+        ),
+    ] = None
+    rows: Annotated[
+        str | None,
+        typer.Option(
+            "--rows",
+            metavar="NAME",
+            help="Row family of least_squares, such as standard, relative or eq18; `cpid list` "
+            "explains all. Default: standard, or relative for logs without position and velocity.",
+        ),
+    ] = None
+    sensors: SensorsOption = None
+    momentum: MomentumOption = None
+    known_bodies: Annotated[
+        str | None,
+        typer.Option(
+            "--known-bodies",
+            metavar="KEY=NUMBER,...|YAML",
+            help="Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and "
+            "inertia (relative), com \\[m], joint_position_mm, joint_axis_mrad, grasp_mm, "
+            "grasp_mrad. Default: the model is exact.",
+        ),
+    ] = None
+    planar: Annotated[
+        bool | None,
+        typer.Option(
+            "--planar/--no-planar",
+            help="Whether the spacecraft floats on a table whose normal is the world's z axis. "
+            "Default: yes for logs of x, y and yaw.",
+            show_default=False,
+        ),
+    ] = None
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            "--prior",
+            metavar="FILE",
+            help="What is known about the target besides: a result of `cpid identify` (JSON) or "
+            "YAML with mass, p_CTcm_C, I_TTcm_C and their σ.",
+        ),
+    ] = None
+
+    def files(self) -> list[str | Path]:
+        """Return the files that the options name."""
+        bodies = self.known_bodies if self.known_bodies and "=" not in self.known_bodies else None
+        given = (self.sensors, self.columns, self.prior, bodies)
+        return [*super().files(), *(file for file in given if file)]
+
+    def request(self, log: str) -> Request:
+        """Return the request to identify a log.
+
+        Raises:
+            InputError: an option is missing, or a file or a name is wrong.
+
+        """
+        refuse_unfinished(Path(log).parent)
+        known = self.known()
+        bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
+        momentum = known.momentum if self.momentum is None else self.momentum.value
+        return Request(
+            log,
+            SpacecraftReference(known.model, known.base, known.capture_frame, known.packages),
+            estimator=self.estimator,
+            rows=self.rows,
+            sensors=self.sensors or known.sensors,
+            momentum=momentum,
+            start=self.start,
+            end=self.end,
+            topics=self.topics(),
+            leave_out_bad=self.leave_out_bad,
+            columns=self.columns,
+            planar=known.planar if self.planar is None else self.planar,
+            known_bodies=self.known_bodies or (None if known.known_bodies.is_zero else bodies),
+            prior=self.prior,
+        )
+
+    def of_run(self, folder: Path) -> "LogOptions":
+        """Return the options with those of a run of `cpid simulate` where none are given."""
+        suite = folder / "sensors.yaml"
+        sensors = self.sensors or (str(suite) if suite.is_file() else None)
+        return replace(self, scenario=str(folder / "scenario.yaml"), sensors=sensors)
+
+
+def with_options(command: Callable[..., T]) -> Callable[..., T]:
+    """Return a command whose parameters that are dataclasses of options become these options."""
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    signature, parameters = inspect.signature(command), []
+    for name, parameter in signature.parameters.items():
+        if name in groups:
+            own = get_type_hints(groups[name], include_extras=True)
+            parameters += [
+                inspect.Parameter(
+                    each.name,
+                    inspect.Parameter.KEYWORD_ONLY,
+                    default=each.default,
+                    annotation=own[each.name],
+                )
+                for each in fields(groups[name])
+            ]
+        else:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+
+    def run(**values: Any) -> T:
+        for name, kind in groups.items():
+            values[name] = kind(**{each.name: values.pop(each.name) for each in fields(kind)})
+        return command(**values)
+
+    run.__name__, run.__doc__ = command.__name__, command.__doc__
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return run
+
+
 def log_console(quiet: bool = False) -> Console:
     """Return a console for plain text on stderr; long lines are not wrapped."""
     return Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
 
 
-def line_width() -> int | None:
-    """Return the width of the terminal; None where the output is a file or a pipe."""
-    is_known = sys.stdout.isatty() or "COLUMNS" in os.environ
-    return shutil.get_terminal_size().columns if is_known else None
-
-
 def print_lines(lines: Iterable[str]) -> None:
-    """Print lines; those that are longer than the terminal's are broken between words."""
-    width = line_width()
+    """Print lines; on a terminal, those that are longer than it are broken between words."""
+    is_known = sys.stdout.isatty() or "COLUMNS" in os.environ
+    width = shutil.get_terminal_size().columns if is_known else None
     for line in lines:
         if width is None or len(line) <= width:
             print(line)
@@ -145,89 +426,9 @@ def print_warnings(texts: Iterable[str]) -> None:
         print(f"warning: {text}", file=sys.stderr)
 
 
-def check_inputs(
-    telemetry: str,
-    model: str,
-    sensors: str | None,
-    columns: str | None = None,
-    prior: str | None = None,
-) -> None:
-    """Refuse inputs that do not exist or are of another kind.
-
-    Raises:
-        InputError: for the same reasons as `check_telemetry`, `refuse_unfinished`, `resolve_model`
-            and `load_sensors`.
-
-    """
-    from cpid_drake.logs.files import check_telemetry
-
-    check_telemetry(telemetry, columns)
-    refuse_unfinished(Path(telemetry).parent)
-    if "://" not in model or model.startswith(f"package://{MODELS_PACKAGE}/"):
-        resolve_model(model)
-    if sensors is not None:
-        from cpid_drake.sensors.presets import load_sensors
-
-        load_sensors(sensors)
-    if prior is not None and not Path(prior).is_file():
-        raise InputError(f"--prior {prior}: no such file")
-
-
-def check_uncertainty(known_bodies: str | None) -> None:
-    """Refuse an uncertainty of the spacecraft that cannot be read.
-
-    Raises:
-        InputError: for the same reasons as `read_uncertainty`.
-
-    """
-    if known_bodies is not None:
-        from cpid_drake.dynamics.uncertainty import read_uncertainty
-
-        read_uncertainty(known_bodies)
-
-
-def check_method(estimator: str | None, rows: str | None, momentum: str, has_sensors: bool) -> None:
-    """Check the name of an estimator, and rows and momentum with it.
-
-    Arguments as for `choose_method`.
-
-    Raises:
-        InputError: for the same reasons as `choose_method`.
-
-    """
-    from cpid_drake.dynamics.total_momentum import TotalMomentum
-    from cpid_drake.identification.estimators import choose_method
-
-    choose_method(estimator, rows, TotalMomentum.named(momentum), has_sensors=has_sensors)
-
-
-def absolute_model(model: str) -> str:
-    """Return the absolute path of a model, or its URI unchanged."""
-    return model if "://" in model else str(Path(model).expanduser().absolute())
-
-
-def packages_of(entries: list[str] | None) -> dict[str, str]:
-    """Return the folders that --package NAME=FOLDER gives, by name.
-
-    Raises:
-        InputError: an entry does not have the form NAME=FOLDER, or the folder does not exist.
-
-    """
-    packages = _pairs("--package", entries, "NAME=FOLDER")
-    for name, folder in packages.items():
-        if not Path(folder).is_dir():
-            raise InputError(f"--package {name}={folder}: no such folder: {folder}")
-    return {name: str(Path(folder).absolute()) for name, folder in packages.items()}
-
-
-def topics_of(entries: list[str] | None) -> dict[str, str]:
-    """Return the topics that --topic KIND=/NAME gives, by kind.
-
-    Raises:
-        InputError: an entry does not have the form KIND=/NAME.
-
-    """
-    return _pairs("--topic", entries, "KIND=/NAME, such as imu=/imu/data")
+def _absolute(path: str) -> str:
+    """Return the absolute path of a file or folder, or its URI unchanged."""
+    return path if "://" in path else str(Path(path).expanduser().absolute())
 
 
 def _pairs(option: str, entries: list[str] | None, form: str) -> dict[str, str]:

@@ -1,75 +1,78 @@
 """`cpid report`."""
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cpid_drake.commands.log_options import LogOptions, with_log_options
-from cpid_drake.commands.options import ForceOption, QuietOption, log_console
+from cpid_drake.commands import options
 from cpid_drake.errors import InputError
+from cpid_drake.identification.requests import identify_files
 from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.output_files.overwriting import PAGE, PNG, SVG, Output, check_folder, check_outputs
+from cpid_drake.report.figures import FIGURE_FILES, write_figures
+from cpid_drake.report.findings import findings_of, findings_of_file
+from cpid_drake.report.pages.identification import identification_report
+from cpid_drake.report.pages.run import run_report
+from cpid_drake.report.run_folder import read_run
 
 
-@with_log_options
+@options.with_options
 def report(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="RESULT|RUN|TELEMETRY",
-            help="A result file of `cpid identify`, an output folder of `cpid simulate`, or a log.",
-        ),
-    ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="HTML file to write.")],
-    log: LogOptions,
+    chosen: options.LogOptions,
+    log: Annotated[
+        str | None, typer.Argument(metavar="[LOG]", help=f"A log: {options.LOG_KINDS}")
+    ] = None,
+    result: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="In place of a log: a result of `cpid identify --json`."),
+    ] = None,
+    run: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="In place of a log: a folder of `cpid simulate`."),
+    ] = None,
     figures: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Write the figures there too, as PNG and SVG."),
     ] = None,
-    force: ForceOption = False,
-    quiet: QuietOption = False,
+    force: options.ForceOption = False,
+    quiet: options.QuietOption = False,
 ) -> None:
-    """Write the report of an identification or of a simulated run, one self-contained HTML page.
+    """Write the report of an identification or of a simulated run, one HTML page.
 
-    A log needs the options from --spacecraft to --capture-frame. A run can be identified with
-    other options than its own. A result file has its own options.
+    A log needs a spacecraft. A run can be identified with other options than its own. A result has
+    the options of its identification, and its log is read again if it is still there.
     """
-    inputs: list[str | Path] = [source, *log.files()]
-    check_outputs([Output("--out", out, PAGE)], inputs, force=force)
-    if not Path(source).exists():
-        raise InputError(f"{source}: no such file or folder")
-    request = log.request(source) if log.is_log(source) else None
-    is_run = Path(source).is_dir()
-    if request is None and not is_run and log.given():
-        raise InputError(f"{log.given()[0]} is for logs and runs; a result has its own options")
-    import logging
-
-    from cpid_drake.identification.requests import identify_files
-    from cpid_drake.report.figures import FIGURE_FILES, write_figures
-    from cpid_drake.report.findings import findings_of, findings_of_file
-    from cpid_drake.report.pages.identification import identification_report
-    from cpid_drake.report.pages.run import run_report
-
+    if sum(each is not None for each in (log, result, run)) != 1:
+        raise InputError("give one of LOG, --result FILE and --run FOLDER")
+    if result is not None and chosen != options.LogOptions():
+        raise InputError("--result has the options of its identification: give no others")
+    sources: list[str | Path] = [each for each in (log, result, run) if each is not None]
     pictures = [(name, PNG if name.endswith("png") else SVG) for name in FIGURE_FILES]
-    if figures is not None:
-        check_folder("--figures", figures, pictures, inputs, force=force)
-    logging.getLogger("drake").setLevel(logging.WARNING)
-    console = log_console(quiet)
-    with console.status("reading") as status:
-        if request is None and is_run:
-            page, findings = run_report(Path(source), status.update, log.applied_to)
-        else:
-            findings = (
-                findings_of_file(source, status.update)
-                if request is None
-                else findings_of(identify_files([request], status.update), status.update)
-            )
-            page = identification_report(findings, progress=status.update)
-        inputs += findings.files()
+
+    def check(inputs: list[str | Path]) -> None:
         check_outputs([Output("--out", out, PAGE)], inputs, force=force)
         if figures is not None:
             check_folder("--figures", figures, pictures, inputs, force=force)
+
+    check([*sources, *chosen.files()])
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    console = options.log_console(quiet)
+    with console.status("reading") as status:
+        if run is not None:
+            contents = read_run(run)
+            request = chosen.of_run(run).request(str(run / "telemetry.csv"))
+            page, findings = run_report(contents, request, status.update)
+        elif result is not None:
+            findings = findings_of_file(result, status.update)
+            page = identification_report(findings, progress=status.update)
+        else:
+            evidence = identify_files([chosen.request(str(log))], status.update)
+            findings = findings_of(evidence, status.update)
+            page = identification_report(findings, progress=status.update)
+        check([*sources, *findings.files()])
         status.update("drawing")
         page.write(out)
         count = 0

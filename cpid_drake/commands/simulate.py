@@ -1,57 +1,92 @@
 """`cpid simulate`."""
 
+import shlex
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
-from cpid_drake.commands.forecast import Forecast
-from cpid_drake.errors import prefix_errors
+from cpid_drake.commands.identify import CHECK_FAILED
+from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.output_files.overwriting import check_folder
 from cpid_drake.resources import find_scenario
-
-if TYPE_CHECKING:
-    from pydrake.systems.framework import Context
+from cpid_drake.scenario.files import files_of, load_scenario
+from cpid_drake.scenario.limits import LimitCheck, check_limits
+from cpid_drake.scenario.run_files import run_outputs, write_run
+from cpid_drake.scenario.simulation import Simulation, make_simulation
 
 
 def simulate(
     scenario: options.ScenarioArgument,
-    out: options.FolderOption,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Folder to write; created if it is not there."),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Simulate nothing, but check the scenario with all that it refers to; exit with "
+            "code 4 if the joint motion exceeds a limit.",
+        ),
+    ] = False,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
-) -> None:
-    """Simulate a scenario; write the telemetry of its sensors and the true parameters.
+) -> int:
+    """Simulate a scenario; write the log of its sensors and the true parameters.
 
-    Warnings name the limits of the spacecraft's model that the joint motion exceeds.
+    Warnings name the limits of the spacecraft's model that the joint motion exceeds: positions,
+    rates and efforts of the joints, and distances between bodies.
     """
     start = time.perf_counter()
+    if (out is None) != check:
+        raise InputError("give --out FOLDER, or --check to simulate nothing")
     path = find_scenario(scenario)
-    check_folder("--out", out, [], [path])
-    from cpid_drake.scenario.files import files_of, load_scenario
-
+    if out is not None:
+        check_folder("--out", out, [], [path])
+    loaded = load_scenario(path)
+    if out is not None:
+        check_folder("--out", out, run_outputs(out), [path, *files_of(loaded)], force=force)
     log = options.log_console(quiet)
-    with log.status("reading the scenario") as status:
-        loaded = load_scenario(path)
-        from cpid_drake.scenario.limits import check_limits
-        from cpid_drake.scenario.run_files import request_of_run, run_outputs, write_run
-        from cpid_drake.scenario.simulation import make_simulation
-
-        inputs = [path, *files_of(loaded)]
-        check_folder("--out", out, run_outputs(out), inputs, force=force)
+    with log.status("reading the model") as status:
         with prefix_errors(scenario):
             simulation = make_simulation(loaded)
             limits = check_limits(simulation)
+        if out is None:
+            print(_facts(scenario, simulation, limits))
+            options.print_warnings(limits.exceeded)
+            return CHECK_FAILED if limits.exceeded else 0
         options.print_warnings(limits.exceeded)
-        duration = loaded.simulation.duration
-        forecast = Forecast(f"{duration:g} s of motion take", duration, log.print)
 
-        def progress(now: "Context") -> None:
-            status.update(f"simulated {now.get_time():.1f} of {duration:g} s")
-            forecast.update(now.get_time())
+        def progress(now: Context) -> None:
+            status.update(f"simulated {now.get_time():.1f} of {loaded.simulation.duration:g} s")
 
         context = simulation.run(progress)
-        status.update("writing")
         files = write_run(simulation, context, out, time.perf_counter() - start, limits)
-    seconds = time.perf_counter() - start
-    log.print(f"{len(files)} files in {out}, {seconds:.1f} s")
+    log.print(f"{len(files)} files in {out}, {time.perf_counter() - start:.1f} s")
     if not quiet:
-        print(request_of_run(loaded, out).command())
+        words = ["cpid", "identify", out / "telemetry.csv", "--scenario", out / "scenario.yaml"]
+        words += ["--sensors", out / "sensors.yaml"] if simulation.sensors else []
+        print(shlex.join(map(str, words)))
+    return 0
+
+
+def _facts(name: str, simulation: Simulation, limits: LimitCheck) -> str:
+    """Return the verdict on a scenario, and what it contains, as one line."""
+    scenario, spacecraft = simulation.scenario, simulation.spacecraft
+    suite, count = simulation.sensors and simulation.sensors.suite, len(limits.exceeded)
+    facts = (
+        "ok" if not count else f"{count} limit{'s' * (count > 1)} exceeded",
+        f"spacecraft of {spacecraft.mass:g} kg with {len(spacecraft.joint_names)} joints",
+        f"target of {simulation.truth.mass:g} kg",
+        f"{type(scenario.joint_motion).__name__} of {simulation.joint_motion.duration:g} s",
+        f"simulation of {scenario.simulation.duration:g} s",
+        f"sensors: {', '.join(suite.present())}" if suite else "no sensors",
+        f"estimator: {scenario.online_estimator}",
+        *([f"closest bodies: {limits.closest}"] if limits.closest else []),
+        *(f"not checked: {what}" for what in limits.unchecked),
+    )
+    return f"{name}: {'; '.join(facts)}"

@@ -1,39 +1,43 @@
 """`cpid validate`."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from cpid_drake.commands import options
 from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.identification.prior_files import prior_of_result
+from cpid_drake.identification.requests import file_hash, open_log, opened_inputs
+from cpid_drake.identification.result_files import read_result
+from cpid_drake.identification.validation import POWER, Validation
+from cpid_drake.identification.validation import validate as validate_target
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import VALIDATION, Output, check_outputs
 
-if TYPE_CHECKING:
-    from cpid_drake.identification.validation import Validation
 
-
+@options.with_options
 def validate(
-    result: Annotated[
-        str, typer.Argument(metavar="RESULT", help="Result file of `cpid identify --json`.")
-    ],
-    telemetry: Annotated[
+    result: options.ResultArgument,
+    log: Annotated[
         str,
         typer.Argument(
-            metavar="TELEMETRY",
+            metavar="LOG",
             help=f"A log of the same spacecraft and target that was not used for the result: "
             f"{options.LOG_KINDS}",
         ),
     ],
+    part: options.PartOptions,
     threshold: Annotated[
         float,
         typer.Option(
+            min=1e-6,
+            max=1e6,
             help="Largest usual residual of the log, in σ and whatever its cause, with which the "
-            "result is valid."
+            "result is valid.",
         ),
     ] = 3.0,
     beginning: Annotated[
@@ -45,17 +49,6 @@ def validate(
     ] = 0.3,
     sensors: options.SensorsOption = None,
     momentum: options.MomentumOption = None,
-    start: Annotated[
-        float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
-    ] = None,
-    end: Annotated[
-        float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
-    ] = None,
-    columns: options.ColumnsOption = None,
-    topic: options.TopicOption = None,
-    leave_out_bad: Annotated[
-        bool, typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem.")
-    ] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the errors to this file.")
     ] = None,
@@ -72,56 +65,45 @@ def validate(
     Exit codes: 0 the target passes the test, and the residuals are below the threshold; 2 bad input
     or usage; 4 the result is not valid.
     """
-    if not 0 < threshold < 1e6:
-        raise InputError(f"--threshold {threshold:g}: give a positive number")
-    inputs = [file for file in (result, telemetry, sensors, columns) if file is not None]
+    inputs = [file for file in (result, log, sensors, part.columns) if file is not None]
     outputs = [] if json_file is None else [Output("--json", json_file, VALIDATION)]
     check_outputs(outputs, inputs, force=force)
-    from dataclasses import replace
-
-    from cpid_drake.identification.prior_files import prior_of_result
-    from cpid_drake.identification.requests import file_hash, open_log, opened_inputs
-    from cpid_drake.identification.result_files import read_result
-    from cpid_drake.identification.validation import validate
-
     found = read_result(result)
     if not found.sources:
         raise InputError(f"{result}: the result does not name its spacecraft")
     used = found.sources[0].request
-    options.check_inputs(telemetry, used.spacecraft.model, sensors, columns)
     hashes = [source.sha256.get("telemetry") for source in found.sources]
-    if any(each and each == file_hash(telemetry) for each in hashes):
-        raise InputError(f"{telemetry}: the result was identified from this log; give another one")
+    if any(each and each == file_hash(log) for each in hashes):
+        raise InputError(f"{log}: the result was identified from this log; give another one")
     request = replace(
         used,
-        telemetry=telemetry,
+        telemetry=log,
         sensors=sensors or used.sensors,
-        momentum=momentum,
-        start=start,
-        end=end,
-        topics=options.topics_of(topic),
-        leave_out_bad=leave_out_bad,
-        columns=columns or used.columns,
+        momentum=None if momentum is None else momentum.value,
+        start=part.start,
+        end=part.end,
+        topics=part.topics(),
+        leave_out_bad=part.leave_out_bad,
+        columns=part.columns or used.columns,
         prior=None,
     )
-    console = options.log_console()
     with options.log_console(quiet).status("predicting") as status:
         known = opened_inputs(request, status.update)
         craft = known.spacecraft
-        target = prior_of_result(found, result, craft, used.spacecraft.capture_frame)
-        log = open_log(request, craft.joint_names)
-        with prefix_errors(telemetry):
-            validation = validate(
+        target = prior_of_result(found, str(result), craft, used.spacecraft.capture_frame)
+        opened = open_log(request, craft.joint_names)
+        with prefix_errors(log):
+            validation = validate_target(
                 craft,
                 target,
-                log.data,
+                opened.data,
                 sensors=known.sensors,
                 momentum=known.momentum,
                 known_bodies=known.known_bodies,
                 planar=request.planar,
                 beginning=beginning,
             )
-    validation = replace(validation, warnings=(*log.warnings, *validation.warnings))
+    validation = replace(validation, warnings=(*opened.warnings, *validation.warnings))
     is_valid = validation.is_target_right and validation.in_sigma <= threshold
     if json_file is not None:
         content = {
@@ -130,22 +112,18 @@ def validate(
             "probability": validation.probability,
             "threshold": threshold,
             "is_valid": is_valid,
-            "result": result,
-            "telemetry": telemetry,
+            "result": str(result),
+            "telemetry": log,
         }
         write_text(json_file, json.dumps(content, indent=2) + "\n")
-    for failure in found.failures:
-        console.print(f"warning: failed check of the result: {failure}")
-    for warning in validation.warnings:
-        console.print(f"warning: {warning}")
+    options.print_warnings(f"failed check of the result: {failure}" for failure in found.failures)
+    options.print_warnings(validation.warnings)
     if not quiet:
         options.print_lines(_described(validation, threshold))
     return 0 if is_valid else CHECK_FAILED
 
 
-def _described(validation: "Validation", threshold: float) -> list[str]:
-    from cpid_drake.identification.validation import POWER
-
+def _described(validation: Validation, threshold: float) -> list[str]:
     size = validation.in_sigma
     if not validation.is_target_right:
         verdict = (
@@ -159,9 +137,12 @@ def _described(validation: "Validation", threshold: float) -> list[str]:
         )
     else:
         verdict = f"valid: the log agrees with this target (p = {validation.probability:.2g})"
+    noticed = "Not even a target twice as heavy would be noticed"
+    if validation.heavier <= 1:
+        noticed = f"A target {100 * validation.heavier:.2g} % heavier would be noticed"
     lines = [
         verdict,
-        f"{_noticed(validation.heavier)} (probability {100 * POWER:g} %)",
+        f"{noticed} (probability {100 * POWER:g} %)",
         f"χ² of the target {validation.chi_squared:.3g}, of {validation.freedom} combinations of "
         f"parameters that the log determines; total momentum {validation.momentum}",
         "",
@@ -169,21 +150,9 @@ def _described(validation: "Validation", threshold: float) -> list[str]:
         f"  {'':9}{'samples':>8}{'rms error':>10}{'largest':>9}{'noise':>9}{'':9}{'residual':>9}",
     ]
     for error in validation.errors:
-        numbers = (error.rms, error.largest, error.noise)
         lines.append(
-            f"  {error.sensor:9}{error.samples:8}"
-            + "".join(f"{number:{width}.3g}" for number, width in zip(numbers, (10, 9, 9)))
-            + f" {error.unit:8}{error.in_sigma:7.3g} σ"
+            f"  {error.sensor:9}{error.samples:8}{error.rms:10.3g}{error.largest:9.3g}"
+            f"{error.noise:9.3g} {error.unit:8}{error.in_sigma:7.3g} σ"
         )
-    return [
-        *lines,
-        "",
-        "  Residual: of a fit of the whole log with the target that explains it best.",
-    ]
-
-
-def _noticed(heavier: float) -> str:
-    """Return the smallest change of the target that the test notices, in words."""
-    if heavier > 1:
-        return "Not even a target twice as heavy would be noticed"
-    return f"A target {100 * heavier:.2g} % heavier would be noticed"
+    note = "  Residual: of a fit of the whole log with the target that explains it best."
+    return [*lines, "", note]

@@ -41,7 +41,7 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
         raise InputError(
             f"there is no column 'q:{missing[0]}'; the spacecraft's joints are "
             f"{', '.join(wanted)}, the log's are {', '.join(map(repr, have))}; if the log has "
-            "other names for its columns, give --columns (`cpid telemetry map` writes such a file)"
+            "other names for its columns, give --columns (`cpid log map` writes such a file)"
         )
     measurements = as_arrays(measurements)
     order = [have.index(name) for name in wanted]

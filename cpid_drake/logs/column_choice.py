@@ -207,8 +207,7 @@ def _likely(wanted: str, unknown: Sequence[str]) -> str:
     shown = ", ".join(f"'{name:.40}'" for name in unknown[:_SHOWN])
     more = f" and {len(unknown) - _SHOWN} more" if len(unknown) > _SHOWN else ""
     return (
-        f"; ignored columns: {shown}{more}; `cpid telemetry map` finds out what the columns of a "
-        "log mean"
+        f"; ignored columns: {shown}{more}; `cpid log map` finds out what the columns of a log mean"
     )
 
 

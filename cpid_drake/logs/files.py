@@ -145,7 +145,7 @@ def refuse_problems(problems: Sequence[str], where: str) -> None:
     """
     if problems:
         others = len(problems) - 1
-        more = f" (and {others} more: `cpid telemetry check` lists them)" if others else ""
+        more = f" (and {others} more: `cpid log check` lists them)" if others else ""
         raise InputError(f"{where}: {problems[0]}{more}")
 
 

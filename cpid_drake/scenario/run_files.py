@@ -12,7 +12,6 @@ from pydrake.systems.framework import Context
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.identification.result import Request, SpacecraftReference
 from cpid_drake.input_files.validation import dump_yaml, nulls
 from cpid_drake.logs.files import write_telemetry
 from cpid_drake.output_files.drafts import UNFINISHED, draft_folder
@@ -20,7 +19,6 @@ from cpid_drake.output_files.overwriting import CSV_LOG, SUMMARY, TRUTH, YAML, K
 from cpid_drake.resources import version_of
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.limits import LimitCheck
-from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation
 
 _RUN_FILE = Kind("a file of a run", (".yaml",))
@@ -159,18 +157,6 @@ def online_document(simulation: Simulation, root_context: Context) -> dict[str, 
             for key, values in found.items()
         },
     }
-
-
-def request_of_run(scenario: Scenario, folder: Path) -> Request:
-    """Return the request that identifies the target from the files of a run."""
-    craft, sensors = scenario.spacecraft, folder / "sensors.yaml"
-    return Request(
-        str(folder / "telemetry.csv"),
-        SpacecraftReference(craft.model, craft.base, craft.capture_frame, craft.packages),
-        sensors=str(sensors) if sensors.is_file() else None,
-        momentum="unknown" if scenario.identification.unknown_momentum else "zero",
-        planar=True if craft.on_table else None,
-    )
 
 
 def _json(document: dict[str, Any]) -> str:

@@ -35,7 +35,7 @@ def scene(folder: Path) -> None:
     from playwright.sync_api import sync_playwright
 
     page_file = folder / "view.html"
-    cpid("view", "free_flyer_payload", "--html", page_file, "--quiet")
+    cpid("view", "--scenario", "free_flyer_payload", "--out", page_file, "--quiet")
     browser_path = shutil.which("chromium") or shutil.which("chromium-browser")
     flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_playwright() as playwright:
@@ -71,7 +71,8 @@ def paper(folder: Path) -> None:
 
 def accuracy(folder: Path) -> None:
     """Draw the comparison of the estimators, and print its table."""
-    print(cpid("accuracy", "exciting_motion", "--preset", "flight", "--out", folder / "accuracy"))
+    study = ("study", "accuracy", "exciting_motion", "--sensors", "flight")
+    print(cpid(*study, "--out", folder / "accuracy"))
     shutil.copy(folder / "accuracy/accuracy_flight.png", HERE)
 
 

@@ -92,7 +92,7 @@ def command(kind: str, name: str) -> list[str]:
         "telemetry": ["identify", "--spacecraft", "arm.urdf", *craft, "--", name],
         "sensors": ["identify", "log.csv", "--spacecraft", "arm.urdf", *craft, "--sensors", name],
         "model": ["identify", "log.csv", "--spacecraft", name, *craft],
-        "scenario": ["scenario", "check", "--", name],
+        "scenario": ["simulate", "--check", "--", name],
         "result": export,
         "export": export,
     }[kind]

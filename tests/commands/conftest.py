@@ -11,14 +11,36 @@ from cpid_drake.report.sections import replay
 
 
 @pytest.fixture
-def run_cpid(monkeypatch, capsys):
+def run_cpid(monkeypatch, capfd):
     """Return a function that runs `cpid`: (code, stdout, stderr)."""
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
+        capfd.readouterr()
         with pytest.raises(SystemExit) as ended:
             main()
-        return ended.value.code, *capsys.readouterr()
+        return ended.value.code, *capfd.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def cpid(run_cpid, monkeypatch, tmp_path):
+    """Return a function that runs `cpid` in an empty folder: (code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+    return run_cpid
+
+
+@pytest.fixture
+def refusal(cpid):
+    """Return a function that runs what must be refused in one line, and gives the line."""
+
+    def run(*arguments):
+        code, stdout, stderr = cpid(*arguments)
+        assert (code, stdout) == (2, ""), stderr
+        assert stderr.startswith("cpid: error: ")
+        assert stderr.count("\n") == 1
+        return stderr
 
     return run
 

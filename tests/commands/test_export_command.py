@@ -46,29 +46,6 @@ def result(skewed_target, tmp_path):
     return write
 
 
-@pytest.fixture
-def cpid(run_cpid, monkeypatch, tmp_path):
-    """Return a function that runs `cpid export r.json`: (code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *arguments: run_cpid("export", *arguments)
-
-
-@pytest.fixture
-def refusal(cpid, tmp_path):
-    """Return a function that runs what must be refused, and gives the message."""
-
-    def run(*arguments) -> str:
-        before = sorted(tmp_path.rglob("*"))
-        code, stdout, stderr = cpid(*arguments)
-        assert (code, stdout) == (2, "")
-        assert stderr.startswith("cpid: error: ")
-        assert stderr.count("\n") == 1
-        assert sorted(tmp_path.rglob("*")) == before
-        return stderr.removeprefix("cpid: error: ")
-
-    return run
-
-
 def target_in(path, name="target") -> np.ndarray:
     joined = Spacecraft(path, base="bus", capture_frame="capture_point")
     inertia = joined.plant.GetBodyByName(name).default_spatial_inertia()
@@ -76,7 +53,9 @@ def target_in(path, name="target") -> np.ndarray:
 
 
 def test_the_feasible_target_alone(cpid, result, tmp_path):
-    code, stdout, stderr = cpid("r.json", "--format", "urdf", "--out", "t.urdf", "--name", "debris")
+    code, stdout, stderr = cpid(
+        "export", "r.json", "--format", "urdf", "--out", "t.urdf", "--name", "debris"
+    )
     assert (code, stdout) == (0, "")
     assert stderr == "t.urdf: written; Drake reads the same parameters from it\n"
     text = (tmp_path / "t.urdf").read_text()
@@ -87,7 +66,7 @@ def test_the_feasible_target_alone(cpid, result, tmp_path):
 def test_failed_checks_are_allowed_by_an_option_of_their_own(cpid, result, refusal):
     """Leave to replace a file is no leave to export an answer that is not trustworthy."""
     result(checks=[{"name": "misfit", "sentence": "the residuals are too large"}])
-    options = ("r.json", "--format", "urdf", "--out", "t.urdf")
+    options = ("export", "r.json", "--format", "urdf", "--out", "t.urdf")
     for force in ((), ("--force",)):
         assert "--allow-failed-checks exports it all the same" in refusal(*options, *force)
     assert cpid(*options, "--allow-failed-checks")[0] == 0
@@ -98,7 +77,7 @@ def test_failed_checks_are_allowed_by_an_option_of_their_own(cpid, result, refus
 def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
     """Again with --force; what is exported then still has its own spacecraft under it."""
     options = ("--format", "urdf", "--with-spacecraft", "--raw")
-    code, _, stderr = cpid("r.json", *options, "--out", "whole.urdf")
+    code, _, stderr = cpid("export", "r.json", *options, "--out", "whole.urdf")
     assert (code, stderr) == (0, "whole.urdf: written; Drake reads the same parameters from it\n")
     np.testing.assert_allclose(target_in("whole.urdf"), ESTIMATE, rtol=1e-12)
     craft = {"model": "whole.urdf", "base": "bus", "capture_frame": "capture_point"}
@@ -106,7 +85,7 @@ def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
     source = {"request": request, "sha256": {}, "start": 0.0, "end": 1.0, "cpid_drake": ""}
     result(sources=[source])
     (tmp_path / "two.urdf").write_text("mine")
-    code, _, stderr = cpid("r.json", *options, "--out", "two.urdf", "--force")
+    code, _, stderr = cpid("export", "r.json", *options, "--out", "two.urdf", "--force")
     assert code == 0
     assert "the exported one is 'target_2'" in stderr
     for name in ("target", "target_2"):
@@ -116,29 +95,30 @@ def test_the_estimate_as_it_is_on_the_spacecraft(cpid, result, tmp_path):
 def test_what_the_data_leave_open_is_said(refusal, result):
     result(nearest=None, parameters=[*ESTIMATE[:6], None, 0, 0, None], rank=8)
     for raw in ((), ("--raw",)):
-        message = refusal("r.json", "--format", "urdf", "--out", "t.urdf", *raw)
+        message = refusal("export", "r.json", "--format", "urdf", "--out", "t.urdf", *raw)
         assert message.startswith(
-            "r.json: nothing to export: the data do not determine Izz, Iyz (rank 8 of 10); "
+            "cpid: error: r.json: nothing to export: the data do not determine Izz, Iyz "
+            "(rank 8 of 10); "
         )
     result(nearest=None)
     assert "no rigid body is near the estimate" in refusal(
-        "r.json", "--format", "urdf", "--out", "t.urdf"
+        "export", "r.json", "--format", "urdf", "--out", "t.urdf"
     )
 
 
 def test_an_estimate_that_no_body_has_is_not_exported_raw(cpid, refusal, result):
     result(parameters=[*ESTIMATE[:4], 8, 15, 6, 0, 0, 0])
-    message = refusal("r.json", "--format", "urdf", "--out", "t.urdf", "--raw")
+    message = refusal("export", "r.json", "--format", "urdf", "--out", "t.urdf", "--raw")
     assert "violate the triangle inequality" in message
     assert "leave --raw out to export the nearest physically consistent one" in message
-    assert cpid("r.json", "--format", "urdf", "--out", "t.urdf")[0] == 0
+    assert cpid("export", "r.json", "--format", "urdf", "--out", "t.urdf")[0] == 0
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("none.json", "--format", "urdf", "--out", "t.urdf"), "none.json: no such file"),
-        (("r.json", "--format", "obj", "--out", "t.urdf"), "no format 'obj'; choose from urdf"),
+        (("r.json", "--format", "obj", "--out", "t.urdf"), "'obj' is not one of"),
         (("r.json", "--format", "sdf", "--out", "t.urdf"), "must end in .sdf"),
         (("r.json", "--format", "urdf", "--out", "no/t.urdf"), "no/t.urdf: there is no folder no"),
         (("r.json", "--format", "urdf", "--out", "old.urdf"), "old.urdf: exists already"),
@@ -148,5 +128,5 @@ def test_an_estimate_that_no_body_has_is_not_exported_raw(cpid, refusal, result)
 )
 def test_what_cannot_be_is_one_line(refusal, result, arguments, words, tmp_path):
     (tmp_path / "old.urdf").write_text("mine")
-    assert words in refusal(*arguments)
+    assert words in refusal("export", *arguments)
     assert (tmp_path / "old.urdf").read_text() == "mine"

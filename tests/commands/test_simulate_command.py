@@ -4,6 +4,7 @@ import json
 import shlex
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from cpid_drake.logs.files import read_telemetry
 from cpid_drake.report.run_folder import read_run
 from cpid_drake.report.sections.simulated import simulated_section
 from cpid_drake.resources import models_directory
+from cpid_drake.scenario.files import dump_scenario
 
 
 @pytest.fixture(scope="module")
@@ -40,24 +42,17 @@ def short(folder):
     return make
 
 
-def cpid(*arguments):
-    """Run `cpid` and return its exit code."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-    return ended.value.code
-
-
-def run(*arguments):
-    """Run `cpid simulate` and return its exit code."""
-    return cpid("simulate", *arguments)
-
-
 @pytest.fixture(scope="module")
 def sensed(folder, short):
     """A run with sensors and the filter."""
-    assert run(short("sensed.yaml"), "--out", folder / "sensed", "--quiet") == 0
+    with pytest.MonkeyPatch.context() as patch:
+        out = str(folder / "sensed")
+        patch.setattr(
+            sys, "argv", ["cpid", "simulate", str(short("sensed.yaml")), "--out", out, "--quiet"]
+        )
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert ended.value.code == 0
     return folder / "sensed"
 
 
@@ -113,46 +108,39 @@ def test_a_run_with_a_log_that_was_cut_off_is_refused(sensed, tmp_path, name):
 
 
 @pytest.mark.slow
-def test_the_complete_scenario_gives_the_same_run(sensed, folder, capsys):
-    before = (sensed / "telemetry.csv").read_text()
-    assert run(sensed / "scenario.yaml", "--out", folder / "again") == 0
-    assert (folder / "again" / "telemetry.csv").read_text() == before
-    assert (folder / "again" / "scenario.yaml").read_text() == (
-        sensed / "scenario.yaml"
-    ).read_text()
-    assert "6 files in " in capsys.readouterr().err
+def test_the_complete_scenario_gives_the_same_run(sensed, cpid, tmp_path):
+    _, _, stderr = cpid("simulate", sensed / "scenario.yaml", "--out", "again")
+    assert "6 files in again" in stderr
+    for name in ("telemetry.csv", "scenario.yaml"):
+        assert (tmp_path / "again" / name).read_text() == (sensed / name).read_text()
 
 
 @pytest.mark.slow
-def test_the_printed_command_identifies_from_the_run(folder, short, capsys):
+def test_the_printed_command_identifies_from_the_run(short, cpid):
     """Also with spaces in the path, and with everything that the scenario says of the momentum."""
     scenario = short("printed.yaml", ("unknown_momentum: false", "unknown_momentum: true"))
-    assert run(scenario, "--out", folder / "a run") == 0
-    words = shlex.split(capsys.readouterr().out)
-    assert words[:3] == ["cpid", "identify", str(folder / "a run" / "telemetry.csv")]
-    assert words[-2:] == ["--momentum", "unknown"]
-    assert cpid(*words[1:], "--quiet", "--json", folder / "result.json") == 0
-    mass, found = (
-        read_json(folder / "result.json")["parameters"][0],
-        read_json(folder / "a run" / "run.json"),
-    )
-    sigma = found["online_identification"]["sigma"]["m"]
-    assert abs(mass - 60.0) < 5 * sigma < 5.0
+    code, stdout, _ = cpid("simulate", scenario, "--out", "a run")
+    assert code == 0
+    words = shlex.split(stdout)
+    assert words[:3] == ["cpid", "identify", "a run/telemetry.csv"]
+    assert cpid(*words[1:], "--quiet", "--json", "result.json")[0] == 0
+    found = read_json(Path("result.json"))
+    assert found["momentum"] == "unknown"
+    sigma = read_json(Path("a run/run.json"))["online_identification"]["sigma"]["m"]
+    assert abs(found["parameters"][0] - 60.0) < 5 * sigma < 5.0
+
+
+EXACT = (
+    ("  suite: flight #", '  suite: "" #'),
+    ("estimator: recursive_fit #", "estimator: least_squares #"),
+)
 
 
 @pytest.mark.slow
-def test_without_sensors_the_telemetry_is_the_exact_motion(folder, short, capsys):
-    exact = short(
-        "exact.yaml",
-        ("  suite: flight #", '  suite: "" #'),
-        ("estimator: recursive_fit #", "estimator: least_squares #"),
-    )
-    assert run(exact, "--out", folder / "exact", "--quiet") == 0
-    assert capsys.readouterr() == ("", "")
-    run_folder = folder / "exact"
-    assert (run_folder / "telemetry.csv").read_text() == (run_folder / "truth.csv").read_text()
-    assert not (run_folder / "sensors.yaml").exists()
-    about = read_json(run_folder / "run.json")
+def test_without_sensors_the_telemetry_is_the_exact_motion(short, cpid):
+    assert cpid("simulate", short("exact.yaml", *EXACT), "--out", "run", "--quiet") == (0, "", "")
+    assert Path("run/telemetry.csv").read_text() == Path("run/truth.csv").read_text()
+    about = read_json(Path("run/run.json"))
     assert about["sensor_seed"] is None
     assert "sensors.yaml" not in about["files"]
     assert abs(about["online_identification"]["estimate"]["m"] - 60) < 1e-3
@@ -165,25 +153,75 @@ def test_a_possible_motion_has_no_warning(sensed):
     assert simulated_section(read_run(sensed)).warnings == []
 
 
-def test_files_that_are_no_runs_are_not_overwritten(folder, short, capsys):
-    mine = folder / "mine"
+def test_an_input_is_not_overwritten(short, refusal, tmp_path):
+    mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "scenario.yaml").write_text(short("source.yaml").read_text())
-    assert run(mine / "scenario.yaml", "--out", mine) == 2
-    assert "scenario.yaml: is the input" in capsys.readouterr().err
+    message = refusal("simulate", mine / "scenario.yaml", "--out", mine)
+    assert "scenario.yaml: is the input" in message
     assert [file.name for file in mine.iterdir()] == ["scenario.yaml"]
 
 
-def test_a_motion_that_cannot_be_simulated_is_one_line(folder, short, capsys):
-    fast = short(
-        "fast.yaml",
-        ("momentum_W: [0.0,", "momentum_W: [1.0e+300,"),
-        ("  suite: flight #", '  suite: "" #'),
-        ("estimator: recursive_fit #", "estimator: least_squares #"),
+def test_a_motion_that_cannot_be_simulated_is_one_line(short, refusal):
+    fast = short("fast.yaml", ("momentum_W: [0.0,", "momentum_W: [1.0e+300,"), *EXACT)
+    assert "the simulation fails at t = " in refusal("simulate", fast, "--out", "fast")
+
+
+class TestCheck:
+    """`cpid simulate --check`."""
+
+    TEMPLATE = (models_directory() / "scenario_template.yaml").read_text()
+    SHIPPED = tuple(
+        pytest.param(file.stem, marks=() if file.stem == "paper" else pytest.mark.slow)
+        for file in sorted((models_directory() / "scenarios").glob("*.yaml"))
     )
-    assert run(fast, "--out", folder / "fast") == 2
-    stdout, stderr = capsys.readouterr()
-    assert stdout == ""
-    assert stderr.startswith("cpid: error: ")
-    assert "the simulation fails at t = " in stderr
-    assert stderr.count("\n") == 1
+
+    @pytest.mark.parametrize("name", SHIPPED)
+    def test_shipped_scenarios_are_all_right(self, cpid, name):
+        """Also in what they ask of joints, motors and bodies."""
+        code, stdout, stderr = cpid("simulate", name, "--check")
+        assert (code, stderr) == (0, "")
+        assert stdout.startswith(f"{name}: ok; spacecraft of ")
+        assert stdout.count("\n") == 1
+        assert "; closest bodies: 0." in stdout
+        assert "not checked" not in stdout
+
+    @pytest.mark.slow
+    def test_a_limit_that_is_exceeded_is_named_and_fails_the_check(self, cpid):
+        Path("mine.yaml").write_text(self.TEMPLATE.replace("mass: 60.0", "mass: 6000.0", 1))
+        code, stdout, stderr = cpid("simulate", "mine.yaml", "--check")
+        assert code == 4
+        assert stdout.startswith("mine.yaml: 6 limits exceeded; spacecraft of ")
+        lines = stderr.splitlines()
+        assert len(lines) == 6
+        for k, line in enumerate(lines, 1):
+            assert line.startswith(f"warning: capture_arm_joint{k} needs ")
+            assert " s, its motor gives " in line
+
+    def test_the_template_is_all_right_and_has_every_key(self, cpid):
+        Path("mine.yaml").write_text(self.TEMPLATE)
+        code, stdout, _ = cpid("simulate", "mine.yaml", "--check")
+        assert code == 0
+        assert "sensors: attitude, gyro, position, encoders; estimator: recursive_fit" in stdout
+        for line in dump_scenario(load_scenario("mine.yaml")).splitlines():
+            key = line.strip(" -").partition(":")[0]
+            not_shown = ("start_time", "target_realtime_rate")
+            assert key.startswith("[") or key in self.TEMPLATE or key in not_shown, line
+
+    @pytest.mark.parametrize(
+        ("old", "new", "cause"),
+        [
+            ("mass: 60.0", "mas: 60.0", "unknown key 'target.mas'; did you mean 'mass'?"),
+            ("base: bus", "base: hull", "no body 'hull'"),
+        ],
+    )
+    def test_what_is_wrong_is_said_with_file_and_key(self, refusal, old, new, cause):
+        assert old in self.TEMPLATE
+        Path("mine.yaml").write_text(self.TEMPLATE.replace(old, new, 1))
+        message = refusal("simulate", "mine.yaml", "--check")
+        assert "mine.yaml: " in message
+        assert cause in message
+
+    def test_a_name_of_no_scenario_is_answered_with_the_nearest(self, refusal):
+        assert "did you mean 'paper'? choose from air" in refusal("simulate", "papr", "--check")
+        assert "give --out FOLDER, or --check" in refusal("simulate", "paper")

@@ -1,11 +1,9 @@
 """`cpid view`: a page of a scenario or of a log, and what is wrong in one line."""
 
 import re
-import sys
 
 import pytest
 
-from cpid_drake.commands.main import main
 from cpid_drake.resources import models_directory
 
 LOG = models_directory() / "telemetry" / "free_flyer.csv"
@@ -13,15 +11,6 @@ CRAFT = (
     *("--spacecraft", "package://cpid_drake_models/free_flyer/free_flyer.urdf"),
     *("--base", "body", "--capture-frame", "capture_point"),
 )
-
-
-def view(*arguments) -> int:
-    """Run `cpid view` and return its exit code."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["cpid", "view", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-    return ended.value.code
 
 
 @pytest.fixture
@@ -33,25 +22,24 @@ def scenario(tmp_path):
     return path
 
 
-def test_a_scenario_as_a_page(scenario, tmp_path, capsys):
-    assert view(scenario, "--html", tmp_path / "view.html") == 0
-    captured = capsys.readouterr()
-    assert re.search(r"from 6 samples\n +m 8\.500 kg .*\n +true 8\.500\n", captured.out)
-    assert re.fullmatch(r"\S+view\.html, \d\.\d MB\n", captured.err)
+def test_a_scenario_as_a_page(cpid, scenario, tmp_path):
+    code, stdout, stderr = cpid("view", "--scenario", scenario, "--out", "view.html")
+    assert code == 0
+    assert re.search(r"from 6 samples\n +m 8\.500 kg .*\n +true 8\.500\n", stdout)
+    assert re.fullmatch(r"view\.html, \d\.\d MB\n", stderr)
     page = (tmp_path / "view.html").read_text(encoding="utf-8")
     assert "<h1>short</h1>" in page
     assert len(page) < 10e6
 
 
 @pytest.mark.slow
-def test_a_log_as_a_page(tmp_path, capsys):
+def test_a_log_as_a_page(cpid, tmp_path):
     """Of the first three seconds: the estimate evolves, and a name with < in it is text."""
     log = tmp_path / "log <1>.csv"
     head = LOG.read_text().splitlines()[:305]  # 3 s
     log.write_text("\n".join(head) + "\n")
-    arguments = (*CRAFT, "--sensors", "testbed", "--html", tmp_path / "log.html", "--quiet")
-    assert view(log, *arguments) == 0
-    assert capsys.readouterr().out == ""
+    arguments = (*CRAFT, "--sensors", "testbed", "--out", "log.html", "--quiet")
+    assert cpid("view", log, *arguments)[:2] == (0, "")
     page = (tmp_path / "log.html").read_text(encoding="utf-8")
     assert "<h1>log &lt;1&gt;.csv</h1>" in page
     shown = [float(time) for time in re.findall(r'\[(\d\.\d+), "from ', page)]
@@ -63,25 +51,18 @@ def test_a_log_as_a_page(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (["nothing", "--html", "a.html"], "no shipped scenario 'nothing'"),
-        (["paper", "--html", "nowhere/a.html"], "there is no folder nowhere"),
-        (["paper", "--html", "."], "is a folder"),
-        (["paper", "--rate", "0"], "--rate 0"),
-        (["paper", "--html", "a.html", "--sensors", "flight"], "--sensors is for logs"),
-        (["paper", "--html", "a.html", "--momentum", "zero"], "--momentum is for logs"),
-        ([LOG, "--html", "a.html"], "give --spacecraft"),
-        ([LOG, *CRAFT[:4], "--html", "a.html"], "give --capture-frame"),
-        ([LOG, *CRAFT], "give --html"),
-        ([LOG, *CRAFT, "--html", "a.html", "--live"], "not --live"),
-        (["nowhere.csv", *CRAFT, "--html", "a.html"], "nowhere.csv"),
+        (["--scenario", "nothing", "--out", "a.html"], "no shipped scenario 'nothing'"),
+        (["--scenario", "paper", "--out", "nowhere/a.html"], "there is no folder nowhere"),
+        (["--scenario", "paper", "--out", "."], "is a folder"),
+        (["--scenario", "paper", "--rate", "0"], "--rate 0"),
+        (["--scenario", "paper", "--out", "a.html", "--sensors", "flight"], "--scenario alone"),
+        (["--run", ".", "--out", "a.html"], "not a run"),
+        ([LOG, "--out", "a.html"], "a log needs a spacecraft"),
+        ([LOG, *CRAFT[:4], "--out", "a.html"], "and --capture-frame"),
+        ([LOG, *CRAFT], "give --out"),
+        (["nowhere.csv", *CRAFT, "--out", "a.html"], "nowhere.csv"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(arguments, problem, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert view(*arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith("cpid: error: ")
-    assert captured.err.count("\n") == 1
-    assert problem in captured.err
+def test_what_is_wrong_is_said_in_one_line(arguments, problem, tmp_path, refusal):
+    assert problem in refusal("view", *arguments)
     assert not (tmp_path / "a.html").exists()

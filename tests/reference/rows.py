@@ -267,7 +267,7 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
         sensors: those that the estimator knows: a preset or a suite.
         seeds: number of runs, the first `online` of which are also identified online.
         online: see `seeds`.
-        bound: whether the bound is that of `cpid accuracy`.
+        bound: whether the bound is that of `cpid study accuracy`.
         uncertain: whether the bodies of the spacecraft are drawn at random.
         change: returns another world in place of the scenario's.
         true: the true sensors; None for `sensors`.

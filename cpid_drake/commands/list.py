@@ -1,29 +1,18 @@
-"""`cpid list` and `cpid --version`."""
+"""`cpid list`."""
 
-import platform
 import re
 
-import typer
 from rich.console import Console
 from rich.table import Table
 
-from cpid_drake.resources import models_directory, version_of
+from cpid_drake.dynamics.rows import ROW_FAMILIES
+from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.resources import models_directory
+from cpid_drake.sensors.presets import load_sensors, preset_folder, sensor_presets
 
 
-def print_version(wanted: bool) -> None:
-    """Print the versions of this package, Drake and Python, and exit, if this is wanted."""
-    if wanted:
-        own, drake = (version_of(name) or "not installed" for name in ("cpid-drake", "drake"))
-        print(f"cpid {own} (Drake {drake}, Python {platform.python_version()})")
-        raise typer.Exit
-
-
-def list_names() -> None:
+def list() -> None:
     """List the shipped scenarios and sensors, the estimators and their row families."""
-    from cpid_drake.dynamics.rows import ROW_FAMILIES
-    from cpid_drake.identification.estimators import ESTIMATORS
-    from cpid_drake.sensors.presets import load_sensors, preset_folder, sensor_presets
-
     scenarios = sorted((models_directory() / "scenarios").glob("*.yaml"))
     parts = {
         "Scenarios": {file.stem: _first_sentence(file.read_text("utf-8")) for file in scenarios},
@@ -51,9 +40,6 @@ def list_names() -> None:
 
 def _first_sentence(text: str) -> str:
     """Return the first sentence of the comment that a YAML file begins with."""
-    lines = []
-    for line in text.splitlines():
-        if not line.strip("# "):
-            break
-        lines.append(line.lstrip("# "))
-    return re.split(r"\.(?= [A-Z])|\.$", " ".join(lines).strip())[0]
+    comment = re.match(r"(?:#[^\n]*\S[^\n]*\n)*", text)
+    words = " ".join(comment[0].replace("#", "").split()) if comment else ""
+    return re.split(r"\.(?= [A-Z])|\.$", words)[0]

@@ -1,4 +1,4 @@
-"""Logs of common tools are identified after `cpid telemetry map`, without editing by hand."""
+"""`cpid log`: logs of common tools are identified after `cpid log map`, without editing by hand."""
 
 import json
 from functools import cache
@@ -13,6 +13,7 @@ from cpid_drake import (
     Measurements,
     Telemetry,
     load_scenario,
+    read_telemetry,
     shipped_scenario,
     write_telemetry,
 )
@@ -22,11 +23,11 @@ from cpid_drake.logs.log import Samples
 from cpid_drake.resources import models_directory
 from cpid_drake.sensors.sensors import SENSORS
 
-MODEL = models_directory() / "free_flyer/free_flyer.urdf"
-CRAFT = ("--spacecraft", MODEL, "--base", "body", "--capture-frame", "capture_point")
+CRAFT = ("--scenario", "free_flyer_payload")
 TRUTH = [8.5, 0.26, 0.02, -0.015, 0.16, 0.19, 0.25, 0.012, -0.008, 0.01]
 """The target of scenarios/free_flyer_payload.yaml."""
 
+SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 MARKER = np.array([0.12, -0.08, 0.15])
 
 
@@ -126,7 +127,7 @@ LOGS = {
     "vicon": (vicon_csv, (), POSE),
     "flat_vicon": (flat_vicon_csv, ("--frame-rate", 16), POSE),
 }
-"""By name, what writes the log, options of `cpid telemetry map`, and the sensors in the log."""
+"""By name, what writes the log, options of `cpid log map`, and the sensors in the log."""
 
 
 @pytest.mark.parametrize(
@@ -142,7 +143,7 @@ def test_a_log_of_another_tool_is_identified_like_the_house_log(tmp_path, run_cp
     house = tmp_path / "house.csv"
     samples = {n: Samples(truth().time, SENSORS[n].quantity.ideal(truth())) for n in sensors}
     write_telemetry(house, Measurements(truth().joint_names, samples))
-    code, stdout, stderr = run_cpid("telemetry", "map", log, *CRAFT, "--out", columns, *options)
+    code, stdout, stderr = run_cpid("log", "map", log, *CRAFT, "--out", columns, *options)
     assert code == 0, stderr
     assert columns.read_text() in stdout + "\n"
     load_column_map(columns)
@@ -157,16 +158,16 @@ def test_a_log_of_another_tool_is_identified_like_the_house_log(tmp_path, run_cp
         # Stamps since 1970 are exact to 1e-7 s, and the marker's place is rounded to 0.1 mm.
         np.testing.assert_allclose(found[1][part], found[0][part], rtol=0, atol=2e-4 * size)
         np.testing.assert_allclose(found[1][part], TRUTH[part], rtol=0, atol=1e-3 * size)
-    code, stdout, _ = run_cpid("telemetry", "check", log, *CRAFT, "--columns", columns)
+    code, stdout, _ = run_cpid("log", "check", log, *CRAFT, "--columns", columns)
     assert code == 0
     assert "no problems found" in stdout
 
 
 def test_a_converted_log_is_the_house_log(tmp_path, run_cpid):
     log = ros_csv(tmp_path, truth())
-    assert run_cpid("telemetry", "map", log, *CRAFT, "--out", tmp_path / "map.yaml")[0] == 0
+    assert run_cpid("log", "map", log, *CRAFT, "--out", tmp_path / "map.yaml")[0] == 0
     out = tmp_path / "house.csv"
-    assert run_cpid("telemetry", "convert", log, out, "--columns", tmp_path / "map.yaml")[0] == 0
+    assert run_cpid("log", "convert", log, "--out", out, "--columns", tmp_path / "map.yaml")[0] == 0
     header, *rows = out.read_text().splitlines()
     values = np.array([row.split(",") for row in rows], dtype=float)
     columns = dict(zip(header.split(","), values.T))
@@ -181,7 +182,7 @@ def test_a_converted_log_is_the_house_log(tmp_path, run_cpid):
 
 def test_a_marker_off_the_origin_is_found(tmp_path, run_cpid):
     log = vicon_csv(tmp_path, truth())
-    code, stdout, _ = run_cpid("telemetry", "map", log, *CRAFT)
+    code, stdout, _ = run_cpid("log", "map", log, *CRAFT)
     assert code == 0
     point = yaml.safe_load(stdout)["position"]["point_B"]
     np.testing.assert_allclose(point, MARKER, atol=1e-3)
@@ -198,21 +199,20 @@ def test_a_marker_off_the_origin_is_found(tmp_path, run_cpid):
 def test_what_is_missing_is_named(tmp_path, run_cpid, drop, exit_code, phrase):
     log = flat_vicon_csv(tmp_path, truth())
     log.write_text(log.read_text().replace(drop, "thing"))
-    code, _, stderr = run_cpid("telemetry", "map", log, *CRAFT, "--frame-rate", 16)
+    code, _, stderr = run_cpid("log", "map", log, *CRAFT, "--frame-rate", 16)
     assert code == exit_code
     assert phrase in stderr
 
 
 def test_a_check_says_what_was_not_checked(tmp_path, run_cpid):
     write_telemetry(tmp_path / "log.csv", truth())
-    stdout = run_cpid("telemetry", "check", tmp_path / "log.csv")[1]
+    stdout = run_cpid("log", "check", tmp_path / "log.csv")[1]
     assert "not checked: units of position (needs --spacecraft)" in stdout
-    sample = models_directory() / "telemetry/free_flyer.csv"
-    assert "not checked" not in run_cpid("telemetry", "check", sample, *CRAFT)[1]
+    assert "not checked" not in run_cpid("log", "check", SAMPLE, *CRAFT)[1]
 
 
 def test_positions_in_millimetres_fail_a_check_of_every_command(tmp_path, run_cpid):
-    sample = Path(models_directory() / "telemetry/free_flyer.csv").read_text().splitlines()
+    sample = SAMPLE.read_text().splitlines()
     names = next(line for line in sample if not line.startswith("#")).split(",")
     rows = [line.split(",") for line in sample if not line.startswith("#")][1:]
     for row in rows:
@@ -221,7 +221,7 @@ def test_positions_in_millimetres_fail_a_check_of_every_command(tmp_path, run_cp
     log = tmp_path / "log.csv"
     log.write_text("\n".join([",".join(names), *map(",".join, rows)]) + "\n")
     for expected, command in (
-        (2, ("telemetry", "check", log)),
+        (2, ("log", "check", log)),
         (4, ("identify", log)),
     ):
         code, stdout, stderr = run_cpid(*command, *CRAFT)
@@ -229,7 +229,7 @@ def test_positions_in_millimetres_fail_a_check_of_every_command(tmp_path, run_cp
         assert "the position seems to be in millimetres" in stdout + stderr
     (tmp_path / "map.yaml").write_text("position: {unit: mm}\n")
     columns = ("--columns", tmp_path / "map.yaml")
-    assert run_cpid("telemetry", "check", log, *CRAFT, *columns)[0] == 0
+    assert run_cpid("log", "check", log, *CRAFT, *columns)[0] == 0
 
 
 @pytest.mark.slow
@@ -238,17 +238,54 @@ def test_reports_and_replays_read_the_log_with_its_map(
 ):
     monkeypatch.chdir(tmp_path)
     log = models_directory() / "telemetry/free_flyer_ros.csv"
-    assert run_cpid("telemetry", "map", log, *CRAFT, "--out", "map.yaml")[0] == 0
+    assert run_cpid("log", "map", log, *CRAFT, "--out", "map.yaml")[0] == 0
     how = ("--columns", "map.yaml", "--sensors", "testbed")
     code, _, stderr = run_cpid("identify", log, *CRAFT, *how, "--json", "found.json")
     assert code == 0
     assert "ignored columns: field.header.frame_id, gripper/position" in stderr
-    assert run_cpid("report", "found.json", "--out", "page.html")[0] == 0
+    assert run_cpid("report", "--result", "found.json", "--out", "page.html")[0] == 0
     page = Path("page.html").read_text()
     assert "no sections that need the log" not in page
     assert "Map of columns" in page
-    assert run_cpid("view", log, *CRAFT, *how, "--html", "replay.html")[0] == 0
+    assert run_cpid("view", log, *CRAFT, *how, "--out", "replay.html")[0] == 0
     map_text = Path("map.yaml").read_text()
     Path("map.yaml").write_text(map_text.replace("unit: mm", "unit: cm"))
-    assert run_cpid("report", "found.json", "--out", "page.html")[0] == 0
+    assert run_cpid("report", "--result", "found.json", "--out", "page.html")[0] == 0
     assert "map.yaml has changed since" in Path("page.html").read_text()
+
+
+class TestCheck:
+    def test_a_good_file(self, cpid):
+        code, stdout, stderr = cpid("log", "check", SAMPLE, *CRAFT)
+        assert (code, stderr) == (0, "")
+        assert "1001 samples, 0 to 10 s, every 0.01 s" in stdout
+        assert "joints             4: arm_joint1, arm_joint2" in stdout
+        assert "no problems found" in stdout
+
+    def test_every_problem_is_listed_with_its_line(self, cpid):
+        lines = SAMPLE.read_text().splitlines()[:20]
+        lines[13] = lines[13].replace(",", ",,", 1)
+        lines[15] = "-0.5" + lines[15][lines[15].index(",") :]
+        Path("bad.csv").write_text("\n".join(lines))
+        code, stdout, stderr = cpid("log", "check", "bad.csv")
+        assert code == 2
+        assert "error: line 14: 16 cells, but 15 columns" in stdout
+        assert "error: line 16, column 'time': time -0.5 s comes after" in stdout
+        assert stderr == "cpid: error: bad.csv: 2 problems found, listed above\n"
+
+    def test_contradictions_are_problems(self, cpid):
+        log = read_telemetry(SAMPLE)
+        log.gyro.value[:] = np.degrees(log.gyro.value)
+        write_telemetry("degrees.csv", log)
+        code, stdout, _ = cpid("log", "check", "degrees.csv")
+        assert code == 2
+        assert "is it in degrees/s? It must be in rad/s" in stdout
+
+    def test_joints_are_compared_with_the_model(self, cpid):
+        code, stdout, _ = cpid("log", "check", SAMPLE, "--scenario", "paper")
+        assert code == 2
+        assert "; the spacecraft's joints are capture_arm_joint1" in stdout
+
+    def test_a_model_needs_its_frames(self, refusal):
+        message = refusal("log", "check", SAMPLE, "--base", "bus")
+        assert "give --scenario, or all of --spacecraft" in message

@@ -1,0 +1,163 @@
+"""`cpid log`: checks logs, finds out what their columns mean, and converts them."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from cpid_drake.commands import options
+from cpid_drake.commands.identify import CHECK_FAILED
+from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.identification.checked_log import check_log
+from cpid_drake.identification.requirements import left_out_warning
+from cpid_drake.logs.consistency import check_consistency
+from cpid_drake.logs.conversion import TelemetryFile
+from cpid_drake.logs.files import inspect_telemetry, read_telemetry, write_telemetry
+from cpid_drake.logs.guess.guess import guess_map
+from cpid_drake.logs.guess.map_text import column_map_text
+from cpid_drake.logs.guess.raw_log import read_raw
+from cpid_drake.logs.motion_checks import not_checked
+from cpid_drake.output_files.drafts import write_text
+from cpid_drake.output_files.overwriting import LOGS, YAML, Output, check_outputs
+from cpid_drake.report.telemetry import contents
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+log = typer.Typer(
+    no_args_is_help=True,
+    help="Check logs, find out what their columns mean, and convert them. A log of any origin "
+    "takes three steps: `map` writes a map of its columns, `check --columns` and "
+    "`identify --columns` read the log with it.",
+)
+
+_SHOWN = 100  # problems of a file that are listed; more of them say nothing new
+
+
+@log.command()
+@options.with_options
+def check(
+    file: options.LogArgument,
+    craft: options.SpacecraftOptions,
+    reading: options.ReadingOptions,
+) -> int:
+    """List the contents and all problems of a log, and what was not checked.
+
+    With a spacecraft, the joints are compared with the model's, and units and conventions with the
+    conservation of momentum.
+
+    Exit codes: 0 no problem; 2 at least one problem.
+    """
+    spacecraft = craft.make() if craft.is_given else None
+    joints = None if spacecraft is None else spacecraft.joint_names
+    found = inspect_telemetry(file, topics=reading.topics(), columns=reading.columns, joints=joints)
+    errors, warnings, unchecked = _comparisons(found, spacecraft)
+    count = len(found.problems) + len(errors)
+    hidden = max(len(found.problems) - _SHOWN, 0)
+    out = Console(markup=False, highlight=False, soft_wrap=True)
+    out.print("\n".join(contents(found, file)))
+    lines = [f"warning: {warning}" for warning in warnings]
+    lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *errors]]
+    lines += [f"... and {hidden} more"] * (hidden > 0)
+    lines += [f"not checked: {text}" for text in unchecked]
+    for line in [*lines, *["no problems found"] * (not count)]:
+        out.print(line)
+    if count:
+        raise InputError(f"{file}: {count} problem{'s' * (count > 1)} found, listed above")
+    return 0
+
+
+def _comparisons(
+    found: TelemetryFile, craft: Spacecraft | None
+) -> tuple[list[str], list[str], list[str]]:
+    """Return errors, warnings, and what could not be compared."""
+    unchecked = not_checked(found.measurements, has_spacecraft=craft is not None)
+    if craft is None:
+        consistency = check_consistency(found.measurements)
+        return consistency.errors, consistency.warnings, unchecked
+    warnings = [left_out_warning(found.left_out_joints)] if found.left_out_joints else []
+    try:
+        checked = check_log(craft, found.measurements)
+    except InputError as error:
+        return [str(error)], warnings, unchecked
+    return (
+        [*checked.failures],
+        [*warnings, *checked.warnings],
+        [*unchecked, *checked.unchecked],
+    )
+
+
+@log.command(name="map")
+@options.with_options
+def map_columns(
+    file: options.LogArgument,
+    craft: options.SpacecraftOptions,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML file to write the map to.")
+    ] = None,
+    frame_rate: Annotated[
+        float | None,
+        typer.Option(
+            metavar="HZ", min=1e-6, max=1e6, help="Frames per second, if the log counts frames."
+        ),
+    ] = None,
+    topic: options.TopicOption = None,
+    force: options.ForceOption = False,
+) -> int:
+    """Guess what the columns of a log mean, say why, and check the guess.
+
+    Names, units and values of columns, limits of joints, the agreement of positions with rates, and
+    the conservation of momentum are compared. The map is printed, and with --out written, as YAML
+    with the reasons as comments; `--columns` of other commands reads it.
+
+    Exit codes: 0 the log agrees with the map; 2 columns are missing; 4 the log does not agree with
+    the map, or an attitude, a unit or a direction is open.
+    """
+    if out is not None:
+        check_outputs([Output("--out", out, YAML)], [file, *craft.files()], force=force)
+    known, spacecraft = craft.known(), craft.make()
+    topics = options.ReadingOptions(topic=topic).topics()
+    with prefix_errors(file):
+        guess = guess_map(read_raw(file, topics), spacecraft, known.base, frame_rate)
+    heading = [f"Map of the columns of {Path(file).name}, guessed by `cpid log map`."]
+    text = column_map_text(guess.column_map, guess.reasons, heading)
+    Console(markup=False, highlight=False, soft_wrap=True).print(text)
+    if out is not None:
+        write_text(out, text)
+    with prefix_errors(f"{file}: does not agree with this map"):
+        checked = check_log(spacecraft, guess.measurements)
+    messages = options.log_console()
+    if guess.missing:
+        messages.print(f"{file}: complete this map: {'; '.join(guess.missing)}")
+        return CHECK_FAILED
+    if checked.failures:
+        messages.print(f"{file}: does not agree with this map: {checked.failures[0]}")
+        return CHECK_FAILED
+    options.print_warnings(checked.warnings)
+    if out is not None:
+        messages.print(f"{out}: written; read the log with --columns {out}")
+    return 0
+
+
+@log.command()
+@options.with_options
+def convert(
+    file: options.LogArgument,
+    reading: options.ReadingOptions,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="File to write: .csv, .npz or .parquet.")
+    ],
+    leave_out_bad: options.LeaveOutBadOption = False,
+    force: options.ForceOption = False,
+) -> None:
+    """Write a log in the package's own columns, SI units and radians.
+
+    Angular velocities are written in the body's axes, as gyros measure them.
+    """
+    kind = next((k for k in LOGS if out.name.lower().endswith(k.endings)), LOGS[0])
+    inputs = [file, *([] if reading.columns is None else [reading.columns])]
+    check_outputs([Output("--out", out, kind)], inputs, force=force)
+    found = read_telemetry(
+        file, leave_out_bad=leave_out_bad, topics=reading.topics(), columns=reading.columns
+    )
+    write_telemetry(out, found)
+    options.log_console().print(f"{out}: written, {len(found.joint_names)} joints")

@@ -1,0 +1,128 @@
+"""`cpid study`: the paper's study, and many trials of all estimators."""
+
+import os
+import time
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from cpid_drake.commands import options
+from cpid_drake.errors import prefix_errors
+from cpid_drake.output_files.drafts import draft_folder
+from cpid_drake.output_files.overwriting import PNG, check_folder
+from cpid_drake.report import accuracy as accuracy_page
+from cpid_drake.report import paper as paper_page
+from cpid_drake.report.pages.study import (
+    STUDY_FILES,
+    accuracy_report,
+    paper_report,
+    write_study,
+)
+from cpid_drake.resources import find_scenario
+from cpid_drake.scenario.files import files_of, load_scenario
+from cpid_drake.scenario.limits import check_limits
+from cpid_drake.scenario.simulation import make_simulation
+from cpid_drake.studies.accuracy import run_accuracy
+from cpid_drake.studies.accuracy import summarize as summarize_accuracy
+from cpid_drake.studies.paper import run_paper_study, summarize
+from cpid_drake.studies.paper_values import EXCITING
+
+study = typer.Typer(
+    no_args_is_help=True,
+    help="Reproduce the paper's study, or compare the estimators on many noisy logs.",
+)
+
+
+@study.command()
+def paper(
+    out: options.OutFolder,
+    scenario: Annotated[
+        str,
+        typer.Option(
+            metavar="SCENARIO", help="A scenario file, or the name of a shipped scenario."
+        ),
+    ] = "paper",
+    force: options.ForceOption = False,
+    quiet: options.QuietOption = False,
+) -> None:
+    """Reproduce the study of Ning et al. 2016: simulate, identify, print tables, draw figures."""
+    start = time.perf_counter()
+    path = find_scenario(scenario)
+    loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))
+    outputs = [*((name, PNG) for name in paper_page.FIGURES), *STUDY_FILES]
+    check_folder("--out", out, outputs, [path, *files_of(loaded)], force=force)
+    log = options.log_console(quiet)
+    with log.status("simulating") as status:
+        with prefix_errors(scenario):
+            found = run_paper_study(loaded, status.update, exciting)
+            options.print_warnings(check_limits(found.simulation).exceeded)
+        status.update("drawing the figures")
+        summary = summarize(found, time.perf_counter() - start)
+        with draft_folder(out) as draft:
+            drawn = paper_page.figures(found)
+            write_study(draft, paper_report(found, drawn, summary, scenario), drawn)
+    if not quiet:
+        paper_page.print_tables(found, Console(markup=False))
+    log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")
+
+
+@study.command()
+def accuracy(
+    scenario: options.ScenarioArgument,
+    out: options.OutFolder,
+    trials: Annotated[
+        int | None, typer.Option(help="Trials for each suite. Default: the scenario's number.")
+    ] = None,
+    sensors: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PRESET|YAML", help="Sensors; may be repeated. Default: the scenario's presets."
+        ),
+    ] = None,
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Estimator; may be repeated. Default: all estimators."),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the noise. Default: the scenario's seed.")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Number of processes. Default: one for each processor.")
+    ] = None,
+    force: options.ForceOption = False,
+    quiet: options.QuietOption = False,
+) -> None:
+    """Compare the estimators on many simulated logs with sensor noise.
+
+    Reports the error, the Cramér-Rao bound, the bias and the coverage of the 95 % intervals.
+    """
+    start = time.perf_counter()
+    path = find_scenario(scenario)
+    loaded = load_scenario(path)
+    suites = sensors or loaded.accuracy.presets
+    outputs = [*((accuracy_page.figure_name(name), PNG) for name in suites), *STUDY_FILES]
+    check_folder("--out", out, outputs, [path, *files_of(loaded), *suites], force=force)
+    with prefix_errors(scenario):
+        options.print_warnings(check_limits(make_simulation(loaded)).exceeded)
+    log = options.log_console(quiet)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
+        tasks = {name: bar.add_task(name) for name in suites}
+        found = run_accuracy(
+            loaded,
+            trials=trials,
+            presets=suites,
+            estimators=estimator or (),
+            seed=seed,
+            jobs=(os.cpu_count() or 1) if jobs is None else jobs,
+            progress=lambda name, done, total: bar.update(tasks[name], completed=done, total=total),
+        )
+    summary = {"scenario": scenario} | summarize_accuracy(found, time.perf_counter() - start)
+    with draft_folder(out) as draft:
+        drawn = accuracy_page.figures(found)
+        write_study(draft, accuracy_report(found, drawn, summary, scenario), drawn)
+    if not quiet:
+        accuracy_page.print_tables(found, Console(markup=False))
+    log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")
