@@ -7,6 +7,8 @@ The public names, in order of their dependencies:
 - `Telemetry`: samples of base and joint motion;
 - `identify`: from `Telemetry` or `Measurements` to an `Identification`, by any estimator;
 - `identify_together`: the same from several logs of one target, and a test whether they agree;
+- `identify_files`: the same from files, each with its `Request` and its `SpacecraftReference`;
+- `describe`, `write_report`, `read_result`, `write_result`: a result in words, as a page, as JSON;
 - `TargetPrior`: what is known about a target before its log;
 - `validate`: predicts a log that was not used to identify a target;
 - `TotalMomentum`: zero, unknown or known;

@@ -5,13 +5,17 @@ from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from .dynamics.telemetry import Telemetry
 from .dynamics.total_momentum import TotalMomentum
 from .errors import InputError
+from .identification.description import describe
 from .identification.identify import identify, identify_together
-from .identification.result import Identification
+from .identification.requests import identify_files
+from .identification.result import Identification, Request, SpacecraftReference
+from .identification.result_files import read_result, write_result
 from .identification.target_prior import TargetPrior
 from .identification.validation import validate
 from .logs.conversion import from_columns as from_columns
 from .logs.files import read_telemetry, write_telemetry
 from .logs.log import Measurements
+from .report.pages.identification import write_report
 from .resources import shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
@@ -40,26 +44,33 @@ __all__ = [
     "Measurements",
     "MomentumIdentifier",
     "MultiSine",
+    "Request",
     "Scenario",
     "SceneVisualizer",
     "SensorIdentifier",
     "SensorSuite",
     "Simulation",
     "Spacecraft",
+    "SpacecraftReference",
     "SpacecraftSensors",
     "Spline",
     "TargetPrior",
     "Telemetry",
     "TotalMomentum",
+    "describe",
     "export_target",
     "from_columns",
     "identify",
+    "identify_files",
     "identify_together",
     "load_scenario",
     "load_sensors",
     "make_simulation",
+    "read_result",
     "read_telemetry",
     "shipped_scenario",
     "validate",
+    "write_report",
+    "write_result",
     "write_telemetry",
 ]

@@ -1,15 +1,12 @@
 """`cpid identify`."""
 
-import logging
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+import cpid_drake as cpid
 from cpid_drake.commands import options
-from cpid_drake.identification.description import describe
-from cpid_drake.identification.requests import identify_files
-from cpid_drake.identification.result_files import write_result
 from cpid_drake.output_files.overwriting import PAGE, RESULT, Output, check_outputs
 
 NOT_ALL_KNOWN = 3
@@ -61,23 +58,17 @@ def identify(
     requests = [chosen.request(each) for each in logs]
     console = options.log_console()
     with options.log_console(quiet).status("identifying") as status:
-        evidence = identify_files(requests, status.update)
+        evidence = cpid.identify_files(requests, status.update)
         result = evidence.found
         if json_file is not None:
-            write_result(json_file, result)
+            cpid.write_result(json_file, result)
         if report is not None:
-            # Imported here: most runs draw nothing, and Matplotlib takes half a second.
-            from cpid_drake.report.findings import findings_of
-            from cpid_drake.report.pages.identification import identification_report
-
-            logging.getLogger("drake").setLevel(logging.WARNING)
-            findings = findings_of(evidence, status.update)
-            identification_report(findings, progress=status.update).write(report)
+            cpid.write_report(evidence, report, status.update)
     if evidence.ignored:
         console.print(f"note: ignored columns: {', '.join(evidence.ignored[:20])}")
     options.print_warnings(result.warnings)
     if not quiet:
-        options.print_lines(describe(result))
+        options.print_lines(cpid.describe(result))
     if diagnose and result.undeclared is None:
         options.print_lines(
             [

@@ -1,5 +1,6 @@
 """The `cpid` command: its subcommands, its exit codes and its end."""
 
+import logging
 import os
 import platform
 import sys
@@ -95,6 +96,7 @@ def _common(
 
 def main() -> None:
     """Run `cpid` and exit with a code of `EXIT_CODES`; an error is one line on stderr."""
+    logging.getLogger("drake").setLevel(logging.WARNING)
     try:
         code = app(standalone_mode=False) or 0
         sys.stdout.flush()  # a full disk is noticed here

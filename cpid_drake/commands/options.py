@@ -1,4 +1,8 @@
-"""Options that several commands share, each declared once."""
+"""Options that several commands share, each declared once.
+
+The heavy names are those of `cpid_drake` itself, which imports them when they are first used: help
+does not wait for Drake.
+"""
 
 import inspect
 import os
@@ -6,24 +10,19 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 from rich.console import Console
 
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
+import cpid_drake as cpid
+from cpid_drake.commands.spacecraft_file import SpacecraftFile, load_spacecraft_file
 from cpid_drake.errors import InputError
-from cpid_drake.identification.result import Request, SpacecraftReference
-from cpid_drake.input_files.validation import from_tree
-from cpid_drake.input_files.yaml_text import parse_yaml
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
-from cpid_drake.scenario.files import load_scenario
-from cpid_drake.scenario.joint_motions import MOTION_TAGS
-from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 T = TypeVar("T")
 
@@ -86,58 +85,6 @@ ForceOption = Annotated[
     ),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors.")]
-
-
-@dataclass
-class SpacecraftFile:
-    """The keys of a YAML file for --scenario that is no scenario: what is known of a spacecraft.
-
-    Paths in such a file are relative to its folder.
-    """
-
-    model: str
-    base: str
-    capture_frame: str
-    packages: dict[str, str] = field(default_factory=dict)
-    sensors: str | None = None
-    momentum: Literal["zero", "unknown"] | None = None
-    planar: bool | None = None
-    known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
-
-
-def load_spacecraft_file(name: str) -> SpacecraftFile:
-    """Return what a scenario, or a spacecraft's own file, says about the spacecraft.
-
-    The target and the motion of a scenario are not used.
-
-    Raises:
-        InputError: no such file, or for the same reasons as `load_scenario`.
-
-    """
-    file = resolve_model(find_scenario(name))
-    tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
-    if not (isinstance(tree, dict) and "spacecraft" in tree):
-        found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
-        folder = file.parent
-        local = found.sensors is not None and (folder / found.sensors).is_file()
-        return replace(
-            found,
-            model=found.model if "://" in found.model else str(folder / found.model),
-            packages={key: str(folder / each) for key, each in found.packages.items()},
-            sensors=str(folder / found.sensors) if local and found.sensors else found.sensors,
-        )
-    scenario = load_scenario(file)
-    craft = scenario.spacecraft
-    return SpacecraftFile(
-        craft.model,
-        craft.base,
-        craft.capture_frame,
-        craft.packages,
-        sensors=scenario.sensors.suite or None,
-        momentum="unknown" if scenario.identification.unknown_momentum else "zero",
-        planar=True if craft.on_table else None,
-        known_bodies=scenario.known_bodies,
-    )
 
 
 @dataclass(frozen=True)
@@ -216,7 +163,7 @@ class SpacecraftOptions:
             resolve_model(found.model)
         return found
 
-    def make(self) -> Spacecraft:
+    def make(self) -> "cpid.Spacecraft":
         """Return the spacecraft.
 
         Raises:
@@ -224,7 +171,7 @@ class SpacecraftOptions:
 
         """
         found = self.known()
-        return Spacecraft(
+        return cpid.Spacecraft(
             found.model,
             base=found.base,
             capture_frame=found.capture_frame,
@@ -338,7 +285,7 @@ class LogOptions(PartOptions, SpacecraftOptions):
         given = (self.sensors, self.columns, self.prior, bodies)
         return [*super().files(), *(file for file in given if file)]
 
-    def request(self, log: str) -> Request:
+    def request(self, log: str) -> "cpid.Request":
         """Return the request to identify a log.
 
         Raises:
@@ -349,9 +296,9 @@ class LogOptions(PartOptions, SpacecraftOptions):
         known = self.known()
         bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
         momentum = known.momentum if self.momentum is None else self.momentum.value
-        return Request(
+        return cpid.Request(
             log,
-            SpacecraftReference(known.model, known.base, known.capture_frame, known.packages),
+            cpid.SpacecraftReference(known.model, known.base, known.capture_frame, known.packages),
             estimator=self.estimator,
             rows=self.rows,
             sensors=self.sensors or known.sensors,

@@ -1,6 +1,5 @@
 """`cpid report`."""
 
-import logging
 from pathlib import Path
 from typing import Annotated
 
@@ -58,7 +57,6 @@ def report(
             check_folder("--figures", figures, pictures, inputs, force=force)
 
     check([*sources, *chosen.files()])
-    logging.getLogger("drake").setLevel(logging.WARNING)
     console = options.log_console(quiet)
     with console.status("reading") as status:
         if run is not None:

@@ -1,10 +1,12 @@
 """The report of an identification."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import estimator_label
-from cpid_drake.report.findings import Findings, Progress, no_progress
+from cpid_drake.identification.requests import Evidence
+from cpid_drake.report.findings import Findings, Progress, findings_of, no_progress
 from cpid_drake.report.page import Report, Section
 from cpid_drake.report.sections.base_motion import base_motion_section
 from cpid_drake.report.sections.convergence import convergence_section
@@ -18,6 +20,21 @@ from cpid_drake.report.sections.residuals import residuals_section
 from cpid_drake.report.sections.result import result_section
 from cpid_drake.report.sections.sensors import sensors_section
 from cpid_drake.report.sections.warnings import warnings_section
+
+
+def write_report(evidence: Evidence, path: str | Path, progress: Progress = no_progress) -> None:
+    """Write the report of logs that have just been identified, one HTML page.
+
+    Args:
+        evidence: what `identify_files` returned.
+        path: the page.
+        progress: called before every step with a short description of it.
+
+    Raises:
+        InputError: the file cannot be written.
+
+    """
+    identification_report(findings_of(evidence, progress), progress=progress).write(path)
 
 
 def identification_report(

@@ -1,0 +1,63 @@
+"""What a file for --scenario says about a spacecraft."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import cpid_drake as cpid
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.input_files.validation import from_tree
+from cpid_drake.input_files.yaml_text import parse_yaml
+from cpid_drake.resources import find_scenario, resolve_model
+from cpid_drake.scenario.joint_motions import MOTION_TAGS
+
+
+@dataclass
+class SpacecraftFile:
+    """The keys of a YAML file for --scenario that is no scenario: what is known of a spacecraft.
+
+    Paths in such a file are relative to its folder.
+    """
+
+    model: str
+    base: str
+    capture_frame: str
+    packages: dict[str, str] = field(default_factory=dict)
+    sensors: str | None = None
+    momentum: Literal["zero", "unknown"] | None = None
+    planar: bool | None = None
+    known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
+
+
+def load_spacecraft_file(name: str) -> SpacecraftFile:
+    """Return what a scenario, or a spacecraft's own file, says about the spacecraft.
+
+    The target and the motion of a scenario are not used.
+
+    Raises:
+        InputError: no such file, or for the same reasons as `cpid_drake.load_scenario`.
+
+    """
+    file = resolve_model(find_scenario(name))
+    tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
+    if not (isinstance(tree, dict) and "spacecraft" in tree):
+        found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
+        folder = file.parent
+        local = found.sensors is not None and (folder / found.sensors).is_file()
+        return replace(
+            found,
+            model=found.model if "://" in found.model else str(folder / found.model),
+            packages={key: str(folder / each) for key, each in found.packages.items()},
+            sensors=str(folder / found.sensors) if local and found.sensors else found.sensors,
+        )
+    scenario = cpid.load_scenario(file)
+    craft = scenario.spacecraft
+    return SpacecraftFile(
+        craft.model,
+        craft.base,
+        craft.capture_frame,
+        craft.packages,
+        sensors=scenario.sensors.suite or None,
+        momentum="unknown" if scenario.identification.unknown_momentum else "zero",
+        planar=True if craft.on_table else None,
+        known_bodies=scenario.known_bodies,
+    )
