@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from sensing_cases import Sines, measured, small_craft, true_psi, true_telemetry
 
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.block import Block, after
@@ -105,7 +105,7 @@ class Case:
 
     def state_of(self, truth: Telemetry) -> TrajectoryState:
         """Return the state of the first instant of a true motion."""
-        dynamics = relative_dynamics(self.craft.tree, truth.q, truth.qdot)
+        dynamics = BodyDynamics.at(self.craft.tree, truth.q, truth.qdot)
         R, psi = truth.R_WB[0], self.psi
         w = R.T @ truth.w_WB[0]
         L = R @ (dynamics.inertia(psi)[0] @ w + dynamics.momentum_at_rest(psi)[0])

@@ -18,7 +18,8 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.commands.main import main
-from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.studies import paper
 
@@ -114,9 +115,9 @@ def zero_momentum_motion(servicer, random_motion):
 
     def make(target: InertialParameters, n: int, seed: int) -> Telemetry:
         telemetry = random_motion(n, seed)
-        known = known_dynamics(servicer.tree, telemetry.q, telemetry.qdot)
-        twist = base_twist(known, target.to_standard_vector()).reshape(-1, 2, 3)
-        w_WB, v_WB = np.moveaxis(rotate(telemetry.R_WB[:, None], twist), 1, 0)
+        known = BodyDynamics.at(servicer.tree, telemetry.q, telemetry.qdot)
+        twist = known.base_twist(standard_to_relative(target.to_standard_vector(), known.mass))
+        w_WB, v_WB = (rotate(telemetry.R_WB, part) for part in twist)
         return replace(telemetry, w_WB=w_WB, v_WB=v_WB)
 
     return make

@@ -1,4 +1,4 @@
-"""One dense least-squares problem of a whole log, by differences of what `propagate_base` predicts.
+"""One dense least-squares problem of a whole log, by differences of what `propagate` predicts.
 
 It knows no blocks and shares no equation with the estimators. The joint motion is taken as known.
 """
@@ -6,8 +6,8 @@ It knows no blocks and shares no equation with the estimators. The joint motion 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import parameters_to_standard
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.sensitivity import with_errors
 
 STEPS = np.array([1e-2, *3 * [1e-4], *6 * [1e-2], *3 * [1e-5], *3 * [1e-3], *3 * [1e-5]])
@@ -42,9 +42,8 @@ class Dense:
         tree, momentum_W = self.craft.tree, self.momentum_W
         if self.bodies is not None:
             tree = with_errors(tree, self.bodies, x[0, self.of_bodies])
-        if momentum_W is not None:
-            momentum_W = momentum_W + x[:, 19:25]
-        base = propagate_base(
+        momentum_W = np.zeros(6) if momentum_W is None else momentum_W + x[:, 19:25]
+        base = propagate(
             tree,
             self.motion,
             np.stack([parameters_to_standard(pi) for pi in x[:, :10]]),

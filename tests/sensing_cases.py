@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry
-from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.logs.log import Measurements, Samples, ideal_measurements
 from cpid_drake.sensors.sensors import (
@@ -106,12 +105,13 @@ class Sines:
 
 
 def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) -> Telemetry:
-    """Return the true motion at increasing times, by `propagate_base` from W's origin at 0 s."""
+    """Return the true motion at increasing times, by `propagate` from W's origin at 0 s."""
     times = np.asarray(times, dtype=float)
     later = int(times[0] > 0)
     times = np.append(0.0, times) if later else times
     phi = target.to_standard_vector()
-    base = propagate_base(tree, motion, phi, times, momentum_W=momentum_W, max_step=0.04)
+    momentum_W = np.zeros(6) if momentum_W is None else momentum_W
+    base = propagate(tree, motion, phi, times, momentum_W=momentum_W, max_step=0.04)
     return base.to_telemetry(joint_names, times, motion).select(slice(later, None))
 
 
@@ -141,10 +141,8 @@ def momentum_about_com(
     spacecraft: Spacecraft, motion, target: InertialParameters, momentum_W: NDArray[np.float64]
 ) -> TotalMomentum:
     """Return a momentum [L; P] about W's origin, where the base starts, as one about the Scm."""
-    start = motion.evaluate(np.zeros(1))
-    dynamics = relative_dynamics(spacecraft.tree, start[:, 0], start[:, 1])
-    p_WScm = dynamics.com(true_psi(spacecraft, target))[0]
-    return TotalMomentum.known_about_origin(momentum_W, p_WScm, spacecraft.mass + target.mass)
+    q = motion.evaluate(0.0)[0]
+    return TotalMomentum.with_base_at_origin(spacecraft.tree, target, q, momentum_W)
 
 
 def coarse_suite(**changes) -> SensorSuite:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.rotations import cross, product, rotate_about_axis
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 
 
@@ -85,24 +84,44 @@ def centroid_velocity(
     return v_m + cross(w_m, b_m) + cross(w_k, c_k)
 
 
-def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, CaptureMotion]:
+def forward_kinematics(
+    tree: KinematicTree,
+    q: ArrayLike,
+    qdot: ArrayLike,
+    *,
+    R_WB: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    p_WB: ArrayLike = 0.0,
+    w_WB: ArrayLike = 0.0,
+    v_WB: ArrayLike = 0.0,
+) -> tuple[BodyMotion, CaptureMotion]:
     """Return the motion of every body and of C, computed from the base outwards.
 
     Sliding joints are an extension of the paper: axis · q is added to
     b_m, and axis · q̇ to v_k. Complex motions are allowed, for derivatives by complex steps.
 
+    Args:
+        tree: the bodies.
+        q, qdot: (N, J) positions [rad or m] and rates of the joints.
+        R_WB: (N, 3, 3) attitude of the base.
+        p_WB: (N, 3) position of B's origin, in W [m].
+        w_WB, v_WB: (N, 3) angular velocity of the base and velocity of B's origin, in W.
+
+    By default the motion is seen from the base: the frames W and B coincide.
+
     Source: Ning et al. 2016, Eqs. 1-3.
+
     """
-    K, N = len(tree.bodies), len(telemetry)
-    dtype = np.result_type(float, telemetry.q, telemetry.qdot, telemetry.w_WB, telemetry.v_WB)
+    q, qdot, w_WB, v_WB = (np.asarray(values) for values in (q, qdot, w_WB, v_WB))
+    K, N = len(tree.bodies), len(q)
+    dtype = np.result_type(float, q, qdot, w_WB, v_WB)
     R, r, w, v = np.empty((K, N, 3, 3), dtype), *np.empty((3, K, N, 3), dtype)
     for k, body in enumerate(tree.bodies):
         m = body.parent
         if m < 0:
-            R[k], w[k] = telemetry.R_WB, telemetry.w_WB
+            R[k], w[k] = R_WB, w_WB
             c_k = product(R[k], body.p_BBcm)
-            r[k] = telemetry.p_WB + c_k
-            v[k] = telemetry.v_WB + cross(w[k], c_k)
+            r[k] = np.asarray(p_WB) + c_k
+            v[k] = v_WB + cross(w[k], c_k)
             continue
         R_WF = product(R[m], body.R_PF)
         b_m = product(R[m], body.p_PF - tree.bodies[m].p_BBcm)
@@ -110,7 +129,7 @@ def propagate(tree: KinematicTree, telemetry: Telemetry) -> tuple[BodyMotion, Ca
         if body.joint < 0:
             R_WM = R_WF
         else:
-            q_k, qdot_k = telemetry.q[:, body.joint], telemetry.qdot[:, body.joint]
+            q_k, qdot_k = q[:, body.joint], qdot[:, body.joint]
             axis = product(R_WF, body.axis_F)
             if body.prismatic:
                 R_WM = R_WF

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, propagate
+from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, forward_kinematics
 from cpid_drake.dynamics.rotations import cross, rotate
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
@@ -97,12 +97,12 @@ def target_momentum(
 def momentum_samples(tree: KinematicTree, telemetry: Telemetry) -> MomentumSamples:
     """Return the momentum samples of N telemetry samples; welded bodies are treated as one body."""
     tree = tree.lumped
-    bodies, capture = propagate(tree, telemetry)
+    bodies, capture = forward_kinematics(tree, **telemetry.states)
     return MomentumSamples(
         capture,
         linear_momentum(tree, bodies),
         angular_momentum(tree, bodies, capture.p_WC),
-        np.einsum("k,kni->ni", [body.mass for body in tree.bodies], bodies.r) / tree.mass,
+        np.sum(tree.masses[..., None] * bodies.r, axis=0) / tree.mass,
         tree.mass,
     )
 

@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, propagate
+from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momenta, linear_momenta
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.spatial_inertia import moved_moments
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 
 
@@ -44,9 +43,16 @@ class Outboard:
     momentum: NDArray[np.float64]
 
     @classmethod
-    def of(cls, tree: KinematicTree, telemetry: Telemetry) -> "Outboard":
-        """Return it for a tree whose bodies are ordered from the base outwards."""
-        bodies, capture = propagate(tree, telemetry)
+    def at(
+        cls,
+        tree: KinematicTree,
+        q: ArrayLike,
+        qdot: ArrayLike,
+        w_WB: ArrayLike = 0.0,
+        v_WB: ArrayLike = 0.0,
+    ) -> "Outboard":
+        """Return it at joint positions and rates (N, J) and velocities of the base (N, 3), in B."""
+        bodies, capture = forward_kinematics(tree, q, qdot, w_WB=w_WB, v_WB=v_WB)
         V = np.concatenate([bodies.w, bodies.v - cross(bodies.w, bodies.r)], axis=-1)
         L, P = angular_momenta(tree, bodies, np.zeros(3)), linear_momenta(tree, bodies)
         return cls(tree, bodies, capture, V, _summed(tree, np.concatenate([L, P], axis=-1)))

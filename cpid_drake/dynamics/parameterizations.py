@@ -104,6 +104,16 @@ def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
     return np.concatenate([[mass], mass * com, parameters[4:][TENSOR_ORDER] + shift])
 
 
+def standard_to_relative(phi: NDArray[np.float64], known_mass: float) -> NDArray[np.float64]:
+    """Return ψ = (μ, μc, I_*) (..., 10) of φ (..., 10); see `relative_parameterization`."""
+    mass, first = phi[..., :1], phi[..., 1:4]
+    share = known_mass / (known_mass + mass)
+    shift = np.sum(first**2, axis=-1)[..., None, None] * np.eye(3)
+    shift = (shift - first[..., :, None] * first[..., None, :]) / (known_mass + mass)[..., None]
+    moments = phi[..., 4:] - tensor_to_vector(shift)
+    return np.concatenate([share * mass, share * first, moments], axis=-1)
+
+
 def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (4, 4) pseudo-inertia [½tr(J)1 − J, h; hᵀ, m] of a standard vector (10,)."""
     pseudo = np.empty((4, 4))

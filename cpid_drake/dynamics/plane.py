@@ -39,15 +39,6 @@ ALONG = 1e-3
 """Largest entry across an axis of a unit vector that counts as parallel to the axis."""
 
 
-def freedom(normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S (6, 3): the twists [ω; v] that a table allows its base, in B, are S times (3,)."""
-    first = np.cross(normal_B, np.eye(3)[np.abs(normal_B).argmin()])
-    first /= np.linalg.norm(first)
-    S = np.zeros((6, 3))
-    S[:3, 0], S[3:, 1], S[3:, 2] = normal_B, first, np.cross(normal_B, first)
-    return S
-
-
 def parallel_axis(direction: NDArray[np.float64]) -> int:
     """Return the number of the coordinate axis that is parallel to a unit vector (3,); −1: none."""
     axis = int(np.abs(direction).argmax())

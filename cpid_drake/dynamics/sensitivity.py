@@ -21,13 +21,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.outboard import Outboard, frame_screws, joined_bodies, joint_screw
 from cpid_drake.dynamics.parameterizations import REPORT_ORDER, vector_to_tensor
-from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import cross, exp, right_jacobian, rotate, skew
 from cpid_drake.dynamics.spatial_inertia import inertia_of_second_moment, second_moment
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 
@@ -52,25 +50,24 @@ class MotionSensitivity:
 
 
 def joint_sensitivity(
-    tree: KinematicTree, telemetry: Telemetry, psi: NDArray[np.float64], dynamics: RelativeDynamics
+    outboard: Outboard, psi: NDArray[np.float64], dynamics: BodyDynamics
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
     """Return the derivatives with respect to the J joint positions and joint rates.
 
     Args:
-        tree: the known bodies *and* the target, as from `KinematicTree.with_target`.
-        telemetry: N instants, as from `Telemetry.seen_from_base`.
+        outboard: the known bodies *and* the target, as from `KinematicTree.with_target`.
         psi: (10,) the target's relative vector ψ = (μ, μc, I_*).
         dynamics: dynamics of the known bodies alone, at the same instants.
 
     Source: Featherstone 2008, ch. 2.
 
     """
-    outboard = Outboard.of(tree, telemetry)
-    bodies, moving = outboard.bodies, joined_bodies(tree)
+    tree, bodies = outboard.tree, outboard.bodies
+    moving = joined_bodies(tree)
     places = [tree.bodies[k].joint for k in moving]
     S = np.stack([joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k]) for k in moving], axis=-1)
     change, by_rates = outboard.displaced(moving, S)
-    N, J = len(telemetry), len(telemetry.joint_names)
+    N, J = len(S), len(moving)
     momentum, com = np.zeros((N, 6, 2, J), change.dtype), np.zeros((N, 3, 2, J), change.dtype)
     momentum[:, :, 0, places], momentum[:, :, 1, places] = change, by_rates
     com[:, :, 0] = momentum[:, 3:, 1] / tree.mass
@@ -81,10 +78,9 @@ def joint_sensitivity(
 
 
 def geometry_sensitivity(
-    tree: KinematicTree,
-    telemetry: Telemetry,
+    outboard: Outboard,
     psi: NDArray[np.float64],
-    dynamics: RelativeDynamics,
+    dynamics: BodyDynamics,
     joints: NDArray[np.float64],
     grasp: NDArray[np.float64],
 ) -> MotionSensitivity:
@@ -96,7 +92,7 @@ def geometry_sensitivity(
     C. The tree already has the errors (J, 5) and (6,) of `displaced`, which have these derivatives;
     its last body is the target. Other arguments as for `joint_sensitivity`.
     """
-    outboard = Outboard.of(tree, telemetry)
+    tree = outboard.tree
     moving, target, S = joined_bodies(tree), len(tree.bodies) - 1, []
     for k, error in zip(moving, joints, strict=True):
         normals = axis_normals(tree.bodies[k])
@@ -110,10 +106,9 @@ def geometry_sensitivity(
 
 
 def body_sensitivity(
-    tree: KinematicTree,
-    telemetry: Telemetry,
+    outboard: Outboard,
     psi: NDArray[np.float64],
-    dynamics: RelativeDynamics,
+    dynamics: BodyDynamics,
     errors: NDArray[np.float64],
 ) -> MotionSensitivity:
     """Return the derivatives w.r.t. errors (K, 10) that the tree's first K bodies already have.
@@ -123,7 +118,7 @@ def body_sensitivity(
     its second moment Σ to (1 + E) Σ (1 + E)ᵀ. The target remains unchanged. Other arguments as for
     `joint_sensitivity`.
     """
-    bodies, _ = propagate(tree, telemetry)
+    tree, bodies = outboard.tree, outboard.bodies
     total = tree.mass
     rho = dynamics.com(psi)
     momenta, shifts = [], []
@@ -152,10 +147,9 @@ def body_sensitivity(
 
 
 def uncertain_sensitivity(
-    tree: KinematicTree,
-    telemetry: Telemetry,
+    outboard: Outboard,
     psi: NDArray[np.float64],
-    dynamics: RelativeDynamics,
+    dynamics: BodyDynamics,
     uncertainty: BodyUncertainty,
     errors: NDArray[np.float64],
 ) -> MotionSensitivity:
@@ -165,15 +159,16 @@ def uncertain_sensitivity(
     errors (c,), which the tree already has; see `with_errors`. Other arguments as for
     `geometry_sensitivity`.
     """
+    tree = outboard.tree
     known = replace(tree, bodies=tree.bodies[:-1])
     sigmas = uncertainty.all_sigmas(known.wheels, len(joined_bodies(tree)))
     of_bodies, of_geometry = np.split(sigmas, [10 * len(known.bodies)])
     bodies, joints, grasp = _errors_of(known, uncertainty, errors)
     parts = []
     if of_bodies.any() or not of_geometry.any():
-        parts.append(_scaled(body_sensitivity(tree, telemetry, psi, dynamics, bodies), of_bodies))
+        parts.append(_scaled(body_sensitivity(outboard, psi, dynamics, bodies), of_bodies))
     if of_geometry.any():
-        by = geometry_sensitivity(tree, telemetry, psi, dynamics, joints, grasp)
+        by = geometry_sensitivity(outboard, psi, dynamics, joints, grasp)
         parts.append(_scaled(by, of_geometry))
     values = zip(*((part.w, part.com, part.v) for part in parts))
     return MotionSensitivity(*(np.concatenate(each, axis=-1) for each in values))
@@ -299,7 +294,7 @@ def _motion_sensitivity(
     momentum: NDArray[np.float64],
     com: NDArray[np.float64],
     psi: NDArray[np.float64],
-    dynamics: RelativeDynamics,
+    dynamics: BodyDynamics,
 ) -> MotionSensitivity:
     """Return the derivatives of the motion from the derivatives of momentum and centre of mass.
 
@@ -311,7 +306,6 @@ def _motion_sensitivity(
 
     """
     rho = skew(dynamics.com(psi))
-    total = dynamics.mass**2 / (dynamics.mass - psi[0])  # m_k + m, because μ = m_k m/(m_k + m)
     dL, dP = momentum[:, :3], momentum[:, 3:]
     w = -dynamics.mobility(psi) @ (dL - rho @ dP)
-    return MotionSensitivity(w, com, rho @ w - dP / total)
+    return MotionSensitivity(w, com, rho @ w - dP / dynamics.total_mass(psi))

@@ -77,32 +77,6 @@ class Telemetry:
             )
 
     @classmethod
-    def seen_from_base(
-        cls, q: ArrayLike, qdot: ArrayLike, w_WB: ArrayLike = 0.0, v_WB: ArrayLike = 0.0
-    ) -> "Telemetry":
-        """Return joint states as telemetry in which the frames W and B coincide at every sample.
-
-        Args:
-            q, qdot: (N, J) joint positions and rates; the joints are named by their number.
-            w_WB, v_WB: (N, 3) velocities of the base, in B; default: a base at rest.
-
-        The arrays may be complex, for derivatives by complex steps.
-
-        """
-        q, qdot = (np.asarray(values) for values in (q, qdot))
-        count, joints = q.shape
-        return cls._checked(
-            joint_names=tuple(f"joint {j}" for j in range(joints)),
-            time=np.arange(count, dtype=float),
-            quaternion_WB=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-            p_WB=np.zeros((count, 3)),
-            w_WB=np.broadcast_to(w_WB, (count, 3)),
-            v_WB=np.broadcast_to(v_WB, (count, 3)),
-            q=q,
-            qdot=qdot,
-        )
-
-    @classmethod
     def _checked(cls, **members: Any) -> "Telemetry":
         """Return telemetry with these members, without copies and without the checks."""
         telemetry = object.__new__(cls)
@@ -117,6 +91,12 @@ class Telemetry:
     def R_WB(self) -> NDArray[np.float64]:
         """(N, 3, 3) attitude of the base: columns are B's axes in W."""
         return self._rotations().as_matrix()
+
+    @property
+    def states(self) -> dict[str, NDArray[np.float64]]:
+        """The motion of base and joints as arguments of `kinematics.forward_kinematics`."""
+        names = ("q", "qdot", "R_WB", "p_WB", "w_WB", "v_WB")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def euler_321(self) -> NDArray[np.float64]:

@@ -6,6 +6,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import standard_to_relative
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 
 MOMENTUM_NAMES = ("zero", "unknown")
@@ -16,8 +20,9 @@ MOMENTUM_NAMES = ("zero", "unknown")
 class TotalMomentum:
     """The constant momentum of spacecraft and target, about the system's centre of mass Scm.
 
-    Make one by `zero()`, `unknown()`, `known(...)` or `known_about_origin(...)`. About Scm, the
-    conservation of angular momentum is independent of the base's position and velocity.
+    Make one by `zero()`, `unknown()`, `known(...)`, `known_about_origin(...)` or
+    `with_base_at_origin(...)`. About Scm, the conservation of angular momentum is independent of
+    the base's position and velocity.
 
     Attributes:
         L_WScm_W: (3,) angular momentum about Scm, in W [N·m·s]; the initial value if it is unknown.
@@ -78,6 +83,24 @@ class TotalMomentum:
         if not mass > 0:
             raise InputError(f"total momentum: the total mass must be > 0 kg, not {mass}")
         return cls.known(L_W - np.cross(_vector("p_WScm", p_WScm, 3), P_W), P_W / mass)
+
+    @classmethod
+    def with_base_at_origin(
+        cls, tree: KinematicTree, target: InertialParameters, q: ArrayLike, momentum_W: ArrayLike
+    ) -> Self:
+        """Return a known momentum of a system whose base frame B coincides with W.
+
+        Args:
+            tree: the spacecraft.
+            target: the target.
+            q: (J,) joint positions [rad or m].
+            momentum_W: (6,) total momentum [L; P] about W's origin, in W [N·m·s, N·s].
+
+        """
+        q = np.asarray(q, dtype=float)[None]
+        psi = standard_to_relative(target.to_standard_vector(), tree.mass)
+        p_WScm = BodyDynamics.at(tree, q, 0 * q).com(psi)[0]
+        return cls.known_about_origin(momentum_W, p_WScm, tree.mass + target.mass)
 
     @classmethod
     def named(cls, name: str) -> Self:

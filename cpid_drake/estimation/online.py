@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.evidence import NAMED
@@ -334,7 +334,7 @@ def _inertia_error(
 def _by_inertia(model: Model, log: LogState, psi: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the derivative (9, 10) of Wᵀ J W by ψ at the end of a log; (1, 10) on a table."""
     q = log.joints[-1].coefficients[-ORDER][None]
-    dynamics = relative_dynamics(model.tree, q, np.zeros_like(q))
+    dynamics = BodyDynamics.at(model.tree, q, np.zeros_like(q))
     J, none = dynamics.inertia(psi)[0], dynamics.inertia(np.zeros(10))[0]
     normal_B = model.tree.normal_B
     if normal_B is None:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
-from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import exponentials
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, first_sample
@@ -69,7 +69,7 @@ def start_of(
             started.append(log)
             continue
         block, joints = log.blocks[0], log.joints[0].evaluate(np.array([log.blocks[0].start]))
-        dynamics = relative_dynamics(model.tree, joints[:, 0], joints[:, 1])
+        dynamics = BodyDynamics.at(model.tree, joints[:, 0], joints[:, 1])
         inverse = dynamics.mobility(psi)[0]
         first = first_sample(block.samples, ATTITUDE)
         assert first is not None
@@ -98,7 +98,7 @@ def _is_possible(model: Model, log: LogState, psi: NDArray[np.float64]) -> bool:
     ]
     q = np.concatenate(joints)
     try:
-        relative_dynamics(model.tree, q[:, 0], q[:, 1]).mobility(psi)
+        BodyDynamics.at(model.tree, q[:, 0], q[:, 1]).mobility(psi)
     except InputError:
         return False
     return True
@@ -166,7 +166,7 @@ def _motion(model: Model, log: LogState) -> SeenMotion | None:
     normal_B = model.tree.normal_B
     if normal_B is not None:
         w = (w @ normal_B)[:, None] * normal_B
-    dynamics = relative_dynamics(model.tree, q[:, 0], q[:, 1])
+    dynamics = BodyDynamics.at(model.tree, q[:, 0], q[:, 1])
     p, v = np.moveaxis(np.concatenate(places), 1, 0)
     return SeenMotion(
         np.concatenate(times),

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from scipy.sparse import eye_array
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.kinematics import propagate
-from cpid_drake.dynamics.relative_motion import RelativeDynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.rotations import rotate, skew
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
@@ -54,7 +53,7 @@ class SeenMotion:
     p: NDArray[np.float64]
     v: NDArray[np.float64]
     q: NDArray[np.float64]
-    dynamics: RelativeDynamics
+    dynamics: BodyDynamics
 
 
 def balanced_with_thrust(
@@ -173,12 +172,7 @@ def _pushed(
     if given.delay >= 0:
         by_size[..., given.delay] = -np.diff(given.samples.held_at(t), axis=0)
     by_size = by_size * np.array([model.constants.errors[name].sigma for name in names])
-    capture = propagate(
-        model.tree,
-        Telemetry.seen_from_base(
-            motion.q, np.zeros_like(motion.q), np.zeros((count, 3)), np.zeros((count, 3))
-        ),
-    )[1]
+    _, capture = forward_kinematics(model.tree, motion.q, np.zeros_like(motion.q))
     push = Push(
         given.actuators,
         t[1:],

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import tensor_to_vector
-from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -104,7 +104,7 @@ class Model:
             put("tree", self.tree.lumped)
         put("constants", Constants.of(self.suite, self.joint_count))
         still = np.zeros((1, self.joint_count))
-        known = relative_dynamics(self.tree, still, still)
+        known = BodyDynamics.at(self.tree, still, still)
         put("mass", known.mass)
         put("L_sigma", FASTEST_TUMBLE * float(np.trace(known.I_K[0])) / 3)
         put("plausible", psi_scale(known.mass, known.I_K[0]))

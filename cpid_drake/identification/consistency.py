@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri, fdtri
 
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
@@ -130,7 +130,7 @@ def _plausible(found: SolvedIdentification, tree: KinematicTree) -> tuple[float,
     The target is as large as the spacecraft, or as its own moments about C say.
     """
     still = np.zeros((1, sum(body.joint >= 0 for body in tree.bodies)))
-    known = relative_dynamics(tree, still, still)
+    known = BodyDynamics.at(tree, still, still)
     squares = [np.trace(known.I_K[0]) / 2 / known.mass]
     mass = found.parameters[0]
     if not 1e-3 < mass / tree.mass < 1e3:

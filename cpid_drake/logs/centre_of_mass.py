@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.logs.noise_estimation import noise_level
@@ -159,7 +158,7 @@ class TravelModel:
 
     def __init__(self, tree: KinematicTree, q: NDArray[np.float64]) -> None:
         lumped = tree.lumped
-        bodies, capture = propagate(lumped, Telemetry.seen_from_base(q, np.zeros_like(q)))
+        bodies, capture = forward_kinematics(lumped, q, np.zeros_like(q))
         masses = np.array([body.mass for body in lumped.bodies])
         self._known = np.einsum("k,kni->ni", masses, bodies.r) / masses.sum()
         self._capture, self._R_BC = capture.p_WC, capture.R_WC

@@ -19,7 +19,6 @@ from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.outboard import Outboard, joined_bodies, joint_screw
 from cpid_drake.dynamics.parameterizations import parameters_to_standard, vector_to_tensor
 from cpid_drake.dynamics.rotations import cross, rotate
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.planning.motion_batch import MotionBatch
 from cpid_drake.planning.objective import Objective, PlausibleTarget
 
@@ -68,7 +67,7 @@ class JointEfforts:
         model = self.objective.model
         motions = model.motions(self.objective.samples(parameters))
         q, qdot = np.moveaxis(motions.joints.evaluate(motions.nodes), 1, 0)
-        known = Outboard.of(model.tree, Telemetry.seen_from_base(q, qdot))
+        known = Outboard.at(model.tree, q, qdot)
         screws = self._screws(known)
         found = [self._efforts(motions, known, screws, each) for each in self.objective.targets]
         return np.moveaxis(np.stack(found), -1, 2)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array, kron
 
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.likelihood.attitude_steps import step_angles
@@ -101,7 +101,7 @@ class MotionBatch(BaseMotion):
         self.count, self._times = samples.shape[1], times
         self.joints = PlannedJoints.of(times[-1], samples.reshape(-1, *samples.shape[2:]))
         self.nodes = np.repeat(times, self.count)
-        dynamics = relative_dynamics(tree, self.joints.samples[:, 0], self.joints.samples[:, 1])
+        dynamics = BodyDynamics.at(tree, self.joints.samples[:, 0], self.joints.samples[:, 1])
         self.times, self.dynamics, self.grid = self.nodes, dynamics, dynamics
 
     def at(self, times: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:

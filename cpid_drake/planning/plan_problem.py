@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
-from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.planning.base_limits import BaseAttitude, BaseDisplacement, BaseLimit, BaseRate
@@ -123,7 +123,7 @@ class PlanProblem:
     ) -> tuple[PlausibleTarget, ...]:
         """Return targets that are plausible for this spacecraft; see `plausible_targets`."""
         tree, still = self.spacecraft.tree, self.family.start[None]
-        inertia = relative_dynamics(tree, still, 0 * still).I_K[0]
+        inertia = BodyDynamics.at(tree, still, 0 * still).I_K[0]
         radius = float(np.sqrt(np.trace(inertia) / 2 / tree.mass))
         return plausible_targets(tree.mass, radius, count, seed, self.prior, heaviest=heaviest)
 

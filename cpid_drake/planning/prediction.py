@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import (
@@ -15,6 +13,7 @@ from cpid_drake.dynamics.parameterizations import (
     parameters_to_standard,
     relative_parameterization,
 )
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -85,8 +84,7 @@ class MotionSetting:
 
     def momentum(self, target: InertialParameters, q: NDArray[np.float64]) -> TotalMomentum:
         """Return the momentum about the system's centre of mass, at joint positions q (J,)."""
-        start = SystemMomentum.with_base_at_origin(self.spacecraft.tree, target, q, self.momentum_W)
-        known = TotalMomentum.known_about_origin(self.momentum_W, start.p_WScm, start.mass)
+        known = TotalMomentum.with_base_at_origin(self.spacecraft.tree, target, q, self.momentum_W)
         return TotalMomentum.unknown(known) if self.is_unknown else known
 
     def predict(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Prediction:
@@ -135,11 +133,11 @@ class MotionSetting:
         self, motion: JointMotion, targets: NDArray[np.float64], times: NDArray[np.float64]
     ) -> list[Telemetry]:
         """Return the same for each of T targets π (T, 10), at little more than the cost of one."""
-        momentum = self.momentum_W if self.momentum_W.any() else None
         phi = np.stack([parameters_to_standard(parameters) for parameters in targets])
-        base = propagate_base(self.spacecraft.tree, motion, phi, times, momentum_W=momentum)
+        tree, momentum = self.spacecraft.tree, self.momentum_W
+        base = propagate(tree, motion, phi, times, momentum_W=momentum)
         names = self.spacecraft.joint_names
-        return [base[k].to_telemetry(names, times, motion) for k in range(len(targets))]
+        return [base.to_telemetry(names, times, motion, k) for k in range(len(targets))]
 
     def largest_efforts(
         self, motion: JointMotion, targets: NDArray[np.float64]

@@ -10,10 +10,9 @@ from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 from scipy.interpolate import CubicSpline
 
-from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
@@ -59,7 +58,8 @@ class ExternalForces:
 
     def expected_momentum(
         self,
-        start: SystemMomentum,
+        momentum_W: NDArray[np.float64],
+        q: NDArray[np.float64],
         full: KinematicTree,
         telemetry: Telemetry,
         root_context: Context,
@@ -72,7 +72,8 @@ class ExternalForces:
         only the components in the plane are those of the simulation.
 
         Args:
-            start: the momentum at t = 0.
+            momentum_W: (6,) the momentum at t = 0, where B coincides with W.
+            q: (J,) the joint positions at t = 0.
             full: the spacecraft with the target.
             telemetry: the logged motion at N times.
             root_context: Context of a run to these times.
@@ -80,14 +81,13 @@ class ExternalForces:
         """
         times = telemetry.time
         edges = self.disturbance.changes(0.0, times[-1])
-        now, system, by_time = 0.0, start, {}
+        now, by_time = 0.0, {}
+        state = momentum_W, BodyDynamics.at(full, q[None], 0 * q[None]).p_BK[0]
         for time in sorted({*times.tolist(), *edges}):
-            system = system.after(time - now, self.disturbance.at(now), np.zeros(6))
-            now, by_time[time] = time, system
-        systems = [by_time[time] for time in times.tolist()]
-        expected = np.array([system.momentum_W for system in systems])
+            state = momentum_after(*state, full.mass, self.disturbance.at(now), time - now)
+            now, by_time[time] = time, state
+        expected, undisturbed = map(np.array, zip(*(by_time[time] for time in times.tolist())))
         if self.orbit is not None or self.thrusters is not None:
-            undisturbed = np.array([system.p_WScm for system in systems])
             expected += self._of_gradient(full, telemetry, undisturbed)
         if self.thrusters is not None:
             expected += self._of_thrust(telemetry)
@@ -106,7 +106,7 @@ class ExternalForces:
         The arguments are those of `expected_momentum`, and the centre of mass (N, 3) without it.
         """
         times, R = telemetry.time, telemetry.R_WB
-        dynamics = relative_dynamics(full, telemetry.q, 0 * telemetry.q)
+        dynamics = BodyDynamics.at(full, telemetry.q, 0 * telemetry.q)
         p = telemetry.p_WB + rotate(R, dynamics.p_BK)
         tide, torque = np.zeros_like(p), np.zeros_like(p)
         if self.orbit is not None:
@@ -130,6 +130,33 @@ class ExternalForces:
             before, after = (integral(np.minimum(times, edge)) for edge in (start, end))
             added += self.thrusters.scale * (after - before) @ value
         return added
+
+
+def momentum_after(
+    momentum_W: NDArray[np.float64],
+    p_WScm: NDArray[np.float64],
+    mass: float,
+    disturbance_W: NDArray[np.float64],
+    time: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return total momentum and centre of mass after a time [s] with a constant disturbance.
+
+    Newton's and Euler's laws, P' = m a, p' = P / m and L' = τ + p × m a, have a cubic polynomial
+    of time as their solution, independent of how the bodies move.
+
+    Args:
+        momentum_W: (6,) total momentum [L; P] about W's origin, in W [N·m·s, N·s].
+        p_WScm: (3,) p, the centre of mass of the system, in W [m].
+        mass: m of the system [kg].
+        disturbance_W: (6,) torque τ about this centre and its acceleration a, in W [N·m, m/s²].
+        time: [s].
+
+    """
+    torque, acceleration = np.split(disturbance_W, 2)
+    force, P = mass * acceleration, momentum_W[3:]
+    path = p_WScm * time + (P / mass / 2 + acceleration * time / 6) * time**2  # integral of p
+    added = np.concatenate([torque * time + cross(path, force), force * time])
+    return momentum_W + added, p_WScm + (P / mass + acceleration * time / 2) * time
 
 
 def add_external_forces(

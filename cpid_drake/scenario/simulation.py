@@ -11,7 +11,6 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -164,10 +163,10 @@ class Simulation:
             root_context: Context of the run.
 
         """
-        q, momentum_W = self.joint_motion.evaluate(0.0)[0], self.scenario.simulation.momentum_W
-        start = SystemMomentum.with_base_at_origin(self.spacecraft.tree, self.truth, q, momentum_W)
+        start = np.asarray(self.scenario.simulation.momentum_W, dtype=float)
+        q = self.joint_motion.evaluate(0.0)[0]
         full = self.spacecraft.tree.with_target(self.truth.to_standard_vector())
-        return self.forces.expected_momentum(start, full, telemetry, root_context)
+        return self.forces.expected_momentum(start, q, full, telemetry, root_context)
 
     def measurements(self, root_context: Context) -> Measurements:
         """Return the samples of the sensors in a run, and the log of thrust if there is one.

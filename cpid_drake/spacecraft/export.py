@@ -20,9 +20,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInstanceIndex
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momenta, linear_momentum
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import draft_of
@@ -299,14 +298,14 @@ def _check_attached(
     meant = spacecraft.tree.with_target(target.to_standard_vector())
     rng, J = np.random.default_rng(1), len(spacecraft.joint_names)
     q, qdot, w_WB, v_WB = (rng.uniform(-1, 1, (5, n)) for n in (J, J, 3, 3))
-    motion = Telemetry.seen_from_base(q, qdot, w_WB, v_WB)
-    for old, new in zip(*(_momenta(tree, motion) for tree in (meant, joined.tree))):
+    motion = {"q": q, "qdot": qdot, "w_WB": w_WB, "v_WB": v_WB}
+    for old, new in zip(*(_momenta(tree, **motion) for tree in (meant, joined.tree))):
         if np.abs(new - old).max() > 1e2 * _TOLERANCE * max(np.abs(old).max(), 1.0):
             raise InputError("the spacecraft itself has changed")
 
 
-def _momenta(tree: KinematicTree, motion: Telemetry) -> list[NDArray[np.float64]]:
+def _momenta(tree: KinematicTree, **motion: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Return linear momentum, angular momentum about C, and pose of C."""
-    bodies, capture = propagate(tree, motion)
+    bodies, capture = forward_kinematics(tree, **motion)
     L = angular_momenta(tree, bodies, capture.p_WC).sum(axis=0)
     return [linear_momentum(tree, bodies), L, capture.p_WC, capture.R_WC]

@@ -13,11 +13,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RevoluteJoint, RigidBody
 from pydrake.systems.framework import Context
 
-from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.resources import package_folders, resolve_model
@@ -246,7 +246,7 @@ class Spacecraft:
         target: InertialParameters,
         motion: JointMotion,
         times: ArrayLike,
-        momentum_W: ArrayLike | None = None,
+        momentum_W: ArrayLike = (0.0,) * 6,
     ) -> Telemetry:
         """Return the motion at times (N,) [s] that conserves momentum; B is at W at the start.
 
@@ -257,16 +257,15 @@ class Spacecraft:
             momentum_W: (6,) total momentum [L; P] about W's origin, in W; default: zero.
 
         """
-        base = propagate_base(
-            self.tree, motion, target.to_standard_vector(), times, momentum_W=momentum_W
-        )
+        phi = target.to_standard_vector()
+        base = propagate(self.tree, motion, phi, times, momentum_W=momentum_W)
         return base.to_telemetry(self.joint_names, times, motion)
 
     def initial_state(
         self,
         target: InertialParameters,
         motion: JointMotion,
-        momentum_W: ArrayLike | None = None,
+        momentum_W: ArrayLike = (0.0,) * 6,
     ) -> NDArray[np.float64]:
         """Return the state x = [q; v] (nx,) at t = 0 with B at W and the given total momentum.
 

@@ -1,6 +1,6 @@
 """Accuracy of the estimators: Monte Carlo trials of one scenario with noisy sensors.
 
-The true motion follows from conservation of momentum (`base_motion`, which agrees with the full
+The true motion follows from conservation of momentum (`propagation`, which agrees with the full
 simulation to 1e-8). Every trial draws new sensor noise and, where the spacecraft is uncertain, a
 new spacecraft. The estimators get the samples and the nominal spacecraft only.
 """

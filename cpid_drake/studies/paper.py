@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.telemetry import Telemetry
@@ -161,7 +161,7 @@ def run_paper_study(
         of_exciting = exciting_motion(
             exciting, samples.time, sorted(PAPER_TABLE_2), family.name, progress
         )
-    _, capture = propagate(spacecraft.tree, samples)
+    _, capture = forward_kinematics(spacecraft.tree, **samples.states)
     R_WC = capture.R_WC
     by_count = []
     for n in range(1, len(samples) + 1):

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.checked_log import log_of_states
@@ -114,7 +114,7 @@ def exciting_motion(
     log_times = np.arange(0.0, config.duration + 1e-9, config.log_period)
     together = np.union1d(np.round(log_times, 9), np.round(times, 9))
     phi = truth.to_standard_vector()
-    base = propagate_base(spacecraft.tree, motion, phi, together, max_step=_STEP)
+    base = propagate(spacecraft.tree, motion, phi, together, max_step=_STEP)
     whole = base.to_telemetry(spacecraft.joint_names, together, motion)
     samples = whole.select(np.flatnonzero(np.isin(together, np.round(times, 9))))
     log = whole.select(np.flatnonzero(np.isin(together, np.round(log_times, 9))))

@@ -8,12 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.base_motion import BaseTrajectory, propagate_base
-from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
-from cpid_drake.dynamics.forced_motion import propagate_forced
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.propagation import BaseTrajectory, Wrench, propagate
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -142,8 +140,7 @@ def make_case(
     unknown = bool(momentum.any() or scenario.identification.unknown_momentum)
     if scenario.accuracy.momentum_known:
         q = motion.evaluate(0.0)[0]
-        start = SystemMomentum.with_base_at_origin(spacecraft.tree, truth, q, momentum)
-        given = TotalMomentum.known_about_origin(momentum, start.p_WScm, start.mass)
+        given = TotalMomentum.with_base_at_origin(spacecraft.tree, truth, q, momentum)
     else:
         given = TotalMomentum.unknown() if unknown else TotalMomentum.zero()
     firing = scenario.accuracy.firing
@@ -214,41 +211,22 @@ def base_trajectory(
     edges |= {t for t in thrust.time.tolist() if times[0] < t < times[-1]}
     bounds = [times[0], *sorted(edges), times[-1]]
     parts, pose = [], dict[str, NDArray[np.float64]]()
-    system = _system_at_start(case, tree, times[0])
-    added = np.zeros(6)  # the momentum that the disturbance has added
+    added = np.zeros(6)  # the momentum that is not from start and firings
     for start, end in pairwise(bounds):
         inside = times[(times > start) & (times < end)]
         fired, wrench_W = _momentum_and_wrench(case, start)
-        system = replace(system, momentum_W=fired + added)
         grid = np.unique(np.concatenate([[start], inside, [end]]))
-        if case.suite.orbit is not None or case.burns:
-            part, momentum_W = propagate_forced(
-                tree,
-                case.motion,
-                phi,
-                grid,
-                case.suite.orbit,
-                momentum_W=system.momentum_W,
-                disturbance_W=disturbance.at(start),
-                wrench_W=wrench_W,
-                wrench_B=thrust.held_at(start),
-                **pose,
-            )
-            added = momentum_W - fired - wrench_W * (end - start)
-        else:
-            later = partial(_momentum_after, system, start, disturbance.at(start), wrench_W)
-            is_constant = not wrench_W.any() and disturbance.is_zero
-            part = propagate_base(
-                tree,
-                case.motion,
-                phi,
-                grid,
-                momentum_W=system.momentum_W if is_constant else later,
-                max_step=0.02,
-                **pose,
-            )
-            system = system.after(end - start, disturbance.at(start), wrench_W)
-            added = system.momentum_W - fired - wrench_W * (end - start)
+        part = propagate(
+            tree,
+            case.motion,
+            phi,
+            grid,
+            momentum_W=fired + added,
+            wrench=Wrench(disturbance.at(start), wrench_W, thrust.held_at(start), case.suite.orbit),
+            max_step=0.02,
+            **pose,
+        )
+        added = part.momentum_W[-1] - fired - wrench_W * (end - start)
         # A sample at the end of a part belongs to the next part.
         kept = np.isin(grid, times) & ((grid < end) | (end == times[-1]))
         parts.append({name: values[kept] for name, values in vars(part).items()})
@@ -256,23 +234,6 @@ def base_trajectory(
     return BaseTrajectory(
         **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     )
-
-
-def _system_at_start(case: Case, tree: KinematicTree, time: float) -> SystemMomentum:
-    """Return the momentum without firings, where the base coincides with W at this time [s]."""
-    q = case.motion.evaluate(time)[0]
-    return SystemMomentum.with_base_at_origin(tree, case.truth, q, case.momentum_W)
-
-
-def _momentum_after(
-    system: SystemMomentum,
-    start: float,
-    disturbance_W: NDArray[np.float64],
-    wrench_W: NDArray[np.float64],
-    time: float,
-) -> NDArray[np.float64]:
-    """Return the total momentum (6,) at a time [s] of a system whose state at `start` is given."""
-    return system.after(time - start, disturbance_W, wrench_W).momentum_W
 
 
 def _momentum_and_wrench(
@@ -300,8 +261,8 @@ def bound_of(case: Case, spacecraft: Spacecraft, ideal: Measurements) -> NDArray
     """
     burns = case.burns if case.logs_thrust else ()
     quiet = replace(case, firings=(), burns=burns)
-    start = _system_at_start(case, spacecraft.tree, 0.0)
-    true = TotalMomentum.known_about_origin(case.momentum_W, start.p_WScm, start.mass)
+    q = case.motion.evaluate(0.0)[0]
+    true = TotalMomentum.with_base_at_origin(spacecraft.tree, case.truth, q, case.momentum_W)
     if case.firings or burns != case.burns:
         ideal = ideal_samples(quiet, spacecraft.tree, spacecraft.joint_names)
     psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())

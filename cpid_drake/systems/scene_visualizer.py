@@ -13,7 +13,7 @@ from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import TreeBody
@@ -192,7 +192,7 @@ def extent_of(
     """
     some = np.unique(np.linspace(0, len(telemetry) - 1, 50).round().astype(int))
     tree, samples = spacecraft.tree, telemetry.select(some)
-    motion, capture = propagate(tree, samples)
+    motion, capture = forward_kinematics(tree, **samples.states)
     balls = [*zip(motion.r, map(_radius, tree.bodies)), (capture.p_WC, 0.0)]
     if target is not None:
         semi_diameters, X_CE = inertia_ellipsoid(target.to_spatial_inertia())

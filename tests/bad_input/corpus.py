@@ -18,8 +18,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry, shipped_scenario
-from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.joint_motion import HalfCosine
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.logs.files import table_of
 
 JOINTS = ("shoulder", "elbow", "wrist")
@@ -133,7 +133,7 @@ def motion() -> Telemetry:
         craft = Spacecraft(path, base="bus", capture_frame="hand")
     joints = HalfCosine(np.array([0.0, 0.5, -0.3]), np.array([1.5, -0.9, 1.2]), 10.0)
     time = np.linspace(0.0, 10.0, 101)
-    base = propagate_base(craft.tree, joints, TARGET.to_standard_vector(), time)
+    base = propagate(craft.tree, joints, TARGET.to_standard_vector(), time)
     return base.to_telemetry(craft.joint_names, time, joints)
 
 

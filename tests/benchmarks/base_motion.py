@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
-from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.propagation import propagate
 
 
 def main() -> None:
@@ -32,15 +32,15 @@ def main() -> None:
     phi = factors * simulation.truth.to_standard_vector()
     tree, motion = simulation.spacecraft.tree, simulation.joint_motion
 
-    def propagate() -> np.ndarray:
-        return propagate_base(tree, motion, phi, times).p_WB[0, -1]
+    def run_propagation() -> np.ndarray:
+        return propagate(tree, motion, phi, times).p_WB[0, -1]
 
     def simulate() -> np.ndarray:
         return simulation.telemetry(simulation.run()).p_WB[-1]
 
-    np.testing.assert_allclose(propagate(), simulate(), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(run_propagation(), simulate(), rtol=0, atol=1e-7)
     seconds = {}
-    for name, run in (("propagate", propagate), ("simulate", simulate)):
+    for name, run in (("propagate", run_propagation), ("simulate", simulate)):
         samples = []
         for _ in range(args.repeats):
             start = time.perf_counter()

@@ -17,14 +17,13 @@ import json
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Spacecraft, Telemetry
-from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
-from cpid_drake.dynamics.parameterizations import STANDARD
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.parameterizations import STANDARD, standard_to_relative
 from cpid_drake.estimation.least_squares import empty_information, solve_information
 from cpid_drake.resources import resolve_model
 
@@ -98,10 +97,11 @@ def zero_momentum_telemetry(spacecraft: Spacecraft, target: InertialParameters) 
     motion = HalfCosine(rng.uniform(-1, 1, joints), rng.uniform(-1, 1, joints), duration=10.0)
     times = np.linspace(0.5, 9.5, 20)
     q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
-    telemetry = Telemetry.seen_from_base(q, qdot)
-    known = known_dynamics(spacecraft.tree, q, qdot)
-    w_WB, v_WB = np.hsplit(base_twist(known, target.to_standard_vector()), 2)
-    return replace(telemetry, joint_names=spacecraft.joint_names, time=times, w_WB=w_WB, v_WB=v_WB)
+    psi = standard_to_relative(target.to_standard_vector(), spacecraft.mass)
+    w_WB, v_WB = BodyDynamics.at(spacecraft.tree, q, qdot).base_twist(psi)
+    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (20, 1))
+    names = spacecraft.joint_names
+    return Telemetry(names, times, attitude, np.zeros((20, 3)), w_WB, v_WB, q, qdot)
 
 
 def main() -> None:

@@ -35,7 +35,7 @@ from cpid_drake import (
     load_sensors,
     shipped_scenario,
 )
-from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.online import step
 from cpid_drake.estimation.online_state import OnlineState
@@ -92,7 +92,7 @@ def main() -> None:
     arms = scenario.make_joint_motion(spacecraft)
 
     def motion(times: np.ndarray) -> Telemetry:
-        base = propagate_base(spacecraft.tree, arms, target.to_standard_vector(), times)
+        base = propagate(spacecraft.tree, arms, target.to_standard_vector(), times)
         return base.to_telemetry(spacecraft.joint_names, times, arms)
 
     end = SEEN + BLOCKS

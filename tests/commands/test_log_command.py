@@ -17,7 +17,7 @@ from cpid_drake import (
     shipped_scenario,
     write_telemetry,
 )
-from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.logs.column_map import load_column_map
 from cpid_drake.logs.log import Samples
 from cpid_drake.resources import models_directory
@@ -37,7 +37,7 @@ def truth() -> Telemetry:
     scenario = load_scenario(shipped_scenario("free_flyer_payload"))
     craft, time = scenario.spacecraft.make(), np.arange(161) / 16
     motion = scenario.make_joint_motion(craft)
-    base = propagate_base(craft.tree, motion, scenario.target_truth().to_standard_vector(), time)
+    base = propagate(craft.tree, motion, scenario.target_truth().to_standard_vector(), time)
     return base.to_telemetry(craft.joint_names, time, motion)
 
 

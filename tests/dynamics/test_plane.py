@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 from planar_cases import DURATION, TARGET, motion, planar_craft
 from scipy.spatial.transform import Rotation
-from sensing_cases import true_psi, true_telemetry
+from sensing_cases import true_telemetry
 
-from cpid_drake.dynamics.base_motion import (
-    base_twist,
-    base_twist_sensitivity,
-    known_dynamics,
-)
 from cpid_drake.dynamics.momentum import total_momentum
-from cpid_drake.dynamics.plane import freedom, in_plane, mean_normal, tilt
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.plane import in_plane, mean_normal, tilt
 
 TIMES = np.arange(0.0, DURATION, 0.1)
 
@@ -44,39 +38,6 @@ def test_a_free_base_of_the_same_bodies_would_tilt(table, truth):
     tree = replace(table.tree, normal_B=None)
     free = true_telemetry(tree, table.joint_names, motion(), TARGET, TIMES)
     assert np.abs(free.quaternion_WB[:, 1:3]).max() > 0.05
-
-
-def test_the_relative_dynamics_give_the_same_motion(table, truth):
-    dynamics = relative_dynamics(table.tree, truth.q, truth.qdot)
-    psi, R = true_psi(table, TARGET), truth.R_WB
-    P, L = total_momentum(table.tree, TARGET, truth)
-    p_Wcm = truth.p_WB + (R @ dynamics.com(psi)[..., None])[..., 0]
-    about_cm = L - np.cross(p_Wcm, P)
-    w = (
-        dynamics.mobility(psi)
-        @ ((about_cm[:, None] @ R)[:, 0] - dynamics.momentum_at_rest(psi))[..., None]
-    )
-    np.testing.assert_allclose((R @ w)[..., 0], truth.w_WB, atol=1e-9)
-
-
-def test_the_sensitivity_of_the_twist_is_its_derivative(table, truth):
-    part = truth.select(slice(10, 13))
-    known = known_dynamics(table.tree, part.q, part.qdot)
-    phi, step = TARGET.to_standard_vector(), 1e-6
-    slopes = base_twist_sensitivity(known, phi, base_twist(known, phi))
-    for k, unit in enumerate(np.eye(10)):
-        ahead, behind = (base_twist(known, phi + s * step * unit) for s in (1, -1))
-        np.testing.assert_allclose(slopes[..., k], (ahead - behind) / 2 / step, atol=1e-8)
-    # The columns of what has no effect in the plane are zero.
-    assert not np.abs(slopes[..., [3, 4, 5, 6, 7, 8]]).max() > 1e-12
-
-
-def test_the_twists_of_a_table_are_perpendicular_to_its_reactions():
-    normal = np.array([0.6, 0.0, 0.8])
-    S = freedom(normal)
-    np.testing.assert_allclose(S.T @ S, np.eye(3), atol=1e-15)
-    np.testing.assert_allclose(np.cross(normal, S[:3, 0]), 0, atol=1e-15)
-    np.testing.assert_allclose(normal @ S[3:], 0, atol=1e-15)
 
 
 def test_noise_out_of_the_plane_is_removed_and_the_yaw_is_kept(truth):

@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import small_craft
 
 from cpid_drake import InertialParameters, Spacecraft, Telemetry
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, target_momentum
+from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.sensitivity import (
     axis_normals,
     body_sensitivity,
@@ -38,14 +39,14 @@ class Case:
         self.q, self.qdot = rng.normal(size=(2, N, J))
         self.L = 20 * rng.normal(size=(N, 3))
         self.psi, self.dynamics, w, v, _ = self.solved(tree, self.q, self.qdot)
-        self.telemetry = Telemetry.seen_from_base(self.q, self.qdot, w, v)
-        self.full = tree.with_target(target.to_standard_vector())
+        full = tree.with_target(target.to_standard_vector())
+        self.outboard = Outboard.at(full, self.q, self.qdot, w, v)
 
     def solved(self, tree: KinematicTree, q, qdot, target=None):
         """Return ψ, the dynamics, ω, v and ρ where the momentum about the centre of mass is L."""
         mass, target = tree.mass, target or self.target
         psi = relative_parameterization(mass).from_parameters(target.to_vector())
-        dynamics = relative_dynamics(tree, q, qdot)
+        dynamics = BodyDynamics.at(tree, q, qdot)
         h, rho = dynamics.momentum_at_rest(psi), dynamics.com(psi)
         w = np.linalg.solve(dynamics.inertia(psi), (self.L - h)[..., None])[..., 0]
         return psi, dynamics, w, -(np.cross(w, rho) + dynamics.com_rate(psi)), rho
@@ -77,7 +78,7 @@ def assert_is_derivative(sensitivity, column, ahead, behind, step) -> None:
 
 
 def test_by_joints(case):
-    by_position, by_rate = joint_sensitivity(case.full, case.telemetry, case.psi, case.dynamics)
+    by_position, by_rate = joint_sensitivity(case.outboard, case.psi, case.dynamics)
     step = 1e-5
     for j, unit in enumerate(np.eye(len(case.joint_names))):
         moved = [case.solved(case.tree, case.q + s * unit, case.qdot) for s in (step, -step)]
@@ -111,7 +112,7 @@ def test_by_known_bodies(case):
     """The target, given by its parameters, stays the same while the known bodies change."""
     tree, count = case.tree, len(case.tree.bodies)
     none = np.zeros((count, 10))
-    sensitivity = body_sensitivity(case.full, case.telemetry, case.psi, case.dynamics, none)
+    sensitivity = body_sensitivity(case.outboard, case.psi, case.dynamics, none)
     assert sensitivity.w.shape == (N, 3, 10 * count)
     step = 1e-5
     for k in range(0, count, 1 if count < 10 else 3):
@@ -135,7 +136,7 @@ def displacements(case):
 def test_by_geometry(case):
     """Of the arm and of C: the derivatives are those of a tree with finite errors."""
     none = np.zeros((len(case.joint_names), 5)), np.zeros(6)
-    sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics, *none)
+    sensitivity = geometry_sensitivity(case.outboard, case.psi, case.dynamics, *none)
     assert sensitivity.w.shape == (N, 3, 5 * len(case.joint_names) + 6)
     step = 1e-5
     for column, (joints, grasp) in enumerate(displacements(case)):
@@ -153,7 +154,7 @@ def test_at_errors_that_the_spacecraft_already_has(case):
     errors = np.random.default_rng(82).normal(size=count)
     there = Case(with_errors(case.tree, uncertainty, errors), case.joint_names, case.target)
     sensitivity = uncertain_sensitivity(
-        there.full, there.telemetry, there.psi, there.dynamics, uncertainty, errors
+        there.outboard, there.psi, there.dynamics, uncertainty, errors
     )
     step = 1e-5
     for column, unit in enumerate(np.eye(count)):
@@ -167,7 +168,7 @@ def test_at_errors_that_the_spacecraft_already_has(case):
 def test_an_error_of_the_grasp_is_one_of_the_target(case):
     """A target in a frame C that is off moves the base as another target in the nominal C does."""
     none = np.zeros((len(case.joint_names), 5)), np.zeros(6)
-    sensitivity = geometry_sensitivity(case.full, case.telemetry, case.psi, case.dynamics, *none)
+    sensitivity = geometry_sensitivity(case.outboard, case.psi, case.dynamics, *none)
     target, first, step = case.target, sensitivity.w.shape[-1] - 6, 1e-5
     for i, unit in enumerate(np.eye(6)):
         moved = []
@@ -204,7 +205,7 @@ def test_a_displaced_tree_is_that_of_a_changed_model(tmp_path):
     changed = Spacecraft(tmp_path / "changed.urdf", base="base", capture_frame="grasp")
     tree = displaced(craft.tree, joints, grasp)
     q, qdot = rng.normal(size=(2, N, 4))
-    one, other = relative_dynamics(tree, q, qdot), relative_dynamics(changed.tree, q, qdot)
+    one, other = BodyDynamics.at(tree, q, qdot), BodyDynamics.at(changed.tree, q, qdot)
     for name in ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot"):
         value, expected = getattr(one, name), getattr(other, name)
         np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9, err_msg=name)
@@ -223,9 +224,9 @@ def test_a_tree_with_the_target_has_its_momentum(craft, skewed_target):
     full = craft.tree.with_target(skewed_target.to_standard_vector())
     assert full.bodies[-1].name == "target"
     assert full.bodies[:-1] == craft.tree.bodies
-    known, capture = propagate(craft.tree, motion)
+    known, capture = forward_kinematics(craft.tree, **motion.states)
     P_T, L_T = target_momentum(skewed_target, capture)
-    everything, _ = propagate(full, motion)
+    everything, _ = forward_kinematics(full, **motion.states)
     np.testing.assert_allclose(
         linear_momentum(full, everything), linear_momentum(craft.tree, known) + P_T, atol=1e-11
     )

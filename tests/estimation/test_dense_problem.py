@@ -1,6 +1,6 @@
 """The fit and the Cramér-Rao bound, against one dense least-squares problem of the whole log.
 
-The dense problem knows no blocks and no derivatives: readings are predicted by `propagate_base`
+The dense problem knows no blocks and no derivatives: readings are predicted by `propagate`
 with the true joint motion, and differentiated by differences. Encoders are as good as perfect.
 """
 

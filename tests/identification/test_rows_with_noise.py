@@ -6,7 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import Telemetry, TotalMomentum, identify
-from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import rotate
 
 RUNS, SAMPLES, DECIMALS = 10, 4000, 2
@@ -16,9 +17,10 @@ def states(craft, target, seed) -> Telemetry:
     """Return random states of zero momentum."""
     rng, zeros = np.random.default_rng(seed), np.zeros((SAMPLES, 3))
     q, qdot = rng.uniform(-2.0, 2.0, (SAMPLES, 4)), 0.3 * rng.normal(size=(SAMPLES, 4))
-    twist = base_twist(known_dynamics(craft.tree, q, qdot), target.to_standard_vector())
+    psi = standard_to_relative(target.to_standard_vector(), craft.mass)
+    twist = BodyDynamics.at(craft.tree, q, qdot).base_twist(psi)
     attitude = Rotation.random(SAMPLES, rng)
-    w_WB, v_WB = np.moveaxis(rotate(attitude.as_matrix()[:, None], twist.reshape(-1, 2, 3)), 1, 0)
+    w_WB, v_WB = (rotate(attitude.as_matrix(), part) for part in twist)
     return Telemetry(
         craft.joint_names,
         np.arange(SAMPLES, dtype=float),

@@ -11,8 +11,7 @@ from planar_cases import errors as planar_errors
 from planar_cases import motion as planar_motion
 
 from cpid_drake import TargetPrior, identify, load_scenario, shipped_scenario
-from cpid_drake.dynamics.base_motion import BaseTrajectory
-from cpid_drake.dynamics.forced_motion import propagate_forced
+from cpid_drake.dynamics.propagation import BaseTrajectory, Wrench, propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.validation import validate
 from cpid_drake.logs.burns import Burn, log_of_burns
@@ -172,19 +171,17 @@ def test_thrusters_on_a_table(tmp_path):
     def motion_of(times):
         table, joints = craft.on_table().tree, planar_motion()
         edges = [0.0, burn.time, burn.end, times[-1]]
-        parts, state = [], {"momentum_W": np.zeros(6)}
+        parts, state = [], {}
         for k, (start, end) in enumerate(pairwise(edges)):
             grid = np.unique([start, *times[(times > start) & (times < end)], end])
-            base, momentum = propagate_forced(
-                table, joints, PLANAR_TARGET.to_standard_vector(), grid, None,
-                wrench_B=burn.wrench_B * (k == 1), **state,
+            base = propagate(
+                table, joints, PLANAR_TARGET.to_standard_vector(), grid, max_step=0.02,
+                wrench=Wrench(constant_B=burn.wrench_B * (k == 1)), **state,
             )  # fmt: skip
             kept = np.isin(grid, times) & ((grid < end) | (end == times[-1]))
             parts.append({name: value[kept] for name, value in vars(base).items()})
             state = {
-                "momentum_W": momentum,
-                "quaternion_WB": base.quaternion_WB[-1],
-                "p_WB": base.p_WB[-1],
+                name: getattr(base, name)[-1] for name in ("momentum_W", "quaternion_WB", "p_WB")
             }
         whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         return BaseTrajectory(**whole).to_telemetry(craft.joint_names, times, joints)

@@ -8,10 +8,10 @@ from paper_equations import instantaneous_rows, linear_rows
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
 from cpid_drake import HalfCosine, InputError, identify, load_scenario, shipped_scenario
-from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.dynamics.kinematics import CaptureMotion, propagate
+from cpid_drake.dynamics.kinematics import CaptureMotion, forward_kinematics
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples, target_momentum
 from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import EQ18_ROWS
 from cpid_drake.studies.paper import sampling_times
@@ -30,7 +30,7 @@ def papers():
     scenario = load_scenario(shipped_scenario("paper"))
     spacecraft, times = scenario.spacecraft.make(), sampling_times(scenario)
     motion, phi = scenario.make_joint_motion(spacecraft), scenario.target_truth()
-    base = propagate_base(spacecraft.tree, motion, phi.to_standard_vector(), [0.0, *times])
+    base = propagate(spacecraft.tree, motion, phi.to_standard_vector(), [0.0, *times])
     whole = base.to_telemetry(spacecraft.joint_names, [0.0, *times], motion)
     return whole.select(slice(1, None))
 
@@ -43,7 +43,7 @@ def unknowns_in_world(target, R_WC):
 
 def without_base(servicer, telemetry) -> MomentumSamples:
     """The paper's sums taken literally: i = 1, the base left out."""
-    bodies, capture = propagate(servicer.tree, telemetry)
+    bodies, capture = forward_kinematics(servicer.tree, **telemetry.states)
     P, L = np.zeros_like(capture.p_WC), np.zeros_like(capture.p_WC)
     for k, body in enumerate(servicer.tree.bodies):
         if k == 0:
@@ -80,7 +80,7 @@ def test_erratum_right_hand_side_is_the_capture_points_velocity(case, skewed_tar
 def test_erratum_angular_momentum_is_about_the_capture_point(servicer, case, skewed_target):
     """Errata 3: about a link's centroid instead of the capture point the rows fail."""
     telemetry, samples = case
-    bodies, capture = propagate(servicer.tree, telemetry)
+    bodies, capture = forward_kinematics(servicer.tree, **telemetry.states)
     names = [body.name for body in servicer.tree.bodies]
     centroid = bodies.r[names.index("capture_arm_gripper")]
     L = samples.L + np.cross(capture.p_WC - centroid, samples.P)

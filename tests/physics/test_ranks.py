@@ -7,9 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import TotalMomentum, identify
-from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples, target_momentum
+from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 
@@ -90,12 +91,13 @@ def test_three_samples_suffice_with_six_more_unknowns(
     """Full rank from three generic samples of one constant momentum; two leave more open."""
     telemetry = random_motion(count, seed=31)
     L_P = np.array([4.0, -2.0, 3.0, 1.0, 2.0, -1.5])  # about W's origin, in W
-    known = known_dynamics(servicer.tree, telemetry.q, telemetry.qdot)
-    R_BW = np.swapaxes(telemetry.R_WB, -1, -2)
-    P_B = rotate(R_BW, np.tile(L_P[3:], (count, 1)))
-    L_B = rotate(R_BW, L_P[:3] - np.cross(telemetry.p_WB, L_P[3:]))
-    V = base_twist(known, skewed_target.to_standard_vector(), np.hstack([L_B, P_B]))
-    w_WB, v_WB = (rotate(telemetry.R_WB, part) for part in (V[:, :3], V[:, 3:]))
+    known = BodyDynamics.at(servicer.tree, telemetry.q, telemetry.qdot)
+    psi = standard_to_relative(skewed_target.to_standard_vector(), known.mass)
+    R_BW, mass = np.swapaxes(telemetry.R_WB, -1, -2), known.mass + skewed_target.mass
+    p_WScm = telemetry.p_WB + rotate(telemetry.R_WB, known.com(psi))
+    L_Scm = L_P[:3] - np.cross(p_WScm, L_P[3:])
+    twist = known.base_twist(psi, rotate(R_BW, L_Scm), R_BW @ L_P[3:] / mass)
+    w_WB, v_WB = (rotate(telemetry.R_WB, part) for part in twist)
     moving = replace(telemetry, w_WB=w_WB, v_WB=v_WB)
     found = identify(servicer, moving, rows="standard", momentum=TotalMomentum.unknown())
     assert found.is_observable is is_known

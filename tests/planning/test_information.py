@@ -7,7 +7,7 @@ import pytest
 from planning_cases import planned
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.planning.information import InformationModel, inverse
@@ -65,11 +65,9 @@ def test_an_unknown_momentum_costs_as_much_as_in_the_exact_bound():
 
 def momentum_of(case, q) -> TotalMomentum:
     """Return the case's momentum about the centre of mass, marked as unknown."""
-    from cpid_drake.dynamics.disturbed_momentum import SystemMomentum
-
-    momentum_W = case.case.momentum_W
-    start = SystemMomentum.with_base_at_origin(case.spacecraft.tree, case.case.truth, q, momentum_W)
-    known = TotalMomentum.known_about_origin(momentum_W, start.p_WScm, start.mass)
+    known = TotalMomentum.with_base_at_origin(
+        case.spacecraft.tree, case.case.truth, q, case.case.momentum_W
+    )
     return TotalMomentum.unknown(known)
 
 
@@ -82,7 +80,7 @@ def test_the_base_turns_as_in_the_propagated_motion():
     )
     motions = model.motions(case.samples())
     found = motions.trajectory(model.state(case.psi)).R
-    expected = propagate_base(
+    expected = propagate(
         case.spacecraft.tree,
         case.case.motion,
         case.case.truth.to_standard_vector(),

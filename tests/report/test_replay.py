@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from cpid_drake import Spacecraft, load_sensors, read_telemetry
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import linear_momentum
 from cpid_drake.report.sections.replay import motion_of
 from cpid_drake.resources import models_directory
@@ -20,6 +20,6 @@ def test_at_rest_the_first_and_the_last_frame_show_no_momentum():
     inputs = SimpleNamespace(spacecraft=craft)
     motion = motion_of(SimpleNamespace(inputs=inputs, log=SimpleNamespace(data=log), found=found))
     assert (motion.time[0], motion.time[-1]) == (0.0, 10.0)
-    bodies, _ = propagate(craft.tree, motion)
+    bodies, _ = forward_kinematics(craft.tree, **motion.states)
     momentum = np.linalg.norm(linear_momentum(craft.tree, bodies), axis=1)
     assert momentum[[0, -1]].max() < 0.1 * momentum.max()

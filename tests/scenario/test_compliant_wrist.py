@@ -13,8 +13,8 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import total_momentum
-from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.dynamics.rotations import skew
 from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.schema import WristConfig
@@ -122,7 +122,7 @@ def test_modes_are_those_of_two_free_bodies(moves):
     found = np.sort(np.sqrt(-np.linalg.eigvals(by_deflection).real)) / (2 * np.pi)
 
     tree, q = simulation.spacecraft.tree, simulation.joint_motion.evaluate(0.0)[0]
-    known = relative_dynamics(tree, q[None], 0 * q[None])
+    known = BodyDynamics.at(tree, q[None], 0 * q[None])
     capture = simulation.spacecraft.plant.CreateDefaultContext()
     simulation.spacecraft.plant.SetPositionsAndVelocities(capture, x[simulation.state_columns])
     X_WC = simulation.spacecraft.capture_frame.CalcPoseInWorld(capture)  # B is at W

@@ -15,9 +15,9 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.dynamics.forced_motion import propagate_forced
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.scenario.schema import ControllerConfig, DisturbanceConfig, SprungMassConfig
 from cpid_drake.sensors.disturbances import Disturbances
@@ -232,15 +232,16 @@ def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     expected = simulation.expected_momentum(telemetry, context)
     np.testing.assert_allclose(np.hstack([L, P]), expected, rtol=0, atol=1e-6)
-    base, end = propagate_forced(
+    base = propagate(
         simulation.spacecraft.tree,
         simulation.joint_motion,
         simulation.truth.to_standard_vector(),
         telemetry.time,
-        orbit,
         momentum_W=scenario.simulation.momentum_W,
-        disturbance_W=np.array([0.01, 0.02, -0.03, 4e-3, -3e-3, 2e-3]),
+        wrench=Wrench([0.01, 0.02, -0.03, 4e-3, -3e-3, 2e-3], orbit=orbit),
+        max_step=0.02,
     )
+    end = base.momentum_W[-1]
     # The joints do not follow the desired motion exactly.
     np.testing.assert_allclose(np.hstack([L, P])[-1], end, rtol=0, atol=1e-4)
     np.testing.assert_allclose(telemetry.p_WB, base.p_WB, rtol=0, atol=1e-4)

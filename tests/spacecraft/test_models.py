@@ -11,9 +11,9 @@ from cpid_drake import (
     load_scenario,
     shipped_scenario,
 )
-from cpid_drake.dynamics.base_motion import propagate_base
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.resources import models_directory
 
@@ -68,7 +68,7 @@ def uncertainty(scenario) -> float:
     """Largest standard deviation, relative to its size, of m, c and I: equal noise in the rows."""
     spacecraft, truth = scenario.spacecraft.make(), scenario.target_truth()
     motion, times = scenario.make_joint_motion(spacecraft), np.linspace(0.0, 10.0, 101)
-    base = propagate_base(spacecraft.tree, motion, truth.to_standard_vector(), times)
+    base = propagate(spacecraft.tree, motion, truth.to_standard_vector(), times)
     telemetry = base.to_telemetry(spacecraft.joint_names, times, motion)
     A = RELATIVE_ROWS.rows(momentum_samples(spacecraft.tree, telemetry))[0].reshape(-1, 10)
     parameterization = relative_parameterization(spacecraft.mass)

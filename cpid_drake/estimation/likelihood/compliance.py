@@ -46,7 +46,7 @@ def write_turns(
     holds if the modes of the grasp are much faster than the motion, and if external forces on the
     target are small. The turn changes c and I_*, and the target's angular velocity by δ̇. The
     angular momentum about the system's centre of mass then changes by
-    Y(ω) Δψ + I_* δ̇ + s × (δ̇ × μc), with the terms of `RelativeDynamics`.
+    Y(ω) Δψ + I_* δ̇ + s × (δ̇ × μc), with the terms of `BodyDynamics`.
 
     Args:
         motion: the base's motion.

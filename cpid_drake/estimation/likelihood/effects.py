@@ -11,16 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
-from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import cross, skew
 from cpid_drake.dynamics.sensitivity import (
     MotionSensitivity,
     joint_sensitivity,
     uncertain_sensitivity,
 )
-from cpid_drake.dynamics.telemetry import Telemetry
-from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.motion import (
@@ -274,11 +273,11 @@ def bodies_effect(
     present = np.zeros(size) if errors is None else errors
 
     def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        tree, telemetry, dynamics = _relative_to_base([motion], [trajectory])
+        outboard, dynamics = _relative_to_base([motion], [trajectory])
         psi, masses = trajectory.state.psi, np.zeros(len(sigmas))
-        by = uncertain_sensitivity(tree, telemetry, psi, dynamics, uncertainty, present)
+        by = uncertain_sensitivity(outboard, psi, dynamics, uncertainty, present)
         write_change(change, by, motion, trajectory)
-        bodies = [body.mass for body in tree.bodies[:-1]]
+        bodies = [body.mass for body in motion.tree.bodies]
         masses[: 10 * len(bodies) : 10] = uncertainty.mass * np.array(bodies)
         by_masses = -masses[sigmas > 0] * inverse_mass(dynamics.mass, float(psi[0])) ** 2
         change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * present)
@@ -306,8 +305,8 @@ def with_joint_changes(
 def _joint_changes(
     motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
 ) -> list[tuple[MotionSensitivity, MotionSensitivity]]:
-    tree, telemetry, dynamics = _relative_to_base(motions, trajectories)
-    by = joint_sensitivity(tree, telemetry, trajectories[0].state.psi, dynamics)
+    outboard, dynamics = _relative_to_base(motions, trajectories)
+    by = joint_sensitivity(outboard, trajectories[0].state.psi, dynamics)
     ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
     by_q, by_qdot = (
         [MotionSensitivity(*each) for each in zip(*(np.split(v, ends) for v in vars(one).values()))]
@@ -327,13 +326,13 @@ def write_change(
 
 def _relative_to_base(
     motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
-) -> tuple[KinematicTree, Telemetry, RelativeDynamics]:
-    """Return the tree with the target attached, and all motions of both relative to the base."""
+) -> tuple[Outboard, BodyDynamics]:
+    """Return all motions of the bodies and the target, and of the bodies, seen from the base."""
     psi, tree = trajectories[0].state.psi, motions[0].tree
-    dynamics = RelativeDynamics.joined([motion.dynamics for motion in motions])
+    dynamics = BodyDynamics.concatenate([motion.dynamics for motion in motions])
     phi = parameters_to_standard(relative_parameterization(dynamics.mass).to_parameters(psi))
     joints = np.concatenate([motion.joint_motion(motion.times) for motion in motions])
     w = np.concatenate([trajectory.w for trajectory in trajectories])
     v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
-    telemetry = Telemetry.seen_from_base(joints[:, 0], joints[:, 1], w, v)
-    return tree.with_target(phi), telemetry, dynamics
+    outboard = Outboard.at(tree.with_target(phi), joints[:, 0], joints[:, 1], w, v)
+    return outboard, dynamics

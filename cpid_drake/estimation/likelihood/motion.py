@@ -1,7 +1,7 @@
 """Motion of the base as a function of the target and other unknowns, and its derivatives.
 
 The joint motion is given; the base's attitude and position follow from conservation of momentum
-(`relative_motion`). Attitude is integrated over a grid of equal steps by the fourth-order Magnus
+(`body_dynamics`). Attitude is integrated over a grid of equal steps by the fourth-order Magnus
 formula, with angular velocities from a cubic spline. Small changes ξ of the attitude (rotations in
 W) obey
 
@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.dynamics.relative_motion import RelativeDynamics, relative_dynamics
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.likelihood.actuators import ThrustLog
 from cpid_drake.estimation.likelihood.attitude_steps import (
@@ -91,7 +90,7 @@ class Trajectory:
         state: the unknowns.
         R: (U, 3, 3) attitude R_WB.
         w: (U, 3) angular velocity, in B [rad/s].
-        inverse: (U, 3, 3) inverse of the system's inertia, in B; see `RelativeDynamics.mobility`.
+        inverse: (U, 3, 3) inverse of the system's inertia, in B; see `BodyDynamics.mobility`.
         spline: w between the nodes.
         L: (U, 3) angular momentum about the centre of mass, in W; (3,) if it is constant [N·m·s].
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
@@ -160,13 +159,13 @@ class BaseMotion:
         self.times, self._log = np.concatenate([self.nodes, times]), thrust
 
     @cached_property
-    def dynamics(self) -> RelativeDynamics:
+    def dynamics(self) -> BodyDynamics:
         """The known bodies' dynamics at all times; `relate` computes those of many motions."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
-        return relative_dynamics(self.tree, q, qdot)
+        return BodyDynamics.at(self.tree, q, qdot)
 
     @cached_property
-    def grid(self) -> RelativeDynamics:
+    def grid(self) -> BodyDynamics:
         """The dynamics at the nodes only."""
         return self.dynamics.part(slice(0, len(self.nodes)))
 
@@ -190,8 +189,7 @@ class BaseMotion:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return R_BC (M, 3, 3) and p_BC (M, 3) of the capture frame at times (M,)."""
         q, qdot = np.moveaxis(self.joint_motion(times), 1, 0)
-        still = np.zeros((len(times), 3))
-        capture = propagate(self.tree, Telemetry.seen_from_base(q, qdot, still, still))[1]
+        _, capture = forward_kinematics(self.tree, q, qdot)
         return capture.R_WC, capture.p_WC
 
     def joint_motion(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -388,7 +386,7 @@ def relate(motions: Sequence[BaseMotion]) -> None:
     for first in range(0, len(motions), TOGETHER):
         some = motions[first : first + TOGETHER]
         samples = np.concatenate([motion.joint_motion(motion.times) for motion in some])
-        dynamics, end = relative_dynamics(some[0].tree, samples[:, 0], samples[:, 1]), 0
+        dynamics, end = BodyDynamics.at(some[0].tree, samples[:, 0], samples[:, 1]), 0
         for motion in some:
             start, end = end, end + len(motion.times)
             motion.dynamics = dynamics.part(slice(start, end))

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.plane import NORMAL_W
-from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
@@ -281,7 +281,7 @@ class TranslationModel(SensorModel):
     at_instants = True
 
     @cached_property
-    def _dynamics(self) -> RelativeDynamics:
+    def _dynamics(self) -> BodyDynamics:
         return self._motion.dynamics.part(self._at)
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.plane import NORMAL_W
-from cpid_drake.dynamics.relative_motion import RelativeDynamics
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.estimation.likelihood.actuators import Actuators, ThrustLog
 from cpid_drake.estimation.likelihood.uniform_spline import RampedSpline
@@ -156,7 +156,7 @@ class BlockThrust:
         log: ThrustLog,
         nodes: NDArray[np.float64],
         times: NDArray[np.float64],
-        grid: RelativeDynamics,
+        grid: BodyDynamics,
         interpolation: Weights,
         pose: Pose,
         orbit: Orbit | None = None,
@@ -347,7 +347,7 @@ def block_thrust(
     log: ThrustLog,
     nodes: NDArray[np.float64],
     times: NDArray[np.float64],
-    grid: RelativeDynamics,
+    grid: BodyDynamics,
     interpolation: Weights,
     pose: Pose,
     orbit: Orbit | None = None,

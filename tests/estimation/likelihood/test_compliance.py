@@ -8,9 +8,8 @@ from block_cases import joints_of, make_case
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, coarse_suite, true_telemetry
 
-from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import momentum_samples, target_momentum
-from cpid_drake.dynamics.relative_motion import relative_dynamics
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.compliance import wrist_load, write_shifts, write_turns
 from cpid_drake.estimation.likelihood.effects import MotionChange
@@ -65,7 +64,6 @@ def test_a_flexible_grasp_moves_the_base_as_one_more_joint_does(case, motion, pr
     write(motion, trajectory, size, change)
     load = wrist_load(motion, trajectory)
     L_B = np.einsum("nji,j->ni", trajectory.R, trajectory.L)
-    momentum = np.hstack([L_B, np.zeros_like(L_B)])  # about any point: the system does not travel
     tree = case.craft.tree.with_target(case.target.to_standard_vector())
     for axis in range(3):
         place = 3 * prismatic + axis
@@ -76,8 +74,8 @@ def test_a_flexible_grasp_moves_the_base_as_one_more_joint_does(case, motion, pr
             at = [
                 np.column_stack([x, -s * load(times, k)[:, place]]) for k, x in enumerate((q, qdot))
             ]
-            w = base_twist(known_dynamics(flexible, *at), np.zeros(10), momentum)[:, :3]
-            relative = relative_dynamics(flexible, *at)
+            relative = BodyDynamics.at(flexible, *at)
+            w, _ = relative.base_twist(np.zeros(10), L_B)
             moved.append((w, relative.p_BK, relative.v_BK))
         found = change.w[..., axis], change.com[..., axis], change.com_rate[..., axis]
         for exact, ahead, behind in zip(found, *moved, strict=True):

@@ -9,7 +9,7 @@ from block_cases import added_sensors, joints_of, make_case, residuals_of, rich_
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, true_telemetry
 
-from cpid_drake.dynamics.base_motion import propagate_base
+from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.model import BlockModel
@@ -190,14 +190,12 @@ def test_a_torque_turns_and_an_acceleration_moves(case):
     first = truth(case, np.array([START, START + 1.0]))
     motion = Shifted(case.motion, START)
 
-    def momentum(time):
-        p = begin.p_Wcm + begin.v_Wcm * time + a * time**2 / 2
-        P = mass * (begin.v_Wcm + a * time)
-        return np.concatenate([begin.L + torque * time + np.cross(p, P), P])
+    P = mass * begin.v_Wcm
+    momentum = np.concatenate([begin.L + np.cross(begin.p_Wcm, P), P])
 
     def telemetry(times, name):
         grid = np.unique(np.concatenate([[START], times])) - START
-        base = propagate_base(
+        base = propagate(
             case.craft.tree,
             motion,
             case.target.to_standard_vector(),
@@ -205,6 +203,7 @@ def test_a_torque_turns_and_an_acceleration_moves(case):
             quaternion_WB=begin.attitude.as_quat(scalar_first=True),
             p_WB=first.p_WB[0],
             momentum_W=momentum,
+            wrench=Wrench(np.concatenate([torque, a])),
             max_step=0.02,
         )
         shown = base.to_telemetry(case.craft.joint_names, grid, motion)

@@ -1,12 +1,11 @@
-"""Motion about the centre of mass, against the 6x6 formulation, Drake, and propagated motion."""
+"""The known bodies as seen from the base: rates, linearity in the target, reaction wheels."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import RPY, small_craft, true_psi
 
-from cpid_drake.dynamics.base_motion import base_twist, known_dynamics
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.rotations import rotate
 
 
@@ -27,24 +26,7 @@ def states(craft):
 
 @pytest.fixture(scope="module")
 def dynamics(craft, states):
-    return relative_dynamics(craft.tree, *states)
-
-
-def test_the_base_turns_as_in_the_six_by_six_formulation(craft, states, dynamics, skewed_target):
-    """ω = J⁻¹ (L − h) and v = v_cm − ω × ρ − ρ', with the momentum about any point."""
-    rng = np.random.default_rng(72)
-    momentum_B = 10 * rng.normal(size=(12, 6))  # about B's origin, in B
-    V = base_twist(
-        known_dynamics(craft.tree, *states), skewed_target.to_standard_vector(), momentum_B
-    )
-    psi = true_psi(craft, skewed_target)
-    rho, P = dynamics.com(psi), momentum_B[:, 3:]
-    L = momentum_B[:, :3] - np.cross(rho, P)
-    h = dynamics.momentum_at_rest(psi)
-    w = np.linalg.solve(dynamics.inertia(psi), (L - h)[..., None])[..., 0]
-    v = P / (craft.mass + skewed_target.mass) - np.cross(w, rho) - dynamics.com_rate(psi)
-    np.testing.assert_allclose(w, V[:, :3], rtol=0, atol=1e-12 * np.abs(V).max())
-    np.testing.assert_allclose(v, V[:, 3:], rtol=0, atol=1e-12 * np.abs(V).max())
+    return BodyDynamics.at(craft.tree, *states)
 
 
 def test_com_rate_is_the_rate_of_com(craft, states, skewed_target):
@@ -52,8 +34,8 @@ def test_com_rate_is_the_rate_of_com(craft, states, skewed_target):
     q, qdot = states
     qdot = np.where(np.abs(qdot) > 50, 1.0, qdot)
     psi, h = true_psi(craft, skewed_target), 1e-5
-    ahead, behind = (relative_dynamics(craft.tree, q + s * qdot, qdot).com(psi) for s in (h, -h))
-    rate = relative_dynamics(craft.tree, q, qdot).com_rate(psi)
+    ahead, behind = (BodyDynamics.at(craft.tree, q + s * qdot, qdot).com(psi) for s in (h, -h))
+    rate = BodyDynamics.at(craft.tree, q, qdot).com_rate(psi)
     np.testing.assert_allclose((ahead - behind) / (2 * h), rate, rtol=0, atol=1e-9)
 
 
@@ -91,10 +73,10 @@ def test_reaction_wheels_are_known_bodies(craft, tmp_path):
     rng = np.random.default_rng(77)
     q, qdot = rng.normal(size=(2, 5, len(craft.joint_names)))
     qdot[:, -2:] = 0.0
-    still = relative_dynamics(craft.tree, q, qdot)
+    still = BodyDynamics.at(craft.tree, q, qdot)
     qdot[:, -2:] = rates = np.array([100.0, -250.0])
     q[:, -2:] += 1.0
-    spinning = relative_dynamics(craft.tree, q, qdot)
+    spinning = BodyDynamics.at(craft.tree, q, qdot)
     axes = Rotation.from_euler("xyz", RPY).as_matrix()[:, :2]
     momentum = axes @ (np.array([0.04, 0.05]) * rates)
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Base motion in an orbit: against Euler's equations, sums over bodies and free motion."""
+"""The propagated motion of the base: against Euler's equations, and sums over bodies."""
 
 from dataclasses import replace
 
@@ -8,12 +8,12 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, Sines, small_craft
 
-from cpid_drake.dynamics.base_motion import propagate_base
-from cpid_drake.dynamics.forced_motion import propagate_forced
-from cpid_drake.dynamics.kinematics import propagate
+from cpid_drake import HalfCosine, InputError
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.dynamics.relative_motion import relative_dynamics
+from cpid_drake.dynamics.propagation import Wrench, propagate
 
 ORBIT = Orbit(rate=0.05, nadir_W=np.array([0.6, 0.0, -0.8]), normal_W=np.array([0.8, 0.0, 0.6]))
 POSE = {
@@ -36,33 +36,67 @@ def still(motion):
     return replace(motion, amplitude=0 * motion.amplitude)
 
 
-def test_a_slow_orbit_changes_nothing(craft, motion, skewed_target):
-    phi, times = skewed_target.to_standard_vector(), np.linspace(0, 6, 7)
-    orbit = replace(ORBIT, rate=1e-9)
-    found, end = propagate_forced(
-        craft.tree, motion, phi, times, orbit, momentum_W=MOMENTUM, **POSE
+@pytest.fixture(scope="module")
+def reach():
+    """Return a gentle motion, as the paper's."""
+    ends = np.random.default_rng(61).uniform(-1, 1, (2, 4))
+    return HalfCosine(*ends, duration=10.0)
+
+
+def test_velocities_are_the_rates_of_the_pose(craft, skewed_target, reach):
+    """By differences over 1 ms: p and v, and the attitude with ω, belong together."""
+    times = np.array([0.0, 3.999, 4.0, 4.001])
+    phi = skewed_target.to_standard_vector()
+    base = propagate(craft.tree, reach, phi, times, momentum_W=MOMENTUM)
+    velocity = (base.p_WB[3] - base.p_WB[1]) / 2e-3
+    np.testing.assert_allclose(velocity, base.v_WB[2], atol=1e-8)
+    before, after = Rotation.from_quat(base.quaternion_WB[[1, 3]], scalar_first=True)
+    rate = (after * before.inv()).as_rotvec() / 2e-3
+    np.testing.assert_allclose(rate, base.w_WB[2], atol=1e-8)
+
+
+def test_many_targets_at_once_are_the_same_as_one_by_one(craft, skewed_target, reach):
+    rng, times = np.random.default_rng(62), np.array([0.0, 2.0, 7.0])
+    phi = skewed_target.to_standard_vector() * rng.uniform(0.9, 1.1, (4, 1))
+    momenta = MOMENTUM * rng.uniform(0.0, 1.0, (4, 1))
+    together = propagate(craft.tree, reach, phi, times, momentum_W=momenta)
+    for k in range(4):
+        one = propagate(craft.tree, reach, phi[k], times, momentum_W=momenta[k])
+        for name in ("quaternion_WB", "p_WB", "w_WB", "v_WB"):
+            np.testing.assert_allclose(getattr(together, name)[k], getattr(one, name), atol=1e-13)
+
+
+def test_the_error_falls_with_the_fourth_power_of_the_step(craft, skewed_target, reach):
+    phi, times = skewed_target.to_standard_vector(), np.array([0.0, 10.0])
+    exact, coarse, fine = (
+        propagate(craft.tree, reach, phi, times, max_step=step).p_WB[1] for step in (0.02, 0.8, 0.4)
     )
-    free = propagate_base(
-        craft.tree, motion, phi, times, momentum_W=MOMENTUM, max_step=0.02, **POSE
-    )
-    for name, value in vars(free).items():
-        np.testing.assert_allclose(getattr(found, name), value, rtol=0, atol=1e-10, err_msg=name)
-    np.testing.assert_allclose(end, MOMENTUM, rtol=0, atol=1e-9)
+    order = np.log2(np.linalg.norm(coarse - exact) / np.linalg.norm(fine - exact))
+    assert 3.5 < order < 5.5
+
+
+@pytest.mark.parametrize(
+    ("times", "step"), [([1.0, 1.0], 0.1), ([], 0.1), ([0.0, 1.0], 0.0), ([0.0, 1.0], -1.0)]
+)
+def test_bad_times_are_refused(craft, skewed_target, reach, times, step):
+    with pytest.raises(InputError, match=r"times must be increasing|max_step"):
+        propagate(craft.tree, reach, skewed_target.to_standard_vector(), times, max_step=step)
 
 
 def test_a_rigid_body_obeys_eulers_equations(craft, motion, skewed_target):
     """J ω' + ω × J ω = 3 n² r × J r in B, and Clohessy-Wiltshire motion of the centre of mass."""
     full = craft.tree.with_target(skewed_target.to_standard_vector())
     locked, times = still(motion), np.linspace(0, 20, 6)
-    dynamics = relative_dynamics(full, *np.zeros((2, 1, 4)) + locked.evaluate(0.0)[:2, None])
+    dynamics = BodyDynamics.at(full, *np.zeros((2, 1, 4)) + locked.evaluate(0.0)[:2, None])
     J, com, mass = dynamics.I_K[0], dynamics.p_BK[0], full.mass
-    found, end = propagate_forced(
+    found = propagate(
         craft.tree,
         locked,
         skewed_target.to_standard_vector(),
         times,
-        ORBIT,
         momentum_W=MOMENTUM,
+        wrench=Wrench(orbit=ORBIT),
+        max_step=0.02,
         **POSE,
     )
     R0 = Rotation.from_quat(POSE["quaternion_WB"], scalar_first=True)
@@ -83,7 +117,7 @@ def test_a_rigid_body_obeys_eulers_equations(craft, motion, skewed_target):
     p_cm = found.p_WB + expected.apply(com)
     drift = ORBIT.transition(0.0, times) @ np.concatenate([p0, v0])
     np.testing.assert_allclose(p_cm, drift[:, :3], rtol=0, atol=1e-8)
-    np.testing.assert_allclose(end[3:], mass * drift[-1, 3:], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found.momentum_W[-1, 3:], mass * drift[-1, 3:], rtol=0, atol=1e-7)
 
 
 def _product(q, w):
@@ -98,20 +132,18 @@ def test_momentum_changes_by_the_forces_on_all_bodies(craft, motion, skewed_targ
     times = 3.0 + step * np.arange(-2, 3)
     disturbance, wrench = np.arange(6) * 0.01, np.arange(6) * 0.1 - 0.3
     thrust = np.array([0.5, -0.4, 0.3, 2.0, -1.0, 1.5])
-    found, _ = propagate_forced(
+    found = propagate(
         craft.tree,
         motion,
         phi,
         np.concatenate([[0.0], times]),
-        ORBIT,
         momentum_W=MOMENTUM,
-        disturbance_W=disturbance,
-        wrench_W=wrench,
-        wrench_B=thrust,
+        wrench=Wrench(disturbance, wrench, thrust, ORBIT),
+        max_step=0.02,
         **POSE,
     )
     telemetry = found.to_telemetry(craft.joint_names, [0.0, *times], motion).select(slice(1, None))
-    bodies, _ = propagate(full, telemetry)
+    bodies, _ = forward_kinematics(full, **telemetry.states)
     P = linear_momentum(full, bodies)
     L = angular_momentum(full, bodies, np.zeros(3))
     momentum = np.hstack([L, P])
@@ -128,3 +160,4 @@ def test_momentum_changes_by_the_forces_on_all_bodies(craft, motion, skewed_targ
     torque, force = telemetry.R_WB[2] @ thrust[:3], telemetry.R_WB[2] @ thrust[3:]
     expected += np.concatenate([torque + np.cross(telemetry.p_WB[2], force), force])
     np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.momentum_W[1:], momentum, rtol=0, atol=1e-9)
