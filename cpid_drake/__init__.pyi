@@ -7,8 +7,9 @@ from .dynamics.total_momentum import TotalMomentum
 from .errors import InputError
 from .identification.description import describe
 from .identification.identify import identify, identify_together
-from .identification.requests import identify_files
-from .identification.result import Identification, Request, SpacecraftReference
+from .identification.identify_files import identify_files
+from .identification.request import Request, SpacecraftReference
+from .identification.result import Identification
 from .identification.result_files import read_result, write_result
 from .identification.target_prior import TargetPrior
 from .identification.validation import validate

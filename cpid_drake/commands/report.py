@@ -7,7 +7,7 @@ import typer
 
 from cpid_drake.commands import options
 from cpid_drake.errors import InputError
-from cpid_drake.identification.requests import identify_files
+from cpid_drake.identification.identify_files import identify_files
 from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.output_files.overwriting import PAGE, PNG, SVG, Output, check_folder, check_outputs
 from cpid_drake.report.figures import FIGURE_FILES, write_figures

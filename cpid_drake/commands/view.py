@@ -9,8 +9,9 @@ from rich.console import Console
 from cpid_drake.commands import options
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.convergence import converge
-from cpid_drake.identification.requests import identify_files
-from cpid_drake.identification.result import Identification, Request
+from cpid_drake.identification.identify_files import identify_files
+from cpid_drake.identification.request import Request
+from cpid_drake.identification.result import Identification
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import PAGE, Output, check_outputs
 from cpid_drake.report.live_view import LiveView

@@ -8,7 +8,7 @@ Several logs, and a prior, are the sum of their Gaussians.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,12 +32,16 @@ from cpid_drake.estimation.rows_fit import (
     disagreement,
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.estimation.whiteness import MOST_CORRELATED, NEGLIGIBLE, least_white, whiteness
-from cpid_drake.identification.checks import momentum_words
+from cpid_drake.estimation.whiteness import (
+    MOST_CORRELATED,
+    NEGLIGIBLE,
+    Whiteness,
+    least_white,
+    whiteness,
+)
+from cpid_drake.identification.checks import MOST_NOISE, momentum_words
 from cpid_drake.identification.known import Known, suite_of
-from cpid_drake.identification.result import IMPROBABLE, Check, MomentumEstimate
-from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
-from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.result import IMPROBABLE, Check, Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Measurements
 from cpid_drake.logs.noise_estimation import sample_sigmas
@@ -58,9 +62,7 @@ NAME = "least_squares"
 """The estimator's name."""
 
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
-DISAGREE = f"two halves of the samples have different targets: {_CAUSE}"
-CORRELATED = f"the residuals of the rows are correlated, which noise is not: {_CAUSE}"
-
+_MOMENTA = ("zero", "known", "unknown")
 _FEW_ROWS = 20  # fewer rows show no correlation in time
 
 
@@ -68,7 +70,7 @@ def estimate(
     known: Known,
     logs: "Mapping[str, CheckedLog]",
     progress: Callable[[str], None] = lambda step: None,
-) -> SolvedIdentification:
+) -> Identification:
     """Identify a target by least squares on momentum rows.
 
     Exact states and complete samples without declared sensors are used as they are; other samples
@@ -87,19 +89,19 @@ def estimate(
     found = {name: _identified(known, log) for name, log in logs.items()}
     if len(found) == 1 and known.prior is None:
         return next(iter(found.values()))[0]
-    return _combined(known.spacecraft, found, known.prior)
+    return _combined(known, found)
 
 
-def _combined(
-    spacecraft: "Spacecraft",
-    logs: Mapping[str, tuple[SolvedIdentification, Gaussian]],
-    prior: TargetPrior | None,
-) -> SolvedIdentification:
+def _combined(known: Known, logs: Mapping[str, tuple[Identification, Gaussian]]) -> Identification:
     """Return the estimate of one target from all logs and the prior, and whether they agree."""
-    found, sources = [each for each, _ in logs.values()], {n: g for n, (_, g) in logs.items()}
-    form, total = found[0].parameterization, reduce(Gaussian.add, sources.values())
-    x, scale = plausible(spacecraft, form)
-    count, largest = sum(each.solution.row_count for each in found), KNOWN
+    found, sources = (
+        {n: each for n, (each, _) in logs.items()},
+        {n: g for n, (_, g) in logs.items()},
+    )
+    first, prior = next(iter(found.values())), known.prior
+    form, total = _form(known), reduce(Gaussian.add, sources.values())
+    x, scale = plausible(known.spacecraft, form)
+    largest = KNOWN
     if prior is not None:
         logs_say, x = total, prior.moved(form, x)
         for _ in range(4):  # each squares the error of linearizing it about the joint estimate
@@ -109,36 +111,37 @@ def _combined(
             total = logs_say.add(told)
             x = solution_of(total, x, scale, largest=largest).values
         sources[prior.name] = told
-    solution = solution_of(total, x, scale, largest=largest, row_count=count)
-    common = found[0]
-    if len(logs) > 1:  # what belongs to one log is left out
-        common = replace(
-            common,
-            sample_count=sum(each.sample_count for each in found),
-            whiteness=least_white(each.whiteness for each in found if each.whiteness),
-            residuals={},
-            momentum=max((each.momentum for each in found), key=("zero", "known", "unknown").index),
-            misfit=1.0,
-            momentum_estimate=None,
-        )
-
-    def said(what: str) -> list[str]:
-        where = {n: f"{n}: " if len(logs) > 1 else "" for n in logs}
-        return [where[n] + text for n, (own, _) in logs.items() for text in getattr(own, what)]
-
-    common = replace(
-        common,
-        solution=solution,
-        warnings=tuple(said("warnings")),
-        checks=tuple(Check("one log", text) for text in said("failures")),
+    where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
+    common: dict[str, Any] = {
+        "momentum": max((own.momentum for own in found.values()), key=_MOMENTA.index),
+        "whiteness": least_white(own.whiteness for own in found.values() if own.whiteness),
+    }
+    if len(logs) == 1:  # of several logs, each has its own
+        names = ("residuals", "momentum_estimate", "momentum_covariance")
+        common |= {name: getattr(first, name) for name in names}
+    rows = sum(own.solution.row_count for own in found.values() if own.solution is not None)
+    result = Identification.of_solution(
+        form,
+        solution_of(total, x, scale, largest=largest, row_count=rows),
+        sensors=first.sensors,
+        sample_count=sum(own.sample_count for own in found.values()),
+        estimator=NAME,
+        rows=first.rows,
+        warnings=tuple(where[n] + text for n, own in found.items() for text in own.warnings),
+        checks=tuple(
+            replace(each, sentence=where[n] + each.sentence if each.sentence else "")
+            for n, own in found.items()
+            for each in own.checks
+        ),
+        **common,
     )
     return with_sources(
-        common,
+        result,
         Gaussian({TARGET: slice(0, 10)}, np.zeros((10, 10)), np.zeros(10)),
         sources,
         TARGET,
         lambda gaussian: solution_of(gaussian.marginal([TARGET]), x, scale),
-        {name: (own.sample_count, own.failures) for name, (own, _) in logs.items()},
+        {name: (own.sample_count, own.failures) for name, own in found.items()},
         prior,
     )
 
@@ -247,7 +250,13 @@ def _motion(
             yield each.telemetry, each.covariance()
 
 
-def _identified(known: Known, log: "CheckedLog") -> tuple[SolvedIdentification, Gaussian]:
+def _form(known: Known) -> Parameterization:
+    """Return the parameterization of the target's unknowns in the rows."""
+    assert known.family is not None
+    return known.family.parameterization(known.spacecraft.mass)
+
+
+def _identified(known: Known, log: "CheckedLog") -> tuple[Identification, Gaussian]:
     """Return the estimate from one log, and the log's Gaussian of the target."""
     spacecraft, momentum, family = known.spacecraft, known.momentum, known.family
     assert family is not None
@@ -260,13 +269,13 @@ def _identified(known: Known, log: "CheckedLog") -> tuple[SolvedIdentification, 
     has_attitude = bool(len(log.measurements.attitude))
     is_open = momentum is None or momentum.is_zero  # the samples may contradict zero
     is_tested = is_open and has_attitude
-    free = TotalMomentum.unknown()
 
     def rows_of(family: RowFamily) -> LogRows:
         is_free = (
             is_tested and family.momentum_size and (has_place or not family.uses_base_position)
         )
-        rows = LogRows(tree, family, free if is_free else momentum or TotalMomentum.zero())
+        assumed = TotalMomentum.unknown() if is_free else momentum or TotalMomentum.zero()
+        rows = LogRows(tree, family, assumed)
         for part in _motion(log, tree, family, suite):
             rows.add(*part)
         return rows
@@ -286,24 +295,87 @@ def _identified(known: Known, log: "CheckedLog") -> tuple[SolvedIdentification, 
     said, checks = momentum_words(likely, is_given=momentum is not None, cannot=cannot)
     whole, *halves = rows.gaussians(noise, is_zero=is_zero)
     own = np.zeros(rows.extra) if is_zero else whole.solve()[: rows.extra]
-    target, estimate = whole.marginal([TARGET]), None
+    target, fields = whole.marginal([TARGET]), _momentum(rows, whole) if not is_zero else {}
     if compared is not None and rows.extra and (momentum is None or not is_zero):
         target = compared.target
     if compared is not None and not is_zero:
-        own, estimate = compared.momentum, MomentumEstimate(compared.momentum, compared.covariance)
-    elif not is_zero:
-        estimate = _momentum(rows, whole)
-    found = _estimate(spacecraft, family, rows, noise, (target, *halves), own, suite)
-    if momentum is None or is_open:
-        momentum = TotalMomentum.zero() if is_zero else free
-    found = replace(
-        found,
-        momentum=momentum.name,
-        momentum_estimate=estimate,
+        own = compared.momentum
+        fields = {"momentum_estimate": own, "momentum_covariance": compared.covariance}
+
+    form, unknowns, count = _form(known), tree.unknowns, rows.row_count
+    nominal, scale = plausible(spacecraft, form)
+    x = np.append(own, target.solve()[unknowns])
+    solution = solution_of(
+        target,
+        nominal,
+        scale,
+        residual_sum=rows.residual_sum(x),
+        row_count=count - (rows.extra if own.any() else 0),
+    )
+    if not noise.is_known:
+        solution = replace(solution, covariance=np.full((10, 10), np.nan))
+    is_shown = solution.rank == len(unknowns) and count > _FEW_ROWS
+    residuals = _residuals(rows, x, family) if is_shown else {}
+    neighbours = [each.neighbours for each in residuals.values()]
+    white = whiteness(np.hstack(neighbours)) if is_shown else None
+    # Other rows contain the slope of a few positions, whose errors are correlated.
+    tested = None if suite is None or family.uses_base_position else white
+    is_judged = solution.rank == len(unknowns) and noise.is_known
+    found = Identification.of_solution(
+        form,
+        solution,
+        sensors=suite,
+        sample_count=rows.sample_count,
+        estimator=NAME,
+        rows=family.name,
+        whiteness=white,
+        residuals=residuals,
+        momentum="zero" if is_zero else "unknown" if momentum is None or is_open else momentum.name,
         warnings=(*warnings, *said),
-        checks=(*checks, *found.checks),
+        checks=(*checks, *_checks(*rows.misfit(x), halves if is_judged else (), tested)),
+        **fields,
     )
     return found, target
+
+
+def _checks(
+    to_errors: float, to_rows: float, halves: Sequence[Gaussian], white: Whiteness | None
+) -> Iterator[Check]:
+    """Yield the checks of the rows of a log.
+
+    Args:
+        to_errors, to_rows: size of the residuals relative to the samples' errors and to the rows.
+        halves: the unknowns by each half of the samples; empty if they cannot be judged.
+        white: whiteness of residuals that must be white.
+
+    """
+    misfit = min(to_errors, to_rows / SMALL)
+    text = f"the momentum balance misses the samples by {misfit:.2g} times their errors: {_CAUSE}"
+    yield Check.of("misfit", text, misfit, MOST_NOISE)
+    if to_rows <= SMALL or not halves:
+        return
+    chi_squared, freedom, chance = disagreement(halves)
+    limit = float(chdtri(freedom, IMPROBABLE)) if freedom else None
+    text = f"two halves of the samples have different targets: {_CAUSE}"
+    yield Check.of("halves", text, chi_squared, limit, chance >= IMPROBABLE)
+    if white is not None:
+        fails = white.lag_one > MOST_CORRELATED and to_errors > NEGLIGIBLE
+        text = f"the residuals of the rows are correlated, which noise is not: {_CAUSE}"
+        yield Check.of("correlation", text, white.lag_one, MOST_CORRELATED, not fails)
+
+
+def _residuals(
+    rows: LogRows, x: NDArray[np.float64], family: RowFamily
+) -> dict[str, ResidualSeries]:
+    """Return the residuals of the linear and the angular rows at unknowns x."""
+    units = {"linear": family.linear_unit, "angular": "N·m·s"}
+    return {
+        kind: ResidualSeries(shown.time, shown.value, unit, every, first if every > 1 else None)
+        for (kind, unit), (shown, every, first) in zip(
+            units.items(), rows.residuals(x), strict=True
+        )
+        if shown.value.size
+    }
 
 
 def _compared(
@@ -318,78 +390,13 @@ def _compared(
     return compare_momentum(rows, noise, sigma * np.repeat([1.0, spacecraft.mass], 3))
 
 
-def _momentum(rows: LogRows, whole: Gaussian) -> MomentumEstimate | None:
-    """Return the estimate of an unknown momentum; None if the rows do not determine everything."""
+def _momentum(rows: LogRows, whole: Gaussian) -> dict[str, Any]:
+    """Return the fields of an unknown momentum; none if the rows do not determine everything."""
     places = np.append(np.arange(rows.extra), rows.extra + rows.unknowns)
     if not rows.extra or whole.rank < len(places):
-        return None
+        return {}
     inverse = np.linalg.pinv(whole.R[:, places])[: rows.extra]
-    return MomentumEstimate(whole.solve()[: rows.extra], inverse @ inverse.T)
-
-
-def _estimate(
-    spacecraft: "Spacecraft",
-    family: RowFamily,
-    rows: LogRows,
-    noise: RowNoise,
-    gaussians: Sequence[Gaussian],
-    momentum: NDArray[np.float64],
-    suite: SensorSuite | None,
-) -> SolvedIdentification:
-    """Return the estimate of a log.
-
-    Args:
-        spacecraft, family, rows, noise, suite: of the log.
-        gaussians: of the target by all rows, and of all unknowns by each half.
-        momentum: (k,) the momentum.
-
-    """
-    target, *halves = gaussians
-    form = family.parameterization(spacecraft.mass)
-    nominal, scale = plausible(spacecraft, form)
-    x = np.append(momentum, target.solve()[spacecraft.tree.unknowns])
-    count = rows.row_count
-    solution = solution_of(
-        target,
-        nominal,
-        scale,
-        residual_sum=rows.residual_sum(x),
-        row_count=count - (rows.extra if momentum.any() else 0),
-    )
-    if not noise.is_known:
-        solution = replace(solution, covariance=np.full((10, 10), np.nan))
-    to_errors, to_rows = rows.misfit(x)
-    is_complete = solution.rank == len(spacecraft.tree.unknowns)
-    is_judged = is_complete and noise.is_known and to_rows > SMALL
-    checks: tuple[Check, ...] = ()
-    if is_judged:
-        chi_squared, freedom, chance = disagreement(halves)
-        limit = float(chdtri(freedom, IMPROBABLE)) if freedom else None
-        checks = (Check.of("halves", DISAGREE, chi_squared, limit, chance >= IMPROBABLE),)
-    residuals, white = dict[str, ResidualSeries](), None
-    if is_complete and count > _FEW_ROWS:
-        names = {"linear": family.linear_unit, "angular": "N·m·s"}
-        series = list(zip(names.items(), rows.residuals(x), strict=True))
-        residuals = {
-            kind: ResidualSeries(shown.time, shown.value, unit, every, first if every > 1 else None)
-            for (kind, unit), (shown, every, first) in series
-            if shown.value.size
-        }
-        white = whiteness(np.hstack([each.neighbours for each in residuals.values()]))
-    # Other rows contain the slope of a few positions, whose errors are correlated.
-    if is_judged and white is not None and not (suite is None or family.uses_base_position):
-        fails = white.lag_one > MOST_CORRELATED and to_errors > NEGLIGIBLE
-        correlation = white.lag_one, MOST_CORRELATED, not fails
-        checks = (*checks, Check.of("correlation", CORRELATED, *correlation))
-    return SolvedIdentification(
-        form,
-        solution,
-        sample_count=rows.sample_count,
-        estimator=NAME,
-        rows=family.name,
-        sensors=suite,
-        whiteness=white,
-        residuals=residuals,
-        checks=checks,
-        misfit=min(to_errors, to_rows / SMALL),
-    )
+    return {
+        "momentum_estimate": whole.solve()[: rows.extra],
+        "momentum_covariance": inverse @ inverse.T,
+    }

@@ -21,7 +21,7 @@ from cpid_drake.estimation.likelihood.constants import ConstantError
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.unknowns import MOMENTUM, Model
 from cpid_drake.identification.checks import SUSPECTED
 from cpid_drake.identification.effects import LEARNED, EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.result import Check
@@ -53,20 +53,21 @@ FITTED = 2 / 3
 
 
 def contradicted(
-    gaussian: Gaussian, values: Values, question: Question, sigma: NDArray[np.float64]
+    gaussian: Gaussian, values: Values, question: Question, model: Model
 ) -> tuple[str, ...]:
-    """Return the names of the given unknowns that the samples contradict.
+    """Return the names of the given momenta that the samples contradict.
 
     Args:
         gaussian: of all unknowns about their values.
         values: of the unknowns.
         question: with what is given.
-        sigma: σ of the entries of a given unknown, if it were not given.
+        model: with the σ of a momentum that is not given.
 
     """
     if not question.given:
         return ()
     about = {name: value - question.given.get(name, 0.0) for name, value in values.items()}
+    sigma = model.unknown(MOMENTUM).sigma
     candidates = question.candidates | dict.fromkeys(question.given, sigma)
     compared = Question(candidates, {}).answer(gaussian, about)
     return tuple(name for name in question.given if compared.probability[name] >= NAMED)
@@ -114,20 +115,17 @@ def undeclared_errors(
 
     """
     errors = {n: e for n, e in _errors(found).items() if n in question.candidates}
-    named = [name for name in compared.named if name in errors]
+    named, is_one = [name for name in compared.named if name in errors], len(found.logs) == 1
     effects = tuple(
-        EffectEstimate(
-            errors[name].name,
-            errors[name].unit,
-            _unit(errors[name]) * compared.values[name],
-            _unit(errors[name]) * compared.sigma[name],
-            _unit(errors[name]),
-            _log_of(name) if len(found.logs) > 1 else "",
+        EffectEstimate.of(
+            errors[name],
+            compared.values[name],
+            compared.sigma[name],
+            "" if is_one else name.partition("|")[2],
         )
         for name in named
         if name in compared.values
     )
-    is_one = len(found.logs) == 1
     alone = ((_shown(name, is_one), compared.alone[name]) for name in errors)
     others = {n: p for n, p in compared.probability.items() if p and n in errors and n not in named}
     return UndeclaredErrors(
@@ -199,7 +197,7 @@ def larger_than_declared(
     if not freedom:
         return ()
     limit, name = float(chdtri(freedom, FAR_TOO_LARGE)), "declared sizes"
-    if chi_squared < limit:
+    if chi_squared <= limit:
         return (Check(name, "", chi_squared, limit, passed=True),)
     largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
     sentence = (
@@ -226,14 +224,6 @@ def _shown(name: str, is_one: bool) -> str:
     """Return the name of an error of a log, for people."""
     error, _, log = name.partition("|")
     return f"{error} of {log}" if log and not is_one else error
-
-
-def _unit(error: ConstantError) -> float:
-    return error.sigma / error.scale
-
-
-def _log_of(name: str) -> str:
-    return name.partition("|")[2]
 
 
 def _held_out(

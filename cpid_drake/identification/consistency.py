@@ -9,6 +9,7 @@ possible. Bounds of parameters that the samples do not determine assume a size o
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
@@ -17,9 +18,13 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
 from cpid_drake.estimation.rows_fit import TARGET
-from cpid_drake.identification.result import IMPROBABLE, Consistency
-from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.identification.target_prior import Combinations
+from cpid_drake.identification.result import (
+    IMPROBABLE,
+    NEAREST,
+    Check,
+    Combinations,
+    Identification,
+)
 
 REACH = 3.0
 """Plausible distance of a part of the target from C, in radii of gyration of the spacecraft."""
@@ -27,35 +32,69 @@ REACH = 3.0
 _ROUNDING = 1e-6  # of a limit, as a share of the plausible size
 
 
-def with_consistency(found: SolvedIdentification, tree: KinematicTree) -> SolvedIdentification:
+def with_consistency(found: Identification, tree: KinematicTree) -> Identification:
     """Return an identification with its nearest rigid body, and with what rigid bodies can have.
+
+    Its checks say whether a rigid body agrees with the estimate within its covariance.
 
     Args:
         found: the identification.
         tree: the known spacecraft.
 
     """
-    solution, form = found.solution, found.parameterization
+    solution, form = found.solution, found.form
+    assert solution is not None
+    assert form is not None
+    if not solution.rank:  # no number is shown
+        return found
     nearest = None if found.consistent is None else found.consistent.to_vector()
+    combinations, intervals, distance = None, None, np.nan
     bodies = _bodies(found, tree)
-    consistency = None if bodies is None else _consistency_of(found, bodies)
-    if nearest is None and bodies is not None and consistency is not None:
-        nearest = np.full(10, np.nan)
-        if consistency.is_possible:
-            nearest = np.where(
-                np.isfinite(found.parameters), form.to_parameters(bodies.nearest()), np.nan
-            )
-    combinations = None
-    if solution.rank and not found.is_observable:
+    if bodies is not None:
+        distance = bodies.distance()
+        is_possible = distance <= bodies.radius
+        intervals = None if np.isnan(distance) else np.full((10, 2), np.nan)
+        intervals = _possible(found, bodies) if is_possible else intervals
+        if nearest is None and intervals is not None:
+            nearest = form.to_parameters(bodies.nearest()) if is_possible else np.full(10, np.nan)
+            nearest = np.where(np.isfinite(found.parameters), nearest, np.nan)
+    if not found.is_observable:
         known = _determined(solution)
         combinations = Combinations(form.name, solution.values, known.R.T @ known.R, tree.mass)
-    return replace(found, nearest=nearest, consistency=consistency, combinations=combinations)
+    return replace(
+        found,
+        nearest=nearest,
+        consistent_intervals=intervals,
+        size=None if bodies is None else bodies.size,
+        combinations=combinations,
+        checks=(*found.checks, *_checks(found, distance, bodies)),
+    )
 
 
-def _bodies(found: SolvedIdentification, tree: KinematicTree) -> RigidBodySet | None:
+def _checks(
+    found: Identification, distance: float, bodies: RigidBodySet | None
+) -> tuple[Check, ...]:
+    """Return the check that a rigid body has the estimate, within its covariance."""
+    rows, shown = 0 if found.solution is None else found.solution.row_count, found.parameters
+    if not np.isfinite(np.diag(found.covariance)[np.isfinite(shown)]).all():
+        if found.sensors is None and 0 < rows <= found.rank:
+            return ()  # as many rows as unknowns: no residuals show the noise
+        return (Check("uncertainty", "the uncertainty of the estimate could not be computed"),)
+    problems = "; ".join(found.infeasibilities)
+    sentence = "no rigid body agrees with the estimate within its uncertainty"
+    sentence += f" ({problems})" if problems else ""
+    sentence += ": the momentum, the spacecraft's model, units, signs or frames are not as assumed"
+    if bodies is None or np.isnan(distance):
+        return (Check.of(NEAREST, sentence, passed=not problems),)
+    return (Check.of(NEAREST, sentence, distance, bodies.radius),)
+
+
+def _bodies(found: Identification, tree: KinematicTree) -> RigidBodySet | None:
     """Return the rigid bodies that agree with an identification; None if nothing is known."""
-    solution = found.solution
-    if not solution.rank or not np.isfinite(solution.values).all():
+    solution, form = found.solution, found.form
+    assert solution is not None
+    assert form is not None
+    if not np.isfinite(solution.values).all():
         return None
     radius = float(chdtri(solution.rank, IMPROBABLE))
     freedom = solution.row_count - solution.rank
@@ -67,8 +106,7 @@ def _bodies(found: SolvedIdentification, tree: KinematicTree) -> RigidBodySet | 
     if not (np.isfinite(known.R).all() and np.isfinite(known.z).all()):
         return None
     mass, size = _plausible(found, tree)
-    name = found.parameterization.name
-    return RigidBodySet(known, float(np.sqrt(radius)), name, tree.mass, mass, size)
+    return RigidBodySet(known, float(np.sqrt(radius)), form.name, tree.mass, mass, size)
 
 
 def _determined(solution: LeastSquaresSolution) -> Gaussian:
@@ -99,19 +137,13 @@ def _determined(solution: LeastSquaresSolution) -> Gaussian:
     return Gaussian.of_rows({TARGET: n}, np.column_stack([A, A @ solution.values]))
 
 
-def _consistency_of(found: SolvedIdentification, bodies: RigidBodySet) -> Consistency | None:
-    """Return the physically consistent part of the intervals; None if the solver fails."""
-    distance = bodies.distance()
-    if np.isnan(distance):
-        return None
-    if distance > bodies.radius:
-        return Consistency(np.full((10, 2), np.nan), bodies.size, distance, bodies.radius)
+def _possible(found: Identification, bodies: RigidBodySet) -> NDArray[np.float64]:
+    """Return the physically consistent part (10, 2) of the intervals."""
     bounds = bodies.bounds()
     if bounds is None:  # the solver rounds, and only the estimate's surroundings are possible
-        return Consistency(found.intervals, bodies.size, distance, bodies.radius)
-    known = np.isfinite(found.parameters)
-    free = np.where(known[:, None], found.intervals, [-np.inf, np.inf])
-    free = np.where(np.isnan(free), [-np.inf, np.inf], free)
+        return found.intervals
+    known = np.isfinite(found.parameters)[:, None] & ~np.isnan(found.intervals)
+    free = np.where(known, found.intervals, [-np.inf, np.inf])
     mass, size = bodies.mass, bodies.size
     slack = _ROUNDING * np.array([mass, *3 * [size], *6 * [mass * size**2]])
     low = np.where(bounds[:, 0] > free[:, 0] + slack, bounds[:, 0], free[:, 0])
@@ -120,11 +152,10 @@ def _consistency_of(found: SolvedIdentification, bodies: RigidBodySet) -> Consis
     empty = low > high
     low, high = np.where(empty, bounds[:, 0], low), np.where(empty, bounds[:, 1], high)
     intervals = np.stack([low, high], axis=1)
-    intervals = np.where(np.isfinite(intervals), intervals, np.nan)
-    return Consistency(intervals, size, distance, bodies.radius)
+    return np.where(np.isfinite(intervals), intervals, np.nan)
 
 
-def _plausible(found: SolvedIdentification, tree: KinematicTree) -> tuple[float, float]:
+def _plausible(found: Identification, tree: KinematicTree) -> tuple[float, float]:
     """Return a plausible mass [kg] and size [m] of the target.
 
     The target is as large as the spacecraft, or as its own moments about C say.

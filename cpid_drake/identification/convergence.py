@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.requests import Evidence
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.identify_files import Evidence
+from cpid_drake.identification.result import Identification
 
-Estimates = Sequence[tuple[float, SolvedIdentification]]
+Estimates = Sequence[tuple[float, Identification]]
 """Identifications from the samples up to some times [s]; those that are not possible are absent."""
 
 
@@ -42,7 +42,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
                     momentum=inputs.momentum,
                     known_bodies=inputs.known_bodies,
                     prior=inputs.prior,
-                    planar=result.table is not None,
+                    planar=result.is_planar,
                 )
         except InputError:  # too few samples, or nothing moves yet
             continue

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.identification.consistency import REACH
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import AGREEMENT, Identification
 
 
 def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -55,7 +55,7 @@ def describe(result: Identification) -> list[str]:
             axis = ", ".join(f"{round(entry, 5) + 0.0:8.5f}" for entry in column)
             lines.append(f"      {moment:16.8g}   ({axis})")
         lines.append("")
-    lines.append(f"  rank         {result.rank} of {result.table.size if result.table else 10}")
+    lines.append(f"  rank         {result.rank} of {result.most}")
     if result.condition is not None:
         lines.append(f"  condition    {result.condition:.4g}")
     lines.append(f"  residuals    {residual_words(result)}")
@@ -70,7 +70,7 @@ def describe(result: Identification) -> list[str]:
         lines.append(f"  estimated    {effect.name}: {state}")
     if result.logs:
         lines += ["", *_of_logs(result)]
-    lines += ["", *_of_bodies(result, is_marked)] if result.consistency is not None else []
+    lines += ["", *_of_bodies(result, is_marked)] if result.consistent_intervals is not None else []
     if not result.is_observable:
         lines += ["", *result.gap()]
     return lines
@@ -92,9 +92,7 @@ def _spread(low: float, high: float, places: int) -> str:
 
 def _of_bodies(result: Identification, is_marked: bool) -> Iterator[str]:
     """Yield the lines about the physically consistent part of the intervals."""
-    consistency = result.consistency
-    assert consistency is not None
-    if not consistency.is_possible:
+    if not result.is_possible:
         yield "No interval is given, because no rigid body agrees with the estimate."
         return
     if is_marked:
@@ -102,7 +100,7 @@ def _of_bodies(result: Identification, is_marked: bool) -> Iterator[str]:
     if not np.isfinite(result.parameters).all():
         yield (
             "Intervals of what is not known: bounds over all rigid bodies no part of which is "
-            f"farther than {consistency.size:.2g} m from C ({REACH:g} times the spacecraft's "
+            f"farther than {result.size:.2g} m from C ({REACH:g} times the spacecraft's "
             "radius of gyration)."
         )
 
@@ -125,7 +123,7 @@ def _of_logs(result: Identification) -> Iterator[str]:
 
 def agreement_words(result: Identification) -> str:
     """Return whether an estimate agrees with others, or its parts with one another, in words."""
-    check = result.agreement
+    check = result.check(AGREEMENT)
     if check is None or check.statistic is None or check.limit is None:
         return "have nothing in common" if result.logs else "nothing to compare"
     verb = "agree" if check.passed else "differ"
@@ -167,13 +165,13 @@ def residual_words(result: Identification) -> str:
 
 
 def _consistency(result: Identification) -> str:
-    problems, consistency = "; ".join(result.infeasibilities), result.consistency
+    problems = "; ".join(result.infeasibilities)
     if result.consistent is not None and problems:
         return f"no rigid body has the estimate ({problems}); the nearest consistent one is given"
     if result.consistent is not None:
         return "the estimate is physically consistent"
     if problems:
         return f"no rigid body is near the estimate ({problems})"
-    if consistency is None:
+    if result.consistent_intervals is None:
         return "not known before all ten parameters are"
-    return f"{'some' if consistency.is_possible else 'no'} rigid body agrees with the estimate"
+    return f"{'some' if result.is_possible else 'no'} rigid body agrees with the estimate"

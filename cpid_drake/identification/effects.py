@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.estimation.likelihood.constants import VALVE_FORCE
+from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, ConstantError
 from cpid_drake.estimation.smoothness import FAR
 from cpid_drake.input_files.validation import Numbers
 
@@ -53,6 +53,18 @@ class EffectEstimate:
     sigma: Annotated[NDArray[np.float64], Numbers()]
     prior_sigma: float
     log: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        error: ConstantError,
+        value: NDArray[np.float64],
+        sigma: NDArray[np.float64],
+        log: str = "",
+    ) -> "EffectEstimate":
+        """Return the estimate of an error from its value and σ (k,) in units of its own σ."""
+        unit = error.sigma / error.scale
+        return cls(error.name, error.unit, unit * value, unit * sigma, unit, log)
 
     @property
     def is_learned(self) -> bool:

@@ -4,6 +4,8 @@ All functions read a Gaussian of x − values, from all logs, priors included. A
 known is a condition on this Gaussian; see `at_momentum`.
 """
 
+from typing import Any
+
 import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -13,7 +15,6 @@ from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.identification.effects import EffectEstimate
-from cpid_drake.identification.result import MomentumEstimate
 
 IN_PLANE = (2, 3, 4)
 """Entries of a momentum (L, v) that a table leaves free."""
@@ -30,29 +31,18 @@ def at_momentum(gaussian: Gaussian, values: Values, momentum: TotalMomentum, log
 
 
 def solution_of(
-    model: Model,
-    values: Values,
-    gaussian: Gaussian,
-    *,
-    residual_sum: float = np.nan,
-    row_count: int = 0,
+    model: Model, values: Values, gaussian: Gaussian, *, cost: float = np.nan, count: int = 0
 ) -> LeastSquaresSolution:
     """Return the target's ψ about the nominal mass of the known bodies.
 
     Args:
         model, values, gaussian: as in all functions here, of one log or of many.
-        residual_sum: sum of squares of the samples' residuals.
-        row_count: number of these.
+        cost, count: sum of squares of the samples' residuals, and their number.
 
     """
     _, sizes = undetermined(model, values[PSI], gaussian)
-    return gaussians.solution_of(
-        gaussian.marginal([PSI]).moved(-values[PSI]),
-        values[PSI],
-        sizes,
-        residual_sum=residual_sum,
-        row_count=row_count,
-    )
+    target = gaussian.marginal([PSI]).moved(-values[PSI])
+    return gaussians.solution_of(target, values[PSI], sizes, residual_sum=cost, row_count=count)
 
 
 def effects_of(
@@ -68,25 +58,27 @@ def effects_of(
     has_others = sum(name.startswith(f"{MOMENTUM}|") for name in values) > 1
     found = []
     for unknown in unknowns:
-        error, key = errors[unknown.name], unknown.key(log)
-        unit, place = error.sigma / error.scale, both.places[key]
-        value, width = unit * (values[key] + step[place]), unit * sigma[place]
-        name = log if has_others and unknown.scope == "log" else ""
-        found.append(EffectEstimate(error.name, error.unit, value, width, unit, name))
+        place = both.places[unknown.key(log)]
+        value, name = values[unknown.key(log)] + step[place], log if unknown.scope == "log" else ""
+        found.append(
+            EffectEstimate.of(errors[unknown.name], value, sigma[place], name if has_others else "")
+        )
     return tuple(found)
 
 
-def momentum_of(
-    model: Model, values: Values, gaussian: Gaussian, log: str
-) -> MomentumEstimate | None:
-    """Return L at the start of a log, and v_WScm if positions are measured; None if it is known."""
+def momentum_of(model: Model, values: Values, gaussian: Gaussian, log: str) -> dict[str, Any]:
+    """Return a result's fields of L at the start of a log, and v_WScm if positions are measured.
+
+    There are none if the momentum is known.
+    """
     key = f"{MOMENTUM}|{log}"
     if key not in gaussian.places:
-        return None
+        return {}
     found = gaussian.marginal([key])
     count = 6 if "position" in model.suite.present() else 3
-    entries = np.arange(count)
-    if model.tree.normal_B is not None:
-        entries = np.array(IN_PLANE[: count // 2])
+    entries = np.array(IN_PLANE[: count // 2] if model.tree.normal_B is not None else range(count))
     value, covariance = values[key] + found.solve(), found.covariance()
-    return MomentumEstimate(value[entries], covariance[np.ix_(entries, entries)])
+    return {
+        "momentum_estimate": value[entries],
+        "momentum_covariance": covariance[np.ix_(entries, entries)],
+    }

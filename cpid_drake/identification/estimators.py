@@ -1,7 +1,7 @@
 """The registry of estimators. The command line, reports and studies read it.
 
 To add an estimator, write a function from what is known and from checked logs, by their names, to a
-`solved.SolvedIdentification`, and put its record here.
+`result.Identification`, and put its record here.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification import by_rows, fitted, online
 from cpid_drake.identification.known import Known
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -42,9 +42,7 @@ class Estimator:
     name: str
     label: str
     good_for: str
-    estimate: Callable[
-        [Known, "Mapping[str, CheckedLog]", Callable[[str], None]], SolvedIdentification
-    ]
+    estimate: Callable[[Known, "Mapping[str, CheckedLog]", Callable[[str], None]], Identification]
     uses_rows: bool = False
     reports: int = 8
 

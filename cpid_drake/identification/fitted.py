@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white, whiteness
-from cpid_drake.identification.checks import momentum_words, noise_warnings
+from cpid_drake.identification.checks import fit_checks, momentum_words, noise_warnings
 from cpid_drake.identification.comparison import (
     contradicted,
     larger_than_declared,
@@ -31,8 +31,7 @@ from cpid_drake.identification.comparison import (
 )
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
 from cpid_drake.identification.known import Known, suite_of
-from cpid_drake.identification.result import Check, MomentumEstimate
-from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
+from cpid_drake.identification.result import Check, Identification, ResidualSeries
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Measurements
@@ -53,7 +52,7 @@ def estimate(
     known: Known,
     logs: "Mapping[str, CheckedLog]",
     progress: Callable[[str], None] = lambda step: None,
-) -> SolvedIdentification:
+) -> Identification:
     """Fit one target, and all that is not known besides, to all samples of some logs.
 
     Args:
@@ -69,36 +68,36 @@ def estimate(
     has_thrust = any(log.has_thrust for log in logs.values())
     candidates = with_plausible(suite, has_thrust=has_thrust)
     model = Model(known.spacecraft.tree, candidates, known.known_bodies)
-    declared = Constants.of(suite, model.joint_count).errors
-    states, is_one = [], len(logs) == 1
+    where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
+    states = []
     for name, log in logs.items():
-        with prefix_errors("" if is_one else name):
+        with prefix_errors(where[name].removesuffix(": ")):
             states.append(LogState.of(model, log.measurements, name))
     progress("fitting")
-    question, sigma = Question.of(model, declared, logs, known.momentum), model.unknown(MOMENTUM)
+    declared = Constants.of(suite, model.joint_count).errors
+    question = Question.of(model, declared, logs, known.momentum)
     found, rows = _fit(model, states, known.prior)
-    wrong = contradicted(found.gaussian, found.values, question, sigma.sigma)
+    wrong = contradicted(found.gaussian, found.values, question, model)
     found, events = fit_with_events(model, found, _without(question, wrong), rows)
-    wrong = contradicted(found.gaussian, found.values, question, sigma.sigma)  # beside the changes
+    wrong = contradicted(found.gaussian, found.values, question, model)  # beside the changes
     question = _without(question, wrong)
     progress("comparing")
     compared = question.answer(found.gaussian, found.values)
     average = compared.gaussian
     gaussian = average.moved(np.concatenate([found.values[name] for name in average.places]))
+    checks, is_free = list[Check](), known.momentum is not None and known.momentum.is_unknown
     noise = {
-        name if is_one else f"{name} of {log.name}": factor
+        name if len(logs) == 1 else f"{name} of {log.name}": factor
         for log in found.logs
         for name, factor in log.noise.items()
     }
     warnings = (*warnings, *noise_warnings(noise), *change_warnings([e.time for e in events]))
-    checks, is_free = list[Check](), known.momentum is not None and known.momentum.is_unknown
     for name in logs:
-        key = sigma.key(name)
+        key = model.unknown(MOMENTUM).key(name)
         likely = 1.0 if key in wrong else compared.probability.get(key, 0.0)
         is_free = is_free or likely >= NAMED
-        said, failed = momentum_words(
-            likely, is_given=known.momentum is not None, where="" if is_one else f"{name}: "
-        )
+        is_given = known.momentum is not None
+        said, failed = momentum_words(likely, is_given=is_given, where=where[name])
         warnings, checks = (*warnings, *said), [*checks, *failed]
     undeclared = undeclared_errors(found, question, compared, rows)
     effects = tuple(
@@ -108,31 +107,30 @@ def estimate(
     said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
     both = (*effects, *undeclared.effects)
     sizes = larger_than_declared(model, found.values, gaussian, both, compared)
-    series = _residuals(found)
+    series, (left_out, used) = _residuals(found), _counts(found)
     tests = {name: whiteness(each.value) for name, each in series.items()}
-    left_out, used = _counts(found)
-    result = SolvedIdentification(
+    unexplained = max((count / max(n, 1) for count, n in left_out.values()), default=0.0)
+    own = series if len(logs) == 1 else {}  # of several logs, each has its own noise
+    fails = fit_checks(found.converged, unexplained, noise, {name: tests[name] for name in own})
+    result = Identification.of_solution(
         relative_parameterization(model.mass),
-        solution_of(model, found.values, gaussian, residual_sum=found.cost, row_count=used),
+        solution_of(model, found.values, gaussian, cost=found.cost, count=used),
+        sensors=suite,
         sample_count=used,
         estimator=NAME,
-        sensors=suite,
-        converged=found.converged,
         whiteness=least_white(tests.values()),
-        tests=tests if is_one else {},
-        residuals=series if is_one else {},
+        residuals=own,
         rejected={name: count for name, (count, _) in left_out.items() if count},
         momentum_changes=tuple(sorted(event.time for event in events)),
         warnings=(*warnings, *said),
-        checks=(*checks, *failed, *sizes),
+        checks=(*checks, *failed, *sizes, *fails),
         momentum="unknown" if is_free else (known.momentum or TotalMomentum.zero()).name,
         noise=noise,
-        unexplained=max((count / max(n, 1) for count, n in left_out.values()), default=0.0),
-        momentum_estimate=_momentum(found, compared, gaussian) if is_one else None,
         effects=effects,
         undeclared=undeclared,
+        **(_momentum(found, compared, gaussian) if len(logs) == 1 else {}),
     )
-    if is_one and known.prior is None:
+    if len(logs) == 1 and known.prior is None:
         return result
     return _separated(result, found, question, compared, rows, known.prior)
 
@@ -161,13 +159,13 @@ def _fit(
 
 
 def _separated(
-    result: SolvedIdentification,
+    result: Identification,
     found: Fit,
     question: Question,
     compared: Comparison,
     rows: Sequence[Gaussian],
     prior: TargetPrior | None,
-) -> SolvedIdentification:
+) -> Identification:
     """Return an identification with the test whether logs and prior have the same target."""
     values = dict.fromkeys((n for n in question.candidates if n not in compared.best), 0.0)
     held = {n: v - found.values[n] for n, v in (values | question.given).items()}
@@ -204,15 +202,14 @@ def _without(question: Question, wrong: Sequence[str]) -> Question:
     return replace(question, given=given)
 
 
-def _momentum(found: Fit, compared: Comparison, gaussian: Gaussian) -> MomentumEstimate | None:
-    """Return the momentum at the start of the only log; None if it is zero or given."""
-    [log] = found.logs
-    key = f"{MOMENTUM}|{log.name}"
-    if key in compared.values:
-        count = 6 if "position" in found.model.suite.present() else 3
-        sigma = compared.sigma[key][:count]
-        return MomentumEstimate(compared.values[key][:count], np.diag(sigma**2))
-    return momentum_of(found.model, found.values, gaussian, log.name)
+def _momentum(found: Fit, compared: Comparison, gaussian: Gaussian) -> dict[str, Any]:
+    """Return the fields of the momentum at the start of the only log, if it is not known."""
+    key = f"{MOMENTUM}|{found.logs[0].name}"
+    if key not in compared.values:
+        return momentum_of(found.model, found.values, gaussian, found.logs[0].name)
+    count = 6 if "position" in found.model.suite.present() else 3
+    value, sigma = compared.values[key][:count], compared.sigma[key][:count]
+    return {"momentum_estimate": value, "momentum_covariance": np.diag(sigma**2)}
 
 
 def _residuals(found: Fit) -> dict[str, ResidualSeries]:
@@ -278,14 +275,12 @@ def cramer_rao_bound(
     log = LogState.of(model, measurements)
     R = np.diag(1 / (_HELD * model.plausible))
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
-    found = fit(model, [log], rows=[held], values={PSI: np.asarray(psi)})
-    [log], [rolled], values = found.logs, found.rolled, found.values
+    fitted = fit(model, [log], rows=[held], values={PSI: np.asarray(psi)})
+    [log], [rolled], values = fitted.logs, fitted.rolled, fitted.values
     log = replace(log, noise={}, weights=tuple({} for _ in log.blocks))  # as declared
     total = prior_of(model, [log], values, ()).add(sweep(model, log, rolled, values).gaussian)
     known = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
     known = known.moved(known.solve())  # the vague prior prefers another target than the true one
-    parameterization = relative_parameterization(model.mass)
-    solution = solution_of(model, values, known)
-    return SolvedIdentification(
-        parameterization, solution, sample_count=0, estimator=NAME
-    ).covariance
+    form, solution = relative_parameterization(model.mass), solution_of(model, values, known)
+    found = Identification.of_solution(form, solution, sample_count=0, estimator=NAME)
+    return found.covariance

@@ -18,9 +18,7 @@ from cpid_drake.identification.conventions import convention_of
 from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
 from cpid_drake.identification.known import Known
 from cpid_drake.identification.planar import normal_in_base
-from cpid_drake.identification.result import Check
-from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.identification.table_setting import TableSetting
+from cpid_drake.identification.result import Check, Identification
 from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.logs.log import Measurements
 from cpid_drake.processes import one_thread
@@ -48,7 +46,7 @@ def identify(
     known_bodies: BodyUncertainty | None = None,
     prior: TargetPrior | None = None,
     planar: bool | None = None,
-) -> SolvedIdentification:
+) -> Identification:
     """Identify the target held by a spacecraft.
 
     Args:
@@ -106,7 +104,7 @@ def identify_together(
     prior: TargetPrior | None = None,
     planar: bool | None = None,
     progress: Callable[[str], None] = lambda step: None,
-) -> SolvedIdentification:
+) -> Identification:
     """Identify one target from several logs of the same spacecraft.
 
     Each log has its own start, momentum, forces and biases; all logs share the errors of sensors
@@ -157,7 +155,7 @@ def identify_together(
             "are too large or too small; plot them, and compare units"
         ) from error
     if spacecraft.tree.normal_B is not None:
-        found = replace(found, table=TableSetting(spacecraft.tree.normal_C))
+        found = replace(found, is_planar=True, normal_C=spacecraft.tree.normal_C)
     found = _with_logs(found, checked_logs, method, known_bodies)
     return _with_convention(checked(found, spacecraft.tree), spacecraft, checked_logs, sensors)
 
@@ -178,11 +176,11 @@ def _checked(
 
 
 def _with_logs(
-    found: SolvedIdentification,
+    found: Identification,
     logs: Mapping[str, CheckedLog],
     method: Estimator,
     known_bodies: BodyUncertainty | None,
-) -> SolvedIdentification:
+) -> Identification:
     """Return an identification with what the checks of its logs say."""
     warnings, checks, rejected = [], [], Counter(found.rejected)
     for name, log in logs.items():
@@ -208,11 +206,11 @@ def _with_logs(
 
 
 def _with_convention(
-    found: SolvedIdentification,
+    found: Identification,
     spacecraft: Spacecraft,
     logs: Mapping[str, CheckedLog],
     sensors: SensorSuite | None,
-) -> SolvedIdentification:
+) -> Identification:
     """Return an identification with the convention that explains its failed checks, if any does."""
     [log, *others] = logs.values()
     if others or not found.failures or log.failures:

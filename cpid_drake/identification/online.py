@@ -18,13 +18,12 @@ from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white
-from cpid_drake.identification.checks import momentum_words, noise_warnings
+from cpid_drake.identification.checks import fit_checks, momentum_words, noise_warnings
 from cpid_drake.identification.comparison import contradicted, larger_than_declared
 from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
 from cpid_drake.identification.fitted import change_warnings
 from cpid_drake.identification.known import Known, suite_of
-from cpid_drake.identification.result import Check
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Check, Identification
 from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
@@ -97,7 +96,7 @@ def check_guess(guess: InertialParameters, sigma: float) -> None:
 
 def identification_of_state(
     model: Model, state: OnlineState, momentum: TotalMomentum | None
-) -> SolvedIdentification:
+) -> Identification:
     """Return what is known after the last block.
 
     Args:
@@ -109,56 +108,45 @@ def identification_of_state(
     """
     wrong: tuple[str, ...] = ()
     assumed = TotalMomentum.unknown() if state.is_free else momentum or TotalMomentum.zero()
-    values, gaussian = state.values, state.gaussian(model)
+    values, gaussian, noise = state.values, state.gaussian(model), state.noise
     if values is None or gaussian is None:
-        values = model.start([LOG])
-        target = next(unknown for unknown in model.table if unknown.name == PSI)
-        rows = np.column_stack([np.diag(1 / target.sigma), np.zeros(10)])
-        gaussian, noise = Gaussian.of_rows({PSI: 10}, rows), dict[str, float]()
+        values, noise = model.start([LOG]), {}
+        rows = np.column_stack([np.diag(1 / model.unknown(PSI).sigma), np.zeros(10)])
+        gaussian = Gaussian.of_rows({PSI: 10}, rows)
     else:
-        given = (
-            {}
-            if assumed.is_unknown
-            else {f"{MOMENTUM}|{LOG}": np.concatenate([assumed.L_WScm_W, assumed.v_WScm_W])}
-        )
-        sigma = model.unknown(MOMENTUM).sigma
-        wrong = contradicted(gaussian, values, Question({}, given), sigma)
+        given = np.concatenate([assumed.L_WScm_W, assumed.v_WScm_W])
+        question = Question({}, {} if assumed.is_unknown else {f"{MOMENTUM}|{LOG}": given})
+        wrong = contradicted(gaussian, values, question, model)
         if not wrong:
             gaussian = at_momentum(gaussian, values, assumed, LOG)
         elif momentum is None:
             assumed = TotalMomentum.unknown()
-        noise = state.noise
     present = model.suite.present()
     change = change_beyond_linear(model, state)
     said, failed = momentum_words(1.0 if wrong else 0.0, is_given=momentum is not None)
     effects = effects_of(model, values, gaussian, LOG)
     tests = {name: sums.whiteness for name, sums in state.lags.items()}
-    return SolvedIdentification(
+    unexplained = state.bridged / state.length if state.length else 0.0
+    return Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, values, gaussian),
+        sensors=model.suite,
         sample_count=sum(state.processed.get(n, 0) - state.rejected.get(n, 0) for n in present),
         estimator=NAME,
-        sensors=model.suite,
-        converged=state.converged,
         whiteness=least_white(tests.values()),
-        tests=tests,
         rejected={name: count for name, count in state.rejected.items() if count},
         momentum_changes=tuple(sorted(state.events)),
-        warnings=(
-            *noise_warnings(noise),
-            *change_warnings(state.events),
-            *said,
-        ),
+        warnings=(*noise_warnings(noise), *change_warnings(state.events), *said),
         checks=(
             *failed,
             *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
             *larger_than_declared(model, values, gaussian, effects),
+            *fit_checks(state.converged, unexplained, noise, tests),
         ),
         momentum=assumed.name,
         noise=noise,
-        unexplained=state.bridged / state.length if state.length else 0.0,
-        momentum_estimate=momentum_of(model, values, gaussian, LOG),
         effects=effects,
+        **momentum_of(model, values, gaussian, LOG),
     )
 
 
@@ -166,7 +154,7 @@ def estimate(
     known: Known,
     logs: "Mapping[str, CheckedLog]",
     progress: Callable[[str], None] = lambda step: None,
-) -> SolvedIdentification:
+) -> Identification:
     """Run the fit online over all samples, in order of time.
 
     Args:

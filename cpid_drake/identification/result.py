@@ -1,28 +1,40 @@
 """The result of an identification: one tree, which is the JSON file and what the page reads."""
 
-import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.dynamics.parameterizations import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    Parameterization,
+)
+from cpid_drake.dynamics.plane import parallel_axis
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.least_squares import (
+    LeastSquaresSolution,
+    describe_unobservable,
+    quantile_95,
+)
 from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
-from cpid_drake.identification.table_setting import TableSetting
-from cpid_drake.identification.target_prior import Combinations
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.identification.request import Source, SpacecraftReference
+from cpid_drake.input_files.validation import InMemory, Numbers
 from cpid_drake.resources import package_folders, resolve_model
+from cpid_drake.sensors.suite import SensorSuite
 
-FORMAT = 3
+if TYPE_CHECKING:  # Drake takes half a second to import
+    from pydrake.multibody.tree import SpatialInertia
+
+FORMAT = 4
 """Version of the keys of a result file."""
 
 IMPROBABLE = 1e-4
@@ -34,8 +46,11 @@ MORE_MOTION = (
 )
 """The advice if the motion does not determine all that can act on it."""
 
-AGREEMENT = "agreement"
-"""Name of the check whether several sources have the same target."""
+AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
+"""Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
+
+_IN_PLANE = {0: (0, 2, 3, 4), 1: (0, 1, 3, 5), 2: (0, 1, 2, 6)}
+# Places in π of what can be known on a table, by the number of C's axis that is its normal.
 
 Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0), Le(2**53)]
@@ -79,154 +94,59 @@ class Check:
         return cls(name, "" if passed else sentence, shown, limit, passed)
 
 
-@dataclass(frozen=True)
-class SpacecraftReference:
-    """The spacecraft of a result.
+@dataclass(frozen=True, eq=False)
+class Combinations:
+    """An estimate that determines some combinations of ten unknowns.
 
     Attributes:
-        model: an absolute path or a `package://NAME/...` URI.
-        base: name of its base body.
-        capture_frame: name of the frame C that holds the target.
-        packages: folders, by name, of packages that the model's URIs refer to.
+        unknowns: name of the parameterization of the unknowns.
+        values: (10,) unknowns; those of undetermined combinations are arbitrary.
+        information: (10, 10) inverse covariance, zero for undetermined combinations.
+        known_mass: mass of the spacecraft without the target [kg], on which relative unknowns
+            depend.
 
     """
 
-    model: str
-    base: str
-    capture_frame: str
-    packages: dict[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Request:
-    """The request of `cpid identify`: data, spacecraft, estimator and options of one log.
-
-    Attributes:
-        telemetry: a file or a bag's folder.
-        spacecraft: the known spacecraft.
-        estimator, rows: see `cpid_drake.identification.identify.identify`.
-        sensors: name of a preset or a YAML file; None if they are unknown.
-        momentum: name of the total momentum, see `TotalMomentum.named`; None to test whether it is
-            zero, and to estimate it if it is not.
-        start, end: first and last time to use [s]; None for all.
-        topics: topics of a bag, by kind.
-        leave_out_bad: whether to leave out rows that have a problem.
-        columns: the YAML file of a map of the telemetry's columns; None for the package's own.
-        planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
-        known_bodies: uncertainty of the spacecraft, see `uncertainty.read_uncertainty`; None if the
-            spacecraft is known exactly.
-        prior: the file of a prior of the target; None without one.
-
-    """
-
-    telemetry: str
-    spacecraft: SpacecraftReference
-    estimator: str | None = None
-    rows: str | None = None
-    sensors: str | None = None
-    momentum: str | None = None
-    start: float | None = None
-    end: float | None = None
-    topics: Mapping[str, str] = field(default_factory=dict)
-    leave_out_bad: bool = False
-    columns: str | None = None
-    planar: bool | None = None
-    known_bodies: str | None = None
-    prior: str | None = None
-
-    def files(self) -> dict[str, str]:
-        """Return the files with hashes in results, by their fields."""
-        files = {"telemetry": self.telemetry, "columns": self.columns, "prior": self.prior}
-        return {option: name for option, name in files.items() if name is not None}
-
-    def command(self, others: Sequence[str] = ()) -> str:
-        """Return the command line of this request, with other logs of the same target."""
-        craft = self.spacecraft
-        words = ["cpid", "identify", self.telemetry, *others, "--spacecraft", craft.model]
-        words += ["--base", craft.base, "--capture-frame", craft.capture_frame]
-        options = {
-            "--columns": self.columns,
-            "--estimator": self.estimator,
-            "--rows": self.rows,
-            "--sensors": self.sensors,
-            "--from": self.start,
-            "--to": self.end,
-            "--momentum": self.momentum,
-            "--known-bodies": self.known_bodies,
-            "--prior": self.prior,
-        }
-        for option, value in options.items():
-            words += [] if value is None else [option, str(value)]
-        for name, folder in craft.packages.items():
-            words += ["--package", f"{name}={folder}"]
-        for kind, name in self.topics.items():
-            words += ["--topic", f"{kind}={name}"]
-        words += ["--leave-out-bad"] if self.leave_out_bad else []
-        words += [] if self.planar is None else ["--planar" if self.planar else "--no-planar"]
-        return shlex.join(words)
-
-
-@dataclass(frozen=True)
-class Source:
-    """A log of a result.
-
-    Attributes:
-        request: the request for this log.
-        sha256: hashes of `Request.files`; None for a folder.
-        start, end: first and last time that was used [s].
-        cpid_drake: version of this package; empty if it was not installed.
-
-    """
-
-    request: Request
-    sha256: dict[str, str | None]
-    start: float
-    end: float
-    cpid_drake: str
+    unknowns: str
+    values: Annotated[Array, Numbers(10)]
+    information: Annotated[Array, Numbers(10, 10)]
+    known_mass: Annotated[float, Gt(0)]
 
 
 @dataclass(frozen=True, eq=False)
-class MomentumEstimate:
-    """The estimate of a constant momentum.
+class ResidualSeries:
+    """Residuals of one sensor or of one kind of rows.
 
     Attributes:
-        value: (k,) the angular momentum, and further entries if the estimator has them.
-        covariance: (k, k).
+        time: (N,) [s].
+        value: (N, channels) measured minus predicted.
+        unit: unit of `value`; "σ" where residuals are divided by the sensor's noise.
+        every: of a long log, `time` and `value` are an even selection: every k-th residual.
+        beginning: (M, channels) the first residuals without selection, for tests that need
+            neighbours; None if `value` contains all residuals.
 
     """
 
-    value: Annotated[Array, Numbers(unknown=True)]
-    covariance: Annotated[Array, Numbers(unknown=True)]
+    time: Array
+    value: Array
+    unit: str
+    every: int = 1
+    beginning: Array | None = None
 
-
-@dataclass(frozen=True, eq=False)
-class Consistency:
-    """The physically consistent part of the intervals of an estimate.
-
-    Attributes:
-        intervals: (10, 2) the part of each 95 % interval that a rigid body can have; for parameters
-            that are not determined, their extreme values over all rigid bodies that agree with what
-            is known. NaN without a bound, and if no rigid body agrees.
-        size: largest distance of a part of the target from C that the bounds assume [m].
-        distance: of the nearest rigid body from the estimate, in σ.
-        radius: largest distance, in σ, with which a body agrees with the estimate.
-
-    """
-
-    intervals: Intervals
-    size: float
-    distance: float
-    radius: float
+    def __len__(self) -> int:
+        return self.time.size
 
     @property
-    def is_possible(self) -> bool:
-        """Whether any rigid body agrees with the estimate within its uncertainty."""
-        return self.distance <= self.radius
+    def neighbours(self) -> Array:
+        """(M, channels) residuals of successive samples: all, or the first ones of a long log."""
+        return self.value if self.beginning is None else self.beginning
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identification:
     """The estimate of a target, and its quality. NaN in arrays is null in files.
+
+    The last four attributes are what the estimate was computed with. They are not in files.
 
     Attributes:
         format: see `FORMAT`.
@@ -237,33 +157,47 @@ class Identification:
             times too large. With standard rows it is accurate to a factor of 1.5.
         intervals: (10, 2) two-sided 95 % intervals of `parameters`, of Student's t distribution if
             the noise is estimated from the residuals, else of the normal distribution.
+        consistent_intervals: (10, 2) the part of each interval that a rigid body can have; for
+            parameters that are not determined, their extreme values over all rigid bodies that
+            agree with what is known. NaN without a bound, and if no rigid body agrees; None if not
+            computed.
+        size: largest distance of a part of the target from C that these bounds assume [m].
+        nearest: (10,) the rigid body that is nearest to the estimate, NaN where not known; None if
+            it was not computed or there is none.
         rank: number of parameters, or of combinations of them, that the samples determine.
         singular_values: (10,) singular values of the scaled problem, descending.
         condition: ratio of the largest to the smallest; None below a rank of ten.
         not_observable: what the samples do not determine, in words; empty if they determine all.
-        nearest: (10,) the rigid body that is nearest to the estimate, NaN where not known; None if
-            it was not computed or there is none.
-        consistency: the physically consistent part of the intervals; None if not computed.
         combinations: what a result of a rank below ten determines; else None.
+        is_planar: whether a table carries the spacecraft.
+        normal_C: (3,) the table's normal in C; None if the joints turn C out of the plane, so that
+            all ten parameters act on the motion.
         sample_count: number of samples used.
         rejected: number of samples that could not be used, by sensor.
         estimator: name of the estimator in `estimators.ESTIMATORS`.
         rows: name of the row family; None for estimators without rows.
         momentum: the total momentum that was assumed: "zero", "unknown" or "known".
-        momentum_estimate: the estimate of an unknown momentum; None without one.
+        momentum_estimate: (k,) estimate of an unknown momentum: the angular one, and further
+            entries if the estimator has them; None without one.
+        momentum_covariance: (k, k) of `momentum_estimate`.
         momentum_changes: times of changes of the momentum that the samples show [s]; None for
             estimators that look for none.
+        noise: factors by which the noise of sensors is larger than given; for several logs by
+            "sensor of log".
         whiteness: of the residuals, of the least white sensor if there are several; None if there
             are no residuals.
         effects: estimates of the constant errors that the sensors declare, and of forces.
         undeclared: errors beyond these that the samples show; None if they were not looked for.
-        table: what a table that carries the spacecraft leaves to be known; None without a table.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
         dominated: names of the parameters that the prior determines more than the logs do.
         checks: see `cpid_drake.identification.checks`; those that failed come first.
         warnings: sentences for the reader.
         sources: the logs and their requests; empty if they were no files.
+        form: the parameterization of the estimator's ten unknowns.
+        solution: the estimate of the unknowns.
+        sensors: the sensors that were assumed; None if all samples had the same weight.
+        residuals: residuals by sensor, or by "linear" and "angular" for rows.
 
     """
 
@@ -273,29 +207,84 @@ class Identification:
     parameters: Ten
     covariance: Annotated[Array, Numbers(10, 10, unknown=True)]
     intervals: Intervals
+    consistent_intervals: Intervals | None = None
+    size: float | None = None
+    nearest: Ten | None = None
     rank: Rank
     singular_values: Ten
     condition: float | None = None
     not_observable: str = ""
-    nearest: Ten | None = None
-    consistency: Consistency | None = None
     combinations: Combinations | None = None
+    is_planar: bool = False
+    normal_C: Annotated[Array, Numbers(3)] | None = None
     sample_count: Count
     rejected: Mapping[str, Count] = field(default_factory=dict)
     estimator: str
     rows: str | None = None
     momentum: str = "zero"
-    momentum_estimate: MomentumEstimate | None = None
+    momentum_estimate: Annotated[Array, Numbers(unknown=True)] | None = None
+    momentum_covariance: Annotated[Array, Numbers(unknown=True)] | None = None
     momentum_changes: tuple[float, ...] | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
     whiteness: Whiteness | None = None
     effects: tuple[EffectEstimate, ...] = ()
     undeclared: UndeclaredErrors | None = None
-    table: TableSetting | None = None
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
     dominated: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
     sources: tuple[Source, ...] = ()
+    form: Annotated[Parameterization | None, InMemory()] = None
+    solution: Annotated[LeastSquaresSolution | None, InMemory()] = None
+    sensors: Annotated[SensorSuite | None, InMemory()] = None
+    residuals: Annotated[Mapping[str, ResidualSeries], InMemory()] = field(default_factory=dict)
+
+    @classmethod
+    def of_solution(
+        cls,
+        form: Parameterization,
+        solution: LeastSquaresSolution,
+        *,
+        sensors: SensorSuite | None = None,
+        **others: Any,
+    ) -> "Identification":
+        """Return the identification that follows from a solution.
+
+        Args:
+            form: the parameterization of the ten unknowns.
+            solution: their estimate, with covariance and rank.
+            sensors: the sensors that were assumed; None if the noise is that of the residuals.
+            others: all other attributes.
+
+        """
+        parameters = form.to_parameters(solution.estimate)
+        # A known parameter depends only on unknowns that are determined.
+        known = np.isfinite(solution.estimate)
+        jacobian = form.jacobian(solution.estimate)[:, known]
+        is_open = ~np.isfinite(parameters)
+        jacobian[is_open] = 0.0
+        covariance = jacobian @ solution.covariance[np.ix_(known, known)] @ jacobian.T
+        covariance[is_open, :] = covariance[:, is_open] = np.nan
+        freedom = solution.row_count - solution.rank if sensors is None else None
+        with np.errstate(invalid="ignore"):  # rounding
+            half = quantile_95(freedom) * np.sqrt(np.diag(covariance))
+        words, condition = "", float(solution.condition_number)
+        if not solution.is_observable:
+            words = describe_unobservable(solution.unobservable, form.entries)
+            words = words or "no motion was seen"
+        return cls(
+            parameters=parameters,
+            covariance=covariance,
+            intervals=parameters[:, None] + half[:, None] * np.array([-1.0, 1.0]),
+            rank=solution.rank,
+            singular_values=solution.singular_values,
+            condition=condition if np.isfinite(condition) else None,
+            not_observable=words,
+            form=form,
+            solution=solution,
+            sensors=sensors,
+            **others,
+        )
 
     @property
     def spacecraft(self) -> SpacecraftReference | None:
@@ -315,10 +304,9 @@ class Identification:
         """The sentences of the failed checks."""
         return tuple(check.sentence for check in self.checks if not check.passed)
 
-    @property
-    def agreement(self) -> Check | None:
-        """The check whether all sources, or all other sources, have this target."""
-        return next((check for check in self.checks if check.name == AGREEMENT), None)
+    def check(self, name: str) -> Check | None:
+        """Return the check of a name; None if it was not made."""
+        return next((check for check in self.checks if check.name == name), None)
 
     @property
     def passed(self) -> bool:
@@ -326,19 +314,36 @@ class Identification:
         return not self.failures
 
     @property
+    def is_possible(self) -> bool:
+        """Whether a rigid body agrees with the estimate within its uncertainty, as far as known."""
+        check = self.check(NEAREST)
+        return check is None or check.passed
+
+    @property
+    def converged(self) -> bool:
+        """Whether an iterative estimator reached its solution."""
+        check = self.check(CONVERGENCE)
+        return check is None or check.passed
+
+    @property
     def is_observable(self) -> bool:
         """Whether the samples determine all ten parameters."""
         return self.rank == 10
 
     @property
+    def most(self) -> int:
+        """Number of combinations of the parameters that can act on the motion: 4 on a table."""
+        return 10 if self.normal_C is None else 4
+
+    @property
     def is_complete(self) -> bool:
-        """Whether everything is known that can act on the motion: ten numbers, on a table four."""
-        return self.is_observable or (self.table is not None and self.rank >= self.table.size)
+        """Whether everything is known that can act on the motion."""
+        return self.rank >= self.most
 
     @property
     def shown_intervals(self) -> Array:
         """(10, 2) the intervals to show: what a rigid body can have of them, where computed."""
-        return self.intervals if self.consistency is None else self.consistency.intervals
+        return self.intervals if self.consistent_intervals is None else self.consistent_intervals
 
     def raw(self) -> InertialParameters:
         """Return the estimate, which may be physically inconsistent.
@@ -358,10 +363,27 @@ class Identification:
 
     @cached_property
     def consistent(self) -> InertialParameters | None:
-        """The rigid body that is nearest to the estimate; None unless all ten are known."""
-        if self.nearest is None or not np.isfinite(self.nearest).all():
+        """The rigid body nearest to the estimate, in the metric of its information.
+
+        None unless all ten parameters are known, and if no rigid body is near the estimate.
+        """
+        if self.nearest is not None:
+            known = np.isfinite(self.nearest).all()
+            return InertialParameters.from_vector(self.nearest) if known else None
+        if self.solution is None or self.form is None or not self.is_observable:
             return None
-        return InertialParameters.from_vector(self.nearest)
+        try:
+            inverse = np.linalg.inv(self.form.jacobian(self.solution.estimate))
+            return self.raw().nearest_feasible(inverse.T @ self.solution.information @ inverse)
+        except (InputError, RuntimeError, np.linalg.LinAlgError):
+            return None
+
+    def spatial_inertia(self) -> "SpatialInertia":
+        """Return the consistent estimate about C's origin, in C; all NaN if there is none."""
+        from pydrake.multibody.tree import SpatialInertia
+
+        target = self.consistent
+        return SpatialInertia.NaN() if target is None else target.to_spatial_inertia()
 
     def explain(self) -> str:
         """Return a sentence on what the samples determine."""
@@ -372,12 +394,26 @@ class Identification:
 
     def gap(self) -> list[str]:
         """Return sentences on what is not known, why, and how to see it; empty if all is known."""
-        lines = [] if self.table is None else self.table.sentences()
+        lines = self._table_words() if self.is_planar else []
         if not self.is_complete:
             lines.append(f"Not known: {self.not_observable}.")
             if not self.failures:  # else another motion would not help
                 lines.append(f"To see the rest, {MORE_MOTION}.")
         return lines
+
+    def _table_words(self) -> list[str]:
+        """Return sentences on what a motion in the plane of a table can show."""
+        if self.normal_C is None:
+            return ["A table carries the spacecraft; its joints turn the target out of the plane."]
+        others = "the others have no effect on a motion in the plane"
+        axis = parallel_axis(self.normal_C)
+        if axis >= 0:
+            *first, last = (PARAMETER_NAMES[k] for k in _IN_PLANE[axis])
+            return [f"On a table, {', '.join(first)} and {last} can be known; {others}."]
+        return [
+            f"On a table, four numbers can be known, here oblique to C's axes; {others}.",
+            "A capture frame with an axis along the table's normal shows them.",
+        ]
 
     def files(self) -> list[Path]:
         """Return the files that the result was computed from, as far as they exist."""

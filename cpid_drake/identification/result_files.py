@@ -2,15 +2,16 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result import FORMAT, Identification
-from cpid_drake.input_files.validation import from_tree, load_json, nulls
+from cpid_drake.input_files.validation import InMemory, from_tree, load_json, nulls
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.resources import resolve_model
 
@@ -59,8 +60,9 @@ def result_text(result: Identification, where: str) -> str:
 def _plain(value: object) -> object:
     """Return a part of the tree as mappings, lists and values."""
     if is_dataclass(value):
-        kept = fields(Identification if isinstance(value, Identification) else value)
-        return {key.name: _plain(getattr(value, key.name)) for key in kept}
+        return {
+            key.name: _plain(getattr(value, key.name)) for key in fields(value) if _is_kept(key)
+        }
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (tuple, list)):
@@ -68,6 +70,11 @@ def _plain(value: object) -> object:
     if isinstance(value, np.generic):
         value = value.item()
     return nulls(value) if isinstance(value, (float, np.ndarray)) else value
+
+
+def _is_kept(key: "Field[Any]") -> bool:
+    """Return whether a field is in files."""
+    return not any(isinstance(note, InMemory) for note in getattr(key.type, "__metadata__", ()))
 
 
 def _parse(data: bytes, where: str) -> Identification:

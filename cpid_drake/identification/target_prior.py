@@ -1,38 +1,17 @@
 """What is known about a target before a log: from its design, or from an earlier identification."""
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.identification.result import Combinations, Identification
 
 _ROUNDING = 1e-13  # share of the best determined combination below which there is rounding only
-
-
-@dataclass(frozen=True, eq=False)
-class Combinations:
-    """An estimate that determines some combinations of ten unknowns.
-
-    Attributes:
-        unknowns: name of the parameterization of the unknowns.
-        values: (10,) unknowns; those of undetermined combinations are arbitrary.
-        information: (10, 10) inverse covariance, zero for undetermined combinations.
-        known_mass: mass of the spacecraft without the target [kg], on which relative unknowns
-            depend.
-
-    """
-
-    unknowns: str
-    values: Annotated[NDArray[np.float64], Numbers(10)]
-    information: Annotated[NDArray[np.float64], Numbers(10, 10)]
-    known_mass: Annotated[float, Gt(0)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +34,18 @@ class TargetPrior:
     combinations: Combinations | None = None
     failures: tuple[str, ...] = ()
 
-    @property
-    def intervals(self) -> NDArray[np.float64]:
-        """(10, 2) 95 % intervals of `parameters`; NaN where not known."""
+    def identification(self, rank: int) -> Identification:
+        """Return the prior as a result that determines `rank` combinations."""
         half = quantile_95() * np.sqrt(np.diag(self.covariance))
-        return self.parameters[:, None] + half[:, None] * np.array([-1.0, 1.0])
+        return Identification(
+            parameters=self.parameters,
+            covariance=self.covariance,
+            intervals=self.parameters[:, None] + half[:, None] * np.array([-1.0, 1.0]),
+            rank=rank,
+            singular_values=np.full(10, np.nan),
+            sample_count=0,
+            estimator="prior",
+        )
 
     def moved(self, form: Parameterization, at: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the unknowns `at` (10,) with the prior's values where the prior has any."""

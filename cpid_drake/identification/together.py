@@ -16,7 +16,6 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution, quantile_95
 from cpid_drake.identification.result import AGREEMENT, IMPROBABLE, Check, Identification
-from cpid_drake.identification.solved import SolvedIdentification
 from cpid_drake.identification.target_prior import TargetPrior
 
 DOMINATED = 0.5
@@ -24,14 +23,14 @@ DOMINATED = 0.5
 
 
 def with_sources(
-    result: SolvedIdentification,
+    result: Identification,
     vague: Gaussian,
     sources: Mapping[str, Gaussian],
     target: str,
     solution: Callable[[Gaussian], LeastSquaresSolution],
     facts: Mapping[str, tuple[int, tuple[str, ...]]],
     prior: TargetPrior | None = None,
-) -> SolvedIdentification:
+) -> Identification:
     """Return an identification with the estimate of each source, and whether they agree.
 
     Args:
@@ -44,46 +43,61 @@ def with_sources(
         prior: what is known of the target besides.
 
     """
-    names = list(sources)
+    form, names = result.form, list(sources)
+    assert form is not None
 
     def told(*groups: Sequence[str]) -> Gaussian:
         return _with(vague, sources, target, groups)
 
+    def part(found: LeastSquaresSolution, count: int = 0) -> Identification:
+        return Identification.of_solution(
+            form,
+            found,
+            sensors=result.sensors,
+            sample_count=count,
+            estimator=result.estimator,
+            rows=result.rows,
+            momentum=result.momentum,
+        )
+
     one, apart = told(names), told(*([name] for name in names))
     joint, alone = solution(one), {name: solution(told([name])) for name in names}
+    rests = {name: solution(told([other for other in names if other != name])) for name in names}
     rank = {name: found.rank for name, found in alone.items()}
-    parts, rests, dominated = dict[str, Identification](), {}, tuple[str, ...]()
     warnings = [
         f"{name} determines nothing about the target, and was not used"
         for name in facts
         if not rank[name]
     ]
+    parts = {name: part(alone[name], count) for name, (count, _) in facts.items()}
+    failures, dominated = {name: failed for name, (_, failed) in facts.items()}, tuple[str, ...]()
     if prior is not None:  # what it tells is known, however vague it is
         R = sources[prior.name].R
         rank[prior.name] = int(np.linalg.matrix_rank(R / np.linalg.norm(R, axis=0).clip(1e-300)))
+        parts[prior.name] = prior.identification(rank[prior.name])
+        failures[prior.name] = prior.failures
+        without, variance = (np.diag(part(each).covariance) for each in (rests[prior.name], joint))
+        is_less = ~np.isfinite(without) | (variance < DOMINATED * without)
+        is_named = is_less & np.isfinite(variance)
+        dominated = tuple(np.array(PARAMETER_NAMES)[is_named].tolist())
+        shown = ", ".join(dominated) or "no parameter"
+        warnings.append(f"{prior.name} was used; it determines {shown} more than the samples do")
+    sizes = {}
     for name in names:
         others = [other for other in names if other != name]
-        rests[name] = solution(told(others))
         chi_squared = one.least_cost - told([name], others).least_cost
         freedom = rests[name].rank + rank[name] - joint.rank
         check = _agreement("it differs from the others", chi_squared, freedom)
-        if prior is not None and name == prior.name:
-            dominated = _dominated(result, rests[name], joint)
-            failures, part = prior.failures, _of_prior(prior, rank[name])
-        else:
-            count, failures = facts[name]
-            part = replace(_alone(result, alone[name]), sample_count=count)
-        checks = (check, *(Check("source", text) for text in failures))
-        parts[name] = replace(part, checks=checks)
-    worst = max(names, key=lambda name: _size(parts[name].agreement))
+        sizes[name] = (check.statistic or 0.0) / (check.limit or 1.0)
+        checks = (check, *(Check("source", text) for text in failures[name]))
+        parts[name] = replace(parts[name], checks=checks)
+    worst = max(names, key=lambda name: sizes[name])
     sentence = "the logs" + (" and the prior" if prior is not None else "")
     sentence += f" do not have the same target: {worst} differs from the rest"
-    sentence += _difference(result, alone[worst], rests[worst])
+    sentence += _difference(part(alone[worst]), part(rests[worst]))
     freedom = sum(rank.values()) - joint.rank
     tests = [_agreement(sentence, one.least_cost - apart.least_cost, freedom)]
     if prior is not None:
-        shown = ", ".join(dominated) or "no parameter"
-        warnings.append(f"{prior.name} was used; it determines {shown} more than the samples do")
         tests += [Check("prior", f"{prior.name}: {text}") for text in prior.failures]
     return replace(
         result,
@@ -103,39 +117,6 @@ def _agreement(sentence: str, chi_squared: float, freedom: int) -> Check:
     return Check.of(AGREEMENT, sentence, chi_squared, float(chdtri(freedom, IMPROBABLE)))
 
 
-def _size(check: Check | None) -> float:
-    """Return the statistic of a check as a share of its limit."""
-    if check is None or check.statistic is None or check.limit is None:
-        return 0.0
-    return check.statistic / check.limit
-
-
-def _alone(result: SolvedIdentification, solution: LeastSquaresSolution) -> SolvedIdentification:
-    """Return an identification with another solution, without what belongs to all logs."""
-    return SolvedIdentification(
-        result.parameterization,
-        solution,
-        sample_count=result.sample_count,
-        estimator=result.estimator,
-        rows=result.rows,
-        momentum=result.momentum,
-        sensors=result.sensors,
-    )
-
-
-def _of_prior(prior: TargetPrior, rank: int) -> Identification:
-    """Return what a prior tells, as an identification."""
-    return Identification(
-        parameters=prior.parameters,
-        covariance=prior.covariance,
-        intervals=prior.intervals,
-        rank=rank,
-        singular_values=np.full(10, np.nan),
-        sample_count=0,
-        estimator="prior",
-    )
-
-
 def _with(
     vague: Gaussian, sources: Mapping[str, Gaussian], target: str, groups: Sequence[Sequence[str]]
 ) -> Gaussian:
@@ -151,26 +132,10 @@ def _with(
     return total
 
 
-def _dominated(
-    result: SolvedIdentification, logs: LeastSquaresSolution, both: LeastSquaresSolution
-) -> tuple[str, ...]:
-    """Return the parameters that the prior determines more than the logs do."""
-    without, variance = (np.diag(_alone(result, each).covariance) for each in (logs, both))
-    is_less = ~np.isfinite(without) | (variance < DOMINATED * without)
-    return tuple(
-        name
-        for name, less, value in zip(PARAMETER_NAMES, is_less, variance, strict=True)
-        if less and np.isfinite(value)
-    )
-
-
-def _difference(
-    result: SolvedIdentification, one: LeastSquaresSolution, other: LeastSquaresSolution
-) -> str:
+def _difference(one: Identification, other: Identification) -> str:
     """Return the parameter in which two estimates differ most, in words."""
-    pair = [_alone(result, each) for each in (one, other)]
-    values = np.array([each.parameters for each in pair])
-    sigmas = np.sqrt([np.diag(each.covariance) for each in pair])
+    values = np.array([one.parameters, other.parameters])
+    sigmas = np.sqrt([np.diag(one.covariance), np.diag(other.covariance)])
     ratio = np.abs(values[0] - values[1]) / np.hypot(*sigmas)
     if not np.isfinite(ratio).any():
         return ""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, chndtrinc
 
-from cpid_drake.dynamics.parameterizations import Parameterization
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
@@ -26,8 +26,8 @@ from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.known import suite_of
-from cpid_drake.identification.solved import SolvedIdentification
-from cpid_drake.identification.target_prior import Combinations, TargetPrior
+from cpid_drake.identification.result import Combinations, Identification
+from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.logs.log import Measurements
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
@@ -178,7 +178,7 @@ def validate(
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, _SMALL * model.unknown(MOMENTUM).sigma)
     psi = model.unknown(PSI)
-    given = _rows(target, own.parameterization, model).add(_about(psi.mean, psi.sigma))
+    given = _rows(target, model).add(_about(psi.mean, psi.sigma))
     predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
     for name, rest in own.residuals.items():
@@ -215,8 +215,9 @@ def _first_predicted(log: LogState, beginning: float) -> int:
     return first
 
 
-def _rows(target: TargetPrior, form: Parameterization, model: Model) -> Gaussian:
+def _rows(target: TargetPrior, model: Model) -> Gaussian:
     """Return what is known of a target's ψ, which may be combinations."""
+    form = relative_parameterization(model.mass)
     at = target.moved(form, model.unknown(PSI).mean)
     return target.gaussian(PSI, form, at, model.plausible)
 
@@ -226,14 +227,15 @@ def _about(psi: NDArray[np.float64], sigma: NDArray[np.float64]) -> Gaussian:
     return Gaussian.of_rows({PSI: 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
 
 
-def _test(model: Model, own: SolvedIdentification, target: TargetPrior) -> tuple[float, int, float]:
+def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float, int, float]:
     """Return χ², freedom and `heavier` of the test of a target by a log's own estimate."""
     if not own.converged:
         return np.inf, 10, np.inf
-    form, known = own.parameterization, own.solution
+    form, known = relative_parameterization(model.mass), own.solution
+    assert known is not None
     combinations = Combinations(form.name, known.values, known.information, model.mass)
     log = TargetPrior("the log", own.parameters, own.covariance, combinations)
-    both = [_rows(each, form, model) for each in (target, log)]
+    both = [_rows(each, model) for each in (target, log)]
     together = both[0].add(both[1])
     ranks = [np.linalg.matrix_rank(each.R * model.plausible) for each in (*both, together)]
     freedom = int(ranks[0] + ranks[1] - ranks[2])

@@ -68,6 +68,19 @@ class Numbers:
         return np.where(unknown, np.nan, array.astype(float))
 
 
+class InMemory:
+    """Annotation of a member that files do not have. It must have a default."""
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
+        """Return pydantic's schema of nothing."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_plain_validator_function(self._refuse)
+
+    def _refuse(self, value: object) -> object:
+        raise ValueError("must be left out")
+
+
 def nulls(values: ArrayLike) -> Any:
     """Return numbers for a file, in nested lists: None where `values` are not finite."""
     values = np.asarray(values, dtype=float)

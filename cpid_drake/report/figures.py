@@ -15,7 +15,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.dynamics.spatial_inertia import second_moment
 from cpid_drake.estimation.whiteness import scaled_sums
 from cpid_drake.identification.convergence import Estimates
-from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
+from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.report.findings import IdentifiedLog
 from cpid_drake.report.pictures import Picture, together
@@ -47,7 +47,7 @@ def convergence_pictures(
     ]
 
 
-def residual_pictures(found: SolvedIdentification) -> list[Picture]:
+def residual_pictures(found: Identification) -> list[Picture]:
     """Return pictures of the residuals over time, and of their autocorrelation."""
     pictures = []
     for name, samples in found.residuals.items():

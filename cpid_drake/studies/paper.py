@@ -14,7 +14,7 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation, make_simulation
@@ -70,7 +70,7 @@ class PaperStudy:
     truth: InertialParameters
     telemetry: Telemetry
     samples: Telemetry
-    exact: SolvedIdentification
+    exact: Identification
     rounded: tuple[RoundedCase, ...]
     exciting: ExcitingMotion | None
     by_count: list[SampleCase]
@@ -141,7 +141,7 @@ def run_paper_study(
     telemetry = simulation.telemetry(context)
     config = scenario.identification
 
-    def identified(data: Telemetry) -> SolvedIdentification:
+    def identified(data: Telemetry) -> Identification:
         momentum = TotalMomentum(is_unknown=config.unknown_momentum)
         return identify(spacecraft, data, rows=scenario.online_rows, momentum=momentum)
 
@@ -174,9 +174,9 @@ def run_paper_study(
 
     progress("simulating again with the identified parameters")
     of_six = rounded[PAPER_DIGITS - 1].identification
-    if not of_six.is_observable:
+    feasible = of_six.consistent
+    if feasible is None:
         raise InputError(f"rounded to six decimals, {of_six.explain()}")
-    feasible = of_six.feasible()
     again = make_simulation(scenario, target=feasible)
     resimulated = again.telemetry(again.run())
 
@@ -217,7 +217,7 @@ def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
 def summarize(study: PaperStudy, wall_seconds: float) -> dict:
     """Return the study's numbers for `summary.json`; missing values are None."""
 
-    def table_1(found: SolvedIdentification) -> dict:
+    def table_1(found: Identification) -> dict:
         mass, *rest = nulls(found.parameters)
         return {
             "mass": mass,

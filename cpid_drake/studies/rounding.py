@@ -12,12 +12,12 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.checked_log import log_of_states
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.parameter_errors import max_relative_error
 
-Identify = Callable[[Telemetry], SolvedIdentification]
+Identify = Callable[[Telemetry], Identification]
 
 _STEP = 0.02  # of the propagation of the base's motion [s]
 _FINEST = 7  # decimals to which splines through the samples of the log follow its joint motion
@@ -37,7 +37,7 @@ class RoundedCase:
     """
 
     decimals: int
-    identification: SolvedIdentification
+    identification: Identification
     max_relative_error: float
     speed_in_steps: float
 
@@ -120,14 +120,14 @@ def exciting_motion(
     log = whole.select(np.flatnonzero(np.isin(together, np.round(log_times, 9))))
     zero, suite = TotalMomentum.zero(), load_sensors(_SUITE)
 
-    def by_rows(data: Telemetry) -> SolvedIdentification:
+    def by_rows(data: Telemetry) -> Identification:
         return identify(spacecraft, data, rows=rows, momentum=zero)
 
     fits: list[RoundedCase] = []
     for number in decimals:
         progress(f"fitting the exciting motion, {number} decimals")
 
-        def by_fit(data: Telemetry, number: int = number) -> SolvedIdentification:
+        def by_fit(data: Telemetry, number: int = number) -> Identification:
             measured = log_of_states(data).measurements
             sensors = replace(suite, decimals=min(number, _FINEST), digits=None)
             return identify(spacecraft, measured, sensors=sensors, momentum=zero)

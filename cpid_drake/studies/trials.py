@@ -20,7 +20,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.log import (
     THRUST,
@@ -335,7 +335,7 @@ def _trial(
     return outcomes
 
 
-def _outcome(result: SolvedIdentification) -> Outcome:
+def _outcome(result: Identification) -> Outcome:
     if not result.converged:
         return Outcome(problem=f"{result.estimator} did not converge")
     if not result.is_observable:

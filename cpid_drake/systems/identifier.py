@@ -31,7 +31,7 @@ from cpid_drake.estimation.least_squares import (
 )
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
 from cpid_drake.identification.by_rows import NAME
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.plant_scratch import PlantScratch
 from cpid_drake.systems.ports import add_connected
@@ -47,14 +47,14 @@ class Identifier(LeafSystem):
     """
 
     @abstractmethod
-    def _solve(self, context: Context) -> SolvedIdentification:
+    def _solve(self, context: Context) -> Identification:
         """Return the identification as a function of the state alone."""
 
-    def identification(self, context: Context) -> SolvedIdentification:
+    def identification(self, context: Context) -> Identification:
         """Return the identification of this system's context."""
         return self._solution.Eval(context)
 
-    def Finish(self, root_context: Context) -> SolvedIdentification:
+    def Finish(self, root_context: Context) -> Identification:
         """Use what is still to be used at the end of a run, and return the identification.
 
         `MomentumIdentifier` takes the sample that is due now, `SensorIdentifier` solves the block
@@ -81,9 +81,7 @@ class Identifier(LeafSystem):
         )
         state_only = {self.cache_entry_ticket(self._solution.cache_index())}
 
-        def declare(
-            name: str, size: int, value: Callable[[SolvedIdentification], ArrayLike]
-        ) -> None:
+        def declare(name: str, size: int, value: Callable[[Identification], ArrayLike]) -> None:
             def calc(context: Context, output: BasicVector) -> None:
                 output.SetFromVector(value(self.identification(context)))
 
@@ -105,8 +103,9 @@ class Identifier(LeafSystem):
         declare("diagnostics", len(DIAGNOSTICS), _diagnostics)
 
 
-def _diagnostics(found: SolvedIdentification) -> list[float]:
+def _diagnostics(found: Identification) -> list[float]:
     solution = found.solution
+    assert solution is not None
     return [found.sample_count, solution.rank, solution.condition_number, solution.residual_rms]
 
 
@@ -299,13 +298,13 @@ class MomentumIdentifier(Identifier):
         root = context.get_discrete_state(self._root_index).value()
         return root.reshape(self._size, self._size)
 
-    def _solve(self, context: Context) -> SolvedIdentification:
+    def _solve(self, context: Context) -> Identification:
         root = self._root(context)
         samples, row_count, _ = context.get_discrete_state(self._count_index).value()
         solution = solve_information(
             root, int(row_count), eliminated=self._extra, rank_tolerance=self._rank_tolerance
         )
-        return SolvedIdentification(
+        return Identification.of_solution(
             self._parameterization,
             among_ten(solution, self._spacecraft.tree.unknowns),
             sample_count=int(samples),

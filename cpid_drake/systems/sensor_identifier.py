@@ -24,7 +24,7 @@ from cpid_drake.estimation.block import BlockQueue, after
 from cpid_drake.estimation.online import finish, step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.identification.online import identification_of_state, model_of
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Measurements, Samples
 from cpid_drake.logs.screening import ScreeningMemory, screen
 from cpid_drake.processes import one_thread
@@ -304,7 +304,7 @@ class SensorIdentifier(Identifier):
         return min(screening.newest, max(complete, screening.newest - LONGEST_DELAY))
 
     @one_thread
-    def _solve(self, context: Context) -> SolvedIdentification:
+    def _solve(self, context: Context) -> Identification:
         return identification_of_state(self._model, self._memory(context).online, self._momentum)
 
     def _calc_filter_diagnostics(self, context: Context, output: BasicVector) -> None:

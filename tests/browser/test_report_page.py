@@ -9,8 +9,8 @@ import matplotlib.image
 import pytest
 
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.requests import identify_files
-from cpid_drake.identification.result import Request, SpacecraftReference
+from cpid_drake.identification.identify_files import identify_files
+from cpid_drake.identification.request import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text
 from cpid_drake.report.findings import findings_of
 from cpid_drake.report.pages.identification import identification_report

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, Spacecraft
-from cpid_drake.identification.result import (
-    Identification,
-    Request,
-    Source,
-    SpacecraftReference,
-)
+from cpid_drake.identification.request import Request, Source, SpacecraftReference
+from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import write_result
 from cpid_drake.resources import models_directory
 

@@ -76,7 +76,7 @@ def test_errors_are_as_the_covariance_and_the_bound_say(case, fits, name):
     root, largest = np.linalg.inv(np.linalg.cholesky(bound)), []
     for found in fits[name]:
         assert found.converged
-        assert (found.misfit, len(found.momentum_changes)) == (1.0, 0)
+        assert not found.momentum_changes
         ratio = np.linalg.eigvalsh(root @ found.covariance @ root.T)
         assert ratio[0] > 0.7
         largest.append(ratio[-1])
@@ -117,9 +117,8 @@ def test_a_known_momentum_is_worth_more_than_an_unknown_one(tmp_path, skewed_tar
         assert nees(case, found) < chi2.isf(1e-4, 10)
     root = np.linalg.inv(np.linalg.cholesky(known.covariance))
     assert np.linalg.eigvalsh(root @ unknown.covariance @ root.T)[0] > 0.98
-    estimate = unknown.momentum_estimate
-    error = estimate.value - np.concatenate([true.L_WScm_W, true.v_WScm_W])
-    assert error @ np.linalg.solve(estimate.covariance, error) < chi2.isf(1e-4, 6)
+    error = unknown.momentum_estimate - np.concatenate([true.L_WScm_W, true.v_WScm_W])
+    assert error @ np.linalg.solve(unknown.momentum_covariance, error) < chi2.isf(1e-4, 6)
 
 
 @pytest.mark.parametrize("kept", [(), ("gyro",), ("position",), ("velocity",)])

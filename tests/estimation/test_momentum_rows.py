@@ -91,7 +91,7 @@ def test_no_rigid_body_is_nearer_than_the_feasible_one(
         error = vector - found.parameters
         return error @ information @ error
 
-    nearest = found.feasible().to_vector()
+    nearest = found.consistent.to_vector()
     sigma = np.sqrt(np.diag(found.covariance))
     rng = np.random.default_rng(1)
     for size in (0.01, 0.1, 1.0):

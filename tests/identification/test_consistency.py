@@ -10,7 +10,7 @@ from cpid_drake.estimation.least_squares import among_ten
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.consistency import with_consistency
 from cpid_drake.identification.description import describe
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.suite import SensorSuite
 
 PLACES = np.array([0, 1, 2, 9])
@@ -21,26 +21,26 @@ def tree(tmp_path_factory):
     return planar_craft(tmp_path_factory.mktemp("planar")).on_table().tree
 
 
-def in_plane(m, hx, hy, J33, sigma, tree) -> SolvedIdentification:
+def in_plane(m, hx, hy, J33, sigma, tree) -> Identification:
     """Return an identification of the four standard unknowns of motion in the plane."""
     x, R = np.array([m, hx, hy, J33]), np.diag(1 / np.asarray(sigma, dtype=float))
     told = Gaussian.of_rows({"x": 4}, np.column_stack([R, R @ x]))
     four = solution_of(told, x, 1e6 * np.ones(4), row_count=100)
     ten = among_ten(four, PLACES)
     known = {"sample_count": 100, "estimator": "least_squares", "sensors": SensorSuite()}
-    return with_consistency(SolvedIdentification(STANDARD, ten, **known), tree)
+    return with_consistency(Identification.of_solution(STANDARD, ten, **known), tree)
 
 
-def text_of(found: SolvedIdentification) -> str:
+def text_of(found: Identification) -> str:
     return "\n".join(describe(found))
 
 
 def test_an_interval_shows_only_what_a_rigid_body_can_have(tree):
     found = in_plane(2.0, 0.0, 0.0, 0.01, [0.01, 0.001, 0.001, 0.02], tree)
     assert found.intervals[6, 0] < 0  # the free interval, which is kept
-    np.testing.assert_allclose(found.consistency.intervals[6], [0, found.intervals[6, 1]])
+    np.testing.assert_allclose(found.consistent_intervals[6], [0, found.intervals[6, 1]])
     for place in (0, 1, 2):
-        np.testing.assert_allclose(found.consistency.intervals[place], found.intervals[place])
+        np.testing.assert_allclose(found.consistent_intervals[place], found.intervals[place])
     text = text_of(found)
     assert "* the part of the interval that a rigid body can have" in text
     assert f"[{found.intervals[6, 0]:.4f}" not in text
@@ -49,7 +49,7 @@ def test_an_interval_shows_only_what_a_rigid_body_can_have(tree):
 
 def test_a_negative_estimate_within_its_uncertainty_has_a_possible_interval(tree):
     found = in_plane(2.0, 0.0, 0.0, -0.02, [0.01, 0.001, 0.001, 0.01], tree)
-    low, high = found.consistency.intervals[6]
+    low, high = found.consistent_intervals[6]
     assert low == 0
     assert 0 < high < 0.03
     assert found.nearest[6] == pytest.approx(0, abs=1e-4)
@@ -58,7 +58,7 @@ def test_a_negative_estimate_within_its_uncertainty_has_a_possible_interval(tree
 
 def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
     found = checked(in_plane(2.0, 0.0, 0.0, -0.05, [0.01, 0.001, 0.001, 0.001], tree), tree)
-    assert not found.consistency.is_possible
+    assert not found.is_possible
     assert found.failures
     text = text_of(found)
     assert "[" not in text.replace("[kg", "")
@@ -68,7 +68,7 @@ def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
 def test_a_centre_of_mass_too_far_for_the_moment_is_doubted(tree):
     """J about C is at least m |c|²: every number alone is possible, all together are not."""
     found = checked(in_plane(2.0, 0.4, 0.0, 0.05, [0.01, 0.001, 0.001, 0.001], tree), tree)
-    assert not found.consistency.is_possible  # m |c|² = 0.08
+    assert not found.is_possible  # m |c|² = 0.08
     assert any("no rigid body" in failure for failure in found.failures)
 
 
@@ -83,11 +83,11 @@ def test_random_estimates_of_a_real_body_keep_it_inside(tree):
         found = in_plane(*(x + sigma * rng.standard_normal(4)), sigma, tree)
         low, high = found.intervals[KNOWN].T
         is_in = (low <= truth[KNOWN]) & (truth[KNOWN] <= high)
-        low, high = found.consistency.intervals[KNOWN].T
+        low, high = found.consistent_intervals[KNOWN].T
         assert (is_in <= ((low <= truth[KNOWN]) & (truth[KNOWN] <= high))).all()
         assert (low[[0, 3]] >= 0).all()
         others = np.delete(np.arange(10), KNOWN)
-        low, high = found.consistency.intervals[others].T
+        low, high = found.consistent_intervals[others].T
         assert ((low <= truth[others]) & (truth[others] <= high)).all()
-        kept += bool((found.consistency.intervals != found.intervals)[KNOWN].any())
+        kept += bool((found.consistent_intervals != found.intervals)[KNOWN].any())
     assert kept > 10  # the trial is about narrowed intervals

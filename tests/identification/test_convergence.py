@@ -7,8 +7,8 @@ import pytest
 
 from cpid_drake.identification.convergence import converge
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.requests import identify_files
-from cpid_drake.identification.result import Request, SpacecraftReference
+from cpid_drake.identification.identify_files import identify_files
+from cpid_drake.identification.request import Request, SpacecraftReference
 
 
 @pytest.mark.slow

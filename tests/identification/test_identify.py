@@ -124,7 +124,7 @@ class TestExactLogs:
         still = true_motion.select(slice(0, 1))
         found = identify(craft, log_of(still))
         assert not found.is_observable
-        assert found.solution.rank == 6
+        assert found.rank == 6
 
 
 class TestNoisyLogs:

@@ -86,8 +86,8 @@ class TestSeveralLogs:
         assert np.all(np.abs(own - alone.parameters) < 0.1 * sigmas(alone))
 
     def test_logs_of_one_target_agree(self, joint):
-        assert joint.agreement.statistic < chi2.isf(1e-3, 20)
-        assert joint.agreement.limit == pytest.approx(chi2.isf(1e-4, 20))
+        assert joint.check("agreement").statistic < chi2.isf(1e-3, 20)
+        assert joint.check("agreement").limit == pytest.approx(chi2.isf(1e-4, 20))
 
     def test_the_order_of_the_logs_does_not_matter(self, joint, craft, suite, logs):
         backwards = dict(reversed(logs.items()))
@@ -169,7 +169,7 @@ def test_fits_that_leave_combinations_open_determine_all_together(craft, skewed_
         logs[f"joint {joint}"] = add_noise(suite, samples, seed=joint)
     found = identify_together(craft, logs, sensors=suite)
     assert max(log.rank for log in found.logs.values()) < 10
-    assert found.solution.rank == 10
+    assert found.rank == 10
     assert found.passed
     assert nees(found, skewed_target) < 35
 
@@ -192,7 +192,7 @@ class TestExactLogs:
         kept = {n: s for n, s in other.samples.items() if n not in ("position", "velocity")}
         found = identify_together(craft, {"a": whole, "b": replace(other, samples=kept)})
         assert found.rows == "relative"
-        assert found.solution.rank == 10
+        assert found.rank == 10
 
 
 class TestPrior:
@@ -211,7 +211,7 @@ class TestPrior:
         assert not found.dominated
         assert np.all(np.abs(found.parameters - alone.parameters) < 0.1 * sigmas(alone))
         np.testing.assert_allclose(sigmas(found), sigmas(alone), rtol=0.02)
-        assert found.logs["the prior"].agreement.statistic < chi2.isf(0.01, 10)
+        assert found.logs["the prior"].check("agreement").statistic < chi2.isf(0.01, 10)
 
     @pytest.mark.slow
     def test_a_prior_of_another_target_is_doubted(self, craft, suite, logs, skewed_target):

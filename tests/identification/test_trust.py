@@ -17,8 +17,8 @@ from sensing_cases import (
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
-from cpid_drake.identification.checks import checked
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.checks import checked, fit_checks
+from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.suite import SensorSuite
@@ -87,7 +87,7 @@ class TestMomentum:
 class TestBodies:
     """Only estimates that some rigid body may have pass."""
 
-    def found(self, craft, parameters, sigmas) -> SolvedIdentification:
+    def found(self, craft, parameters, sigmas) -> Identification:
         """Return an identification with independent errors of its relative unknowns."""
         form = relative_parameterization(craft.mass)
         psi = form.from_parameters(np.array(parameters, dtype=float))
@@ -95,7 +95,7 @@ class TestBodies:
         R = jacobian / np.array(sigmas, dtype=float)[:, None]
         told = Gaussian.of_rows({"psi": 10}, np.column_stack([R, R @ psi]))
         solution = solution_of(told, psi, 1e6 * np.ones(10))
-        return SolvedIdentification(form, solution, **KNOWN_SENSORS)
+        return Identification.of_solution(form, solution, **KNOWN_SENSORS)
 
     @pytest.mark.parametrize(
         ("moments", "sigma", "is_trusted"),
@@ -125,7 +125,7 @@ class TestBodies:
         target = [10 * craft.mass, 9.0, 1.0, 0.0, 4e4, 5e4, 4.5e4, 0, 0, 0]
         found = checked(self.found(craft, target, [1.0, *3 * [1e-3], *6 * [10.0]]), craft.tree)
         assert found.passed
-        np.testing.assert_allclose(found.consistency.intervals, found.intervals, rtol=1e-5)
+        np.testing.assert_allclose(found.consistent_intervals, found.intervals, rtol=1e-5)
 
     def test_known_moments_are_tested_even_if_other_parameters_are_not_known(self, craft):
         """The three products of inertia are open; the moments violate the triangle inequality."""
@@ -135,23 +135,28 @@ class TestBodies:
             sigma = np.array([1.0, *3 * [0.1], 0.1, 1e9, 1e9, 0.1, 1e9, 0.1])
             told = Gaussian.of_rows({"psi": 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
             found = solution_of(told, psi, 1e6 * np.ones(10))
-            found = SolvedIdentification(form, found, **KNOWN_SENSORS)
-            assert found.solution.rank == 7
+            found = Identification.of_solution(form, found, **KNOWN_SENSORS)
+            assert found.rank == 7
             assert checked(found, craft.tree).passed == is_trusted
 
     def test_an_uncertainty_that_is_not_a_number_is_doubted(self, craft):
         found = self.found(craft, [50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
-        broken = replace(found.solution, covariance=np.full((10, 10), np.nan))
-        assert "uncertainty" in checked(replace(found, solution=broken), craft.tree).failures[0]
+        solution = replace(found.solution, covariance=np.full((10, 10), np.nan))
+        broken = Identification.of_solution(found.form, solution, **KNOWN_SENSORS)
+        assert "uncertainty" in checked(broken, craft.tree).failures[0]
 
-    @pytest.mark.parametrize(
-        "change",
-        [{"converged": False}, {"misfit": 11.0}, {"unexplained": 0.2}, {"rejected": {"gyro": 101}}],
-    )
-    def test_every_other_reason_is_enough(self, craft, change):
+    def test_many_unusable_samples_are_enough(self, craft):
         found = self.found(craft, [50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
         assert checked(found, craft.tree).passed
-        assert len(checked(replace(found, **change), craft.tree).failures) == 1
+        rejected = replace(found, rejected={"gyro": 101})
+        assert len(checked(rejected, craft.tree).failures) == 1
+
+    @pytest.mark.parametrize(
+        ("converged", "unexplained"), [(True, 0.05), (False, 0.0), (True, 0.2)]
+    )
+    def test_a_fit_that_is_not_the_best_or_leaves_much_out_fails(self, converged, unexplained):
+        failed = [c for c in fit_checks(converged, unexplained, {}, {}) if not c.passed]
+        assert len(failed) == (not converged) + (unexplained > 0.1)
 
 
 class TestNoiseInRegressors:
@@ -166,7 +171,7 @@ class TestNoiseInRegressors:
         telemetry = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
         exact = identify(craft, log_of(telemetry))
         rounded = identify(craft, log_of(telemetry, decimals))
-        assert rounded.solution.rank <= max(exact.solution.rank, 9)
+        assert rounded.rank <= max(exact.rank, 9)
         known = np.isfinite(rounded.parameters)
         assert np.all(np.abs(errors_in_sigma(rounded, skewed_target)[known]) < 5)
 

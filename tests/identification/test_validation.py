@@ -9,7 +9,7 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, true_psi
 
 from cpid_drake import InputError, TargetPrior
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.identification.target_prior import Combinations
+from cpid_drake.identification.result import Combinations
 from cpid_drake.identification.validation import validate
 from cpid_drake.logs.simulated_noise import add_noise
 

@@ -86,7 +86,7 @@ def test_the_four_of_mujocos_planar_joint_are_identified(log, tmp_path, monkeypa
     values = np.array(found["parameters"], dtype=float)
     np.testing.assert_allclose(values[KNOWN], TARGET.to_vector()[KNOWN], rtol=1e-6)
     assert np.isnan(np.delete(values, KNOWN)).all()
-    low, high = np.array(found["consistency"]["intervals"], float).T
+    low, high = np.array(found["consistent_intervals"], float).T
     assert (low <= TARGET.to_vector() + 1e-6).all()
     assert (TARGET.to_vector() <= high + 1e-6).all()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, InputError, TargetPrior
-from cpid_drake.identification.target_prior import Combinations
+from cpid_drake.identification.result import Combinations
 from cpid_drake.planning.targets import MASSES, plausible_targets
 
 BODY = InertialParameters(50.0, [0.3, 0.0, -0.1], np.diag([4.0, 5.0, 6.0])).to_vector()

@@ -11,8 +11,8 @@ import pytest
 from cpid_drake import write_telemetry
 from cpid_drake.identification import convergence
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.requests import identify_files
-from cpid_drake.identification.result import Request, SpacecraftReference
+from cpid_drake.identification.identify_files import identify_files
+from cpid_drake.identification.request import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text, write_result
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages.identification import identification_report

@@ -12,9 +12,9 @@ from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.description import describe
-from cpid_drake.identification.result import Check, Request, Source, SpacecraftReference
+from cpid_drake.identification.request import Request, Source, SpacecraftReference
+from cpid_drake.identification.result import Check, Identification, ResidualSeries
 from cpid_drake.identification.result_files import write_result
-from cpid_drake.identification.solved import ResidualSeries, SolvedIdentification
 from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
@@ -48,7 +48,7 @@ def found():
         values=estimate,
         unit=np.ones(10),
     )
-    return SolvedIdentification(
+    return Identification.of_solution(
         STANDARD,
         solution,
         sample_count=8,
@@ -69,7 +69,10 @@ class TestIntervals:
     @pytest.fixture(params=["noise from residuals", "noise known"])
     def case(self, request, found):
         if request.param == "noise known":
-            return replace(found, sensors=load_sensors("testbed")), norm.ppf(0.975)
+            options = {"sample_count": 8, "estimator": "trajectory_fit", "sources": found.sources}
+            solution, suite = found.solution, load_sensors("testbed")
+            known = Identification.of_solution(STANDARD, solution, sensors=suite, **options)
+            return known, norm.ppf(0.975)
         return found, t.ppf(0.975, 16 - 10)
 
     def test_in_the_json(self, case, tmp_path):

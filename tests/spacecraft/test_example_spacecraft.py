@@ -38,7 +38,7 @@ def relative_error(parameters, truth: InertialParameters) -> float:
 def test_the_target_is_identified_from_exact_samples(run, rows):
     simulation, telemetry, _ = run
     result = identify(simulation.spacecraft, telemetry, rows=rows)
-    assert result.solution.rank == 10
+    assert result.rank == 10
     assert relative_error(result.parameters, simulation.truth) < 1e-8
 
 

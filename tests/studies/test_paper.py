@@ -24,7 +24,7 @@ from cpid_drake.studies.parameter_errors import max_relative_error
 def errors_of(servicer, telemetry, target) -> tuple[int, float]:
     """Return the rank, and the largest relative error."""
     found = identify(servicer, telemetry, rows="eq18")
-    return found.solution.rank, max_relative_error(found.parameters, target)
+    return found.rank, max_relative_error(found.parameters, target)
 
 
 def test_the_papers_samples_give_its_target(servicer, paper_target):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import estimator_label
-from cpid_drake.identification.requests import Evidence
+from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.report.findings import Findings, Progress, findings_of, no_progress
 from cpid_drake.report.page import Report, Section
 from cpid_drake.report.sections.base_motion import base_motion_section

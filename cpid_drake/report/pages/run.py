@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from cpid_drake.identification.requests import identify_files
-from cpid_drake.identification.result import Request
+from cpid_drake.identification.identify_files import identify_files
+from cpid_drake.identification.request import Request
 from cpid_drake.report.findings import Findings, Progress, findings_of
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.identification import identification_report

@@ -4,12 +4,12 @@ import numpy as np
 
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.description import residual_words
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import residual_pictures
 from cpid_drake.report.page import Cell, Section, Table
 
 
-def residuals_section(found: SolvedIdentification) -> Section:
+def residuals_section(found: Identification) -> Section:
     """Return the section with size, whiteness and pictures of the residuals."""
     if not found.residuals:
         text = "This estimator gives no residuals, or not all ten parameters are known."
@@ -36,7 +36,7 @@ def residuals_section(found: SolvedIdentification) -> Section:
     )
 
 
-def _table(found: SolvedIdentification) -> Table:
+def _table(found: Identification) -> Table:
     """Return size and whiteness of the residuals of each sensor or kind of rows."""
     rows: list[list[Cell | str]] = []
     for name, samples in found.residuals.items():
@@ -54,7 +54,7 @@ def _table(found: SolvedIdentification) -> Table:
             ]
         )
     heads = ["", "samples", "rms x", "rms y", "rms z", "unit", "lag-one correlation", "white"]
-    if found.table is not None:
+    if found.is_planar:
         heads[2:5] = ["rms 1", "rms 2", "rms 3"]  # components in the plane
     if found.whiteness is None:  # smoothed samples are not expected to be white
         return Table(heads[:-1], [row[:-1] for row in rows])

@@ -53,12 +53,12 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
         "half-width of the 95 % interval. Consistent: the nearest values of a rigid body."
     )
     heads = ["", "estimate", "± 95 %", "consistent", "unit"]
-    if result.consistency is not None:
+    if result.consistent_intervals is not None:
         heads.insert(4, "rigid bodies")
         note += (
             " Rigid bodies: the part of the 95 % interval that a rigid body can have; of what is "
             "not known, its extreme values over all rigid bodies no part of which is farther than "
-            f"{result.consistency.size:.2g} m from C."
+            f"{result.size:.2g} m from C."
         )
     if truth is not None:
         heads += ["truth", "error", "error / σ"]
@@ -70,7 +70,7 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
     rows = []
     for i, (name, key) in enumerate(zip(PARAMETER_NAMES, TRUTH_KEYS)):
         value, half = result.parameters[i], half_widths[i]
-        if result.consistency is not None and not result.consistency.is_possible:
+        if not result.is_possible:
             half = np.nan  # no rigid body agrees with the estimate
         places = decimals(2 * half)
         spread = f"{half:.{places}f}" if half >= 0.5 * 10.0**-places else f"{half:.1e}"
@@ -81,7 +81,7 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
             value_cell(result.nearest[i], f"nearest.{i}", places)
             if is_known and result.nearest is not None
             else "",
-            *([] if result.consistency is None else [_possible(result, i)]),
+            *([] if result.consistent_intervals is None else [_possible(result, i)]),
             PARAMETER_UNITS[i],
         ]
         if true is not None:

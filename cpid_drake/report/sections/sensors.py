@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cpid_drake.identification.requests import Evidence
+from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.report.page import Cell, Section, Table
 from cpid_drake.sensors.sensors import SENSORS
 

@@ -15,9 +15,9 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.identify import identify_together
 from cpid_drake.identification.known import Known
 from cpid_drake.identification.prior_files import load_prior
+from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.requirements import left_out_warning
-from cpid_drake.identification.result import Identification, Request, Source
-from cpid_drake.identification.solved import SolvedIdentification
+from cpid_drake.identification.result import Identification
 from cpid_drake.logs.conversion import TelemetryFile
 from cpid_drake.logs.files import inspect_telemetry, refuse_problems
 from cpid_drake.logs.log import Measurements
@@ -69,7 +69,7 @@ class Evidence:
 
     inputs: Known
     logs: tuple[OpenLog, ...]
-    found: SolvedIdentification
+    found: Identification
 
     @property
     def log(self) -> OpenLog:

@@ -1,0 +1,111 @@
+"""The request of `cpid identify`, as a result file records it."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class SpacecraftReference:
+    """The spacecraft of a result.
+
+    Attributes:
+        model: an absolute path or a `package://NAME/...` URI.
+        base: name of its base body.
+        capture_frame: name of the frame C that holds the target.
+        packages: folders, by name, of packages that the model's URIs refer to.
+
+    """
+
+    model: str
+    base: str
+    capture_frame: str
+    packages: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Request:
+    """The request of `cpid identify`: data, spacecraft, estimator and options of one log.
+
+    Attributes:
+        telemetry: a file or a bag's folder.
+        spacecraft: the known spacecraft.
+        estimator, rows: see `cpid_drake.identification.identify.identify`.
+        sensors: name of a preset or a YAML file; None if they are unknown.
+        momentum: name of the total momentum, see `TotalMomentum.named`; None to test whether it is
+            zero, and to estimate it if it is not.
+        start, end: first and last time to use [s]; None for all.
+        topics: topics of a bag, by kind.
+        leave_out_bad: whether to leave out rows that have a problem.
+        columns: the YAML file of a map of the telemetry's columns; None for the package's own.
+        planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
+        known_bodies: uncertainty of the spacecraft, see `uncertainty.read_uncertainty`; None if the
+            spacecraft is known exactly.
+        prior: the file of a prior of the target; None without one.
+
+    """
+
+    telemetry: str
+    spacecraft: SpacecraftReference
+    estimator: str | None = None
+    rows: str | None = None
+    sensors: str | None = None
+    momentum: str | None = None
+    start: float | None = None
+    end: float | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+    leave_out_bad: bool = False
+    columns: str | None = None
+    planar: bool | None = None
+    known_bodies: str | None = None
+    prior: str | None = None
+
+    def files(self) -> dict[str, str]:
+        """Return the files with hashes in results, by their fields."""
+        files = {"telemetry": self.telemetry, "columns": self.columns, "prior": self.prior}
+        return {option: name for option, name in files.items() if name is not None}
+
+    def command(self, others: Sequence[str] = ()) -> str:
+        """Return the command line of this request, with other logs of the same target."""
+        craft = self.spacecraft
+        words = ["cpid", "identify", self.telemetry, *others, "--spacecraft", craft.model]
+        words += ["--base", craft.base, "--capture-frame", craft.capture_frame]
+        options = {
+            "--columns": self.columns,
+            "--estimator": self.estimator,
+            "--rows": self.rows,
+            "--sensors": self.sensors,
+            "--from": self.start,
+            "--to": self.end,
+            "--momentum": self.momentum,
+            "--known-bodies": self.known_bodies,
+            "--prior": self.prior,
+        }
+        for option, value in options.items():
+            words += [] if value is None else [option, str(value)]
+        for name, folder in craft.packages.items():
+            words += ["--package", f"{name}={folder}"]
+        for kind, name in self.topics.items():
+            words += ["--topic", f"{kind}={name}"]
+        words += ["--leave-out-bad"] if self.leave_out_bad else []
+        words += [] if self.planar is None else ["--planar" if self.planar else "--no-planar"]
+        return shlex.join(words)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A log of a result.
+
+    Attributes:
+        request: the request for this log.
+        sha256: hashes of `Request.files`; None for a folder.
+        start, end: first and last time that was used [s].
+        cpid_drake: version of this package; empty if it was not installed.
+
+    """
+
+    request: Request
+    sha256: dict[str, str | None]
+    start: float
+    end: float
+    cpid_drake: str
