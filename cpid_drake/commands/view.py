@@ -14,8 +14,8 @@ from cpid_drake.identification.request import Request
 from cpid_drake.identification.result import Identification
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import PAGE, Output, check_outputs
-from cpid_drake.report.live_view import LiveView
-from cpid_drake.report.replay import estimate_text, replay_html, replay_simulation
+from cpid_drake.report.live_view import serve
+from cpid_drake.report.replay import estimate_text, record_simulation, replay_html
 from cpid_drake.report.run_folder import read_run
 from cpid_drake.report.sections.replay import motion_of
 from cpid_drake.resources import find_scenario
@@ -43,7 +43,7 @@ def view(
         typer.Option(metavar="FILE", help="Write a replay, one HTML file that plays offline."),
     ] = None,
     rate: Annotated[
-        float, typer.Option(help="Initial ratio of simulated to real time in the live view.")
+        float, typer.Option(help="Ratio of simulated to real time in the live view.")
     ] = 1.0,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
@@ -109,22 +109,21 @@ def _show_scenario(
             simulation = make_simulation(scenario)  # finds errors before a page is opened
             options.print_warnings(check_limits(simulation).exceeded)
         if outputs:
-            page, last = replay_simulation(
-                simulation,
+            page, last = record_simulation(
+                scenario,
                 lambda time: status.update(f"simulated {time:.1f} of {duration:g} s"),
                 title=Path(name).stem,
             )
             return page, estimate_text(last, simulation.truth)
         meshcat = open_meshcat("*")
-        live = LiveView(make_simulation(scenario, meshcat=meshcat), meshcat, rate)
-        typer.echo(f"Open {meshcat.web_url()} and use Start and Stop in Open Controls", err=True)
-        status.update("waiting for Start")
+        typer.echo(f"Open {meshcat.web_url()} and use Run and Stop in Open Controls", err=True)
+        status.update("waiting for Run")
 
-        def on_frame(time: float, identification: Identification) -> None:
+        def on_estimate(time: float, identification: Identification) -> None:
             nonlocal text
             text = estimate_text(identification, simulation.truth)
             line = "; ".join(line.strip() for line in text.splitlines())
             status.update(f"{time:.1f} of {duration:g} s; {line}")
 
-        live.serve(on_frame)
+        serve(make_simulation(scenario, meshcat=meshcat), meshcat, rate, on_estimate)
     return None, text

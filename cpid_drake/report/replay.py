@@ -1,4 +1,4 @@
-"""A replay of telemetry with the estimates over time: one HTML file that plays offline."""
+"""A recording with the estimates over time: one HTML file that plays offline."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -9,32 +9,28 @@ from string import Template
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import Value
-from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, SpatialInertia
+from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result import Identification
-from cpid_drake.report.scene_legend import LegendLayer, legend
-from cpid_drake.scenario.simulation import Simulation
+from cpid_drake.scenario.schema import Scenario
+from cpid_drake.scenario.simulation import make_simulation
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_visualizer import (
     FRAME_PERIOD,
+    LEGEND,
     SceneVisualizer,
+    add_bodies,
     can_be_drawn,
-    extent_of,
     open_meshcat,
-    prepare_meshcat,
-    shapeless_bodies,
 )
 
 _OVERLAY = Path(__file__).with_name("replay_overlay.html")
-
-MOST_ESTIMATES = 60
-"""Largest number of estimates in the replay of a simulation."""
 
 MOST_FRAMES = 640
 """Largest number of frames of a replay; in longer logs they are over `FRAME_PERIOD` apart."""
@@ -52,7 +48,7 @@ def replay_html(
     """Return a self-contained page that replays a motion with the estimates over time.
 
     Args:
-        spacecraft: the known spacecraft. Bodies whose shapes cannot be drawn become boxes.
+        spacecraft: the known spacecraft. Bodies whose shapes cannot be read are not drawn.
         telemetry: the spacecraft's motion.
         estimates: increasing times from which estimates are shown [s], and the estimates.
         truth: the true target, if it is known from a simulation.
@@ -65,79 +61,93 @@ def replay_html(
     """
     if not len(telemetry):
         raise InputError("a replay needs samples")
-    states = spacecraft.to_states(telemetry)
-    frames = _frames(telemetry.time)
-    zero = telemetry.time[0]
-
-    meshcat = open_meshcat()
-    targets = (found.consistent for _, found in reversed(estimates))
-    extent = extent_of(spacecraft, telemetry, truth or next(filter(None, targets), None))
-    prepare_meshcat(meshcat, extent)
-    builder, plant, shapeless = _start_diagram(meshcat, spacecraft, truth, visual_model)
-    scene = builder.AddSystem(
-        SceneVisualizer(
-            spacecraft, meshcat=meshcat, extent=extent, truth=truth, shapeless=shapeless
-        )
-    )
+    states, zero = spacecraft.to_states(telemetry), telemetry.time[0]
+    meshcat, builder = open_meshcat(), DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, MultibodyPlant(time_step=0.0))
+    if not can_be_drawn(spacecraft):
+        builder = DiagramBuilder()
+        plant, scene_graph = builder.AddSystem(MultibodyPlant(time_step=0.0)), None
+    if truth is None:
+        spacecraft.add_alone_to(plant)
+    else:
+        spacecraft.add_to(plant, truth, scene_graph=scene_graph, target_visual_model=visual_model)
+    if scene_graph is not None:
+        add_bodies(builder, plant, scene_graph, meshcat)
+    scene = builder.AddSystem(SceneVisualizer(spacecraft, meshcat=meshcat, truth=truth))
+    builder.Connect(plant.get_state_output_port(), scene.GetInputPort("state"))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     inputs = scene.GetMyMutableContextFromRoot(context)
-    feed = {name: scene.GetInputPort(name) for name in ("covariance", "spatial_inertia")}
-    feed["covariance"].FixValue(inputs, np.full(100, np.nan))
-    feed["spatial_inertia"].FixValue(inputs, Value(SpatialInertia.NaN()))
-
+    covariance, inertia = np.full(100, np.nan), SpatialInertia.NaN()
     meshcat.StartRecording(1 / FRAME_PERIOD, set_visualizations_while_recording=False)
-    shown = -1
+    frames = _frames(telemetry.time)
     for k, newest in zip(frames, newest_estimates(estimates, telemetry.time[frames])):
-        time = telemetry.time[k]
-        if newest != shown:
-            shown, found = newest, estimates[newest][1]
-            feed["covariance"].FixValue(inputs, found.covariance.ravel())
-            feed["spatial_inertia"].FixValue(inputs, Value(found.spatial_inertia()))
-        scene.GetInputPort("state").FixValue(inputs, states[k])
-        if plant is not None:
-            plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), states[k])
-        context.SetTime(time - zero)
+        if newest >= 0:
+            found = estimates[newest][1]
+            covariance, inertia = found.covariance.ravel(), found.spatial_inertia()
+        scene.GetInputPort("covariance").FixValue(inputs, covariance)
+        scene.GetInputPort("spatial_inertia").FixValue(inputs, Value(inertia))
+        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), states[k])
+        context.SetTime(telemetry.time[k] - zero)
         diagram.ForcedPublish(context)
-    meshcat.StopRecording()
-    meshcat.PublishRecording()
     steps = [(at - zero, estimate_text(found, truth)) for at, found in estimates]
-    layers = legend(
-        with_shapes=plant is not None, with_boxes=scene.has_boxes, with_truth=truth is not None
-    )
-    return _page(meshcat.StaticHtml(), title, steps, zero, layers)
+    return _recorded_page(meshcat, title, steps, zero)
 
 
-def _page(
-    static_html: str,
-    title: str,
-    steps: Sequence[tuple[float, str]],
-    start: float,
-    layers: Sequence[LegendLayer],
-) -> str:
-    """Return Meshcat's page with a title, the estimates and a legend that hides layers.
+def record_simulation(
+    scenario: Scenario, progress: Callable[[float], None] = lambda time: None, *, title: str = ""
+) -> tuple[str, Identification]:
+    """Simulate; return a self-contained page with the recording, and the last estimate.
 
     Args:
-        static_html: the page that Meshcat wrote.
-        title: any text; it is escaped.
-        steps: times from which texts are shown, since the start of the replay [s], and the texts.
-        start: time at which the replay starts [s].
-        layers: the layers of the scene.
+        scenario: what to simulate.
+        progress: called with the time [s] after every step.
+        title: heading of the page.
+
+    Raises:
+        InputError: for the same reasons as `make_simulation` and `Simulation.run`.
 
     """
-    rows = []
-    for layer in layers:
-        names = (f'<i style="color:{c}">●</i> {escape(text)}' for c, text in layer.marks)
-        rows.append(
-            f'<label><input type="checkbox" value="{layer.path}"> {" ".join(names)}</label>'
-        )
+    meshcat = open_meshcat()
+    simulation = make_simulation(scenario, meshcat=meshcat)
+    steps: list[tuple[float, str]] = []
+    period = max(0.25, scenario.simulation.duration / 60)  # of the numbers, [s]
+
+    def record(root_context: Context) -> None:
+        time = root_context.get_time()
+        progress(time)
+        if time + 1e-9 >= period * (len(steps) + 1):
+            found = simulation.identification(root_context)
+            steps.append((time, estimate_text(found, simulation.truth)))
+
+    meshcat.StartRecording(1 / FRAME_PERIOD, set_visualizations_while_recording=False)
+    context = simulation.run(record)
+    last = simulation.identification(context)
+    steps.append((context.get_time(), estimate_text(last, simulation.truth)))
+    return _recorded_page(meshcat, title, steps, 0.0), last
+
+
+def _recorded_page(
+    meshcat: Meshcat, title: str, steps: Sequence[tuple[float, str]], start: float
+) -> str:
+    """Return a recording as a page with a title, numbers over time and a legend.
+
+    Args:
+        meshcat: what has recorded.
+        title: any text; it is escaped.
+        steps: times from which texts are shown, since the start of the recording [s], and texts.
+        start: time at which the recording starts [s].
+
+    """
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
     overlay = Template(_OVERLAY.read_text(encoding="utf-8")).substitute(
         title=escape(title),
-        layers="\n".join(rows),
+        legend="".join(f'<li style="color:{c}">{escape(t)}</li>' for c, t in LEGEND.items()),
         steps=json.dumps(steps).replace("<", "\\u003c"),
         zero=json.dumps(start),
     )
-    before, end_of_body, after = static_html.rpartition("</body>")
+    before, end_of_body, after = meshcat.StaticHtml().rpartition("</body>")
     return f"{before}{overlay}{end_of_body}{after}".replace(
         "<title>Drake MeshCat</title>", f"<title>{escape(title or 'Replay')}</title>", 1
     )
@@ -186,65 +196,6 @@ def newest_estimates(
 
 def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return indices of the samples to draw: about `FRAME_PERIOD` apart, and the last one."""
-    duration = time[-1] - time[0]
-    period = max(FRAME_PERIOD, duration / MOST_FRAMES)
+    period = max(FRAME_PERIOD, (time[-1] - time[0]) / MOST_FRAMES)
     wanted = np.arange(time[0], time[-1], period)
     return np.unique(np.append(np.searchsorted(time, wanted - 1e-9), len(time) - 1))
-
-
-def replay_simulation(
-    simulation: Simulation,
-    progress: Callable[[float], None] = lambda time: None,
-    *,
-    title: str = "",
-) -> tuple[str, Identification]:
-    """Simulate; return the page that replays the simulation, and the last estimate.
-
-    Args:
-        simulation: the simulation to run.
-        progress: called with the time [s] after every step.
-        title: heading of the page.
-
-    """
-    estimates: list[tuple[float, Identification]] = []
-    period = max(0.25, simulation.scenario.simulation.duration / MOST_ESTIMATES)
-
-    def record(root_context: Context) -> None:
-        time = root_context.get_time()
-        progress(time)
-        if time + 1e-9 >= period * (len(estimates) + 1):
-            estimates.append((time, simulation.identification(root_context)))
-
-    context = simulation.run(record)
-    last = simulation.identification(context)
-    page = replay_html(
-        simulation.spacecraft,
-        simulation.telemetry(context),
-        [*estimates, (context.get_time(), last)],
-        truth=simulation.truth,
-        visual_model=simulation.scenario.target.visual_model,
-        title=title,
-    )
-    return page, last
-
-
-def _start_diagram(
-    meshcat: Meshcat,
-    spacecraft: Spacecraft,
-    truth: InertialParameters | None,
-    visual_model: str | Path | None,
-) -> tuple[DiagramBuilder, MultibodyPlant | None, list[BodyIndex]]:
-    """Return a builder with a plant for drawing, and the bodies that have no shape in it.
-
-    If the model's shapes cannot be read, there is no plant, and all bodies are without a shape.
-    """
-    builder = DiagramBuilder()
-    if not can_be_drawn(spacecraft):
-        return builder, None, shapeless_bodies(spacecraft)
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, MultibodyPlant(time_step=0.0))
-    if truth is not None:
-        spacecraft.add_to(plant, truth, scene_graph=scene_graph, target_visual_model=visual_model)
-    else:
-        spacecraft.add_alone_to(plant)
-    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
-    return builder, plant, shapeless_bodies(spacecraft, plant, scene_graph)

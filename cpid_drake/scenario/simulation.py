@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
@@ -29,14 +29,7 @@ from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.ports import spacecraft_state
-from cpid_drake.systems.scene_visualizer import (
-    FRAME_PERIOD,
-    SceneVisualizer,
-    can_be_drawn,
-    extent_of,
-    prepare_meshcat,
-    shapeless_bodies,
-)
+from cpid_drake.systems.scene_visualizer import SceneVisualizer, add_bodies, can_be_drawn
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,
@@ -103,17 +96,23 @@ class Simulation:
         simulator.Initialize()
         return simulator
 
-    def run(self, monitor: Callable[[Context], None] = lambda context: None) -> Context:
+    def run(
+        self,
+        monitor: Callable[[Context], EventStatus | None] = lambda context: None,
+        realtime_rate: float = 0.0,
+    ) -> Context:
         """Simulate the scenario's duration; return the root Context with the logs and the estimate.
 
         Args:
-            monitor: called with the root Context after every step.
+            monitor: called with the root Context after every step; may end the run as a monitor of
+                Drake's Simulator does.
+            realtime_rate: ratio of simulated to real time; 0 for as fast as possible.
 
         Raises:
             InputError: the motion is too fast for the simulation.
 
         """
-        return self._run_to([self.scenario.simulation.duration], monitor)[0]
+        return self._run_to([self.scenario.simulation.duration], monitor, realtime_rate)[0]
 
     def run_sampled(self, times: ArrayLike) -> tuple[Context, Telemetry]:
         """Simulate as `run` does; also return the telemetry at increasing times (N,) [s]."""
@@ -121,14 +120,14 @@ class Simulation:
         return context, self.spacecraft.to_telemetry(times, states[:-1])
 
     def _run_to(
-        self, times: Sequence[float], monitor: Callable[[Context], None] = lambda context: None
+        self,
+        times: Sequence[float],
+        monitor: Callable[[Context], EventStatus | None] = lambda context: None,
+        realtime_rate: float = 0.0,
     ) -> tuple[Context, list[NDArray[np.float64]]]:
-        def tell(root_context: Context) -> EventStatus:
-            monitor(root_context)
-            return EventStatus.DidNothing()
-
         simulator = self.make_simulator()
-        simulator.set_monitor(tell)
+        simulator.set_target_realtime_rate(realtime_rate)
+        simulator.set_monitor(monitor)
         context = self.plant.GetMyContextFromRoot(simulator.get_context())
         states = []
         for time in times:
@@ -271,15 +270,8 @@ def make_simulation(
     state_log.set_name("state_log")
     parameter_log.set_name("parameter_log")
     if meshcat is not None:
-        times = np.linspace(0.0, scenario.simulation.duration, 50)
-        momentum_W = scenario.simulation.momentum_W
-        extent = extent_of(
-            spacecraft, spacecraft.predicted_motion(truth, motion, times, momentum_W), truth
-        )
-        prepare_meshcat(meshcat, extent)
         if scene_graph is not None:
-            look = MeshcatVisualizerParams(publish_period=FRAME_PERIOD)
-            MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, look)
+            add_bodies(builder, plant, scene_graph, meshcat)
         SceneVisualizer.AddToBuilder(
             builder,
             spacecraft,
@@ -287,9 +279,7 @@ def make_simulation(
             covariance=identifier.GetOutputPort("covariance"),
             spatial_inertia=identifier.GetOutputPort("spatial_inertia"),
             meshcat=meshcat,
-            extent=extent,
             truth=truth,
-            shapeless=shapeless_bodies(spacecraft, plant, scene_graph),
         )
     diagram = builder.Build()
     diagram.set_name("cpid")

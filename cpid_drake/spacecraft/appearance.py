@@ -1,4 +1,4 @@
-"""Geometry of a target, from a model file or its inertia, and shapes of bodies that have none."""
+"""Geometry of a target, from a model file or its inertia."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 from pydrake.geometry import (
     AddContactMaterial,
     Ellipsoid,
-    Mesh,
     ProximityProperties,
     Rgba,
     Role,
     SceneGraph,
-    SceneGraphInspector,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
@@ -26,8 +24,6 @@ from cpid_drake.spacecraft.parsing import make_parser
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
 """Colour of shapes that have none of their own."""
 
-_DRAWN_MESHES = (".obj", ".gltf", ".dae")  # Meshcat does not draw other meshes
-
 
 def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
     """Return the solid, homogeneous ellipsoid that has this spatial inertia.
@@ -39,21 +35,6 @@ def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], Rig
     """
     semi_diameters, X_CE = M_TCo_C.CalcPrincipalSemiDiametersAndPoseForSolidEllipsoid()
     return np.maximum(semi_diameters, max(0.02 * semi_diameters.max(), 1e-4)), X_CE
-
-
-def box_of_inertia(M_BBo_B: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
-    """Return the solid box that has this spatial inertia: sides (3,) [m], and its pose X_BE."""
-    semi_diameters, X_BE = inertia_ellipsoid(M_BBo_B)
-    return np.sqrt(12 / 5) * semi_diameters, X_BE
-
-
-def has_shape(plant: MultibodyPlant, body: RigidBody, inspector: SceneGraphInspector) -> bool:
-    """Return whether a body has geometry that Meshcat can draw."""
-    frame = plant.GetBodyFrameIdIfExists(body.index())
-    if frame is None:
-        return False
-    shapes = map(inspector.GetShape, inspector.GetGeometries(frame, Role.kIllustration))
-    return any(not isinstance(s, Mesh) or s.extension() in _DRAWN_MESHES for s in shapes)
 
 
 def add_target_appearance(

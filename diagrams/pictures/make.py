@@ -6,12 +6,15 @@ picture of the scene is a page of `cpid view` in Chromium, driven by Playwright.
 """
 
 import argparse
+import runpy
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+
+import pydot
 
 HERE = Path(__file__).resolve().parent
 MODELS = HERE.parents[1] / "models"
@@ -30,6 +33,38 @@ def cpid(*arguments: object) -> str:
     return subprocess.run(command, check=True, text=True, stdout=subprocess.PIPE).stdout
 
 
+def identify(folder: Path) -> None:
+    """Draw the Diagram of `identify.py` with the ports that are connected; needs Graphviz."""
+    diagram = runpy.run_path(str(HERE.parent / "identify.py"))["diagram"]
+    edges, ports = [], {}
+    for (reader, in_index), (writer, out_index) in diagram.connection_map().items():
+        names = [reader.get_name(), writer.get_name()]
+        if any(
+            word in name
+            for name in names
+            for word in ("drake_vis", "contact", "proximity", "inertia")
+        ):
+            continue  # Drake's visualization for other viewers, and of contacts and inertias
+        in_name = reader.get_input_port(in_index).get_name()
+        out_name = writer.get_output_port(out_index).get_name()
+        ports.setdefault(reader, ([], []))[0].append(in_name)
+        outputs = ports.setdefault(writer, ([], []))[1]
+        outputs += [] if out_name in outputs else [out_name]
+        edges.append((f"{id(writer)}:{out_name}:e", f"{id(reader)}:{in_name}:w"))
+    graph = pydot.Dot(graph_type="digraph", rankdir="LR", ranksep=0.7, fontname="sans", dpi=110)
+    graph.set_node_defaults(shape="record", fontname="sans", fontsize=11)
+    for system, sides in ports.items():
+        left, right = ("|".join(f"<{name}> {name}" for name in side) for side in sides)
+        title = type(system).__name__.split("_")[0]
+        columns = [f"{{{side}}}" for side in (left, right) if side]
+        label = f"{title}|{{{'|'.join(columns)}}}"
+        color = "#fff3d6" if "cpid_drake" in type(system).__module__ else "#eeeeee"
+        graph.add_node(pydot.Node(id(system), label=label, style="filled", fillcolor=color))
+    for writer, reader in edges:
+        graph.add_edge(pydot.Edge(writer, reader))
+    graph.write_png(str(HERE / "identify.png"))
+
+
 def scene(folder: Path) -> None:
     """Draw the free-flyer with its bag, as `cpid view` shows it."""
     from playwright.sync_api import sync_playwright
@@ -43,11 +78,10 @@ def scene(folder: Path) -> None:
         page = browser.new_page(viewport={"width": 1200, "height": 675})
         page.goto(page_file.as_uri())
         page.wait_for_function("viewer.animator.duration > 0")
-        page.locator("#cpid-time button").click()  # pause
-        page.wait_for_function("!viewer.animator.playing")
-        slider = page.locator("#cpid-time input")
-        slider.evaluate(
-            "(bar, t) => { bar.value = t; bar.dispatchEvent(new Event('input')); }", WHEN
+        page.evaluate(
+            "t => { viewer.animator.pause(); viewer.animator.time = t; viewer.animator.seek(t); "
+            "viewer.set_dirty(); }",
+            WHEN,
         )
         page.wait_for_timeout(3000)
         page.screenshot(path=HERE / "scene.png")
@@ -91,7 +125,15 @@ def plan_identify_replan(folder: Path) -> None:
 
 PICTURES: dict[str, Callable[[Path], None]] = {
     picture.__name__: picture
-    for picture in (scene, convergence, paper, accuracy, adaptive_control, plan_identify_replan)
+    for picture in (
+        identify,
+        scene,
+        convergence,
+        paper,
+        accuracy,
+        adaptive_control,
+        plan_identify_replan,
+    )
 }
 
 

@@ -1,4 +1,4 @@
-"""The scene in Meshcat: its layers say what momentum conservation and the estimate say."""
+"""The scene in Meshcat: it shows what momentum conservation and the estimate say."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from cpid_drake import (
     SceneVisualizer,
 )
 from cpid_drake.spacecraft.appearance import inertia_ellipsoid
-from cpid_drake.systems.scene_visualizer import extent_of
 
 
 class Spy:
@@ -21,8 +20,11 @@ class Spy:
     def SetObject(self, path, shape, rgba):
         self.values[path] = shape
 
-    def SetLineSegments(self, path, start, end, line_width, rgba):
-        self.values[path] = (start, end)
+    def SetLine(self, path, vertices, line_width, rgba):
+        self.values[path] = vertices
+
+    def SetCameraPose(self, camera_in_world, target_in_world):
+        self.values["camera"] = camera_in_world, target_in_world
 
     def SetTransform(self, path, X_ParentPath, time_in_recording=None):
         self.values[path, "transform"] = X_ParentPath
@@ -30,31 +32,23 @@ class Spy:
     def SetProperty(self, path, name, value, time_in_recording=None):
         self.values[path, name] = value
 
-    def Delete(self, path):
-        self.values = {k: v for k, v in self.values.items() if not str(k).startswith(path)}
-
     def shown(self, path: str) -> bool:
         return self.values[f"/cpid/{path}", "visible"]
 
-    def place(self, path: str) -> np.ndarray:
-        return self.values[f"/cpid/{path}", "transform"].translation()
-
     def arrow(self, path: str) -> np.ndarray:
-        """The vector from an arrow's tail to its head, in W."""
+        """The vector in W whose square root of length is that of an arrow from tail to head."""
         X_WA = self.values[f"/cpid/{path}", "transform"]
-        length = self.values[f"/cpid/{path}/shape", "scale"][2]
-        return X_WA.rotation().matrix()[:, 2] * length
+        length = self.values[f"/cpid/{path}/scaled", "scale"][2]
+        return X_WA.rotation().matrix()[:, 2] * length**2
 
 
 @pytest.fixture
 def scene(servicer):
-    """Return a function (telemetry, truth, shapeless) -> (spy, draw(k, estimate, covariance))."""
+    """Return a function (telemetry, truth) -> (spy, draw(k, estimate, covariance))."""
 
-    def make(telemetry, truth=None, shapeless=()):
-        spy, extent = Spy(), extent_of(servicer, telemetry, truth)
-        system = SceneVisualizer(
-            servicer, meshcat=spy, extent=extent, truth=truth, shapeless=shapeless
-        )
+    def make(telemetry, truth=None):
+        spy = Spy()
+        system = SceneVisualizer(servicer, meshcat=spy, truth=truth)
         context = system.CreateDefaultContext()
         states = servicer.to_states(telemetry)
 
@@ -94,7 +88,7 @@ def test_momentum_of_spacecraft_and_target_cancels(scene, zero_momentum_motion, 
 def test_angular_momentum_is_that_of_drake_about_the_centre_of_mass(
     scene, servicer, random_motion, skewed_target
 ):
-    """The sum of the two angular arrows, which does not cancel here, in their common scale."""
+    """The sum of the two angular arrows, which does not cancel here, in their scale."""
     telemetry = random_motion(1, 5)
     spy, draw = scene(telemetry, truth=skewed_target)
     draw(0)
@@ -104,9 +98,7 @@ def test_angular_momentum_is_that_of_drake_about_the_centre_of_mass(
     plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[0])
     p_WS = plant.CalcCenterOfMassPositionInWorld(context)
     total = plant.CalcSpatialMomentumInWorldAboutPoint(context, p_WS).rotational()
-    extent = extent_of(servicer, telemetry, skewed_target)
-    expected = 0.25 * extent.size * total / extent.angular_momentum
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found, total / plant.CalcTotalMass(context), rtol=0, atol=1e-9)
 
 
 def test_nothing_of_the_target_is_drawn_until_it_is_known(
@@ -116,20 +108,19 @@ def test_nothing_of_the_target_is_drawn_until_it_is_known(
     telemetry = random_motion(2, 1)
     spy, draw = scene(telemetry)
     draw(0)
-    parts = ("estimated_inertia/ellipsoid", "estimated_centre/centre", "centre_of_mass/now")
+    parts = ("estimate/inertia", "estimate/centre", "centre_of_mass")
     parts += ("momentum/linear_spacecraft", "momentum/angular_target")
     for part in parts:
         assert not spy.shown(part), part
-    assert "/cpid/true_inertia/ellipsoid" not in spy.values
 
     draw(1, skewed_target, np.diag([1e-4, 4e-4, 9e-4]))
-    for part in (*parts, "estimated_centre/three_sigma"):
+    for part in (*parts, "estimate/three_sigma"):
         assert spy.shown(part), part
     X_WC = capture_pose(servicer, telemetry, 1)
     semi_diameters, X_CE = inertia_ellipsoid(skewed_target.to_spatial_inertia())
-    assert spy.values["/cpid/estimated_inertia/ellipsoid/shape", "scale"] == semi_diameters.tolist()
+    assert spy.values["/cpid/estimate/inertia/scaled", "scale"] == semi_diameters.tolist()
     np.testing.assert_allclose(
-        spy.values["/cpid/estimated_inertia/ellipsoid", "transform"].GetAsMatrix4(),
+        spy.values["/cpid/estimate/inertia", "transform"].GetAsMatrix4(),
         (X_WC @ X_CE).GetAsMatrix4(),
         atol=1e-12,
     )
@@ -144,8 +135,8 @@ def test_the_ellipsoid_of_the_centre_of_mass_is_three_sigma(
     spy, draw = scene(telemetry)
     root = np.diag([0.1, 0.15, 0.2]) + np.random.default_rng(seed).uniform(-0.04, 0.04, (3, 3))
     draw(0, skewed_target, root @ root.T)
-    X_WE = spy.values["/cpid/estimated_centre/three_sigma", "transform"]
-    semi_axes = spy.values["/cpid/estimated_centre/three_sigma/shape", "scale"]
+    X_WE = spy.values["/cpid/estimate/three_sigma", "transform"]
+    semi_axes = spy.values["/cpid/estimate/three_sigma/scaled", "scale"]
     R_WE, X_WC = X_WE.rotation().matrix(), capture_pose(servicer, telemetry, 0)
     R_WC = X_WC.rotation().matrix()
     np.testing.assert_allclose(
@@ -157,6 +148,6 @@ def test_the_ellipsoid_of_the_centre_of_mass_is_three_sigma(
     np.testing.assert_allclose(X_WE.translation(), X_WC @ skewed_target.p_CTcm_C, atol=1e-12)
 
     draw(0, skewed_target, 100 * np.eye(3))
-    assert not spy.shown("estimated_centre/three_sigma")  # 30 m: no help to anybody
+    assert not spy.shown("estimate/three_sigma")  # 30 m: no help to anybody
     draw(0, skewed_target, np.nan)
-    assert not spy.shown("estimated_centre/three_sigma")
+    assert not spy.shown("estimate/three_sigma")
