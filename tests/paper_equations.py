@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.parameterizations import tensor_to_vector, vector_to_tensor
 from cpid_drake.dynamics.rotations import skew
-from cpid_drake.dynamics.rows import Rows, inertia_operator
+from cpid_drake.dynamics.rows import inertia_operator
+
+Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def linear_rows(samples: MomentumSamples) -> Rows:

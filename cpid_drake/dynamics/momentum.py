@@ -38,6 +38,14 @@ class MomentumSamples:
     def __len__(self) -> int:
         return len(self.P)
 
+    @property
+    def in_C(self) -> NDArray[np.float64]:
+        """(N, 4, 3) velocity of C's origin, angular velocity of C, P and L, in C."""
+        vectors = np.empty((len(self), 4, 3))
+        vectors[:, 0], vectors[:, 1] = self.motion.v_WC, self.motion.w_WC
+        vectors[:, 2], vectors[:, 3] = self.P, self.L
+        return vectors @ self.motion.R_WC  # row vectors: (R_WCᵀ v)ᵀ = vᵀ R_WC
+
 
 def linear_momenta(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
     """Return each body's m_i v_i as (K, N, 3) in W [N·s]."""

@@ -31,11 +31,9 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
     vector_to_tensor,
 )
-from cpid_drake.dynamics.rotations import cross, skew
+from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.errors import InputError
 
-Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Rows A (N, 6, 10) and right-hand sides b (N, 6)."""
 # Row k is [#e_k], flattened: column j of it is E_j e_k with E_j the tensor of unit vector j.
 _INERTIA_OPERATOR = vector_to_tensor(np.eye(6)).transpose(2, 1, 0).reshape(3, 18)
 
@@ -65,24 +63,13 @@ def _standard(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.floa
     return rows
 
 
-def _constant_block(block: Callable[..., NDArray]) -> Callable[[MomentumSamples], NDArray]:
-    """Turn a block that is linear in (v, ω, P, L) into a function of N samples.
+def _at_all_samples(block: Callable[..., NDArray]) -> Callable[[MomentumSamples], NDArray]:
+    """Return the rows of N samples from those of one, which are linear in (v, ω, P, L).
 
-    Its values at unit vectors form one constant matrix, and the rows of any number of samples are
-    a single product with it.
+    One product with the rows at unit vectors: 9 µs for one sample, instead of 30 µs entry by entry.
     """
-    unit = np.eye(12).reshape(12, 4, 3)
-    coefficients = np.stack([block(*vectors).ravel() for vectors in unit])
-
-    def augmented_rows(samples: MomentumSamples) -> NDArray[np.float64]:
-        motion = samples.motion
-        vectors_W = np.empty((len(samples), 4, 3))
-        vectors_W[:, 0], vectors_W[:, 1] = motion.v_WC, motion.w_WC
-        vectors_W[:, 2], vectors_W[:, 3] = samples.P, samples.L
-        vectors_C = vectors_W @ motion.R_WC  # row vectors: (R_WCᵀ v)ᵀ = vᵀ R_WC
-        return (vectors_C.reshape(-1, 12) @ coefficients).reshape(-1, 11)
-
-    return augmented_rows
+    at_units = np.stack([block(*unit).ravel() for unit in np.eye(12).reshape(12, 4, 3)])
+    return lambda samples: (samples.in_C.reshape(-1, 12) @ at_units).reshape(-1, 11)
 
 
 def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[np.float64]:
@@ -109,13 +96,11 @@ def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
     c × ṡ) + I_* ω = 0. This equation does not depend on the base's position or on a constant
     velocity.
     """
-    motion = samples.motion
-    s = motion.p_WC - samples.p_WKcm
-    sdot = motion.v_WC - samples.P / samples.mass
-    L_K = samples.L + cross(s, samples.P)
-    s, sdot, w, L_K = np.moveaxis(np.stack([s, sdot, motion.w_WC, L_K], axis=1) @ motion.R_WC, 1, 0)
-    rows = np.concatenate([relative_regressor(s, sdot, w), -L_K[:, :, None]], axis=2)
-    return rows.reshape(-1, 11)
+    v, w, P, L = np.swapaxes(samples.in_C, 0, 1)
+    s = rotate(np.swapaxes(samples.motion.R_WC, -1, -2), samples.motion.p_WC - samples.p_WKcm)
+    L_K = L + cross(s, P)
+    rows = [relative_regressor(s, v - P / samples.mass, w), -L_K[:, :, None]]
+    return np.concatenate(rows, axis=2).reshape(-1, 11)
 
 
 def _momentum_columns(samples: MomentumSamples) -> NDArray[np.float64]:
@@ -164,23 +149,17 @@ class RowFamily:
     linear_unit: str = "N·s"
     good_for: str = ""
 
-    def rows(self, samples: MomentumSamples) -> Rows:
+    def rows(self, samples: MomentumSamples) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return A (N, rows_per_sample, 10) and b (N, rows_per_sample), expressed in C."""
         augmented = self.augmented_rows(samples).reshape(-1, self.rows_per_sample, 11)
         return augmented[..., :10], augmented[..., 10]
 
     def full_rows(self, samples: MomentumSamples, unknown_momentum: bool) -> NDArray[np.float64]:
-        """Return [A | b] (R, 11), or [N | A | b] with the columns N of an unknown momentum.
-
-        Raises:
-            InputError: the rows are not linear in an unknown momentum.
-
-        """
+        """Return [A | b] (R, 11), or [N | A | b] with the columns N of an unknown momentum."""
         rows = self.augmented_rows(samples)
         if not unknown_momentum:
             return rows
-        if self.momentum_columns is None:
-            raise InputError(f"{self.name} rows are not linear in an unknown total momentum")
+        assert self.momentum_columns is not None  # see `row_family`
         return np.hstack([self.momentum_columns(samples), rows])
 
     def momenta_in_plane(self) -> NDArray[np.intp]:
@@ -215,7 +194,7 @@ EQ18_ROWS = RowFamily(
     "eq18",
     6,
     lambda known_mass: EQ18,
-    _constant_block(_eq18),
+    _at_all_samples(_eq18),
     linear_unit="m/s",
     good_for="the paper's own equations, for exact logs without momentum",
 )
@@ -225,7 +204,7 @@ STANDARD_ROWS = RowFamily(
     "standard",
     6,
     lambda known_mass: STANDARD,
-    _constant_block(_standard),
+    _at_all_samples(_standard),
     6,
     _momentum_columns,
     good_for="logs of the base's attitude and position",
