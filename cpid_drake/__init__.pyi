@@ -1,6 +1,5 @@
 from .dynamics.inertia import InertialParameters
-from .dynamics.joint_motion import HalfCosine, JointMotion, MultiSine
-from .dynamics.linear_motion import Spline
+from .dynamics.joint_motion import HalfCosine, JointMotion, MultiSine, Spline
 from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from .dynamics.telemetry import Telemetry
 from .dynamics.total_momentum import TotalMomentum

@@ -1,14 +1,24 @@
-"""Joint motions as functions of time."""
+"""Joint motions as functions of time: half a cosine, sums of sines, splines."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.errors import InputError
 
+SPLINE_DEGREE = 5
+"""Degree of the splines: positions, rates, accelerations and jerks are continuous."""
+
+# An extreme between two instants exceeds that at an instant by (π/64)²/2 = 1e-3 at most.
 _POINTS_PER_CYCLE = 64
+
+# Shorter cycles than these are a wrong unit; a motion of a million cycles would fill the memory.
+_MOST_CYCLES = 1000
 
 
 class JointMotion(Protocol):
@@ -49,14 +59,9 @@ class HalfCosine:
     duration: float
 
     def __post_init__(self) -> None:
-        for name in ("q_initial", "q_final"):
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
-        if self.q_initial.ndim != 1 or self.q_initial.shape != self.q_final.shape:
+        _check(self, "half-cosine", {"q_initial": 1, "q_final": 1})
+        if self.q_initial.shape != self.q_final.shape:
             raise InputError("half-cosine motion: q_initial and q_final must be of equal length")
-        if not (np.isfinite(self.q_initial).all() and np.isfinite(self.q_final).all()):
-            raise InputError("half-cosine motion: joint positions must be finite")
-        if not (np.isfinite(self.duration) and self.duration > 0):
-            raise InputError(f"half-cosine motion: the duration must be > 0, not {self.duration}")
 
     def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
@@ -73,9 +78,6 @@ class HalfCosine:
     def instants(self) -> NDArray[np.float64]:
         """Return times (N,) from 0 to T that resolve the motion, T/2 included [s]."""
         return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE + 1)
-
-
-_MOST_CYCLES = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,54 +115,38 @@ class MultiSine:
     def __post_init__(self) -> None:
         if not np.size(self.displacement):
             object.__setattr__(self, "displacement", np.zeros(np.shape(self.centre)))
-        dimensions = {
-            "centre": 1,
-            "displacement": 1,
-            "frequencies": 1,
-            "amplitudes": 2,
-            "phases": 2,
-        }
-        for name, count in dimensions.items():
-            try:
-                values = np.array(getattr(self, name), dtype=float)
-            except (TypeError, ValueError):
-                values = np.full(1, np.nan)
-            if values.ndim != count or not np.isfinite(values).all():
-                raise InputError(
-                    f"multi-sine motion: {name} must be finite numbers in {count} dimension(s)"
-                )
-            object.__setattr__(self, name, values)
+        dimensions = {"centre": 1, "displacement": 1, "frequencies": 1}
+        _check(self, "multi-sine", {**dimensions, "amplitudes": 2, "phases": 2})
         shape = (self.frequencies.size, self.centre.size)
+        problem = ""
         if self.amplitudes.shape != shape or self.phases.shape != shape:
-            raise InputError(
-                f"multi-sine motion: for {shape[0]} frequencies of {shape[1]} joints, amplitudes "
-                f"and phases must be of shape {shape}, not {self.amplitudes.shape} and "
-                f"{self.phases.shape}"
+            problem = (
+                f"for {shape[0]} frequencies of {shape[1]} joints, amplitudes and phases must be "
+                f"of shape {shape}, not {self.amplitudes.shape} and {self.phases.shape}"
             )
-        if np.shape(self.displacement) != self.centre.shape:
-            raise InputError("multi-sine motion: displacement and centre must be of equal length")
-        if not self.frequencies.size or not (self.frequencies > 0).all():
-            raise InputError("multi-sine motion: frequencies must be > 0 Hz, at least one")
-        if not (np.isfinite(self.duration) and self.duration > 0):
-            raise InputError(f"multi-sine motion: the duration must be > 0, not {self.duration}")
-        if not 0 < self.ramp <= self.duration / 2:
-            raise InputError(
-                "multi-sine motion: the ramp must be > 0 and at most half the duration of "
+        elif self.displacement.shape != self.centre.shape:
+            problem = "displacement and centre must be of equal length"
+        elif not self.frequencies.size or not (self.frequencies > 0).all():
+            problem = "frequencies must be > 0 Hz, at least one"
+        elif not 0 < self.ramp <= self.duration / 2:
+            problem = (
+                "the ramp must be > 0 and at most half the duration of "
                 f"{self.duration:g}, not {self.ramp}"
             )
-        if self.frequencies.max() > _MOST_CYCLES / self.duration:
-            raise InputError(
-                f"multi-sine motion: {self.frequencies.max():g} Hz for {self.duration:g} s is more "
-                f"than {_MOST_CYCLES} cycles"
+        elif self.frequencies.max() > _MOST_CYCLES / self.duration:
+            problem = (
+                f"{self.frequencies.max():g} Hz for {self.duration:g} s is more than "
+                f"{_MOST_CYCLES} cycles"
             )
+        if problem:
+            raise InputError(f"multi-sine motion: {problem}")
 
     def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
         t = np.clip(np.asarray(time, dtype=float)[..., None], 0.0, self.duration)
         x = np.minimum(np.minimum(t, self.duration - t) / self.ramp, 1.0)
-        direction = np.where(t < self.duration / 2, 1.0, -1.0)
-        r, rdot, rddot = _smooth_step(x)
-        rdot, rddot = direction * rdot / self.ramp, rddot / self.ramp**2
+        r, rdot, rddot = np.moveaxis(_smooth_step(x, self.ramp), -2, 0)
+        rdot = np.where(t < self.duration / 2, 1.0, -1.0) * rdot
 
         w = 2 * np.pi * self.frequencies[:, None]
         angle = w * t[..., None] + self.phases
@@ -169,10 +155,8 @@ class MultiSine:
         q = self.centre + r * s
         qdot = rdot * s + r * sdot
         qddot = rddot * s + 2 * rdot * sdot + r * sddot
-        moved = np.stack([q, qdot, qddot], axis=-2)
-        scales = self.duration ** -np.arange(3.0)[:, None]
-        shift = np.stack(_smooth_step(t / self.duration), axis=-2) * scales * self.displacement
-        return np.asarray(moved + shift)
+        shift = _smooth_step(t / self.duration, self.duration) * self.displacement
+        return np.asarray(np.stack([q, qdot, qddot], axis=-2) + shift)
 
     def instants(self) -> NDArray[np.float64]:
         """Return times (N,) from 0 to T that resolve every cycle and both ramps [s].
@@ -185,7 +169,84 @@ class MultiSine:
         return np.unique(np.concatenate([start, whole, self.duration - start]))
 
 
-def _smooth_step(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return the polynomial of degree 9 from 0 at x = 0 to 1 at x = 1, and two derivatives."""
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """q(t) = Σ_k c_k B_k(t): splines of degree 5 with equal pieces, at rest at both ends.
+
+    The first two coefficients are equal, and so are the last two: the rates are zero at t = 0 and
+    T. If the first three and the last three are equal, the accelerations are zero there, too. All
+    positions are between the smallest and the largest coefficient of their joint. Source: Park
+    2006, "Fourier-based optimal excitation trajectories" (end conditions); de Boor 1978 (splines).
+
+    Attributes:
+        coefficients: (K, J) c_k [rad or m], K ≥ 6.
+        duration: T [s].
+
+    Raises:
+        InputError: too few coefficients, an entry is not finite, the joints are not at rest at both
+            ends, or the duration is not positive.
+
+    """
+
+    coefficients: NDArray[np.float64]
+    duration: float
+
+    def __post_init__(self) -> None:
+        _check(self, "spline", {"coefficients": 2})
+        c = self.coefficients
+        if len(c) <= SPLINE_DEGREE:
+            raise InputError(
+                f"spline motion: each joint needs at least {SPLINE_DEGREE + 1} coefficients"
+            )
+        if not (np.array_equal(c[0], c[1]) and np.array_equal(c[-1], c[-2])):
+            raise InputError(
+                "spline motion: the first two coefficients of each joint must be equal, and so "
+                "must the last two, because the joints start and end at rest"
+            )
+
+    @property
+    def pieces(self) -> int:
+        """Number of polynomials."""
+        return len(self.coefficients) - SPLINE_DEGREE
+
+    @cached_property
+    def _spline(self) -> "scipy.interpolate.BSpline":
+        inner = np.linspace(0.0, self.duration, self.pieces + 1)
+        knots = np.pad(inner, SPLINE_DEGREE, mode="edge")
+        # SciPy imports scipy.interpolate here: it takes a second, and a scenario needs none.
+        return scipy.interpolate.BSpline(knots, self.coefficients, SPLINE_DEGREE)
+
+    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+        """Return positions, rates and accelerations (..., 3, J) at times (...)."""
+        time = np.asarray(time, dtype=float)
+        t = np.clip(time, 0.0, self.duration)
+        result = np.stack([self._spline(t, order) for order in range(3)], axis=-2)
+        result[..., 1:, :] *= (t == time)[..., None, None]
+        return result
+
+    def instants(self) -> NDArray[np.float64]:
+        """Return times (N,) from 0 to T that resolve every piece, half a cycle at most [s]."""
+        return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE // 2 * self.pieces + 1)
+
+
+def _check(motion: JointMotion, kind: str, dimensions: Mapping[str, int]) -> None:
+    """Convert the named members to arrays of finite numbers, and require a positive duration."""
+    for name, count in dimensions.items():
+        try:
+            values = np.array(getattr(motion, name), dtype=float)
+        except (TypeError, ValueError):
+            values = np.full(1, np.nan)
+        if values.ndim != count or not np.isfinite(values).all():
+            raise InputError(
+                f"{kind} motion: {name} must be finite numbers in {count} dimension(s)"
+            )
+        object.__setattr__(motion, name, values)
+    if not (np.isfinite(motion.duration) and motion.duration > 0):
+        raise InputError(f"{kind} motion: the duration must be > 0, not {motion.duration}")
+
+
+def _smooth_step(x: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+    """Return (..., 3, 1) the step of `MultiSine` at x = t / time (..., 1), and two derivatives."""
     step = x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4)
-    return step, 630 * (x * (1 - x)) ** 4, 2520 * (x * (1 - x)) ** 3 * (1 - 2 * x)
+    rate, acceleration = 630 * (x * (1 - x)) ** 4, 2520 * (x * (1 - x)) ** 3 * (1 - 2 * x)
+    return np.stack([step, rate / time, acceleration / time**2], axis=-2)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.linear_motion import SPLINE_DEGREE, Spline
+from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, Spline
 from cpid_drake.errors import InputError
 from cpid_drake.planning import HIGHEST_FREQUENCY
 from cpid_drake.scenario.joint_motions import SplineMotion

@@ -9,8 +9,7 @@ import numpy as np
 from annotated_types import Gt, MinLen
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.joint_motion import HalfCosine, MultiSine
-from cpid_drake.dynamics.linear_motion import SPLINE_DEGREE, Spline
+from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, HalfCosine, MultiSine, Spline
 from cpid_drake.errors import InputError, choose_from, prefix_errors
 from cpid_drake.input_files.validation import (
     FirstUnlessTagged,
@@ -99,7 +98,7 @@ class MultiSineMotion:
 
 @dataclass
 class SplineMotion:
-    """Splines of degree 5, tagged `!SplineMotion` in YAML; see `dynamics.linear_motion.Spline`.
+    """Splines of degree 5, tagged `!SplineMotion` in YAML; see `dynamics.joint_motion.Spline`.
 
     `coefficients` are those of each joint [rad or m by joint name], equally many for all joints. A
     joint that is not named keeps its position in `SpacecraftConfig.configuration`.

@@ -1,62 +1,17 @@
-"""The half-cosine motion of Fig. 5, and sums of sines."""
+"""Joint motions: rest at both ends, rates that are derivatives, and bounds."""
 
 import numpy as np
 import pytest
 
-from cpid_drake import HalfCosine, InputError, MultiSine
+from cpid_drake import HalfCosine, InputError, MultiSine, Spline
+
+RNG = np.random.default_rng(1)
 
 
-@pytest.fixture
-def motion():
-    return HalfCosine([0.0, 1.0, -0.5], [2.0, 1.0, 0.5], duration=10.0)
-
-
-def test_it_starts_and_ends_at_rest_where_it_should(motion):
-    start, end = motion.evaluate(0.0), motion.evaluate(10.0)
-    np.testing.assert_allclose(start[0], motion.q_initial)
-    np.testing.assert_allclose(end[0], motion.q_final)
-    np.testing.assert_allclose([start[1], end[1]], 0.0, atol=1e-15)
-
-
-def test_rates_and_accelerations_are_derivatives(motion):
-    t, h = np.linspace(0.5, 9.5, 19), 1e-5
-    ahead, now, behind = (motion.evaluate(t + d) for d in (h, 0.0, -h))
-    np.testing.assert_allclose((ahead[:, 0] - behind[:, 0]) / (2 * h), now[:, 1], atol=1e-9)
-    np.testing.assert_allclose((ahead[:, 1] - behind[:, 1]) / (2 * h), now[:, 2], atol=1e-9)
-
-
-def test_it_holds_still_before_and_after(motion):
-    before, after = motion.evaluate([-1.0, 12.0])
-    np.testing.assert_allclose(before[0], motion.q_initial)
-    np.testing.assert_allclose(after[0], motion.q_final)
-    assert not before[1:].any()
-    assert not after[1:].any()
-
-
-def largest_rates(motion) -> np.ndarray:
-    return np.abs(motion.evaluate(motion.instants())[:, 1]).max(axis=0)
-
-
-def test_the_largest_rates_are_at_an_instant(motion):
-    np.testing.assert_allclose(np.abs(motion.evaluate(5.0)[1]), largest_rates(motion))
-    rates = np.abs(motion.evaluate(np.linspace(0, 10, 1001))[:, 1])
-    assert (rates <= largest_rates(motion) + 1e-15).all()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (([0.0], [1.0, 2.0], 1.0), "equal length"),
-        (([0.0], [np.nan], 1.0), "finite"),
-        (([0.0], [1.0], 0.0), "> 0"),
-    ],
-)
-def test_bad_motions_are_refused(arguments, message):
-    with pytest.raises(InputError, match=message):
-        HalfCosine(*arguments)
-
-
-# -- sums of sines -------------------------------------------------------------------------------
+def coefficients(rows: int = 9, equal: int = 3) -> np.ndarray:
+    c = RNG.uniform(-1, 1, (rows, 3))
+    c[:equal], c[-equal:] = c[0], c[-1]
+    return c
 
 
 def make_multi_sine(**changes) -> MultiSine:
@@ -71,9 +26,54 @@ def make_multi_sine(**changes) -> MultiSine:
     return MultiSine(**arguments | changes)
 
 
-@pytest.fixture(params=[0.5, 2.0, 5.0], ids=lambda ramp: f"ramp {ramp}")
-def multi_sine(request):
-    return make_multi_sine(ramp=request.param)
+SINES = {ramp: make_multi_sine(ramp=ramp) for ramp in (0.5, 2.0, 5.0)}
+MOTIONS = {
+    "half cosine": HalfCosine([0.0, 1.0, -0.5], [2.0, 1.0, 0.5], duration=10.0),
+    **{f"sines, ramp {ramp}": motion for ramp, motion in SINES.items()},
+    "sines that end elsewhere": make_multi_sine(displacement=[0.2, 1.0, 0.0]),
+    "spline": Spline(coefficients(), 10.0),
+}
+every = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
+every_sine = pytest.mark.parametrize("motion", SINES.values(), ids=SINES)
+
+
+@every
+def test_rates_and_accelerations_are_derivatives(motion):
+    t, h = np.linspace(0.11, 9.95, 97), 1e-5
+    ahead, now, behind = (motion.evaluate(t + d) for d in (h, 0.0, -h))
+    np.testing.assert_allclose((ahead[:, 0] - behind[:, 0]) / (2 * h), now[:, 1], atol=1e-8)
+    np.testing.assert_allclose((ahead[:, 1] - behind[:, 1]) / (2 * h), now[:, 2], atol=1e-7)
+
+
+@every
+def test_the_joints_are_at_rest_at_both_ends_and_stay_there(motion):
+    before, start, end, after, never = motion.evaluate([-1.0, 0.0, 10.0, 12.0, np.inf])
+    np.testing.assert_allclose([before[0], never[0]], [start[0], end[0]], atol=1e-15)
+    np.testing.assert_allclose(after[0], end[0], atol=1e-15)
+    np.testing.assert_allclose([start[1], end[1]], 0.0, atol=1e-12)
+    np.testing.assert_allclose([before[1:], after[1:]], 0.0, atol=1e-12)
+
+
+def test_each_motion_goes_from_where_it_should_to_where_it_should():
+    for name, ends in (
+        ("half cosine", ([0.0, 1.0, -0.5], [2.0, 1.0, 0.5])),
+        ("sines, ramp 2.0", 2 * ([0.3, -1.0, 0.0],)),
+        ("sines that end elsewhere", ([0.3, -1.0, 0.0], [0.5, 0.0, 0.0])),
+    ):
+        q = MOTIONS[name].evaluate([0.0, 10.0])[:, 0]
+        np.testing.assert_allclose(q, ends, atol=1e-15, err_msg=name)
+
+
+@every
+def test_the_largest_values_are_at_the_instants(motion):
+    fine = np.abs(motion.evaluate(np.linspace(0, 10, 100_001))[:, :2]).max(axis=0)
+    instants = motion.instants()
+    assert (instants[0], instants[-1]) == (0.0, 10.0)
+    found = np.abs(motion.evaluate(instants)[:, :2]).max(axis=0)
+    np.testing.assert_allclose(found, fine, rtol=2e-3, atol=1e-3)
+
+
+# -- sums of sines -------------------------------------------------------------------------------
 
 
 def test_sines_are_the_formula_between_the_ramps():
@@ -84,52 +84,60 @@ def test_sines_are_the_formula_between_the_ramps():
     np.testing.assert_allclose(q, [0.3, -1.0, 0.0] + first + second, atol=1e-14)
 
 
-def test_sines_start_and_end_at_rest_smoothly(multi_sine):
-    """Position, rate and acceleration are continuous, also where the joints are held."""
-    motion = multi_sine.evaluate([-1.0, 0.0, 10.0, 12.0, np.inf])
-    np.testing.assert_allclose(motion[:, 0], np.tile(multi_sine.centre, (5, 1)), atol=1e-15)
-    np.testing.assert_allclose(motion[:, 1:], 0.0, atol=1e-12)
+@every_sine
+def test_sines_are_smooth_where_the_joints_are_held_and_where_a_ramp_ends(motion):
     h = 1e-6
-    for time in (0.0, multi_sine.ramp, 10.0 - multi_sine.ramp, 10.0):
-        before, after = multi_sine.evaluate([time - h, time + h])
-        np.testing.assert_allclose(before, after, atol=1e-3 * multi_sine.ramp**-3 + 1e-5)
+    np.testing.assert_allclose(motion.evaluate([0.0, 10.0])[:, 2], 0.0, atol=1e-12)
+    for time in (0.0, motion.ramp, 10.0 - motion.ramp, 10.0):
+        before, after = motion.evaluate([time - h, time + h])
+        np.testing.assert_allclose(before, after, atol=1e-3 * motion.ramp**-3 + 1e-5)
 
 
-def test_rates_and_accelerations_of_sines_are_derivatives(multi_sine):
-    t, h = np.linspace(0.05, 9.95, 100), 1e-5
-    ahead, now, behind = (multi_sine.evaluate(t + d) for d in (h, 0.0, -h))
-    np.testing.assert_allclose((ahead[:, 0] - behind[:, 0]) / (2 * h), now[:, 1], atol=1e-8)
-    np.testing.assert_allclose((ahead[:, 1] - behind[:, 1]) / (2 * h), now[:, 2], atol=1e-7)
+@every_sine
+def test_sines_stay_within_their_bounds(motion):
+    reach = np.abs(motion.amplitudes).sum(axis=0)
+    away = np.abs(motion.evaluate(motion.instants())[:, 0] - motion.centre)
+    assert (away <= reach).all()
 
 
-def test_sines_stay_within_their_bounds_and_reach_them_at_the_instants(multi_sine):
-    q, qdot, _ = np.moveaxis(multi_sine.evaluate(np.linspace(0, 10, 100_001)), 1, 0)
-    instants = multi_sine.instants()
-    assert instants[0] == 0.0
-    assert instants[-1] == multi_sine.duration
-    positions = multi_sine.evaluate(instants)[:, 0]
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    np.testing.assert_allclose(low, q.min(axis=0), atol=1e-3)
-    np.testing.assert_allclose(high, q.max(axis=0), atol=1e-3)
-    np.testing.assert_allclose(largest_rates(multi_sine), np.abs(qdot).max(axis=0), rtol=1e-3)
-    reach = np.abs(multi_sine.amplitudes).sum(axis=0)
-    assert (low >= multi_sine.centre - reach).all()
-    assert (high <= multi_sine.centre + reach).all()
-    assert largest_rates(multi_sine)[1] == 0.0
+# -- splines -------------------------------------------------------------------------------------
+
+
+def test_splines_are_linear_in_their_coefficients_and_stay_between_them():
+    t, a, b = np.linspace(0, 8, 33), coefficients(), coefficients()
+    both = Spline(a + 2 * b, 8.0).evaluate(t)
+    parts = Spline(a, 8.0).evaluate(t) + 2 * Spline(b, 8.0).evaluate(t)
+    np.testing.assert_allclose(both, parts, atol=1e-12)
+    assert (both[:, 0] >= (a + 2 * b).min(axis=0) - 1e-12).all()
+    assert (both[:, 0] <= (a + 2 * b).max(axis=0) + 1e-12).all()
+
+
+@pytest.mark.parametrize(("equal", "is_zero"), [(2, False), (3, True)])
+def test_three_equal_coefficients_give_zero_accelerations_at_the_ends(equal, is_zero):
+    ends = Spline(coefficients(9, equal), 8.0).evaluate([0.0, 8.0])[:, 2]
+    assert np.allclose(ends, 0.0, atol=1e-12) == is_zero
+
+
+# -- bad input -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("make", "message"),
     [
-        ({"centre": 0.0}, "centre must be"),
-        ({"amplitudes": [[0.1, 0.2, 0.3]]}, r"not \(1, 3\)"),
-        ({"phases": np.full((2, 3), np.inf)}, "phases must be finite"),
-        ({"frequencies": [0.1, -0.3]}, "frequencies must be > 0"),
-        ({"frequencies": [0.1, 1e9]}, "more than 1000 cycles"),
-        ({"duration": np.inf}, "duration must be > 0"),
-        ({"ramp": 5.1}, "at most half the duration"),
+        (lambda: HalfCosine([0.0], [1.0, 2.0], 1.0), "equal length"),
+        (lambda: HalfCosine([0.0], [np.nan], 1.0), "finite"),
+        (lambda: HalfCosine([0.0], [1.0], 0.0), "> 0"),
+        (lambda: make_multi_sine(centre=0.0), "centre must be"),
+        (lambda: make_multi_sine(amplitudes=[[0.1, 0.2, 0.3]]), r"not \(1, 3\)"),
+        (lambda: make_multi_sine(frequencies=[0.1, -0.3]), "frequencies must be > 0"),
+        (lambda: make_multi_sine(frequencies=[0.1, 1e9]), "more than 1000 cycles"),
+        (lambda: make_multi_sine(ramp=5.1), "at most half the duration"),
+        (lambda: make_multi_sine(displacement=[1.0, 2.0]), "of equal length"),
+        (lambda: Spline(coefficients(5), 8.0), "at least 6 coefficients"),
+        (lambda: Spline(RNG.uniform(size=(9, 3)), 8.0), "start and end at rest"),
+        (lambda: Spline(coefficients(), np.inf), "duration must be > 0"),
     ],
 )
-def test_bad_sums_of_sines_are_refused(changes, message):
+def test_bad_motions_are_refused(make, message):
     with pytest.raises(InputError, match=message):
-        make_multi_sine(**changes)
+        make()
