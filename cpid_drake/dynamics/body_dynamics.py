@@ -25,10 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
-from cpid_drake.dynamics.parameterizations import vector_to_tensor
+from cpid_drake.dynamics.parameterizations import moved_moments, vector_to_tensor
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.rows import relative_regressor
-from cpid_drake.dynamics.spatial_inertia import moved_moments
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 

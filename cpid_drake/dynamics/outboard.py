@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momenta, linear_momenta
+from cpid_drake.dynamics.parameterizations import moved_moments
 from cpid_drake.dynamics.rotations import cross, rotate, skew
-from cpid_drake.dynamics.spatial_inertia import moved_moments
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 
 

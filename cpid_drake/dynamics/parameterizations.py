@@ -1,4 +1,4 @@
-"""Vectors of a target's ten inertial parameters, and the conversions between them.
+"""Mass distributions: moments, and vectors of a target's ten inertial parameters.
 
 Three vectors hold the same ten numbers. Only the functions of this module convert between them:
 
@@ -17,12 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from cpid_drake.dynamics.spatial_inertia import (
-    inertia_of_second_moment,
-    point_mass_inertia,
-    second_moment,
-)
 
 PARAMETER_NAMES = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Names of the entries of the parameter vector π, in its order."""
@@ -56,6 +50,62 @@ def vector_to_tensor(vector: ArrayLike) -> NDArray[np.float64]:
     tensor[..., _ROW, _COLUMN] = vector
     tensor[..., _COLUMN, _ROW] = vector
     return tensor
+
+
+def point_mass_inertia(mass: float, p: ArrayLike) -> NDArray[np.float64]:
+    """Return m (|p|² 1 − p pᵀ): the (3, 3) inertia about the origin of a mass [kg] at p (3,) [m].
+
+    By the parallel-axis theorem it is also the change of a body's inertia from its centre of mass
+    to a point that is p away. Entries that do not depend on an unknown coordinate (NaN) are known.
+    """
+    x, y, z = np.asarray(p, dtype=float).tolist()
+    return mass * np.array(
+        [
+            [y * y + z * z, -x * y, -x * z],
+            [-x * y, x * x + z * z, -y * z],
+            [-x * z, -y * z, x * x + y * y],
+        ]
+    )
+
+
+def second_moment(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return Σ = ∫ r rᵀ dm = ½ tr(I) 1 − I (3, 3) of an inertia I (3, 3) about the same point.
+
+    Source: Wensing et al. 2018.
+    """
+    return np.trace(inertia) / 2 * np.eye(3) - inertia
+
+
+def inertia_of_second_moment(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return I = tr(Σ) 1 − Σ (3, 3) of a second moment (3, 3): the inverse of `second_moment`."""
+    return np.trace(sigma) * np.eye(3) - sigma
+
+
+def moved_moments(
+    mass: ArrayLike, I_cm: NDArray[np.float64], R: NDArray[np.float64], p: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return first moments (..., 3) and inertias (..., 3, 3) about another frame's origin.
+
+    Both are in that frame.
+
+    Args:
+        mass: (...) [kg].
+        I_cm: (..., 3, 3) inertia about the centre of mass, in the body's frame [kg·m²].
+        R: (..., 3, 3) attitude of the body's frame in the other.
+        p: (..., 3) centre of mass from the other frame's origin [m].
+
+    """
+    moment = np.asarray(mass)[..., None] * p
+    inertia = R @ I_cm @ np.swapaxes(R, -1, -2)
+    # The parallel-axis theorem, as in `point_mass_inertia`, for many masses.
+    inertia -= moment[..., :, None] * p[..., None, :]
+    square = np.einsum("...i,...i->...", moment, p)
+    for k in range(3):
+        inertia[..., k, k] += square
+    return moment, inertia
+
+
+# -- the vectors ---------------------------------------------------------------------------------
 
 
 def parameter_scale(
@@ -149,11 +199,10 @@ def standard_jacobian(phi: ArrayLike) -> NDArray[np.float64]:
     jacobian[1:4, 1:4] = np.eye(3) / mass
     # I = J − (|h|² 1 − h hᵀ)/m
     jacobian[4:, 0] = tensor_to_vector(point_mass_inertia(1.0, h) / mass**2)[REPORT_ORDER]
-    for k in range(3):
-        derivative = np.diag(np.where(np.arange(3) == k, 0.0, 2 * h[k]))
-        for j in {0, 1, 2} - {k}:
-            derivative[k, j] = derivative[j, k] = -h[j]
-        jacobian[4:, 1 + k] = tensor_to_vector(-derivative / mass)[REPORT_ORDER]
+    for k, unit in enumerate(np.eye(3)):
+        outer = np.outer(unit, h)
+        change = (outer + outer.T - 2 * h[k] * np.eye(3)) / mass
+        jacobian[4:, 1 + k] = tensor_to_vector(change)[REPORT_ORDER]
     jacobian[4 + np.arange(6), 4 + REPORT_ORDER] = 1.0
     return jacobian
 
@@ -200,9 +249,7 @@ def relative_parameterization(known_mass: float) -> Parameterization:
         return parameters
 
     def from_parameters(parameters: ArrayLike) -> NDArray[np.float64]:
-        parameters = np.array(parameters, dtype=float)
-        parameters[0] *= known_mass / (known_mass + parameters[0])
-        return parameters_to_standard(parameters)
+        return standard_to_relative(parameters_to_standard(parameters), known_mass)
 
     def jacobian(psi: ArrayLike) -> NDArray[np.float64]:
         result = standard_jacobian(psi)

@@ -23,9 +23,13 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.outboard import Outboard, frame_screws, joined_bodies, joint_screw
-from cpid_drake.dynamics.parameterizations import REPORT_ORDER, vector_to_tensor
+from cpid_drake.dynamics.parameterizations import (
+    REPORT_ORDER,
+    inertia_of_second_moment,
+    second_moment,
+    vector_to_tensor,
+)
 from cpid_drake.dynamics.rotations import cross, exp, right_jacobian, rotate, skew
-from cpid_drake.dynamics.spatial_inertia import inertia_of_second_moment, second_moment
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 

@@ -6,9 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.parameterizations import vector_to_tensor
+from cpid_drake.dynamics.parameterizations import point_mass_inertia, vector_to_tensor
 from cpid_drake.dynamics.plane import ALONG, parallel_axis, unknowns_in_plane
-from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
 
 
 @dataclass(frozen=True)

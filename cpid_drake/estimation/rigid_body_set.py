@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.parameterizations import (
     EQ18,
     REPORT_ORDER,
+    inertia_of_second_moment,
+    second_moment,
     standard_to_pseudo_inertia,
     tensor_to_vector,
     vector_to_tensor,
 )
-from cpid_drake.dynamics.spatial_inertia import inertia_of_second_moment, second_moment
 from cpid_drake.estimation.gaussian import Gaussian
 
 if TYPE_CHECKING:

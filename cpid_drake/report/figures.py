@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.dynamics.spatial_inertia import second_moment
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS, second_moment
 from cpid_drake.estimation.whiteness import scaled_sums
 from cpid_drake.identification.convergence import Estimates
 from cpid_drake.identification.result import Identification, ResidualSeries

@@ -8,13 +8,13 @@ from cpid_drake import InertialParameters, InputError
 from cpid_drake.dynamics.parameterizations import (
     EQ18,
     STANDARD,
+    point_mass_inertia,
     pseudo_inertia_to_standard,
     relative_parameterization,
     standard_to_pseudo_inertia,
     tensor_to_vector,
     vector_to_tensor,
 )
-from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
 
 
 def pseudo_inertia(body: InertialParameters) -> np.ndarray:

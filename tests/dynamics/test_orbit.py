@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
+from cpid_drake.dynamics.parameterizations import point_mass_inertia
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 0.7])
 ORBIT = Orbit(rate=0.02, nadir_W=3 * TURN.apply([-1, 0, 0]), normal_W=2 * TURN.apply([0, 0, 1]))

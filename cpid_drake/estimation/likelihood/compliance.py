@@ -4,9 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from cpid_drake.dynamics.parameterizations import tensor_to_vector, vector_to_tensor
+from cpid_drake.dynamics.parameterizations import (
+    point_mass_inertia,
+    tensor_to_vector,
+    vector_to_tensor,
+)
 from cpid_drake.dynamics.rotations import cross, rotate, skew
-from cpid_drake.dynamics.spatial_inertia import point_mass_inertia
 from cpid_drake.estimation.likelihood.effects import MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 
