@@ -199,10 +199,11 @@ def standard_jacobian(phi: ArrayLike) -> NDArray[np.float64]:
     jacobian[1:4, 1:4] = np.eye(3) / mass
     # I = J − (|h|² 1 − h hᵀ)/m
     jacobian[4:, 0] = tensor_to_vector(point_mass_inertia(1.0, h) / mass**2)[REPORT_ORDER]
-    for k, unit in enumerate(np.eye(3)):
-        outer = np.outer(unit, h)
-        change = (outer + outer.T - 2 * h[k] * np.eye(3)) / mass
-        jacobian[4:, 1 + k] = tensor_to_vector(change)[REPORT_ORDER]
+    for k in range(3):  # entries that do not depend on an unknown coordinate (NaN) are known
+        derivative = np.diag(np.where(np.arange(3) == k, 0.0, 2 * h[k]))
+        for j in {0, 1, 2} - {k}:
+            derivative[k, j] = derivative[j, k] = -h[j]
+        jacobian[4:, 1 + k] = tensor_to_vector(-derivative / mass)[REPORT_ORDER]
     jacobian[4 + np.arange(6), 4 + REPORT_ORDER] = 1.0
     return jacobian
 
@@ -249,7 +250,9 @@ def relative_parameterization(known_mass: float) -> Parameterization:
         return parameters
 
     def from_parameters(parameters: ArrayLike) -> NDArray[np.float64]:
-        return standard_to_relative(parameters_to_standard(parameters), known_mass)
+        parameters = np.array(parameters, dtype=float)
+        parameters[0] *= known_mass / (known_mass + parameters[0])
+        return parameters_to_standard(parameters)
 
     def jacobian(psi: ArrayLike) -> NDArray[np.float64]:
         result = standard_jacobian(psi)

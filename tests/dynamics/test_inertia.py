@@ -65,6 +65,21 @@ def test_jacobian_is_the_derivative(parameterization):
     assert np.abs((np.stack(columns, axis=1) - jacobian) / scale).max() < 1e-7
 
 
+@pytest.mark.parametrize(
+    "parameterization", [STANDARD, relative_parameterization(1031.0)], ids=["standard", "relative"]
+)
+def test_what_does_not_depend_on_an_unknown_coordinate_is_known(parameterization):
+    """On a table cz and four moments are unknown (NaN): mass, cx, cy and Izz convert without."""
+    known = random_body(np.random.default_rng(3)).to_vector()
+    unknown = known.copy()
+    unknown[[3, 4, 5, 7, 8, 9]] = np.nan
+    vector = parameterization.from_parameters(unknown)
+    expected = parameterization.from_parameters(known)
+    np.testing.assert_array_equal(vector[[0, 1, 2, 9]], expected[[0, 1, 2, 9]])
+    jacobian, full = (parameterization.jacobian(each) for each in (vector, expected))
+    np.testing.assert_array_equal(jacobian[[0, 1, 2, 6], :3], full[[0, 1, 2, 6], :3])
+
+
 def test_standard_vector_agrees_with_drakes_spatial_inertia():
     body = random_body(np.random.default_rng(4))
     M_TCo_C = body.to_spatial_inertia()
