@@ -15,9 +15,9 @@ from cpid_drake.identification.requirements import (
     limit_warnings,
     other_joints,
 )
-from cpid_drake.logs.consistency import check_consistency
+from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Measurements, Samples
-from cpid_drake.logs.motion_checks import MotionFindings, check_motion
+from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
@@ -38,8 +38,8 @@ class CheckedLog:
         measurements: the samples.
         counts: number of samples by sensor.
         rejected: number of unusable samples by sensor, which are left out.
-        warnings: joints that the spacecraft does not have, weak contradictions in the log,
-            and positions beyond the joints' limits.
+        warnings: joints that the spacecraft does not have, and positions beyond the joints' limits.
+        comparisons: of positions with rates, and of the motion with the momentum.
         normal_B: (3,) normal in B of a table that carries the spacecraft; None without one.
         failures: failed checks: contradictions between positions, rates, and the conservation of
             momentum, and reasons why no table can have carried the spacecraft.
@@ -58,6 +58,7 @@ class CheckedLog:
     unchecked: tuple[str, ...] = ()
     first_burn: float = np.inf
     states: Telemetry | None = None
+    comparisons: tuple[Comparison, ...] = ()
 
     @property
     def has_thrust(self) -> bool:
@@ -103,31 +104,19 @@ def check_log(
     positions = measurements.encoders.value
     lowest = positions.min(axis=0, initial=np.inf)
     highest = positions.max(axis=0, initial=-np.inf)
-    joints = [body for body in spacecraft.tree.bodies if body.joint >= 0]
-    sliding = [spacecraft.joint_names[body.joint] for body in joints if body.prismatic]
-    consistency = check_consistency(measurements, sliding)
     spacecraft, notes, failures = placed(spacecraft, measurements, planar)
     tree = spacecraft.tree
-    motion = MotionFindings(unchecked=["unit and point of the position, signs of joints (table)"])
-    if tree.normal_B is None or tree.normal_C is not None:  # else its centre of mass may rise
-        motion = check_motion(tree, spacecraft.joint_names, measurements)
+    found = check_conventions(measurements, tree)
     beyond, degrees = limit_warnings(spacecraft, lowest, highest)
-    agrees = not (motion.errors or motion.warnings or motion.unchecked)
+    agrees = not (found.better or found.unchecked)
     others = other_joints(data.joint_names, spacecraft)
     warnings = (
         *([left_out_warning(others)] if others else ()),
         *notes,
-        *consistency.warnings,
-        *motion.warnings,
         *beyond,
         *(degrees if agrees else ()),
     )
-    failures = (
-        *consistency.errors,
-        *motion.errors,
-        *(() if agrees else degrees),
-        *failures,
-    )
+    failures = (*found.failures, *(() if agrees else degrees), *failures)
     return CheckedLog(
         measurements,
         counts,
@@ -135,8 +124,9 @@ def check_log(
         warnings,
         tree.normal_B,
         failures,
-        tuple(motion.unchecked),
+        found.unchecked,
         first_burn,
+        comparisons=found.comparisons,
     )
 
 

@@ -14,12 +14,12 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.by_rows import best_rows
 from cpid_drake.identification.checked_log import CheckedLog, check_log, log_of_states
 from cpid_drake.identification.checks import checked
-from cpid_drake.identification.conventions import convention_of
 from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
 from cpid_drake.identification.known import Known
 from cpid_drake.identification.planar import normal_in_base
 from cpid_drake.identification.result import Check, Identification
 from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Measurements
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.suite import SensorSuite
@@ -157,7 +157,7 @@ def identify_together(
     if spacecraft.tree.normal_B is not None:
         found = replace(found, is_planar=True, normal_C=spacecraft.tree.normal_C)
     found = _with_logs(found, checked_logs, method, known_bodies)
-    return _with_convention(checked(found, spacecraft.tree), spacecraft, checked_logs, sensors)
+    return _with_convention(checked(found, spacecraft.tree), spacecraft, checked_logs)
 
 
 def _checked(
@@ -206,17 +206,14 @@ def _with_logs(
 
 
 def _with_convention(
-    found: Identification,
-    spacecraft: Spacecraft,
-    logs: Mapping[str, CheckedLog],
-    sensors: SensorSuite | None,
+    found: Identification, spacecraft: Spacecraft, logs: Mapping[str, CheckedLog]
 ) -> Identification:
     """Return an identification with the convention that explains its failed checks, if any does."""
     [log, *others] = logs.values()
-    if others or not found.failures or log.failures:
-        return found
-    convention = convention_of(spacecraft.tree, log.measurements, sensors)
-    if convention is None:
+    if others or not found.failures or log.failures or spacecraft.tree.normal_B is not None:
+        return found  # the plane's few equations do not tell conventions apart
+    convention = check_conventions(log.measurements, spacecraft.tree, is_bad=True).sentence
+    if not convention:
         return found
     first, *rest = found.checks  # the first failed
     first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")

@@ -50,7 +50,8 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
         for name, samples in measurements.items()
         if name in measurements.samples and SENSORS[name].quantity.width is None
     }
-    measurements = Measurements(wanted, {**measurements.samples, **of_joints})
+    everything = {**measurements.samples, **of_joints}
+    measurements = Measurements(wanted, everything, measurements.column_map)
     time, value = measurements.encoders.time, measurements.encoders.value.copy()
     if not wanted:  # no joints: known at all times
         time = measurements.attitude.time

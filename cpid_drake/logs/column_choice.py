@@ -157,7 +157,14 @@ def choose_columns(
         for section in (given.joint_positions, given.joint_rates)
     ]
     positions, rates, left_out = _without_others(of_joints[0], of_joints[1], joints)
-    if not positions:
+    constant = given.joint_positions.constant
+    for joint in constant:
+        if joint in positions or joint in rates:
+            raise InputError(
+                f"{where}: the joint '{joint}' has a column and a constant position "
+                f"(joint_positions.constant of {map_name})"
+            )
+    if not positions and not constant:
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
     without = [joint for joint in positions if rates and joint not in rates]

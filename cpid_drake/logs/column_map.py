@@ -4,9 +4,10 @@ Everything that a map does not say is as in the package's own format (`logs.colu
 empty map changes nothing.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Gt
@@ -48,6 +49,7 @@ def scale_of(unit: str) -> float:
 
 
 Vector = Annotated[NDArray[np.float64], Numbers(3)]
+Axes = Annotated[NDArray[np.float64], Numbers(3, 3)]
 
 
 @dataclass
@@ -82,6 +84,8 @@ class AttitudeColumns:
         order: the entries' order and meaning.
         unit: unit of angles.
         direction: the rotation that is logged: R_WB has B's axes in W as its columns.
+        R_BS: (3, 3) rotation from the axes S whose attitude is logged, such as those of a star
+            tracker or of a tracked marker, to B.
 
     """
 
@@ -89,6 +93,7 @@ class AttitudeColumns:
     order: Order = "wxyz"
     unit: Angle = "rad"
     direction: Literal["R_WB", "R_BW"] = "R_WB"
+    R_BS: Axes = field(default_factory=lambda: np.eye(3))
 
 
 @dataclass
@@ -134,12 +139,15 @@ class AngularVelocityColumns:
         unit: unit of the log.
         frame: the axes in which it is expressed, those of W or of B; null for those that the names
             of columns say: B for bwx, bwy, bwz and for columns with a name of their own.
+        R_BS: (3, 3) rotation from the gyro's axes S to B; a row may have the other sign, if one of
+            the gyro's axes has.
 
     """
 
     columns: list[str] = field(default_factory=list)
     unit: AngularRate = "rad/s"
     frame: Literal["world", "body"] | None = None
+    R_BS: Axes = field(default_factory=lambda: np.eye(3))
 
 
 @dataclass
@@ -171,6 +179,7 @@ class JointPositionColumns:
         columns: by joint, the column in the log, where it is not of this form.
         unit: unit of all joints.
         units: by joint, the unit where it is another.
+        constant: by joint without a column, its constant position [rad or m].
 
     """
 
@@ -179,11 +188,12 @@ class JointPositionColumns:
     columns: dict[str, str] = field(default_factory=dict)
     unit: Angle | Length = "rad"
     units: dict[str, Angle | Length] = field(default_factory=dict)
+    constant: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass
 class JointRateColumns:
-    """The rates of the joints; the attributes are those of `JointPositionColumns`."""
+    """The rates of the joints; see `JointPositionColumns`. Constant joints have the rate zero."""
 
     prefix: str = "qd:"
     suffix: str = ""
@@ -199,6 +209,7 @@ class ColumnMap:
     Attributes:
         time, attitude, position, velocity, angular_velocity, joint_positions, joint_rates, thrust:
             the columns of each quantity.
+        reversed_joints: joints whose positions and rates have the opposite sign of the model's.
         ignore_joints: joints of the log that are not used, such as those of a gripper.
         ignore_columns: columns of the log that are not used although their names have a meaning.
 
@@ -212,8 +223,30 @@ class ColumnMap:
     joint_positions: JointPositionColumns = field(default_factory=JointPositionColumns)
     joint_rates: JointRateColumns = field(default_factory=JointRateColumns)
     thrust: ThrustColumns = field(default_factory=ThrustColumns)
+    reversed_joints: list[str] = field(default_factory=list)
     ignore_joints: list[str] = field(default_factory=list)
     ignore_columns: list[str] = field(default_factory=list)
+
+
+def _is_unit(R: NDArray[np.float64]) -> bool:
+    return np.array_equal(R, np.eye(3))
+
+
+def with_entries(column_map: ColumnMap, entries: Mapping[str, Any]) -> ColumnMap:
+    """Return a map with other values of some keys, such as "position.unit"."""
+    for key, value in entries.items():
+        section, _, rest = key.partition(".")
+        if not rest:
+            column_map = replace(column_map, **{section: value})
+            continue
+        name, _, joint = rest.partition(".")
+        given = getattr(column_map, section)
+        if joint:
+            value = {**getattr(given, name), joint: value}
+        elif isinstance(getattr(given, name), np.ndarray):
+            value = np.asarray(value, dtype=float)
+        column_map = replace(column_map, **{section: replace(given, **{name: value})})
+    return column_map
 
 
 def load_column_map(path: str | Path) -> ColumnMap:
@@ -237,7 +270,7 @@ def check_column_map(column_map: ColumnMap, where: str) -> None:
 
     Raises:
         InputError: a wrong number of columns, a column that is named twice, frames without a rate,
-            or nanoseconds besides a time that is not in seconds.
+            nanoseconds besides a time that is not in seconds, or axes that are none.
 
     """
     time = column_map.time
@@ -245,6 +278,16 @@ def check_column_map(column_map: ColumnMap, where: str) -> None:
         raise InputError(f"{where}: time.rate (frames per second) and time.unit: frame go together")
     if time.nanoseconds is not None and time.unit != "s":
         raise InputError(f"{where}: time.nanoseconds are added to a time of the unit s only")
+    for key, R in (
+        ("attitude", column_map.attitude.R_BS),
+        ("angular_velocity", column_map.angular_velocity.R_BS),
+    ):
+        if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or (key == "attitude" and np.linalg.det(R) < 0):
+            raise InputError(f"{where}: {key}.R_BS must be a rotation: three orthogonal unit rows")
+    if column_map.angular_velocity.frame == "world" and not _is_unit(
+        column_map.angular_velocity.R_BS
+    ):
+        raise InputError(f"{where}: angular_velocity.R_BS is for a gyro, in the frame body")
     is_quaternion = column_map.attitude.order in QUATERNION_ORDERS
     is_planar = column_map.attitude.order == "yaw"
     angles = 1 if is_planar else 3

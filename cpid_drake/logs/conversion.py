@@ -161,20 +161,22 @@ class _Conversion:
         given, chosen = self._map, self._chosen
         self._refuse_texts()
         time = self._times()
+        constant = given.joint_positions.constant
+        still = dict.fromkeys(constant, 0.0) if chosen.rates else {}
         blocks = {
             "attitude": self._block("attitude", given.attitude.unit),
             "gyro": self._block("gyro", given.angular_velocity.unit),
             "position": self._block("position", given.position.unit),
             "velocity": self._block("velocity", given.velocity.unit),
-            "encoders": self._joint_block(given.joint_positions, chosen.positions),
-            "joint_rates": self._joint_block(given.joint_rates, chosen.rates),
+            "encoders": self._joint_block(given.joint_positions, chosen.positions, constant),
+            "joint_rates": self._joint_block(given.joint_rates, chosen.rates, still),
             "force": self._block("force", given.thrust.force_unit),
             "torque": self._block("torque", given.thrust.torque_unit),
         }
         self._refuse_order(time)
         q = self._quaternions(blocks["attitude"])
         inverse = q * [1.0, -1.0, -1.0, -1.0]
-        w = self._spatial(blocks["gyro"], last=True)
+        w = self._spatial(blocks["gyro"], last=True) @ given.angular_velocity.R_BS.T
         in_B = rotate_by_quaternion(inverse, w) if chosen.in_world else w
         p, arm = self._spatial(blocks["position"]), given.position.point_B
         if arm.any():
@@ -184,9 +186,9 @@ class _Conversion:
             v = rotate_by_quaternion(q, v)
         if point.any():
             v = v - rotate_by_quaternion(q, np.cross(in_B, point))
-        attitude = q if chosen.is_planar or given.attitude.order not in QUATERNION_ORDERS else None
-        if attitude is None:
-            attitude = self._ordered(blocks["attitude"])
+        has_digits = given.attitude.order in QUATERNION_ORDERS and not chosen.is_planar
+        has_digits &= np.array_equal(given.attitude.R_BS, np.eye(3))
+        attitude = self._ordered(blocks["attitude"]) if has_digits else q
         for name, value in (
             ("attitude", attitude),
             ("gyro", in_B),
@@ -196,11 +198,12 @@ class _Conversion:
             ("joint_rates", blocks["joint_rates"]),
         ):
             self._take(name, time, value, blocks[name])
-        joints = tuple(dict.fromkeys([*chosen.positions, *chosen.rates]))
-        if len(joints) > len(chosen.positions):
+        positions = [*chosen.positions, *constant]
+        joints = tuple(dict.fromkeys([*positions, *chosen.rates]))
+        if len(joints) > len(positions):
             samples = self._samples["encoders"]
             value = np.full((len(samples), len(joints)), np.nan)
-            value[:, [joints.index(joint) for joint in chosen.positions]] = samples.value
+            value[:, [joints.index(joint) for joint in positions]] = samples.value
             self._samples["encoders"] = Samples(samples.time, value)
         force, torque = blocks["force"], blocks["torque"]
         if force.shape[1] or torque.shape[1]:
@@ -213,7 +216,7 @@ class _Conversion:
             if name.startswith(VALVE):
                 opening = self._plausible((name,), self._table.block((name,)))
                 self._take(name, time, opening, opening)
-        return Measurements(joints, self._samples)
+        return Measurements(joints, self._samples, column_map=given)
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
         """Add the complete samples of a sensor; count those of which some cells are absent."""
@@ -236,12 +239,20 @@ class _Conversion:
         return self._plausible(columns, block if scale == 1.0 else block * scale)
 
     def _joint_block(
-        self, section: JointPositionColumns | JointRateColumns, columns: Mapping[str, str]
+        self,
+        section: JointPositionColumns | JointRateColumns,
+        columns: Mapping[str, str],
+        constant: Mapping[str, float],
     ) -> Array:
+        """Return the columns of joints in SI units, then those of constant joints."""
         scales = np.array([scale_of(section.units.get(joint, section.unit)) for joint in columns])
+        scales *= [-1.0 if joint in self._map.reversed_joints else 1.0 for joint in columns]
         block = self._table.block(columns.values())
         block = block if (scales == 1.0).all() else block * scales
-        return self._plausible(tuple(columns.values()), block)
+        block = self._plausible(tuple(columns.values()), block)
+        if not constant:
+            return block
+        return np.hstack([block, np.tile([*constant.values()], (len(block), 1))])
 
     def _spatial(self, block: Array, *, last: bool = False) -> Array:
         """Return vectors (N, 3): what a table holds is zero; NaN without columns."""
@@ -273,14 +284,25 @@ class _Conversion:
                 norm = np.linalg.norm(q, axis=1)
             for row in np.flatnonzero(self._usable & (np.abs(norm - 1) > _NORM)):
                 self._refuse(row, "", f"the quaternion's norm is {norm[row]:.6g}, not 1")
-            return q / np.where(self._usable & there, norm, np.nan)[:, None]
+            return self._in_base(q / np.where(self._usable & there, norm, np.nan)[:, None])
         if self._chosen.is_planar:
             half = block[there, 0] / 2
             zeros = np.zeros((len(half), 2))
             q[there] = np.column_stack([np.cos(half), zeros, np.sin(half)])
         else:
             q[there] = self._rotation(block[there]).as_quat(scalar_first=True)
-        return q * [1.0, -1.0, -1.0, -1.0] if given.direction == "R_BW" else q
+        return self._in_base(q * [1.0, -1.0, -1.0, -1.0] if given.direction == "R_BW" else q)
+
+    def _in_base(self, q: Array) -> Array:
+        """Return quaternions of R_WB from those of the axes S of the map."""
+        R_BS, there = self._map.attitude.R_BS, np.isfinite(q).all(axis=1)
+        if np.array_equal(R_BS, np.eye(3)) or not there.any():
+            return q
+        Rotation = scipy.spatial.transform.Rotation
+        turned = Rotation.from_quat(q[there], scalar_first=True) * Rotation.from_matrix(R_BS.T)
+        q = q.copy()
+        q[there] = turned.as_quat(scalar_first=True)
+        return q
 
     def _rotation(self, angles: Array) -> "scipy.spatial.transform.Rotation":
         Rotation = scipy.spatial.transform.Rotation  # imported at its first use: it takes 0.25 s

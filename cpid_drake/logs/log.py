@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,9 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.sensors.sensors import SENSORS, Gyro, SensorErrors, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.sensors.thrusters import VALVE
+
+if TYPE_CHECKING:
+    from cpid_drake.logs.column_map import ColumnMap
 
 LONGEST_STEP = 0.02
 """Longest step between the instants at which the mean of an integrating gyro is computed [s]."""
@@ -68,20 +71,24 @@ class Measurements:
         joint_names: the joints, in the order of columns of joint sensors.
         samples: the samples, by the sensors' names in `SENSORS`, by `THRUST`, and of each valve by
             `VALVE` and its name.
+        column_map: how the samples were read from columns; None for the package's own columns.
         named: samples by sensor, as keywords; they replace those in `samples`.
 
     """
 
     joint_names: tuple[str, ...]
     samples: Mapping[str, Samples] = field(default_factory=dict)
+    column_map: "ColumnMap | None" = None
 
     def __init__(
         self,
         joint_names: tuple[str, ...],
         samples: Mapping[str, Samples] | None = None,
+        column_map: "ColumnMap | None" = None,
         **named: Samples,
     ) -> None:
         object.__setattr__(self, "joint_names", tuple(joint_names))
+        object.__setattr__(self, "column_map", column_map)
         object.__setattr__(self, "samples", {**(samples or {}), **named})
         others = (name for name in self.samples if name not in SENSORS and name != THRUST)
         unknown = [name for name in others if not name.startswith(VALVE)]
@@ -140,7 +147,7 @@ class Measurements:
 
     def updated(self, samples: Mapping[str, Samples]) -> "Measurements":
         """Return measurements in which `samples` replace those of the same sensors."""
-        return Measurements(self.joint_names, {**self.samples, **samples})
+        return Measurements(self.joint_names, {**self.samples, **samples}, self.column_map)
 
     def between(self, start: float, end: float) -> "Measurements":
         """Return the samples with start ≤ time ≤ end [s], and the thrust held at the start."""

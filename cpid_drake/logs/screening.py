@@ -142,7 +142,7 @@ def with_valves(measurements: Measurements, suite: SensorSuite | None) -> Measur
     changes = np.append(True, (openings[1:] != openings[:-1]).any(axis=1))
     samples = {n: s for n, s in measurements.samples.items() if not n.startswith(VALVE)}
     samples[THRUST] = Samples(time[changes], openings[changes])
-    return Measurements(measurements.joint_names, samples)
+    return Measurements(measurements.joint_names, samples, measurements.column_map)
 
 
 def usable_thrust(measurements: Measurements, suite: SensorSuite | None = None) -> Measurements:

@@ -178,11 +178,19 @@ def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
     assert "joint_positions.unit" in unit
 
 
-def test_a_gyro_with_exchanged_axes_leaves_the_attitude_open(craft, log):
-    """No convention of the attitude agrees with it; momentum is not asked for a guess."""
+def test_exchanged_axes_of_the_gyro_are_found_and_a_foreign_gyro_leaves_the_attitude_open(
+    craft, log
+):
+    """If no convention of the attitude agrees with the gyro, momentum is not asked for a guess."""
     names, values = table_of(log)
     columns = dict(zip(names, values.T))
     assert guess_map(RawLog(columns, {}), craft, "base").missing == ()
-    columns |= {"bwx": columns["bwy"], "bwy": columns["bwz"], "bwz": columns["bwx"]}
-    missing = guess_map(RawLog(columns, {}), craft, "base").missing
+    turned = columns | {"bwx": columns["bwy"], "bwy": columns["bwz"], "bwz": columns["bwx"]}
+    guess = guess_map(RawLog(turned, {}), craft, "base")
+    assert guess.missing == ()
+    np.testing.assert_array_equal(
+        guess.column_map.angular_velocity.R_BS, [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    )
+    other = columns | {name: columns[name][::-1] for name in ("bwx", "bwy", "bwz")}
+    missing = guess_map(RawLog(other, {}), craft, "base").missing
     assert any("does not turn at the angular velocity in any convention" in t for t in missing)

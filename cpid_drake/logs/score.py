@@ -1,0 +1,431 @@
+"""Compares the quantities of a log with each other: the score of the conventions it is read with.
+
+Positions are compared with rates, the attitude with the angular velocity, and the motion of the
+base with the conservation of momentum, with the target that explains it best. Each comparison is a
+residual relative to the motion: near 0 if the log is read in the right conventions, near 1 if not.
+
+Without external forces, the centre of mass of all bodies moves at a constant velocity. With the
+share μ of the target in the total mass, its first moment h' about C's origin in units of the total
+mass, and the vectors k and c in W from B's origin to the known bodies' centre of mass and to C,
+
+    p_WBo = a₀ + a₁ t + a₂ t² − (1 − μ) k − μ c − R_WC h'.
+
+This is linear in μ, h' and the a, where a₂ is the effect of a constant force. It remains so for the
+position p_WBo + R_WB d of another point of the base, and its derivative is linear in the same
+unknowns. The angular momentum about the centre of mass is linear in the target, too
+(`RELATIVE_ROWS`). The residual of the momentum is the geometric mean of both.
+
+Source: Ning et al. 2016, Eqs. 5 and 9.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rows import RELATIVE_ROWS
+from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.logs.log import Measurements, Samples
+
+MOMENTUM = "momentum"
+"""Name of the comparison with the conservation of momentum."""
+
+LONGEST = 60.0
+"""Length of the part of a log that is compared [s]: the one in which the joints move most."""
+
+_FEWEST = 12  # samples of a sensor that is compared: a spline of degree 5 has at least 7 numbers
+_MOST = 3000  # samples of a sensor in that part, evenly selected
+_INSTANTS = 200  # at which quantities are compared
+_EDGE = 0.05  # share of the part at each end where splines are less accurate
+_GAP = 3.0  # usual steps of samples above which a step is a gap, which no spline bridges
+_ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
+_MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
+_LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
+_RATES = ("gyro", "velocity", "joint_rates")
+_INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """What a log says at common instants; quantities that it lacks are None.
+
+    Attributes:
+        time: (N,) [s].
+        q, q_rate: (N, J) joint positions, and their derivatives.
+        quaternion, quaternion_rate: (N, 4) attitude, scalar first, and its derivative.
+        p, p_rate: (N, 3) position in W, and its derivative.
+        qdot: (N, J) measured joint rates.
+        w_B: (N, 3) measured angular velocity in B.
+        v: (N, 3) measured velocity in W.
+        moving: names of the sensors whose samples show a motion, and of the joints.
+        is_free: whether no thruster fires, so that momentum is conserved.
+
+    """
+
+    time: Array
+    q: Array
+    q_rate: Array
+    quaternion: Array | None
+    quaternion_rate: Array | None
+    p: Array | None
+    p_rate: Array | None
+    qdot: Array | None
+    w_B: Array | None
+    v: Array | None
+    moving: frozenset[str]
+    is_free: bool
+
+    @property
+    def R_WB(self) -> Array:
+        """(N, 3, 3) attitudes; B's axes are those of W without an attitude."""
+        if self.quaternion is None:
+            return np.broadcast_to(np.eye(3), (len(self.time), 3, 3))
+        return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix())
+
+    @property
+    def turning(self) -> Array | None:
+        """(N, 3) angular velocity in B that follows from the attitude."""
+        if self.quaternion is None or self.quaternion_rate is None:
+            return None
+        w, x = self.quaternion[:, :1], self.quaternion[:, 1:]
+        dw, dx = self.quaternion_rate[:, :1], self.quaternion_rate[:, 1:]
+        square = np.sum(self.quaternion**2, axis=1, keepdims=True)
+        return np.asarray(2 * (w * dx - dw * x - np.cross(x, dx)) / square)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Two sides that are equal in the right conventions.
+
+    Attributes:
+        name: of the quantity: "q:<joint>", "position", "attitude" or `MOMENTUM`.
+        sides: what the two sides are, in words.
+        values: (N, k) each.
+        residual: their difference relative to the larger one.
+
+    """
+
+    name: str
+    sides: tuple[str, str]
+    values: tuple[Array, Array]
+    residual: float
+
+
+@dataclass(frozen=True, eq=False)
+class CentreOfMass:
+    """How well a motion agrees with a centre of mass that moves evenly.
+
+    Attributes:
+        mass_share: share μ of the target in the total mass.
+        point_B: (3,) p_BP_B of the point whose positions are logged [m].
+        reach: largest distance of C's origin from B's [m].
+        is_possible: whether a target with this share, and a point near the base, can exist.
+        residual: relative to the motion.
+        values: (N, 3) logged and explained positions or velocities.
+
+    """
+
+    mass_share: float
+    point_B: Array
+    reach: float
+    is_possible: bool
+    residual: float
+    values: tuple[Array, Array]
+
+
+def instants_of(log: Measurements) -> Instants | None:
+    """Return what a screened log says at common instants; None for too few samples.
+
+    Every sensor's samples are smoothed by a regression spline. The instants are in the part of the
+    log in which the joints move most, before thrusters fire, and outside of gaps.
+
+    Args:
+        log: screened samples; joint positions of all joints.
+
+    """
+    coasting = log.coasting
+    is_free = len(coasting.encoders) >= _FEWEST
+    log = _liveliest(coasting if is_free else log)
+    splines, moving = {}, set()
+    used = {name: _thinned(s) for name, s in log.items() if len(s) >= _FEWEST}
+    if "encoders" not in used or np.isnan(used["encoders"].value).any():
+        return None
+    for name, samples in used.items():
+        samples = _continuous(name, samples)
+        splines[name] = regression_spline(samples)
+        fitted = splines[name](samples.time)
+        noise = np.sqrt(np.mean((samples.value - fitted) ** 2, axis=0))
+        if name not in _RATES:  # a constant rate is a motion, a constant position is none
+            fitted = fitted - fitted.mean(axis=0)
+        size = np.sqrt(np.mean(fitted**2, axis=0))
+        if name in ("encoders", "joint_rates"):
+            moved = size > noise + _LEAST
+            moving |= {f"{name} {joint}" for j, joint in enumerate(log.joint_names) if moved[j]}
+        elif np.linalg.norm(size) > np.linalg.norm(noise) + _LEAST:
+            moving.add(name)
+    start = max(s.time[0] for s in used.values())
+    end = min(s.time[-1] for s in used.values())
+    edge = _EDGE * (end - start)
+    time = np.linspace(start + edge, end - edge, _INSTANTS)
+    for samples in used.values():
+        time = time[~_in_gap(samples.time, time)]
+    if not (end > start and time.size >= _FEWEST):
+        return None
+
+    def at(name: str, derivative: int = 0) -> Array | None:
+        return splines[name](time, derivative) if name in splines else None
+
+    q, q_rate = at("encoders"), at("encoders", 1)
+    assert q is not None
+    assert q_rate is not None
+    return Instants(
+        time - time[0],
+        q,
+        q_rate,
+        at("attitude"),
+        at("attitude", 1),
+        at("position"),
+        at("position", 1),
+        at("joint_rates"),
+        at("gyro"),
+        at("velocity"),
+        frozenset(moving),
+        is_free,
+    )
+
+
+def regression_spline(samples: Samples) -> BSpline:
+    """Return a quintic spline by least squares, with as many pieces as Akaike's criterion says.
+
+    Every piece holds about the same number of samples.
+    """
+    time, value = samples.time, samples.value
+    tiny = (1e-12 * np.abs(value).max(axis=0, initial=0.0)) ** 2 + 1e-300
+    best, least, worse = None, np.inf, 0
+    for pieces in _INTERVALS:
+        if best is not None and pieces + 5 > len(value) / 2:
+            break
+        breaks = np.quantile(time, np.linspace(0.0, 1.0, pieces + 1))
+        knots = np.concatenate([5 * [breaks[0]], breaks, 5 * [breaks[-1]]])
+        spline = make_lsq_spline(time, value, knots, 5)
+        variance = np.mean((value - spline(time)) ** 2, axis=0)
+        criterion = len(value) * np.log(variance + tiny).sum() + 2 * value.shape[1] * (pieces + 5)
+        if criterion < least:
+            best, least, worse = spline, criterion, 0
+        else:
+            worse += 1
+        if worse == 3:
+            break
+    assert best is not None
+    return best
+
+
+def compare(given: Instants, names: tuple[str, ...], tree: KinematicTree) -> list[Comparison]:
+    """Return all comparisons of the quantities of a log.
+
+    Args:
+        given: what the log says.
+        names: the joints.
+        tree: the known spacecraft.
+
+    """
+    return [*compare_rates(given, names), *compare_momentum(given, tree)]
+
+
+def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
+    """Return the comparisons of positions that move with measured rates; see `compare`."""
+    found = []
+    if given.qdot is not None:
+        for k, joint in enumerate(names):
+            if {f"encoders {joint}", f"joint_rates {joint}"} <= given.moving:
+                sides = given.q_rate[:, [k]], given.qdot[:, [k]]
+                found.append(_compared(f"q:{joint}", f"qd:{joint}", *sides))
+    if (
+        given.p_rate is not None
+        and given.v is not None
+        and {"position", "velocity"} <= given.moving
+    ):
+        found.append(_compared("position", "velocity", given.p_rate, given.v))
+    turning = given.turning
+    if turning is not None and given.w_B is not None and {"attitude", "gyro"} <= given.moving:
+        found.append(_compared("attitude", "angular velocity", turning, given.w_B))
+    return found
+
+
+def compare_momentum(given: Instants, tree: KinematicTree) -> list[Comparison]:
+    """Return the comparison with the conservation of momentum, if one is possible."""
+    if not given.moving or not given.is_free or (tree.normal_B is not None and tree.normal_C is None):
+        return []  # on a table, the centre of mass of a craft that is not planar may rise
+    samples = _momentum_samples(given, tree)
+    place = _centre_of_mass(given, samples, False)
+    parts = [] if place is None else [(place.residual, place.is_possible)]
+    if tree.normal_B is None:  # the plane has too few equations
+        parts.append(_angular(given, samples))
+    if not parts:
+        return []
+    values = (np.empty((0, 3)), np.empty((0, 3))) if place is None else place.values
+    residual = float(np.exp(np.mean([np.log(residual) for residual, _ in parts])))
+    if not all(is_possible for _, is_possible in parts):
+        residual = max(residual, 1.0)  # an impossible target explains nothing
+    sides = "motion of the base", "motion that the conservation of momentum allows"
+    return [Comparison(MOMENTUM, sides, values, residual)]
+
+
+def centre_of_mass(
+    given: Instants, tree: KinematicTree, *, has_free_point: bool = False
+) -> CentreOfMass | None:
+    """Return how well the base's motion agrees with the conservation of linear momentum.
+
+    None without attitudes, without positions and velocities, or if the base does not move.
+
+    Args:
+        given: what a log says.
+        tree: the known spacecraft.
+        has_free_point: whether the positions may be those of another point than B's origin.
+
+    """
+    return _centre_of_mass(given, _momentum_samples(given, tree), has_free_point)
+
+
+def _momentum_samples(given: Instants, tree: KinematicTree) -> MomentumSamples:
+    """Return the momentum samples of a motion in which the base's origin rests at zero."""
+    turning = given.w_B if given.w_B is not None else given.turning
+    w_B = np.zeros((len(given.time), 3)) if turning is None else turning
+    still = Telemetry.seen_from_base(
+        given.q, given.q_rate if given.qdot is None else given.qdot, w_B
+    )
+    if given.quaternion is not None:
+        norm = np.linalg.norm(given.quaternion, axis=1, keepdims=True)
+        still = Telemetry(
+            still.joint_names,
+            still.time,
+            given.quaternion / norm,
+            still.p_WB,
+            rotate(given.R_WB, w_B),
+            still.v_WB,
+            still.q,
+            still.qdot,
+        )
+    return momentum_samples(tree, still)
+
+
+def _angular(given: Instants, samples: MomentumSamples) -> tuple[float, bool]:
+    """Return the share of the angular momentum that no constant one and no target explain.
+
+    Also whether a target with this share of the mass can exist.
+    """
+    rows = RELATIVE_ROWS.full_rows(samples, given.quaternion is not None)
+    A, b = rows[:, :-1], rows[:, -1]
+    k = A.shape[1] - 10
+    size = np.linalg.norm(b - A[:, :k] @ np.linalg.lstsq(A[:, :k], b, rcond=None)[0])
+    x, sigma, error = _least_squares(A, b, k)
+    share, margin = x[k] / samples.mass, 3 * sigma / samples.mass + _MODEL_ERROR
+    is_possible = bool(-margin < share < 1 + margin)
+    return max(float(np.linalg.norm(error) / max(size, 1e-300)), _ROUNDING), is_possible
+
+
+def _centre_of_mass(
+    given: Instants, samples: MomentumSamples, has_free_point: bool
+) -> CentreOfMass | None:
+    if given.quaternion is None or (given.p is None and given.v is None):
+        return None
+    C, R_WB = samples.motion, given.R_WB
+    clock = given.time / max(given.time[-1], 1e-300)
+    has_position = given.p is not None
+    if has_position:
+        y = given.p
+        powers = [np.ones_like(clock), clock, clock**2]
+        known, arm, moment = samples.p_WKcm, C.p_WC - samples.p_WKcm, -C.R_WC
+    else:
+        y = given.v
+        powers = [np.ones_like(clock), clock]
+        known = samples.P / samples.mass
+        arm, moment = C.v_WC - known, -skew(C.w_WC) @ C.R_WC
+    assert y is not None
+    drift = np.stack(powers, axis=1)
+    size = _rms(y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0])
+    if not size > _LEAST * max(np.abs(y).max(), 1e-3):
+        return None
+    is_free = has_free_point and has_position
+    columns = [-arm[:, :, None], moment, *([R_WB] if is_free else [])]
+    columns += [power[:, None, None] * np.eye(3) for power in powers]
+    A = np.concatenate(columns, axis=2).reshape(y.size, -1)
+    x, sigma, error = _least_squares(A, (y + known).reshape(-1), 0)
+    margin = 3 * sigma + _MODEL_ERROR
+    point_B = x[4:7] if is_free else np.zeros(3)
+    reach = float(np.linalg.norm(C.p_WC, axis=1).max())
+    is_near = np.linalg.norm(point_B) < 2 * reach + 1.0
+    return CentreOfMass(
+        float(x[0]),
+        point_B,
+        reach,
+        bool(-margin < x[0] < 1 + margin and is_near),
+        max(_rms(error) / size, _ROUNDING),
+        (y, y - error.reshape(y.shape)),
+    )
+
+
+def _least_squares(A: Array, b: Array, place: int) -> tuple[Array, float, Array]:
+    """Return the solution, σ of one of its entries (infinite if it is open), and the residuals."""
+    scale = np.linalg.norm(A, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    kept = s > 1e-7 * s[0]
+    x = (Vt[kept].T / s[kept] @ (U[:, kept].T @ b)) / scale
+    error = b - A @ x
+    if np.abs(Vt[~kept, place]).sum() > 1e-6:
+        return x, np.inf, error
+    noise = _rms(error) * np.sqrt(b.size / max(b.size - A.shape[1], 1))
+    return x, noise * float(np.linalg.norm(Vt[kept, place] / s[kept])) / scale[place], error
+
+
+def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:
+    size = max(np.sum(moved**2), np.sum(measured**2), 1e-300)
+    residual = max(float(np.sqrt(np.sum((moved - measured) ** 2) / size)), _ROUNDING)
+    return Comparison(name, (f"changes of {name}", rate), (moved, measured), residual)
+
+
+def _liveliest(log: Measurements) -> Measurements:
+    """Return the part of a log in which its joints move most."""
+    time, q = log.encoders.time, log.encoders.value
+    if len(time) < _FEWEST or time[-1] - time[0] <= LONGEST:
+        return log
+    # The time may be in another unit: a part has many samples in any case.
+    count = max(int(LONGEST / np.median(np.diff(time))), 20 * _FEWEST)
+    parts = np.array_split(np.arange(len(time)), max(len(time) // count, 1))
+    spread = np.array([np.std(q[part], axis=0) for part in parts])
+    scaled = spread / np.maximum(spread.max(axis=0, initial=0.0), 1e-300)
+    most = parts[int(scaled.sum(axis=1).argmax())]
+    return log.between(time[most[0]], time[most[-1]])
+
+
+def _thinned(samples: Samples) -> Samples:
+    return samples.where(slice(None, None, -(-len(samples) // _MOST)))
+
+
+def _continuous(name: str, samples: Samples) -> Samples:
+    """Return samples of the attitude without jumps of the quaternion's sign."""
+    if name != "attitude":
+        return samples
+    value = samples.value
+    flips = np.sum(value[1:] * value[:-1], axis=1) < 0
+    return Samples(samples.time, value * np.cumprod(np.append(1.0, 1 - 2.0 * flips))[:, None])
+
+
+def _in_gap(time: Array, at: Array) -> NDArray[np.bool_]:
+    """Return whether some times are between samples that are farther apart than most."""
+    steps = np.diff(time)
+    return np.asarray(steps > _GAP * np.median(steps))[
+        np.searchsorted(time[1:-1], at, side="right")
+    ]
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
