@@ -11,16 +11,17 @@ from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.requirements import left_out_warning
-from cpid_drake.logs.consistency import check_consistency
+from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import TelemetryFile
 from cpid_drake.logs.files import inspect_telemetry, read_telemetry, write_telemetry
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.logs.guess.map_text import column_map_text
 from cpid_drake.logs.guess.raw_log import read_raw
-from cpid_drake.logs.motion_checks import not_checked
+from cpid_drake.logs.score import Comparison
+from cpid_drake.logs.screening import screen
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import LOGS, YAML, Output, check_outputs
-from cpid_drake.report.telemetry import contents
+from cpid_drake.output_files.overwriting import LOGS, PNG, YAML, Output, check_outputs
+from cpid_drake.report.telemetry import contents, draw_comparisons
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 log = typer.Typer(
@@ -39,6 +40,11 @@ def check(
     file: options.LogArgument,
     craft: options.SpacecraftOptions,
     reading: options.ReadingOptions,
+    figure: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="PNG file to draw both sides of each comparison in."),
+    ] = None,
+    force: options.ForceOption = False,
 ) -> int:
     """List the contents and all problems of a log, and what was not checked.
 
@@ -47,14 +53,19 @@ def check(
 
     Exit codes: 0 no problem; 2 at least one problem.
     """
+    if figure is not None:
+        inputs = [file, *([] if reading.columns is None else [reading.columns])]
+        check_outputs([Output("--figure", figure, PNG)], inputs, force=force)
     spacecraft = craft.make() if craft.is_given else None
     joints = None if spacecraft is None else spacecraft.joint_names
     found = inspect_telemetry(file, topics=reading.topics(), columns=reading.columns, joints=joints)
-    errors, warnings, unchecked = _comparisons(found, spacecraft)
+    errors, warnings, unchecked, comparisons = _comparisons(found, spacecraft)
+    if figure is not None:
+        draw_comparisons(comparisons, figure)
     count = len(found.problems) + len(errors)
     hidden = max(len(found.problems) - _SHOWN, 0)
     out = Console(markup=False, highlight=False, soft_wrap=True)
-    out.print("\n".join(contents(found, file)))
+    out.print("\n".join(contents(found, file, comparisons)))
     lines = [f"warning: {warning}" for warning in warnings]
     lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *errors]]
     lines += [f"... and {hidden} more"] * (hidden > 0)
@@ -68,21 +79,21 @@ def check(
 
 def _comparisons(
     found: TelemetryFile, craft: Spacecraft | None
-) -> tuple[list[str], list[str], list[str]]:
-    """Return errors, warnings, and what could not be compared."""
-    unchecked = not_checked(found.measurements, has_spacecraft=craft is not None)
+) -> tuple[list[str], list[str], list[str], tuple[Comparison, ...]]:
+    """Return errors, warnings, what could not be compared, and the comparisons."""
     if craft is None:
-        consistency = check_consistency(found.measurements)
-        return consistency.errors, consistency.warnings, unchecked
+        said = check_conventions(screen(found.measurements).measurements, None)
+        return [*said.failures], [], [*said.unchecked], said.comparisons
     warnings = [left_out_warning(found.left_out_joints)] if found.left_out_joints else []
     try:
         checked = check_log(craft, found.measurements)
     except InputError as error:
-        return [str(error)], warnings, unchecked
+        return [str(error)], warnings, [], ()
     return (
         [*checked.failures],
         [*warnings, *checked.warnings],
-        [*unchecked, *checked.unchecked],
+        [*checked.unchecked],
+        checked.comparisons,
     )
 
 

@@ -38,7 +38,8 @@ class CheckedLog:
         measurements: the samples.
         counts: number of samples by sensor.
         rejected: number of unusable samples by sensor, which are left out.
-        warnings: joints that the spacecraft does not have, and positions beyond the joints' limits.
+        warnings: joints that the spacecraft does not have, positions beyond the joints' limits, and
+            positions that may be those of another point.
         comparisons: of positions with rates, and of the motion with the momentum.
         normal_B: (3,) normal in B of a table that carries the spacecraft; None without one.
         failures: failed checks: contradictions between positions, rates, and the conservation of
@@ -113,6 +114,7 @@ def check_log(
     warnings = (
         *([left_out_warning(others)] if others else ()),
         *notes,
+        *found.warnings,
         *beyond,
         *(degrees if agrees else ()),
     )

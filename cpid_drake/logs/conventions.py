@@ -75,8 +75,13 @@ class Alternative:
 
     text: str
     log: Instants
-    tree: KinematicTree
+    tree: KinematicTree | None
     entries: Mapping[str, Any]
+
+    @property
+    def is_point(self) -> bool:
+        """Whether the position is that of another point, and nothing else is different."""
+        return [*self.entries] == ["position.point_B"]
 
     @property
     def sentence(self) -> str:
@@ -108,10 +113,15 @@ class Findings:
         return ", or ".join(each.sentence for each in self.better)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """The point of the position: the spacecraft may differ from its model instead."""
+        return (self.sentence,) if self.better and self.better[0].is_point else ()
+
+    @property
     def failures(self) -> tuple[str, ...]:
         """Contradictions in the log, as sentences: the convention, or quantities that differ."""
         if self.better:
-            return (self.sentence,)
+            return () if self.warnings else (self.sentence,)
         return tuple(
             f"{c.sides[0]} and {c.sides[1]} differ by {c.residual:.0%}, in any convention"
             for c in self.comparisons
@@ -119,12 +129,14 @@ class Findings:
         )
 
 
-def check_conventions(log: Measurements, tree: KinematicTree, *, is_bad: bool = False) -> Findings:
+def check_conventions(
+    log: Measurements, tree: KinematicTree | None, *, is_bad: bool = False
+) -> Findings:
     """Compare the quantities of a log with each other, and with what the momentum allows.
 
     Args:
         log: screened samples, joints in the spacecraft's order.
-        tree: the known spacecraft.
+        tree: the known spacecraft; None to compare positions with rates only.
         is_bad: whether to look for another convention in any case, as after a bad fit; else only if
             a comparison fails.
 
@@ -139,8 +151,10 @@ def check_conventions(log: Measurements, tree: KinematicTree, *, is_bad: bool = 
         column_map = log.column_map or ColumnMap()
         better = better_conventions(given, log.joint_names, tree, column_map)
     unchecked = []
-    [momentum] = [c for c in found if c.name == MOMENTUM] or [None]
-    if momentum is None:
+    momentum = next((c for c in found if c.name == MOMENTUM), None)
+    if tree is None:
+        unchecked.append("units of position, its point, signs of joints (needs --spacecraft)")
+    elif momentum is None:
         unchecked.append("unit and point of the position, signs of joints (no motion to compare)")
     elif momentum in failed and not better:
         unchecked.append(
@@ -151,7 +165,7 @@ def check_conventions(log: Measurements, tree: KinematicTree, *, is_bad: bool = 
 
 
 def better_conventions(
-    given: Instants, names: tuple[str, ...], tree: KinematicTree, column_map: ColumnMap
+    given: Instants, names: tuple[str, ...], tree: KinematicTree | None, column_map: ColumnMap
 ) -> list[Alternative]:
     """Return the alternatives that explain a log clearly better than the conventions it is read in.
 
@@ -166,14 +180,14 @@ def better_conventions(
         explains it clearly better, or too many do.
 
     """
-    tree = tree.lumped
+    tree = None if tree is None else tree.lumped
     now, rows = _residuals(given, names, tree), []
     for each in alternatives(given, names, tree, column_map):
         rates = {c.name: c.residual for c in compare_rates(each.log, names)}
         if any(_contradicts(now, name, value) for name, value in rates.items()):
             continue
-        momentum = {c.name: c.residual for c in compare_momentum(each.log, each.tree)}
-        then = {**rates, **momentum}
+        momentum = [] if each.tree is None else compare_momentum(each.log, each.tree)
+        then = {**rates, **{c.name: c.residual for c in momentum}}
         better = {n for n, value in then.items() if CLEARLY * value < now.get(n, 0.0)}
         explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
         worse = any(_contradicts(now, name, value) for name, value in then.items())
@@ -186,7 +200,9 @@ def better_conventions(
     return best if len(best) <= _TIES else []
 
 
-def _residuals(given: Instants, names: tuple[str, ...], tree: KinematicTree) -> dict[str, float]:
+def _residuals(
+    given: Instants, names: tuple[str, ...], tree: KinematicTree | None
+) -> dict[str, float]:
     return {each.name: each.residual for each in compare(given, names, tree)}
 
 
@@ -195,7 +211,7 @@ def _contradicts(now: Mapping[str, float], name: str, value: float) -> bool:
 
 
 def alternatives(
-    given: Instants, names: tuple[str, ...], tree: KinematicTree, column_map: ColumnMap
+    given: Instants, names: tuple[str, ...], tree: KinematicTree | None, column_map: ColumnMap
 ) -> Iterator[Alternative]:
     """Yield the log in every other convention; see `better_conventions`."""
 
@@ -206,7 +222,8 @@ def alternatives(
     yield from _joints(given, names, tree, column_map, read)
     yield from _attitudes(given, column_map, read)
     yield from _places(given, tree, column_map, read)
-    for k, body in enumerate(tree.bodies):
+    for k, body in enumerate(() if tree is None else tree.bodies):
+        assert tree is not None
         if body.parent >= 0 and k != tree.capture_body:
             held = replace(tree, capture_body=k, R_BC=np.eye(3), p_BC=np.zeros(3))
             text = f"the body '{body.name}' of the model, not the capture frame, holds the target"
@@ -237,14 +254,15 @@ def _slower(given: Instants, size: float) -> dict[str, Any]:
 def _joints(
     given: Instants,
     names: tuple[str, ...],
-    tree: KinematicTree,
+    tree: KinematicTree | None,
     column_map: ColumnMap,
     read: Read,
 ) -> Iterator[Alternative]:
     count = len(names)
-    rotors = np.array([tree.is_rotor(k) for k in range(count)], dtype=bool)
-    sliding = np.zeros(count, dtype=bool)
-    sliding[[body.joint for body in tree.bodies if body.joint >= 0 and body.prismatic]] = True
+    rotors, sliding = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    if tree is not None:
+        rotors[:] = [tree.is_rotor(k) for k in range(count)]
+        sliding[[body.joint for body in tree.bodies if body.joint >= 0 and body.prismatic]] = True
     groups = [("", ~sliding), ("wheels' ", rotors)] if not sliding.all() else []
     groups += [(name, np.arange(count) == k) for k, name in enumerate(names)]
     at, rate_at = column_map.joint_positions, column_map.joint_rates
@@ -283,17 +301,19 @@ def _joints(
                 word = _WORDS[unit.removesuffix("/s")] + (" per second" if "/" in unit else "")
                 entries = dict.fromkeys(rate_keys, unit)
                 yield read(f"{whats} in {word}", entries, qdot=size * given.qdot)
-        if is_one:
-            opposite = np.where(chosen, -1.0, 1.0) * given.qdot
+        if label != "wheels' ":
+            opposite = np.where(chosen if is_one else True, -1.0, 1.0) * given.qdot
             text = f"qd:{label} is the rate of q:{label} with the opposite sign"
+            if not is_one:
+                text = "the joint rates have the opposite sign of the positions' changes"
             yield read(text, {}, qdot=opposite)
     moving = [k for k in range(count) if not rotors[k]]
     for k in moving:
         signs = np.where(np.arange(count) == k, -1.0, 1.0)
         text = f"q:{names[k]} has the opposite sign of the model's joint"
-        moved = {name: signs * getattr(given, name) for name in ("q", "q_rate")}
-        moved["qdot"] = None if given.qdot is None else signs * given.qdot
-        yield read(text, {"reversed_joints": [names[k]]}, **moved)
+        flipped: dict[str, Any] = {name: signs * getattr(given, name) for name in ("q", "q_rate")}
+        flipped["qdot"] = None if given.qdot is None else signs * given.qdot
+        yield read(text, {"reversed_joints": [names[k]]}, **flipped)
     orders = {}
     for a, b in combinations(moving, 2):
         order = list(range(count))
@@ -328,15 +348,14 @@ def _attitudes(given: Instants, column_map: ColumnMap, read: Read) -> Iterator[A
     for order, direction, frame, unit in product(orders, ("R_WB", "R_BW"), frames, units):
         if (order, direction, frame, unit) == (at.order, at.direction, frame_now, now):
             continue
-        moved = {
+        moved: dict[str, Any] = {
             name: _reordered(getattr(given, name), at.order, order, direction != at.direction)
             for name in ("quaternion", "quaternion_rate")
         }
         texts, entries = [], {}
         if order != at.order:
             entries["attitude.order"] = order
-            letters = ", ".join(order)
-            texts.append(f"the quaternion is in the order {letters}")
+            texts.append(f"the quaternion is in the order {', '.join(order)}")
         if direction != at.direction:
             entries["attitude.direction"] = direction
             texts.append(f"the attitude is that of {direction}, not of {at.direction}")
@@ -354,7 +373,7 @@ def _attitudes(given: Instants, column_map: ColumnMap, read: Read) -> Iterator[A
             entries["angular_velocity.unit"] = unit
             texts.append(f"the angular velocity is in {_turns(unit)}")
         yield read("; and ".join(texts), entries, **moved)
-    for axes, M in _signed_axes():
+    for letters, M in _signed_axes():
         if np.linalg.det(M) > 0:
             text = "attitude and angular velocity belong to other axes of the base than the model's"
             turn = Rotation.from_matrix(M).inv()
@@ -366,15 +385,15 @@ def _attitudes(given: Instants, column_map: ColumnMap, read: Read) -> Iterator[A
             entries = {"attitude.R_BS": (M @ at.R_BS).tolist()}
             if w_B is not None:
                 entries["angular_velocity.R_BS"] = (M @ gyro.R_BS).tolist()
-            yield read(f"{text}: their {', '.join(axes)} are x, y, z", entries, **moved)
+            yield read(f"{text}: their {', '.join(letters)} are x, y, z", entries, **moved)
         if w_B is not None:
-            text = f"the gyro has other axes than the base: its {', '.join(axes)} are x, y, z"
+            text = f"the gyro has other axes than the base: its {', '.join(letters)} are x, y, z"
             entries = {"angular_velocity.R_BS": (M @ gyro.R_BS).tolist()}
             yield read(text, entries, w_B=w_B @ M.T)
 
 
 def _places(
-    given: Instants, tree: KinematicTree, column_map: ColumnMap, read: Read
+    given: Instants, tree: KinematicTree | None, column_map: ColumnMap, read: Read
 ) -> Iterator[Alternative]:
     """Yield units, points and axes of the position and the velocity, and mirrored logs."""
     R_WB, p, p_rate, v = given.R_WB, given.p, given.p_rate, given.v
@@ -391,11 +410,13 @@ def _places(
         for unit in (now, *(u for u in _LENGTHS if u != now)):
             size = scale_of(unit) / scale_of(now)
             entries = {} if unit == now else {"position.unit": unit}
-            scaled = {"p": size * p, "p_rate": size * p_rate}
+            scaled: dict[str, Any] = {"p": size * p, "p_rate": size * p_rate}
             texts = [f"the position is in {_WORDS[unit]}, or masses of the model are wrong"]
             if unit != now:
                 yield read(texts[0], entries, **scaled)
-            found = centre_of_mass(replace(given, **scaled), tree, has_free_point=True)
+            found = None
+            if tree is not None:
+                found = centre_of_mass(replace(given, **scaled), tree, has_free_point=True)
             if found is None or not found.is_possible:
                 continue
             point, spin = found.point_B, given.turning
@@ -417,12 +438,12 @@ def _places(
             rate = rotate(R_WB, p_rate + np.cross(spin, p))
             yield read(text, {}, p=rotate(R_WB, p), p_rate=rate)
     if v is not None:
-        now, frame = column_map.velocity.unit, column_map.velocity.frame
-        for unit in (f"{u}/s" for u in _LENGTHS):
-            if unit != now:
-                size = scale_of(unit) / scale_of(now)
-                text = f"the velocity is in {_WORDS[unit.removesuffix('/s')]} per second"
-                yield read(text, {"velocity.unit": unit}, v=size * v)
+        frame = column_map.velocity.frame
+        for length in _LENGTHS:
+            if f"{length}/s" != column_map.velocity.unit:
+                size = scale_of(length) / scale_of(column_map.velocity.unit)
+                text = f"the velocity is in {_WORDS[length]} per second"
+                yield read(text, {"velocity.unit": f"{length}/s"}, v=size * v)
         if has_attitude:
             is_in_W = frame == "world"
             text = f"the velocity is expressed in {'B' if is_in_W else 'W'}'s axes"

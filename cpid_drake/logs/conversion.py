@@ -21,6 +21,7 @@ from cpid_drake.logs.column_map import (
     JointRateColumns,
     check_column_map,
     scale_of,
+    with_entries,
 )
 from cpid_drake.logs.log import (
     THRUST,
@@ -216,7 +217,9 @@ class _Conversion:
             if name.startswith(VALVE):
                 opening = self._plausible((name,), self._table.block((name,)))
                 self._take(name, time, opening, opening)
-        return Measurements(joints, self._samples, column_map=given)
+        frame = "world" if chosen.in_world else "body"  # also where names of columns say it
+        used = with_entries(given, {"angular_velocity.frame": frame})
+        return Measurements(joints, self._samples, used)
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
         """Add the complete samples of a sensor; count those of which some cells are absent."""

@@ -236,7 +236,7 @@ class IdealMeasurements(Measurements):
         motion: Mapping[str, Telemetry] | None = None,
         **named: Samples,
     ) -> None:
-        super().__init__(joint_names, samples, **named)
+        super().__init__(joint_names, samples, None, **named)
         object.__setattr__(self, "motion", dict(motion or {}))
 
 

@@ -107,6 +107,7 @@ class Comparison:
     Attributes:
         name: of the quantity: "q:<joint>", "position", "attitude" or `MOMENTUM`.
         sides: what the two sides are, in words.
+        time: (N,) from the first instant that is compared [s].
         values: (N, k) each.
         residual: their difference relative to the larger one.
 
@@ -114,6 +115,7 @@ class Comparison:
 
     name: str
     sides: tuple[str, str]
+    time: Array
     values: tuple[Array, Array]
     residual: float
 
@@ -227,16 +229,19 @@ def regression_spline(samples: Samples) -> BSpline:
     return best
 
 
-def compare(given: Instants, names: tuple[str, ...], tree: KinematicTree) -> list[Comparison]:
+def compare(
+    given: Instants, names: tuple[str, ...], tree: KinematicTree | None
+) -> list[Comparison]:
     """Return all comparisons of the quantities of a log.
 
     Args:
         given: what the log says.
         names: the joints.
-        tree: the known spacecraft.
+        tree: the known spacecraft; None to compare positions with rates only.
 
     """
-    return [*compare_rates(given, names), *compare_momentum(given, tree)]
+    momentum = [] if tree is None else compare_momentum(given, tree)
+    return [*compare_rates(given, names), *momentum]
 
 
 def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
@@ -246,22 +251,22 @@ def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
         for k, joint in enumerate(names):
             if {f"encoders {joint}", f"joint_rates {joint}"} <= given.moving:
                 sides = given.q_rate[:, [k]], given.qdot[:, [k]]
-                found.append(_compared(f"q:{joint}", f"qd:{joint}", *sides))
-    if (
-        given.p_rate is not None
-        and given.v is not None
-        and {"position", "velocity"} <= given.moving
-    ):
-        found.append(_compared("position", "velocity", given.p_rate, given.v))
-    turning = given.turning
+                found.append(_compared(given.time, f"q:{joint}", f"qd:{joint}", *sides))
+    p_rate, turning = given.p_rate, given.turning
+    if p_rate is not None and given.v is not None and {"position", "velocity"} <= given.moving:
+        found.append(_compared(given.time, "position", "velocity", p_rate, given.v))
     if turning is not None and given.w_B is not None and {"attitude", "gyro"} <= given.moving:
-        found.append(_compared("attitude", "angular velocity", turning, given.w_B))
+        found.append(_compared(given.time, "attitude", "angular velocity", turning, given.w_B))
     return found
 
 
 def compare_momentum(given: Instants, tree: KinematicTree) -> list[Comparison]:
     """Return the comparison with the conservation of momentum, if one is possible."""
-    if not given.moving or not given.is_free or (tree.normal_B is not None and tree.normal_C is None):
+    if (
+        not given.moving
+        or not given.is_free
+        or (tree.normal_B is not None and tree.normal_C is None)
+    ):
         return []  # on a table, the centre of mass of a craft that is not planar may rise
     samples = _momentum_samples(given, tree)
     place = _centre_of_mass(given, samples, False)
@@ -275,7 +280,7 @@ def compare_momentum(given: Instants, tree: KinematicTree) -> list[Comparison]:
     if not all(is_possible for _, is_possible in parts):
         residual = max(residual, 1.0)  # an impossible target explains nothing
     sides = "motion of the base", "motion that the conservation of momentum allows"
-    return [Comparison(MOMENTUM, sides, values, residual)]
+    return [Comparison(MOMENTUM, sides, given.time[: len(values[0])], values, residual)]
 
 
 def centre_of_mass(
@@ -298,21 +303,19 @@ def _momentum_samples(given: Instants, tree: KinematicTree) -> MomentumSamples:
     """Return the momentum samples of a motion in which the base's origin rests at zero."""
     turning = given.w_B if given.w_B is not None else given.turning
     w_B = np.zeros((len(given.time), 3)) if turning is None else turning
-    still = Telemetry.seen_from_base(
-        given.q, given.q_rate if given.qdot is None else given.qdot, w_B
+    turned, count = given.quaternion, len(given.time)
+    if turned is None:
+        turned = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    still = Telemetry(
+        tuple(map(str, range(given.q.shape[1]))),
+        np.arange(count, dtype=float),
+        quaternion_WB=turned / np.linalg.norm(turned, axis=1, keepdims=True),
+        p_WB=np.zeros((count, 3)),
+        w_WB=rotate(given.R_WB, w_B),
+        v_WB=np.zeros((count, 3)),
+        q=given.q,
+        qdot=given.q_rate if given.qdot is None else given.qdot,
     )
-    if given.quaternion is not None:
-        norm = np.linalg.norm(given.quaternion, axis=1, keepdims=True)
-        still = Telemetry(
-            still.joint_names,
-            still.time,
-            given.quaternion / norm,
-            still.p_WB,
-            rotate(given.R_WB, w_B),
-            still.v_WB,
-            still.q,
-            still.qdot,
-        )
     return momentum_samples(tree, still)
 
 
@@ -328,7 +331,7 @@ def _angular(given: Instants, samples: MomentumSamples) -> tuple[float, bool]:
     x, sigma, error = _least_squares(A, b, k)
     share, margin = x[k] / samples.mass, 3 * sigma / samples.mass + _MODEL_ERROR
     is_possible = bool(-margin < share < 1 + margin)
-    return max(float(np.linalg.norm(error) / max(size, 1e-300)), _ROUNDING), is_possible
+    return max(float(np.linalg.norm(error)) / max(float(size), 1e-300), _ROUNDING), is_possible
 
 
 def _centre_of_mass(
@@ -386,10 +389,10 @@ def _least_squares(A: Array, b: Array, place: int) -> tuple[Array, float, Array]
     return x, noise * float(np.linalg.norm(Vt[kept, place] / s[kept])) / scale[place], error
 
 
-def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:
+def _compared(time: Array, name: str, rate: str, moved: Array, measured: Array) -> Comparison:
     size = max(np.sum(moved**2), np.sum(measured**2), 1e-300)
     residual = max(float(np.sqrt(np.sum((moved - measured) ** 2) / size)), _ROUNDING)
-    return Comparison(name, (f"changes of {name}", rate), (moved, measured), residual)
+    return Comparison(name, (f"changes of {name}", rate), time, (moved, measured), residual)
 
 
 def _liveliest(log: Measurements) -> Measurements:

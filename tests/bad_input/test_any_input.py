@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake import InputError, Measurements, Spacecraft, load_scenario
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
-from cpid_drake.logs.consistency import check_consistency
+from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.files import (
     inspect_telemetry,
     read_telemetry,
@@ -57,7 +57,7 @@ def read_fully(path: Path) -> Measurements:
         assert (np.diff(samples.time) > 0).all()
         # A wheel may have a rate and no angle.
         assert (np.isfinite(samples.value) | np.isnan(samples.value).all(axis=0)).all()
-    check_consistency(found.measurements)
+    check_conventions(found.measurements, None)
     return found.measurements
 
 

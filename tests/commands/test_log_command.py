@@ -207,8 +207,12 @@ def test_what_is_missing_is_named(tmp_path, run_cpid, drop, exit_code, phrase):
 def test_a_check_says_what_was_not_checked(tmp_path, run_cpid):
     write_telemetry(tmp_path / "log.csv", truth())
     stdout = run_cpid("log", "check", tmp_path / "log.csv")[1]
-    assert "not checked: units of position (needs --spacecraft)" in stdout
-    assert "not checked" not in run_cpid("log", "check", SAMPLE, *CRAFT)[1]
+    assert "not checked: units of position, its point, signs of joints (needs --sp" in stdout
+    figure = tmp_path / "both.png"
+    stdout = run_cpid("log", "check", SAMPLE, *CRAFT, "--figure", figure)[1]
+    assert "not checked" not in stdout
+    assert "changes of attitude and angular velocity differ by" in stdout
+    assert figure.stat().st_size > 10_000
 
 
 def test_positions_in_millimetres_fail_a_check_of_every_command(tmp_path, run_cpid):
@@ -226,7 +230,7 @@ def test_positions_in_millimetres_fail_a_check_of_every_command(tmp_path, run_cp
     ):
         code, stdout, stderr = run_cpid(*command, *CRAFT)
         assert code == expected
-        assert "the position seems to be in millimetres" in stdout + stderr
+        assert "the position is in millimetres" in stdout + stderr
     (tmp_path / "map.yaml").write_text("position: {unit: mm}\n")
     columns = ("--columns", tmp_path / "map.yaml")
     assert run_cpid("log", "check", log, *CRAFT, *columns)[0] == 0
@@ -279,7 +283,7 @@ class TestCheck:
         write_telemetry("degrees.csv", log)
         code, stdout, _ = cpid("log", "check", "degrees.csv")
         assert code == 2
-        assert "is it in degrees/s? It must be in rad/s" in stdout
+        assert "angular_velocity.unit: deg/s" in stdout
 
     def test_joints_are_compared_with_the_model(self, cpid):
         code, stdout, _ = cpid("log", "check", SAMPLE, "--scenario", "paper")

@@ -156,11 +156,11 @@ def _choose_joint_units(draft: MapDraft) -> None:
         if draft.joint_unit_is_open:
             keys.append({"joint_positions.unit"})
         error = draft.choose(draft.rates("q:"), *keys)
-        unit = draft.map.joint_rates.unit
+        rate_unit = draft.map.joint_rates.unit
         if error is not None:
-            text = f"in {unit}: differ from the positions' changes by {error:.2%}"
+            text = f"in {rate_unit}: differ from the positions' changes by {error:.2%}"
             draft.say("joint_rates", text)
-            is_same = unit == f"{draft.map.joint_positions.unit}/s"
+            is_same = rate_unit == f"{draft.map.joint_positions.unit}/s"
             if error < AGREES and (rate_stated is not None or not is_same):
                 draft.joint_unit_is_open, why = False, "they then change at their rates"
     size = max((np.nanmax(np.abs(values[joint])) for joint in arms), default=0.0)
