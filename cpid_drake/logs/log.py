@@ -221,7 +221,7 @@ class IdealMeasurements(Measurements):
 
     Args:
         joint_names: the joints, in the order of columns of joint sensors.
-        samples: the samples, by the sensors' names.
+        samples, column_map: see `Measurements`.
         motion: the true motion at the samples of every sensor with a lever arm, by name.
         named: samples by sensor, as keywords; they replace those in `samples`.
 
@@ -233,10 +233,11 @@ class IdealMeasurements(Measurements):
         self,
         joint_names: tuple[str, ...],
         samples: Mapping[str, Samples] | None = None,
+        column_map: "ColumnMap | None" = None,
         motion: Mapping[str, Telemetry] | None = None,
         **named: Samples,
     ) -> None:
-        super().__init__(joint_names, samples, None, **named)
+        super().__init__(joint_names, samples, column_map, **named)
         object.__setattr__(self, "motion", dict(motion or {}))
 
 
