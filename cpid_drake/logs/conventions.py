@@ -159,8 +159,8 @@ def check_conventions(
     elif momentum in failed and not better:
         unchecked.append(
             "unit and point of the position, signs of joints (momentum leaves "
-            f"{min(momentum.residual, 1.0):.0%} of the motion unexplained, as errors of a clock, of a "
-            "joint or of the model's masses do)"
+            f"{min(momentum.residual, 1.0):.0%} of the motion unexplained, as errors of a clock, "
+            "of a joint or of the model's masses do)"
         )
     return Findings(tuple(found), tuple(better), tuple(unchecked))
 

@@ -296,7 +296,7 @@ def ideal_measurements(
         samples[name] = Samples(times[name], value)
         if isinstance(errors, VectorSensor) and errors.lever_arm_mm:
             true[name] = telemetry.select(rows)
-    return IdealMeasurements(joint_names, samples, true)
+    return IdealMeasurements(joint_names, samples, motion=true)
 
 
 def _shares(errors: SensorErrors) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -185,7 +185,7 @@ def ideal_samples(
     if not (case.burns and case.logs_thrust):
         return ideal
     samples = {**ideal.samples, THRUST: log_of_burns(case.burns)}
-    return IdealMeasurements(joint_names, samples, ideal.motion)
+    return IdealMeasurements(joint_names, samples, motion=ideal.motion)
 
 
 def base_trajectory(
