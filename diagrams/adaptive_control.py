@@ -8,16 +8,15 @@ those of the scenario exciting_motion, whose motion is made twice.
 """
 
 import argparse
-from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
 import cpid_drake as cpid
-from cpid_drake.report.style import COLORS, label_axes, saved_figure
 
 NONE, EXACT = "none", "exact"
 """No estimate in the controller; an estimate from the exact state. Others are sensor suites."""
@@ -101,12 +100,13 @@ def main() -> None:
         print(f"{text:32}{before:10.1e}{after:10.1e}{before / after:10.1e}")
     print("before: until the controller first uses the estimate; after: in the second motion")
     if args.figure:
-        with saved_figure(Path(args.figure), 7.5, 3.5) as figure:
-            axes = figure.subplots()
-            for (name, (time, error, _)), color in zip(runs.items(), COLORS, strict=False):
-                axes.semilogy(time, error, color=color, label=f"estimate from: {name}")
-            axes.legend()
-            label_axes(axes, "Largest tracking error of the joints", "time [s]", "rad")
+        figure = Figure(figsize=(7.5, 3.5), layout="constrained")
+        axes = figure.subplots()
+        for name, (time, error, _) in runs.items():
+            axes.semilogy(time, error, label=f"estimate from: {name}")
+        axes.legend()
+        axes.set(title="Largest tracking error of the joints", xlabel="time [s]", ylabel="rad")
+        figure.savefig(args.figure)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
@@ -42,7 +43,6 @@ from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.plan_problem import PlanProblem
 from cpid_drake.planning.planner import Planner
 from cpid_drake.planning.replanning import next_problem
-from cpid_drake.report.style import COLORS, label_axes, saved_figure
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 LOG_PERIOD = 0.05  # [s]
@@ -187,18 +187,18 @@ def run(
 
 def draw(craft: Craft, history: History, precision: float, path: Path) -> None:
     """Draw σ and the joint errors over time."""
-    with saved_figure(path, 7.5, 5.0) as figure:
-        above, below = figure.subplots(2, 1, sharex=True)
-        sigma = 100 * np.array(history.sigma)
-        above.semilogy(history.time, sigma, ".-", color=COLORS[0])
-        above.axhline(100 * precision, color=COLORS[1], linestyle="--", linewidth=1.0)
-        times, error = craft.tracking_error()
-        below.semilogy(times[1:], error[1:], color=COLORS[0])
-        for axes in (above, below):
-            for end in history.ends[:-1]:
-                axes.axvline(end, color="0.7", linewidth=1.0)
-        label_axes(above, "Largest σ of the ten parameters; dashed: asked for", "", "% of scale")
-        label_axes(below, "Largest tracking error of the joints", "time [s]", "rad")
+    figure = Figure(figsize=(7.5, 5.0), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    above.semilogy(history.time, 100 * np.array(history.sigma), ".-")
+    above.axhline(100 * precision, color="C1", linestyle="--", linewidth=1.0)
+    times, error = craft.tracking_error()
+    below.semilogy(times[1:], error[1:])
+    for axes in (above, below):
+        for end in history.ends[:-1]:
+            axes.axvline(end, color="0.7", linewidth=1.0)
+    above.set(title="Largest σ of the ten parameters; dashed: asked for", ylabel="% of scale")
+    below.set(title="Largest tracking error of the joints", xlabel="time [s]", ylabel="rad")
+    figure.savefig(path)
 
 
 def main() -> None:

@@ -1,10 +1,6 @@
 """Shared fixtures: one spacecraft, one target, random motion with and without momentum."""
 
-import sys
-from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass, replace
-from io import StringIO
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,29 +13,9 @@ from cpid_drake import (
     load_scenario,
     shipped_scenario,
 )
-from cpid_drake.commands.main import main
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.studies import paper
-
-
-def pytest_collection_modifyitems(items):
-    """All that use the run of the paper's study are slow."""
-    for item in items:
-        if "paper_run" in item.fixturenames:
-            item.add_marker(pytest.mark.slow)
-
-
-@dataclass(frozen=True, eq=False)
-class PaperRun:
-    """What `cpid study paper` found, wrote and printed."""
-
-    study: paper.PaperStudy
-    folder: Path
-    stdout: str
-    stderr: str
-
 
 SERVICER = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
 
@@ -52,28 +28,6 @@ def servicer() -> Spacecraft:
 @pytest.fixture
 def paper_scenario():
     return load_scenario(shipped_scenario("paper"))
-
-
-@pytest.fixture(scope="session")
-def paper_run(tmp_path_factory) -> PaperRun:
-    """`cpid study paper`, once for all tests of a process that ask for it."""
-    studies, stdout, stderr = [], StringIO(), StringIO()
-    run_paper_study = paper.run_paper_study
-
-    def kept(*arguments):
-        studies.append(run_paper_study(*arguments))
-        return studies[-1]
-
-    folder = tmp_path_factory.mktemp("paper")
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(stdout), redirect_stderr(stderr):
-        patch.chdir(folder)
-        patch.setenv("COLUMNS", "120")
-        patch.setattr(paper, "run_paper_study", kept)
-        patch.setattr(sys, "argv", ["cpid", "study", "paper", "--out", "new/paper"])
-        with pytest.raises(SystemExit) as ended:
-            main()
-    assert ended.value.code == 0, stderr.getvalue()
-    return PaperRun(studies[0], folder / "new" / "paper", stdout.getvalue(), stderr.getvalue())
 
 
 @pytest.fixture(scope="session")

@@ -21,7 +21,7 @@ from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import screen
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import LOGS, PNG, YAML, Output, check_outputs
-from cpid_drake.report.telemetry import contents, draw_comparisons
+from cpid_drake.report.log_contents import contents, draw_comparisons
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 log = typer.Typer(

@@ -76,7 +76,8 @@ def report(
         count = 0
         if figures is not None and findings.log is not None:
             with draft_folder(figures) as draft:
-                count = len(write_figures(draft, findings.log, findings.truth))
+                write_figures(draft, findings.log, findings.truth)
+                count = len(list(draft.iterdir()))
     if findings.missing:
         console.print(f"note: the report has no sections that need the log: {findings.missing}")
     console.print(f"{out}" + (f", {count} figures in {figures}" if figures else ""))

@@ -2,6 +2,7 @@
 
 import os
 import time
+from itertools import chain
 from typing import Annotated
 
 import typer
@@ -12,14 +13,14 @@ from cpid_drake.commands import options
 from cpid_drake.errors import prefix_errors
 from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.output_files.overwriting import PNG, check_folder
-from cpid_drake.report import accuracy as accuracy_page
-from cpid_drake.report import paper as paper_page
+from cpid_drake.report import accuracy_tables, paper_figures, paper_tables
 from cpid_drake.report.pages.study import (
     STUDY_FILES,
     accuracy_report,
     paper_report,
     write_study,
 )
+from cpid_drake.report.terminal import print_table
 from cpid_drake.resources import find_scenario
 from cpid_drake.scenario.files import files_of, load_scenario
 from cpid_drake.scenario.limits import check_limits
@@ -51,7 +52,7 @@ def paper(
     start = time.perf_counter()
     path = find_scenario(scenario)
     loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))
-    outputs = [*((name, PNG) for name in paper_page.FIGURES), *STUDY_FILES]
+    outputs = [*((f"{name}.png", PNG) for name in paper_figures.FIGURES), *STUDY_FILES]
     check_folder("--out", out, outputs, [path, *files_of(loaded)], force=force)
     log = options.log_console(quiet)
     with log.status("simulating") as status:
@@ -61,10 +62,10 @@ def paper(
         status.update("drawing the figures")
         summary = summarize(found, time.perf_counter() - start)
         with draft_folder(out) as draft:
-            drawn = paper_page.figures(found)
-            write_study(draft, paper_report(found, drawn, summary, scenario), drawn)
-    if not quiet:
-        paper_page.print_tables(found, Console(markup=False))
+            drawn = paper_figures.figures(found)
+            write_study(draft, paper_report(found, drawn, scenario), drawn, summary)
+    for table in [] if quiet else chain(*paper_tables.tables(found).values()):
+        print_table(Console(markup=False), table)
     log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")
 
 
@@ -102,7 +103,10 @@ def accuracy(
     path = find_scenario(scenario)
     loaded = load_scenario(path)
     suites = sensors or loaded.accuracy.presets
-    outputs = [*((accuracy_page.figure_name(name), PNG) for name in suites), *STUDY_FILES]
+    outputs = [
+        *((f"{accuracy_tables.figure_name(name)}.png", PNG) for name in suites),
+        *STUDY_FILES,
+    ]
     check_folder("--out", out, outputs, [path, *files_of(loaded), *suites], force=force)
     with prefix_errors(scenario):
         options.print_warnings(check_limits(make_simulation(loaded)).exceeded)
@@ -121,8 +125,8 @@ def accuracy(
         )
     summary = {"scenario": scenario} | summarize_accuracy(found, time.perf_counter() - start)
     with draft_folder(out) as draft:
-        drawn = accuracy_page.figures(found)
-        write_study(draft, accuracy_report(found, drawn, summary, scenario), drawn)
-    if not quiet:
-        accuracy_page.print_tables(found, Console(markup=False))
+        drawn = accuracy_tables.figures(found)
+        write_study(draft, accuracy_report(found, drawn, scenario), drawn, summary)
+    for table in [] if quiet else accuracy_tables.tables(found):
+        print_table(Console(markup=False), table)
     log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")

@@ -1,86 +1,130 @@
-"""Figures that are drawn both into pages and into files."""
+"""Figures in one style, for pages as SVG and for files."""
 
+from base64 import b64encode
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
+import matplotlib
 import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cpid_drake.report.style import inline_svg, saved_figure
+# The palette of Okabe and Ito, which colour-blind readers can distinguish.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
-SMALL = (3.7, 2.3)
+INK = COLORS[-1]
+"""The colour of what belongs to no series."""
+
+SMALL = (3.7, 2.4)
 """Width and height of a figure of which a page shows three side by side [in]."""
 
-_WIDE = 5.0  # [in] a page shows no two wider figures side by side
+WIDE = (8.0, 3.4)
+"""Width and height of a figure that has the width of a page for itself [in]."""
+
+_STYLE = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#555555",
+    "axes.formatter.useoffset": False,
+    "axes.grid": True,
+    "axes.labelsize": 8,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.xmargin": 0.01,
+    "figure.dpi": 150,
+    "font.size": 8,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "legend.handlelength": 1.4,
+    "lines.linewidth": 1.3,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "cpid",
+}
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that can be drawn into a page or a file.
+    """A figure with one pair of axes.
 
     Attributes:
-        name: name of its file, and its id in a page: letters, digits and hyphens.
+        name: name of its file.
         label: what the figure shows, for screen readers.
-        draw: function that draws on the given figure.
+        draw: function that draws on the given axes.
         size: width and height [in].
 
     """
 
     name: str
     label: str
-    draw: Callable[[Figure], None]
+    draw: Callable[[Axes], object]
     size: tuple[float, float] = SMALL
 
-    @property
-    def is_wide(self) -> bool:
-        """Whether the figure has the width of a page for itself."""
-        return self.size[0] > _WIDE
+    def html(self) -> Markup:
+        """Return the figure as an image element of a page."""
+        file = BytesIO()
+        _draw(file, "svg", [self], 1)
+        data = b64encode(file.getvalue()).decode()
+        return Markup('<img alt="{}" src="data:image/svg+xml;base64,{}">').format(self.label, data)
 
-    def svg(self) -> str:
-        """Return the figure as an SVG element for a page."""
-        return inline_svg(self.name, self.label, *self.size, self.draw)
-
-    def save(self, folder: Path, ending: str) -> Path:
-        """Write the figure to a file whose name ends in `.png` or `.svg`; return the file."""
-        path = folder / f"{self.name}.{ending}"
-        with saved_figure(path, *self.size) as figure:
-            self.draw(figure)
-        return path
+    def save(self, folder: Path, ending: str) -> None:
+        """Write the figure to a file whose name ends in `.png` or `.svg`."""
+        _draw(folder / f"{self.name}.{ending}", ending, [self], 1)
 
 
 @dataclass(frozen=True)
 class PictureGroup:
-    """Pictures below one title: side by side in a page, and one file.
+    """Pictures of one size below one title: side by side in a page, and one file.
 
     Attributes:
-        title: heading in the page.
-        pictures: the pictures, all of the same size.
+        name: name of the file.
+        title: heading in the page; empty for none.
+        pictures: the pictures.
         columns: number of pictures side by side in the file.
 
     """
 
+    name: str
     title: str
     pictures: Sequence[Picture]
     columns: int = 2
 
-    def save(self, path: Path) -> None:
-        """Write the pictures to one file, whose name ends in `.png` or `.svg`."""
-        whole = together(path.stem, self.pictures, min(self.columns, len(self.pictures)))
-        if whole is not None:
-            whole.save(path.parent, path.suffix[1:])
+    def save(self, folder: Path, ending: str) -> None:
+        """Write the pictures to a file whose name ends in `.png` or `.svg`; none if there are none.
+
+        They are in rows of `columns`.
+        """
+        if self.pictures:
+            _draw(folder / f"{self.name}.{ending}", ending, self.pictures, self.columns)
 
 
-def together(name: str, pictures: Sequence[Picture], columns: int) -> Picture | None:
-    """Return one picture of several of the same size, in rows of `columns`; None without any."""
-    if not pictures:
-        return None
+def label_axes(axes: Axes, title: str, x: str, y: str) -> None:
+    """Set the title and the labels of axes; labels name the units."""
+    axes.set_title(title)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+
+
+def legend_below(axes: Axes, columns: int = 4) -> None:
+    """Put the legend below the axes."""
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)
+
+
+def _draw(file: Path | BytesIO, ending: str, pictures: Sequence[Picture], columns: int) -> None:
+    columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)
     width, height = pictures[0].size
-
-    def draw(figure: Figure) -> None:
-        parts = np.ravel(figure.subfigures(rows, columns, squeeze=False))
-        for part, picture in zip(parts, pictures):
-            picture.draw(part)
-
-    return Picture(name, name, draw, (columns * width, rows * height))
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(columns * width, rows * height), layout="constrained")
+        places = np.ravel(figure.subplots(rows, columns))
+        for axes, picture in zip(places, pictures):
+            picture.draw(axes)
+        for axes in places[len(pictures) :]:
+            axes.set_axis_off()
+        figure.savefig(file, format=ending, metadata={"Date": None} if ending == "svg" else None)

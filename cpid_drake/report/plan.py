@@ -4,15 +4,14 @@ from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from rich.console import Console
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.planning.prediction import Prediction
-from cpid_drake.report.page import Cell, Table
-from cpid_drake.report.pictures import Picture
-from cpid_drake.report.style import COLORS
+from cpid_drake.report.page import Table
+from cpid_drake.report.pictures import COLORS, Picture
 from cpid_drake.report.terminal import print_table
 
 LEGEND = (
@@ -47,7 +46,7 @@ def prediction_table(predictions: Mapping[str, Prediction], title: str) -> Table
         ("its rate, deg/s", *(np.degrees(each.base_rate) for each in columns)),
         ("its shift, m", *(each.base_shift for each in columns)),
     ]
-    cells = [[name, *(Cell(_number(value)) for value in values)] for name, *values in rows]
+    cells = [[name, *(_number(value) for value in values)] for name, *values in rows]
     return Table(["", *predictions], cells, title, LEGEND)
 
 
@@ -62,8 +61,7 @@ def front_picture(values: NDArray[np.float64]) -> Picture:
     return Picture("front", "worst σ of motions over their turn of the base", draw, (4.5, 3.2))
 
 
-def _draw_front(values: NDArray[np.float64], figure: Figure) -> None:
-    axes = figure.subplots()
+def _draw_front(values: NDArray[np.float64], axes: Axes) -> None:
     axes.plot(values[:, 0], values[:, 1], "o-", color=COLORS[0])
     axes.set_ylim(0.0, 1.1 * values[:, 1].max())
     axes.set_xlabel("largest turn of the base [deg]")

@@ -1,14 +1,42 @@
 """Reads the folder of a simulated run."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import load_json
+from cpid_drake.input_files.validation import Numbers, from_tree, load_json
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.scenario.files import load_scenario
+from cpid_drake.scenario.limits import LimitCheck
 from cpid_drake.scenario.schema import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class TruthFile:
+    """The keys of `truth.json`."""
+
+    mass: float
+    com: Annotated[Any, Numbers(3)]
+    inertia: Annotated[Any, Numbers(6)]
+    inertia_entries: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class RunFile:
+    """The keys of `run.json`."""
+
+    versions: Mapping[str, str | None]
+    simulated_seconds: float
+    wall_seconds: float
+    sensor_seed: int | None
+    momentum_drift: Mapping[str, float]
+    limits: LimitCheck
+    files: list[str]
+    online_identification: Mapping[str, Any]
+    bytes: Mapping[str, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +47,7 @@ class Run:
         folder: path of the folder.
         scenario: the simulated scenario.
         truth: the true target.
+        about: the contents of `run.json`.
         texts: contents of the JSON files, by file name without ending.
 
     """
@@ -26,6 +55,7 @@ class Run:
     folder: Path
     scenario: Scenario
     truth: InertialParameters
+    about: RunFile
     texts: dict[str, str]
 
 
@@ -41,31 +71,20 @@ def read_run(folder: Path) -> Run:
     for name in ("run.json", "truth.json", "scenario.yaml", "telemetry.csv"):
         if not (folder / name).is_file():
             raise InputError(f"{folder}: not a run: there is no {name}")
-    texts, documents = {}, {}
+    texts, trees = {}, {}
     for name in ("truth", "run"):
         path = folder / f"{name}.json"
-        document = load_json(path.read_bytes(), str(path))
-        if not isinstance(document, dict):
-            raise InputError(f"{path}: must hold an object")
-        texts[name], documents[name] = path.read_text(encoding="utf-8-sig"), document
-    _refuse_cut_logs(folder, documents["run"].get("bytes"))
-    try:
-        ten = [documents["truth"][key] for key in ("mass", "com", "inertia")]
-        truth = InertialParameters.from_vector([ten[0], *ten[1], *ten[2]])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{folder}/truth.json: does not hold a target: {error}") from error
-    return Run(folder, load_scenario(folder / "scenario.yaml"), truth, texts)
-
-
-def _refuse_cut_logs(folder: Path, sizes: object) -> None:
-    """Refuse a folder with a log that is missing or smaller than when it was written."""
-    if not isinstance(sizes, dict):
-        return  # of an earlier version
-    for name, size in sizes.items():
+        trees[name] = load_json(path.read_bytes(), str(path))
+        texts[name] = path.read_text(encoding="utf-8-sig")
+    true = from_tree(TruthFile, trees["truth"], f"{folder}/truth.json", "a target")
+    about = from_tree(RunFile, trees["run"], f"{folder}/run.json", "the record of a run")
+    for name, size in about.bytes.items():
         path = folder / Path(name).name
         found = path.stat().st_size if path.is_file() else 0
-        if isinstance(size, int) and found < size:
+        if found < size:
             raise InputError(
                 f"{path}: has {found} of {size} bytes: it was cut off; copy the run again, or give "
                 "the log itself"
             )
+    truth = InertialParameters.from_vector([true.mass, *true.com, *true.inertia])
+    return Run(folder, load_scenario(folder / "scenario.yaml"), truth, about, texts)

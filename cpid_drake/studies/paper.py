@@ -1,15 +1,13 @@
 """The study of Ning et al. 2016, from simulation to its tables and figures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import total_momentum
-from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
@@ -19,22 +17,13 @@ from cpid_drake.input_files.validation import nulls
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.scenario.simulation import Simulation, make_simulation
 from cpid_drake.studies.paper_values import PAPER_DIGITS, PAPER_TABLE_2, is_papers_target
-from cpid_drake.studies.parameter_errors import error_scale, max_relative_error, parameter_errors
 from cpid_drake.studies.rounding import (
-    ExcitingMotion,
     RoundedCase,
     exciting_motion,
-    rounded_cases,
+    max_relative_error,
+    parameter_errors,
+    rounded_case,
 )
-
-
-@dataclass(frozen=True)
-class SampleCase:
-    """Identification from the first n exact samples; the error is NaN below rank 10."""
-
-    n: int
-    rank: int
-    max_relative_error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,21 +37,18 @@ class PaperStudy:
         samples: the telemetry at the identifier's sampling instants.
         exact: batch identification from `samples`.
         rounded: batch identifications from samples rounded to 1 … 12 decimals (Table 2).
-        exciting: Table 2 for a motion that moves the base faster; None if there is none.
-        by_count: batch identifications from the first 1 … 10 exact samples.
-        orthonormality: largest entry of AᵀA − 1 of the capture frame's attitudes A (Eq. 17).
+        exciting: Table 2 for a motion that moves the base faster, by Eq. 18 and by the trajectory
+            fit; empty if the target is not the paper's.
+        by_count: batch identifications from the first 1, 2, … exact samples.
         online_parameters: (N, 10) the online identifier's estimate at the times of `telemetry`.
         online_minus_batch: largest difference between the final online and the batch estimate,
             relative as in `max_relative_error`.
-        linear_drift: (N, 3) change of the total linear momentum since the start [N·s].
-        angular_drift: (N, 3) change of the total angular momentum about W's origin [N·m·s].
-        rounded_linear_momentum: largest total linear momentum computed from samples rounded to six
-            decimals [N·s].
-        rounded_angular_momentum: largest total angular momentum computed from these samples
-            [N·m·s]; the paper gives 1e-2.
+        drift: (2,) largest change of the total momentum, linear [N·s] and angular about W's origin
+            [N·m·s].
+        rounded_momentum: (2,) largest total momentum computed from samples rounded to six decimals;
+            the paper gives 1e-2 for the angular one.
         resimulated_target: feasible parameters identified from samples rounded to six decimals.
-        resimulated: motion of a second simulation, with these parameters.
-        attitude_error, position_error: (N, 3) resimulated minus true motion [rad, m] (Fig. 7).
+        resimulated: motion of a second simulation, with these parameters (Fig. 7).
 
     """
 
@@ -72,38 +58,42 @@ class PaperStudy:
     samples: Telemetry
     exact: Identification
     rounded: tuple[RoundedCase, ...]
-    exciting: ExcitingMotion | None
-    by_count: list[SampleCase]
-    orthonormality: float
+    exciting: tuple[tuple[RoundedCase, ...], ...]
+    by_count: tuple[Identification, ...]
     online_parameters: NDArray[np.float64]
     online_minus_batch: float
-    linear_drift: NDArray[np.float64]
-    angular_drift: NDArray[np.float64]
-    rounded_linear_momentum: float
-    rounded_angular_momentum: float
+    drift: NDArray[np.float64]
+    rounded_momentum: NDArray[np.float64]
     resimulated_target: InertialParameters
     resimulated: Telemetry
-    attitude_error: NDArray[np.float64]
-    position_error: NDArray[np.float64]
 
     @property
     def is_papers_target(self) -> bool:
         """Whether the target is the paper's, so that the paper's results can be compared."""
         return is_papers_target(self.truth)
 
-    def rounded_to(self, decimals: int) -> RoundedCase:
-        """Return the case with this number of decimals."""
-        return next(case for case in self.rounded if case.decimals == decimals)
+    @property
+    def six_decimals(self) -> Identification:
+        """The identification from samples rounded to six decimals, as in Table 1."""
+        return self.rounded[PAPER_DIGITS - 1].identification
 
     @property
-    def max_attitude_relative_error(self) -> float:
-        """Largest relative error of the attitude in Fig. 7; see `peak_relative_error`."""
-        return peak_relative_error(self.attitude_error, self.telemetry.euler_321)
+    def attitude_error(self) -> NDArray[np.float64]:
+        """(N, 3) re-simulated minus true attitude [rad], 3-2-1 angles (Fig. 7)."""
+        return self.resimulated.euler_321 - self.telemetry.euler_321
 
     @property
-    def max_position_relative_error(self) -> float:
-        """Largest relative error of the position in Fig. 7; see `peak_relative_error`."""
-        return peak_relative_error(self.position_error, self.telemetry.p_WB)
+    def position_error(self) -> NDArray[np.float64]:
+        """(N, 3) re-simulated minus true position [m] (Fig. 7)."""
+        return self.resimulated.p_WB - self.telemetry.p_WB
+
+    @property
+    def figure_7(self) -> dict[str, float]:
+        """Largest relative errors of attitude and position; see `peak_relative_error`."""
+        return {
+            "attitude": peak_relative_error(self.attitude_error, self.telemetry.euler_321),
+            "position": peak_relative_error(self.position_error, self.telemetry.p_WB),
+        }
 
 
 def peak_relative_error(error: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
@@ -139,47 +129,30 @@ def run_paper_study(
     spacecraft, truth = simulation.spacecraft, simulation.truth
     context, samples = simulation.run_sampled(sampling_times(scenario))
     telemetry = simulation.telemetry(context)
-    config = scenario.identification
+    momentum = TotalMomentum(is_unknown=scenario.identification.unknown_momentum)
 
     def identified(data: Telemetry) -> Identification:
-        momentum = TotalMomentum(is_unknown=config.unknown_momentum)
         return identify(spacecraft, data, rows=scenario.online_rows, momentum=momentum)
 
     progress("identifying")
     exact = identified(samples)
     if not exact.is_observable:
         raise InputError(f"the scenario does not identify its target: {exact.explain()}")
-    online = simulation.identification(context)
+    online = simulation.identification(context).parameters
     parameter_log = simulation.parameter_log.FindLog(context)
     _, first = np.unique(parameter_log.sample_times(), return_index=True)
-    difference = online.parameters - exact.parameters
-
-    family = row_family(exact.rows or "standard")
-    rounded = rounded_cases(samples, range(1, 13), identified, truth)
-    of_exciting = None
+    rounded = tuple(rounded_case(samples, number, identified) for number in range(1, 13))
+    feasible = rounded[PAPER_DIGITS - 1].identification.consistent
+    if feasible is None:
+        raise InputError("rounded to six decimals, the samples determine no rigid body")
+    of_exciting: tuple[tuple[RoundedCase, ...], ...] = ()
     if exciting is not None and is_papers_target(truth):
-        of_exciting = exciting_motion(
-            exciting, samples.time, sorted(PAPER_TABLE_2), family.name, progress
-        )
-    _, capture = forward_kinematics(spacecraft.tree, **samples.states)
-    R_WC = capture.R_WC
-    by_count = []
-    for n in range(1, len(samples) + 1):
-        found = identified(samples.select(slice(0, n)))
-        error = max_relative_error(found.parameters, truth)
-        by_count.append(SampleCase(n, found.rank, error))
-
-    P, L = total_momentum(spacecraft.tree, truth, telemetry)
-    P_6, L_6 = total_momentum(spacecraft.tree, truth, samples.rounded(PAPER_DIGITS))
+        of_exciting = exciting_motion(exciting, samples.time, sorted(PAPER_TABLE_2), progress)
 
     progress("simulating again with the identified parameters")
-    of_six = rounded[PAPER_DIGITS - 1].identification
-    feasible = of_six.consistent
-    if feasible is None:
-        raise InputError(f"rounded to six decimals, {of_six.explain()}")
     again = make_simulation(scenario, target=feasible)
-    resimulated = again.telemetry(again.run())
-
+    exact_momentum = total_momentum(spacecraft.tree, truth, telemetry)
+    six_momentum = total_momentum(spacecraft.tree, truth, samples.rounded(PAPER_DIGITS))
     return PaperStudy(
         simulation=simulation,
         truth=truth,
@@ -188,19 +161,19 @@ def run_paper_study(
         exact=exact,
         rounded=rounded,
         exciting=of_exciting,
-        by_count=by_count,
-        orthonormality=float(np.abs(np.swapaxes(R_WC, -1, -2) @ R_WC - np.eye(3)).max()),
+        by_count=tuple(identified(samples.select(slice(0, n))) for n in range(1, len(samples) + 1)),
         online_parameters=parameter_log.data()[:, first].T.copy(),
-        online_minus_batch=float(np.abs(difference / error_scale(truth)).max()),
-        linear_drift=P - P[0],
-        angular_drift=L - L[0],
-        rounded_linear_momentum=float(np.linalg.norm(P_6, axis=1).max()),
-        rounded_angular_momentum=float(np.linalg.norm(L_6, axis=1).max()),
+        online_minus_batch=max_relative_error(online - exact.parameters + truth.to_vector(), truth),
+        drift=_largest(momentum - momentum[0] for momentum in exact_momentum),
+        rounded_momentum=_largest(six_momentum),
         resimulated_target=feasible,
-        resimulated=resimulated,
-        attitude_error=resimulated.euler_321 - telemetry.euler_321,
-        position_error=resimulated.p_WB - telemetry.p_WB,
+        resimulated=again.telemetry(again.run()),
     )
+
+
+def _largest(vectors: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the largest lengths of vectors (N, 3)."""
+    return np.array([np.linalg.norm(each, axis=1).max() for each in vectors])
 
 
 def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
@@ -218,55 +191,42 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
     """Return the study's numbers for `summary.json`; missing values are None."""
 
     def table_1(found: Identification) -> dict:
-        mass, *rest = nulls(found.parameters)
+        errors = parameter_errors(found.parameters, study.truth)
         return {
-            "mass": mass,
-            "com": rest[:3],
-            "inertia": rest[3:],
-            "relative_errors": nulls(parameter_errors(found.parameters, study.truth)),
-            "max_relative_error": nulls(max_relative_error(found.parameters, study.truth)),
+            "parameters": nulls(found.parameters),
+            "relative_errors": nulls(errors),
+            "max_relative_error": nulls(np.abs(errors).max()),
         }
 
-    def table_2(cases: Sequence[RoundedCase]) -> list[dict]:
+    def table_2(cases: Iterable[RoundedCase]) -> list[dict]:
         return [
             {
                 "decimals": case.decimals,
                 "mass": nulls(case.mass),
-                "max_relative_error": nulls(case.max_relative_error),
+                "max_relative_error": nulls(
+                    max_relative_error(case.identification.parameters, study.truth)
+                ),
                 "objection": case.objection,
             }
             for case in cases
         ]
 
+    names = ("linear", "angular")
     return {
-        "table1": {
-            "exact": table_1(study.exact),
-            "rounded6": table_1(study.rounded_to(PAPER_DIGITS).identification),
-        },
+        "table1": {"exact": table_1(study.exact), "rounded6": table_1(study.six_decimals)},
         "table2": table_2(study.rounded),
-        "exciting": None
-        if study.exciting is None
-        else {
-            "rate_share": study.exciting.rate_share,
-            "log_size": study.exciting.log_size,
-            "by_rows": table_2(study.exciting.by_rows),
-            "by_fit": table_2(study.exciting.by_fit),
-        },
-        "figure7": {
-            "max_attitude_relative_error": study.max_attitude_relative_error,
-            "max_position_relative_error": study.max_position_relative_error,
-        },
-        "momentum": {
-            "max_linear_drift": float(np.linalg.norm(study.linear_drift, axis=1).max()),
-            "max_angular_drift": float(np.linalg.norm(study.angular_drift, axis=1).max()),
-            "rounded6_linear": study.rounded_linear_momentum,
-            "rounded6_angular": study.rounded_angular_momentum,
-        },
+        "exciting": [table_2(cases) for cases in study.exciting],
+        "figure7": study.figure_7,
+        "momentum_drift": dict(zip(names, study.drift.tolist())),
+        "rounded6_momentum": dict(zip(names, study.rounded_momentum.tolist())),
         "samples": [
-            {"n": case.n, "rank": case.rank, "max_relative_error": nulls(case.max_relative_error)}
-            for case in study.by_count
+            {
+                "n": n,
+                "rank": found.rank,
+                "max_relative_error": nulls(max_relative_error(found.parameters, study.truth)),
+            }
+            for n, found in enumerate(study.by_count, 1)
         ],
-        "orthonormality": study.orthonormality,
         "online_minus_batch": study.online_minus_batch,
         "wall_seconds": wall_seconds,
     }

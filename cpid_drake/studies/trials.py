@@ -1,8 +1,6 @@
-"""Monte Carlo trials of one scenario: the truth, the draws and the estimates."""
+"""The truth of Monte Carlo trials of one scenario, and the draws of their samples."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,10 +15,7 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.identification.identify import identify
-from cpid_drake.identification.result import Identification
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.log import (
     THRUST,
@@ -29,7 +24,6 @@ from cpid_drake.logs.log import (
     ideal_measurements,
 )
 from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.processes import shared_work
 from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
 from cpid_drake.sensors.disturbances import SimulatedDisturbance
 from cpid_drake.sensors.suite import SensorSuite
@@ -106,26 +100,6 @@ class Case:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """One estimator's result in one trial; parameters are NaN where it failed.
-
-    Attributes:
-        parameters: (10,) estimate.
-        covariance: (10, 10) that the estimator reports.
-        feasible: whether the estimated spatial inertia is physically consistent.
-        problem: the reason of a failure; empty without one.
-        momentum_changes: times of changes of momentum [s] that the samples show.
-
-    """
-
-    parameters: NDArray[np.float64] = field(default_factory=lambda: np.full(10, np.nan))
-    covariance: NDArray[np.float64] = field(default_factory=lambda: np.full((10, 10), np.nan))
-    feasible: bool = True
-    problem: str = ""
-    momentum_changes: tuple[float, ...] | None = None
-
-
 def make_case(
     scenario: Scenario,
     spacecraft: Spacecraft,
@@ -161,9 +135,6 @@ def make_case(
         burns=scenario.make_burns(),
         logs_thrust=scenario.simulation.burns_logged,
     )
-
-
-# -- truth ----------------------------------------------------------------------------------------
 
 
 def ideal_samples(
@@ -277,22 +248,6 @@ def bound_of(case: Case, spacecraft: Spacecraft, ideal: Measurements) -> NDArray
     return np.sqrt(np.diag(covariance))
 
 
-# -- trials ---------------------------------------------------------------------------------------
-
-
-def run_trials(
-    case: Case, ideal: Measurements, trials: int, jobs: int
-) -> Iterator[dict[str, Outcome]]:
-    """Yield the outcomes of every trial by estimator, from `jobs` processes."""
-    return shared_work(_trials_of, (case, ideal), range(trials), jobs)
-
-
-def _trials_of(inputs: tuple[Case, Measurements]) -> Callable[[int], dict[str, Outcome]]:
-    """Return the function that does the trial of a number."""
-    case, ideal = inputs
-    return partial(_trial, case, case.spacecraft.make(), ideal)
-
-
 def draw(case: Case, spacecraft: Spacecraft, ideal: Measurements, number: int) -> Measurements:
     """Return the samples of one trial: one draw of all errors, disturbances and uncertain bodies.
 
@@ -311,34 +266,3 @@ def draw(case: Case, spacecraft: Spacecraft, ideal: Measurements, number: int) -
     if case.known_bodies is not None or case.suite.disturbances is not None:
         ideal = ideal_samples(case, tree, spacecraft.joint_names, disturbance)
     return add_noise(case.suite, ideal, int(noise_seed))
-
-
-def _trial(
-    case: Case, spacecraft: Spacecraft, ideal: Measurements, number: int
-) -> dict[str, Outcome]:
-    """Return the estimates of one draw of the noise (and of the spacecraft), by estimator."""
-    measurements = draw(case, spacecraft, ideal, number)
-    outcomes: dict[str, Outcome] = {}
-    for name in case.estimators:
-        try:
-            found = identify(
-                spacecraft,
-                measurements,
-                estimator=name,
-                sensors=case.suite,
-                momentum=case.momentum,
-                known_bodies=case.known_bodies,
-            )
-            outcomes[name] = _outcome(found)
-        except InputError as error:
-            outcomes[name] = Outcome(problem=str(error))
-    return outcomes
-
-
-def _outcome(result: Identification) -> Outcome:
-    if not result.converged:
-        return Outcome(problem=f"{result.estimator} did not converge")
-    if not result.is_observable:
-        return Outcome(problem=result.explain())
-    feasible = result.consistent is not None and result.consistent.is_feasible()
-    return Outcome(result.parameters, result.covariance, feasible, "", result.momentum_changes)

@@ -71,8 +71,8 @@ def test_nothing_sticks_out(opened, width):
     widths = "[document.scrollingElement.scrollWidth, innerWidth]"
     with opened(width) as page:
         assert page.evaluate(widths) == [width, width]
-        boxes = page.locator("figure svg").evaluate_all(
-            "all => all.map(svg => [svg.getBoundingClientRect().right, svg.clientHeight])"
+        boxes = page.locator("figure img").evaluate_all(
+            "all => all.map(each => [each.getBoundingClientRect().right, each.clientHeight])"
         )
         assert len(boxes) > 15
         assert all(right <= width and height > 100 for right, height in boxes)

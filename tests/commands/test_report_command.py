@@ -25,7 +25,7 @@ def quick():
         for name, record in ESTIMATORS.items():
             patch.setitem(ESTIMATORS, name, replace(record, reports=3))
         patch.setattr(replay, "replay_html", lambda *args, **options: "replay")
-        patch.setattr(Picture, "svg", lambda picture: "<svg/>")
+        patch.setattr(Picture, "html", lambda picture: "")
         yield
 
 
@@ -52,20 +52,18 @@ def result(cpid, folder):
     return folder / "result.json"
 
 
-def numbers(page) -> dict[str, str]:
-    """The exact numbers in a page, by where they are in its JSON."""
-    found = re.findall(r'data-in="(\w+)" data-key="([^"]+)" data-value="([^"]+)"', page.read_text())
-    return {f"{data}.{key}": value for data, key, value in found}
+def table(page) -> list[str]:
+    """The rows of the first table of a page."""
+    text = page.read_text()
+    return re.findall(r"<tr>(.*?)</tr>", text[: text.index("</table>")])
 
 
 def test_a_result_s_report_is_that_of_its_identification(cpid, result, folder):
     code, stdout, stderr = cpid("report", "--result", result, "--out", "again.html", "--quiet")
     assert (code, stdout, stderr) == (0, "", "")
-    shown = numbers(folder / "again.html")
-    assert (
-        json.loads(shown["result.parameters.0"]) == json.loads(result.read_text())["parameters"][0]
-    )
-    assert shown == numbers(folder / "identified.html")
+    rows = table(folder / "again.html")
+    assert len(rows) == 11
+    assert rows == table(folder / "identified.html")
 
 
 @pytest.mark.slow
@@ -80,11 +78,10 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
     )
     assert (code, stdout) == (0, "")
     assert stderr == "run.html, 10 figures in figures\n"
-    shown, truth = numbers(folder / "run.html"), json.loads((folder / "run/truth.json").read_text())
-    assert json.loads(shown["truth.mass"]) == truth["mass"]
-    assert json.loads(shown["truth.inertia.5"]) == truth["inertia"][5]
-    drift = json.loads((folder / "run/run.json").read_text())["momentum_drift"]
-    assert json.loads(shown["run.momentum_drift.linear_N_s"]) == drift["linear_N_s"]
+    truth = json.loads((folder / "run/truth.json").read_text())
+    page = (folder / "run.html").read_text()
+    assert json.loads(re.search(r'id="data-truth">(.*?)</script>', page, re.DOTALL)[1]) == truth
+    assert "error / σ" in page
     names = ("convergence", "residuals", "singular-values", "base-motion", "ellipsoid")
     for name in names:
         assert (folder / f"figures/{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -99,7 +96,7 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
         (["--out", "r.html"], "give one of LOG, --result FILE and --run FOLDER"),
         ([SAMPLE, "--base", "body", "--out", "r.html"], "give --scenario, or all of --spacecraft"),
         (["--run", "empty", "--out", "r.html"], "not a run: there is no run.json"),
-        (["--run", "broken", "--out", "r.html"], "truth.json: does not hold a target"),
+        (["--run", "broken", "--out", "r.html"], "truth.json: mass is missing"),
         (["--result", "result.json", "--out", "nowhere/r.html"], "there is no folder nowhere"),
         (["--result", "result.json", "--out", "empty"], "is a folder; name a file"),
     ],

@@ -18,7 +18,6 @@ from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.pictures import Picture
 from cpid_drake.report.sections import replay
-from cpid_drake.report.sections.observability import weakest_combination
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"
@@ -52,12 +51,6 @@ class Page(HTMLParser):
 
     def data(self, name):
         return json.loads(self.scripts[f"data-{name}"])
-
-
-def at(document, key):
-    for part in key.split("."):
-        document = document[int(part) if isinstance(document, list) else part]
-    return document
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -98,33 +91,21 @@ def html(tmp_path_factory, zero_momentum_motion, skewed_target):
 
 
 class TestPage:
-    def test_every_number_is_that_of_the_file(self, html, result_file):
+    def test_it_holds_the_file_and_shows_its_numbers(self, html, result_file):
         page, file = Page(html), json.loads(result_file.read_text())
         file["sources"] = page.data("result")["sources"]  # other folders
         assert page.data("result") == file
-        numbers = [a for _, a in page.elements if "data-key" in a]
-        shown = {a["data-key"] for a in numbers}
-        assert {"parameters.0", "parameters.9", "intervals.9", "nearest.0"} <= shown
-        for attributes in numbers:
-            expected = at(file, attributes["data-key"])
-            assert json.loads(attributes["data-value"]) == expected, attributes
+        for value in file["parameters"]:
+            assert f"{round(value, 6) + 0.0:.6f}" in page.text
 
-    def test_nothing_is_fetched_and_names_within_drawings_are_their_own(self, html):
-        page = Page(html)
-        for tag, attributes in page.elements:
-            assert tag not in ("img", "object", "embed")
-            assert "src" not in attributes
-            for name in ("href", "xlink:href"):
-                assert re.match(r"#|data:", attributes.get(name, "#")), attributes
-        names = [a["id"] for _, a in page.elements if "id" in a]
-        assert len(names) == len(set(names))
-        drawings = "".join(re.findall(r"<svg.*?</svg>", html, re.DOTALL))
-        used = re.findall(r'(?:url\(|href=")#([^")]+)', drawings)
-        assert used
-        assert set(used) <= set(names)
+    def test_nothing_is_fetched(self, html):
+        for tag, attributes in Page(html).elements:
+            assert tag not in ("object", "embed", "svg")
+            assert attributes.get("src", "data:").startswith("data:")
+            assert re.match(r"#|data:", attributes.get("href", "#")), attributes
 
     def test_what_users_write_is_only_text(self, exact, tmp_path, monkeypatch):
-        monkeypatch.setattr(Picture, "svg", lambda picture: "<svg/>")
+        monkeypatch.setattr(Picture, "html", lambda picture: "")
         log = exact.rename(tmp_path / "<script>alert(1)<x>.csv")
         found = identify_files([Request(str(log), SERVICER)])
         object.__setattr__(found.found, "warnings", (SCRIPT, "{{ 7 * 7 }}"))
@@ -142,13 +123,13 @@ class TestPage:
 class TestWhatIsSaid:
     @pytest.fixture(autouse=True)
     def without_drawing(self, monkeypatch):
-        monkeypatch.setattr(Picture, "svg", lambda picture: f"<svg aria-label='{picture.label}'/>")
+        monkeypatch.setattr(Picture, "html", lambda picture: "")
 
     def test_without_the_log_the_result_alone_is_shown(self, result_file, exact):
         exact.unlink()
         page = Page(identification_report(findings_of_file(result_file)).html())
         assert f"{exact} does not exist any more" in page.text
-        assert "Convergence" not in page.text
+        assert ">Convergence<" not in page.text
         assert "data-replay" not in page.scripts
         assert page.data("result")["parameters"][0] == pytest.approx(60.0)
 
@@ -176,10 +157,3 @@ class TestFigures:
         assert time == 11.0
         assert last is evidence.found
         assert np.isnan(first.parameters[4:]).all()  # two samples leave something open
-
-    def test_the_weakest_combination_is_relative_to_the_body_s_size(self):
-        parameters = np.array([100.0, 0, 0, 0, 50.0, 50.0, 100.0, 0, 0, 0])  # r = 1 m
-        covariance = np.diag([1.0, 1e-6, 4e-4, 1e-6, *6 * [1e-2]])
-        weights, sigma = weakest_combination(parameters, covariance)
-        np.testing.assert_allclose(weights, np.eye(10)[2], atol=1e-12)
-        assert sigma == pytest.approx(0.02)

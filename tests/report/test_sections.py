@@ -19,9 +19,8 @@ from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.replay import estimate_text
-from cpid_drake.report.sections.residuals import residuals_section
-from cpid_drake.report.sections.result import result_section
-from cpid_drake.report.sections.warnings import warnings_section
+from cpid_drake.report.sections.data import checks_section, residuals_section
+from cpid_drake.report.sections.estimate import result_section
 from cpid_drake.sensors.presets import load_sensors
 
 TARGET = InertialParameters(10.0, [0.1, -0.2, 0.3], np.diag([2.0, 3.0, 4.0]))
@@ -60,7 +59,7 @@ def found():
 
 def column(table: Table, head: str) -> list[str]:
     k = list(table.heads).index(head)
-    return [getattr(row[k], "text", row[k]) for row in table.rows]
+    return [row[k] for row in table.rows]
 
 
 class TestIntervals:
@@ -127,7 +126,7 @@ def test_a_page_whose_check_failed_says_so_first(found):
         assert ("a check failed" in page.title) == bool(checks)
         assert page.subtitle.startswith(f"Do not use this estimate: {failure}.") == bool(checks)
         passed = Check.of("misfit", "", 1.5, 3.0)
-        table = warnings_section(replace(found, checks=(*checks, passed)), None).tables[0]
+        table = checks_section(replace(found, checks=(*checks, passed)), None).tables[0]
         assert column(table, "statistic") == [*("" for _ in checks), "1.5"]
         assert [row[-1] for row in table.rows] == [*("failed" for _ in checks), "passed"]
     assert "a check failed</title>" in page.html()

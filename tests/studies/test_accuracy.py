@@ -5,14 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpid_drake import InertialParameters, InputError, load_scenario, shipped_scenario
+from cpid_drake import InputError, load_scenario, shipped_scenario
 from cpid_drake.dynamics.momentum import total_momentum
-from cpid_drake.dynamics.parameterizations import parameter_scale
-from cpid_drake.scenario.schema import FiringConfig
 from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.studies.accuracy import run_accuracy
-from cpid_drake.studies.statistics import statistics_of
-from cpid_drake.studies.trials import Firing, Outcome, base_trajectory, make_case
+from cpid_drake.studies.accuracy import Outcome, run_accuracy, statistics_of
+from cpid_drake.studies.trials import Firing, base_trajectory, make_case
 
 
 @pytest.fixture(scope="module")
@@ -74,16 +71,14 @@ def test_honest_errors_have_ratio_one_and_95_percent_coverage(case, covariance):
     r = statistics_of(case, "p", "e", bound, drawn(case, covariance, 4000))
     np.testing.assert_allclose(r.ratio, 1.0, atol=0.05)
     np.testing.assert_allclose(r.coverage, 0.95, atol=0.015)
-    assert r.nees_band[0] < r.nees_mean < r.nees_band[1]
-    assert (r.ratio_interval[0] < r.ratio).all()
-    assert (r.ratio < r.ratio_interval[1]).all()
-    assert (np.abs(r.bias) < 1.7 * r.bias_halfwidth).all()
+    assert r.nees_band[0] < r.nees < r.nees_band[1]
+    assert (np.abs(r.bias) < 3.5 * bound / np.sqrt(4000)).all()
 
 
 def test_overconfidence_shows(case, covariance):
     bound = np.sqrt(np.diag(covariance))
     r = statistics_of(case, "p", "e", bound, drawn(case, covariance, 500, reported=0.25))
-    assert r.nees_mean == pytest.approx(40, rel=0.1)
+    assert r.nees == pytest.approx(40, rel=0.1)
     assert r.coverage.max() < 0.75  # ±1.96 σ/2 holds 67 %
 
 
@@ -92,7 +87,6 @@ def test_bias_shows(case, covariance):
     r = statistics_of(case, "p", "e", bound, drawn(case, covariance, 500, shift=2 * bound))
     np.testing.assert_allclose(r.bias, 2 * bound, rtol=0.1)
     np.testing.assert_allclose(r.ratio, np.sqrt(1 + 2**2), rtol=0.1)  # of spread and bias together
-    assert (np.abs(r.bias) > r.bias_halfwidth).all()
 
 
 def test_failures_are_counted_and_left_out(case, covariance):
@@ -140,19 +134,6 @@ def test_burns_add_momentum_at_a_constant_rate(scenario, case):
 
 
 @pytest.mark.slow
-def test_filter_sees_a_firing_and_the_study_says_when(scenario):
-    firing = FiringConfig(5.0, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]))
-    fired = replace(scenario, accuracy=replace(scenario.accuracy, firing=firing))
-    options = {"trials": 1, "presets": ["flight"], "estimators": ["recursive_fit"]}
-    study = run_accuracy(fired, **options)
-    share, delay = study.results[0].detected
-    assert share == 1.0
-    assert 0 < delay <= 1.0
-    share, _ = run_accuracy(scenario, **options).results[0].detected
-    assert share == 0.0
-
-
-@pytest.mark.slow
 def test_the_truth_is_not_the_nominal_spacecraft_where_that_is_uncertain(scenario):
     uncertain = replace(scenario, known_bodies=replace(scenario.known_bodies, mass=0.01))
     options = {"trials": 2, "presets": ["flight"], "estimators": ["standard"]}
@@ -160,10 +141,3 @@ def test_the_truth_is_not_the_nominal_spacecraft_where_that_is_uncertain(scenari
     rough = run_accuracy(uncertain, **options).results[0]
     assert (rough.crlb > exact.crlb).all()
     assert rough.rmse[0] > 5 * exact.rmse[0]
-
-
-def test_scale_is_mass_half_a_metre_and_trace():
-    target = InertialParameters(60.0, [0.5, 0, 0], np.diag([8.0, 11.0, 6.0]))
-    np.testing.assert_allclose(
-        parameter_scale(target.to_vector(), 0.5), [60, *3 * [0.5], *6 * [25.0]]
-    )

@@ -8,18 +8,23 @@ from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.report.findings import Findings, Progress, findings_of, no_progress
 from cpid_drake.report.page import Report, Section
-from cpid_drake.report.sections.base_motion import base_motion_section
-from cpid_drake.report.sections.convergence import convergence_section
-from cpid_drake.report.sections.effects import effects_section, undeclared_section
-from cpid_drake.report.sections.logs import logs_section
-from cpid_drake.report.sections.observability import observability_section
-from cpid_drake.report.sections.provenance import provenance_of
+from cpid_drake.report.sections.data import (
+    base_motion_section,
+    checks_section,
+    convergence_section,
+    provenance_of,
+    request_section,
+    residuals_section,
+    sensors_section,
+)
+from cpid_drake.report.sections.estimate import (
+    effects_section,
+    logs_section,
+    observability_section,
+    result_section,
+    undeclared_section,
+)
 from cpid_drake.report.sections.replay import replay_section
-from cpid_drake.report.sections.request import request_section
-from cpid_drake.report.sections.residuals import residuals_section
-from cpid_drake.report.sections.result import result_section
-from cpid_drake.report.sections.sensors import sensors_section
-from cpid_drake.report.sections.warnings import warnings_section
 
 
 def write_report(evidence: Evidence, path: str | Path, progress: Progress = no_progress) -> None:
@@ -54,27 +59,22 @@ def identification_report(
 
     """
     result, log = findings.result, findings.log
+    undeclared = result.undeclared
     sections = [
         *before,
         request_section(result),
         result_section(result, findings.truth),
         *([logs_section(result)] if result.logs else []),
-        warnings_section(result, None if log is None else log.evidence.found),
+        checks_section(result, None if log is None else log.evidence.found),
+        *([effects_section(result)] if result.effects else []),
+        *([undeclared_section(undeclared)] if undeclared and undeclared.effects else []),
+        observability_section(result),
     ]
-    if result.effects:
-        sections.append(effects_section(result))
-    if result.undeclared is not None and result.undeclared.effects:
-        sections.append(undeclared_section(result.undeclared))
-    if log is None and not findings.missing:
-        sections.append(observability_section(result))
-    elif log is None:
-        reason = f"The report has no sections that need the log: {findings.missing}."
-        sections += [observability_section(result), Section("Not shown", texts=[reason])]
-    else:
+    missing = findings.missing and f"the log cannot be read: {findings.missing}"
+    if log is not None:
         sections += [
             convergence_section(log.estimates, findings.truth),
             residuals_section(log.evidence.found),
-            observability_section(result),
             sensors_section(log.evidence),
             base_motion_section(log.evidence.log.data),
         ]
@@ -82,8 +82,9 @@ def identification_report(
         try:
             sections.append(replay_section(findings, log))
         except InputError as error:
-            reason = f"The replay cannot be made: {error}."
-            sections.append(Section("Not shown", texts=[reason]))
+            missing = f"the replay cannot be made: {error}"
+    if missing:
+        sections.append(Section("Not shown", texts=[f"Some sections are not shown: {missing}."]))
     sections.append(provenance_of(result))
     craft = result.spacecraft
     title = title or f"Target held by {craft.capture_frame if craft else 'a spacecraft'}"

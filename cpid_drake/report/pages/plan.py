@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -15,13 +15,10 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.planning.prediction import MotionSetting, Prediction
 from cpid_drake.report.figures import motion_pictures
 from cpid_drake.report.page import Report, Section, embedded_json
-from cpid_drake.report.pictures import Picture
+from cpid_drake.report.pictures import COLORS, WIDE, Picture, legend_below
 from cpid_drake.report.plan import prediction_table
 from cpid_drake.report.replay import replay_html
-from cpid_drake.report.sections.provenance import provenance_section
-from cpid_drake.report.style import COLORS
-
-_WIDE = (7.6, 2.8)  # [in]
+from cpid_drake.report.sections.data import provenance_section
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +104,12 @@ def _replay(plan: PlannedMotion) -> Section:
 
 def _sigma_picture(predictions: Mapping[str, Prediction]) -> Picture:
     return Picture(
-        "sigma", "predicted σ of each parameter", partial(_draw_sigma, predictions), _WIDE
+        "sigma", "predicted σ of each parameter", partial(_draw_sigma, predictions), WIDE
     )
 
 
-def _draw_sigma(predictions: Mapping[str, Prediction], figure: Figure) -> None:
-    axes, width = figure.subplots(), 0.8 / len(predictions)
+def _draw_sigma(predictions: Mapping[str, Prediction], axes: Axes) -> None:
+    width = 0.8 / len(predictions)
     for k, (name, each) in enumerate(predictions.items()):
         x = np.arange(10) + (k - (len(predictions) - 1) / 2) * width
         axes.bar(x, 100 * each.sigma / each.scale, width, color=COLORS[k % 6], label=name)
@@ -121,7 +118,7 @@ def _draw_sigma(predictions: Mapping[str, Prediction], figure: Figure) -> None:
     axes.set_title("Predicted σ of each parameter")
     axes.set_xticks(np.arange(10), PARAMETER_NAMES)
     axes.grid(axis="x", visible=False)
-    figure.legend(loc="outside lower center", ncols=4)
+    legend_below(axes)
 
 
 def _joint_pictures(motion: JointMotion) -> list[Picture]:
@@ -135,9 +132,8 @@ def _joint_pictures(motion: JointMotion) -> list[Picture]:
 
 
 def _draw_joints(
-    times: NDArray[np.float64], values: NDArray[np.float64], label: str, figure: Figure
+    times: NDArray[np.float64], values: NDArray[np.float64], label: str, axes: Axes
 ) -> None:
-    axes = figure.subplots()
     for j in range(values.shape[1]):
         style = ("-", "--", ":")[j // 6 % 3]
         axes.plot(times, values[:, j], style, color=COLORS[j % 6], linewidth=1.2)

@@ -1,14 +1,17 @@
 """A description of a telemetry file in words, and a figure of its comparisons."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from cpid_drake.logs.conversion import TelemetryFile
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import Comparison
-from cpid_drake.report.style import COLORS, saved_figure
+from cpid_drake.output_files.drafts import draft_of
+from cpid_drake.report.pictures import COLORS, WIDE, Picture, PictureGroup
 from cpid_drake.sensors.sensors import SENSORS
 
 
@@ -39,21 +42,31 @@ def contents(found: TelemetryFile, where: str, comparisons: Sequence[Comparison]
 def draw_comparisons(comparisons: Sequence[Comparison], path: Path) -> None:
     """Draw both sides of each comparison over time: a wrong sign or unit is seen at once.
 
+    Args:
+        comparisons: those without samples are left out.
+        path: a file whose name ends in `.png`; not written if there is nothing to draw.
+
     Raises:
         InputError: the file cannot be written.
 
     """
-    shown = [each for each in comparisons if len(each.time)]
-    with saved_figure(path, 7.0, 1.0 + 1.8 * len(shown)) as figure:
-        panels = figure.subplots(max(len(shown), 1), 1, squeeze=False)[:, 0]
-        for axes, each in zip(panels, shown):
-            axes.set_title(f"{each.name}: {each.residual:.2%} unexplained")
-            for k, (first, second) in enumerate(zip(each.values[0].T, each.values[1].T)):
-                labels = each.sides if not k else (None, None)
-                axes.plot(each.time, first, color=COLORS[k], label=labels[0])
-                axes.plot(each.time, second, color=COLORS[k], linestyle=":", label=labels[1])
-            axes.legend(loc="upper right")
-            axes.set_xlabel("time [s]")
+    pictures = [
+        Picture(each.name, each.name, partial(_draw, each), WIDE)
+        for each in comparisons
+        if len(each.time)
+    ]
+    if pictures:
+        with draft_of(path) as draft:
+            PictureGroup(draft.stem, "", pictures, 1).save(draft.parent, "png")
+
+
+def _draw(comparison: Comparison, axes: Axes) -> None:
+    axes.set_title(f"{comparison.name}: {comparison.residual:.2%} unexplained")
+    for k, pair in enumerate(zip(*(values.T for values in comparison.values))):
+        for values, line, label in zip(pair, ("-", ":"), comparison.sides):
+            axes.plot(comparison.time, values, line, color=COLORS[k], label=None if k else label)
+    axes.legend(loc="upper right")
+    axes.set_xlabel("time [s]")
 
 
 def _timing(samples: Samples) -> str:

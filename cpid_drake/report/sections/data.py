@@ -1,0 +1,162 @@
+"""The sections about the data: request, checks, convergence, residuals, sensors, provenance."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.convergence import Estimates
+from cpid_drake.identification.description import residual_words
+from cpid_drake.identification.estimators import estimator_label
+from cpid_drake.identification.identify_files import Evidence
+from cpid_drake.identification.result import Identification
+from cpid_drake.logs.log import Measurements
+from cpid_drake.report.figures import convergence_pictures, motion_pictures, residual_pictures
+from cpid_drake.report.page import Section, Table
+from cpid_drake.scenario.run_files import versions
+from cpid_drake.sensors.sensors import SENSORS
+
+
+def request_section(result: Identification) -> Section:
+    """Return the section that shows the target, the data and the options of the identification."""
+    facts: list[tuple[str, str]] = []
+    for source in result.sources:
+        facts.append(("Log", source.request.telemetry))
+        facts.append(("Time window", f"{source.start:.6g} to {source.end:.6g} s"))
+    for request in (source.request for source in result.sources[:1]):
+        craft = request.spacecraft
+        facts.append(("Sensors", request.sensors or "not given"))
+        facts.append(("Total momentum", request.momentum or "not given"))
+        facts.append(("Spacecraft", craft.model))
+        facts.append(("Base body", craft.base))
+        facts.append(("Capture frame", craft.capture_frame))
+    how = estimator_label(result.estimator) + (f" ({result.rows})" if result.rows else "")
+    facts.append(("Estimator", how))
+    facts.append(("Samples used", str(result.sample_count)))
+    facts.append(("Samples left out", str(sum(result.rejected.values()))))
+    text = (
+        "Mass, centre of mass and inertia of the target that a free-floating spacecraft holds, "
+        "identified from the motion of the base while the arms move."
+    )
+    return Section("Request", texts=[text], facts=facts)
+
+
+def checks_section(result: Identification, again: Identification | None) -> Section:
+    """Return the section with the warnings and the checks of a result.
+
+    Args:
+        result: the result that is reported.
+        again: the result of the same log, identified again for the report; None if the log was not
+            identified again.
+
+    """
+    texts = list(result.warnings)
+    if again is not None:
+        sigma, values = np.sqrt(np.nan_to_num(np.diag(result.covariance))), again.parameters
+        close = np.abs(values - result.parameters) <= 1e-3 * sigma + 1e-9 * np.abs(values)
+        if not np.all(close | (np.isnan(values) & np.isnan(result.parameters))):
+            texts.append(
+                "For this report the log was identified again; the values differ from those of "
+                "the result file, and the figures below show the new ones. The model, the "
+                "sensors or the software have changed since the result file was written."
+            )
+    rows = [
+        [
+            check.name,
+            *("" if x is None else f"{x:.3g}" for x in (check.statistic, check.limit)),
+            "passed" if check.passed else "failed",
+        ]
+        for check in result.checks
+    ]
+    table = Table(["", "statistic", "limit", ""], rows, "Checks of the assumptions of the estimate")
+    return Section("Checks", warnings=texts, tables=[table] if rows else [])
+
+
+def convergence_section(estimates: Estimates, truth: InertialParameters | None) -> Section:
+    """Return the section with the estimates from growing parts of the log."""
+    text = (
+        "Estimates from the samples up to each time, with their 95 % intervals as a band. The axes "
+        "are scaled for the later estimates; earlier ones may lie outside. At times without a "
+        "point the samples do not determine the parameter yet. A dashed line is the true value, "
+        "where it is known."
+    )
+    return Section("Convergence", texts=[text], pictures=convergence_pictures(estimates, truth))
+
+
+def residuals_section(found: Identification) -> Section:
+    """Return the section with size, whiteness and pictures of the residuals."""
+    if not found.residuals:
+        text = "This estimator gives no residuals, or not all ten parameters are known."
+        return Section("Residuals", texts=[text])
+    rows = []
+    for name, series in found.residuals.items():
+        white = whiteness(series.neighbours)
+        sizes = [f"{size:.3g}" for size in np.sqrt(np.mean(series.value**2, axis=0))]
+        correlation = f"{white.lag_one:+.3f} ± {white.band:.3f}"
+        row = [name, str(len(series)), ", ".join(sizes), series.unit, correlation]
+        rows.append([*row, "yes" if white.is_white else "no"])
+    heads = ["", "samples", "rms of each axis", "unit", "lag-one correlation", "white"]
+    note = (
+        "Residuals: measured minus predicted samples in units of the assumed noise (σ), or the "
+        "momentum balance in the capture frame. Sizes and figures of a long log are those of an "
+        "even selection. White: the correlation of neighbours is within the ± band of white noise, "
+        "or below 0.1, which changes no interval by more than a tenth."
+    )
+    return Section(
+        "Residuals",
+        texts=[f"Residuals: {residual_words(found)}."],
+        tables=[Table(heads, rows, note=note)],
+        pictures=residual_pictures(found),
+    )
+
+
+def sensors_section(evidence: Evidence) -> Section:
+    """Return the section that compares the samples of every sensor with the assumed noise."""
+    found, rows = evidence.found, []
+    for name, samples in evidence.log.data.items():
+        if not len(samples):
+            continue
+        step = f"{1e3 * np.median(np.diff(samples.time)):.4g}" if len(samples) > 1 else ""
+        sigma, left = "", found.residuals.get(name)
+        if found.sensors is not None and name in found.sensors.present():
+            sigma = ", ".join(f"{value:.2g}" for value in np.unique(found.sensors.sigmas(name)))
+        row = [SENSORS[name].label, str(len(samples)), step, str(found.rejected.get(name, 0))]
+        row += [sigma, SENSORS[name].quantity.unit if sigma else ""]
+        rows.append([*row, "" if left is None else f"{np.mean(left.value**2):.3f}"])
+    if found.sensors is None:
+        text = "No noise was assumed: all complete samples have the same weight."
+    else:
+        whose = "given" if evidence.inputs.sensors is not None else "estimated from the log"
+        text = f"The noise of the sensors was {whose}."
+    heads = ["", "samples", "every [ms]", "not used", "σ assumed", "unit", "χ² per reading"]
+    note = "χ² per reading is 1 if the samples scatter as much as assumed."
+    return Section("Sensors", texts=[text], tables=[Table(heads, rows, note=note)])
+
+
+def base_motion_section(measurements: Measurements) -> Section:
+    """Return the section with the measured motion of the base."""
+    text = (
+        "Measured motion of the base, not filtered. Rotation and displacement are relative to the "
+        "first sample. Of a long log, the figures show an even selection of the samples."
+    )
+    return Section("Base motion", texts=[text], pictures=motion_pictures(measurements.thinned()))
+
+
+def provenance_section(facts: Sequence[tuple[str, str]], command: str) -> Section:
+    """Return the section with facts, versions and the command that repeats the work."""
+    used = ", ".join(f"{name} {number}" for name, number in versions().items())
+    return Section("Provenance", facts=[*facts, ("Report written by", used)], command=command)
+
+
+def provenance_of(result: Identification) -> Section:
+    """Return the provenance of an identification; without sources if the file names none."""
+    facts = []
+    for source in result.sources:
+        facts.append(("Log", source.request.telemetry))
+        facts.append(("SHA-256", source.sha256.get("telemetry") or "none (a folder)"))
+    for source in result.sources[:1]:
+        facts += [("Map of columns", source.request.columns)] if source.request.columns else []
+        facts += [("Prior", source.request.prior)] if source.request.prior else []
+        facts.append(("Identified by", f"cpid-drake {source.cpid_drake or '(not installed)'}"))
+    return provenance_section(facts, result.command)

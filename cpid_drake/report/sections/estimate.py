@@ -1,0 +1,192 @@
+"""The sections with what was estimated: parameters, effects, separate logs, observability."""
+
+from collections.abc import Sequence
+from itertools import zip_longest
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    parameter_scale,
+)
+from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.identification.description import agreement_words, decimals, principal_axes
+from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
+from cpid_drake.identification.result import Identification
+from cpid_drake.report.figures import ellipsoid_pictures, singular_value_picture
+from cpid_drake.report.page import Section, Table
+from cpid_drake.report.pictures import PictureGroup
+
+
+def result_section(result: Identification, truth: InertialParameters | None) -> Section:
+    """Return the section with the estimate, its 95 % intervals and, if it is known, the truth."""
+    tables, nearest, problems = [], result.consistent, "; ".join(result.infeasibilities)
+    tables.append(_parameters(result, truth))
+    if nearest is not None:
+        moments, axes = principal_axes(nearest)
+        rows = [
+            [f"{moment:.6g}", *(f"{entry:+.4f}" for entry in axis)]
+            for moment, axis in zip(moments, axes.T)
+        ]
+        heads = ["moment [kg·m²]", "axis x", "axis y", "axis z"]
+        tables.append(Table(heads, rows, "Principal moments and axes of the consistent values"))
+    if not result.is_observable:
+        text = f"The log determines {result.rank} of ten combinations of the parameters."
+    elif problems:
+        text = f"No rigid body has the estimate ({problems}). " + (
+            "None is near it." if nearest is None else "Use the nearest consistent values."
+        )
+    else:
+        text = "All ten parameters are known, and they are physically consistent."
+    title = "Solid ellipsoid of the same mass and inertia, seen along three axes"
+    # A body of zero mass has no ellipsoid.
+    pictures = ellipsoid_pictures(nearest, truth) if nearest and nearest.mass > 0 else []
+    return Section(
+        "Result",
+        texts=[text],
+        warnings=[f"Failed check: {failure}." for failure in result.failures],
+        tables=tables,
+        groups=[PictureGroup("ellipsoid", title, pictures)],
+    )
+
+
+def _parameters(result: Identification, truth: InertialParameters | None) -> Table:
+    has_bodies = result.consistent_intervals is not None
+    heads = ["", "estimate", "± 95 %", "consistent", *["rigid bodies"] * has_bodies, "unit"]
+    heads += [] if truth is None else ["truth", "error / σ"]
+    sigma = np.sqrt(np.diag(result.covariance))
+    nearest = np.full(10, np.nan) if result.consistent is None else result.consistent.to_vector()
+    halves = np.diff(result.intervals)[:, 0] / 2
+    if not result.is_possible:
+        halves = np.full(10, np.nan)  # no rigid body agrees with the estimate
+    rows = []
+    for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
+        places = decimals(2 * halves[i])
+        row = [name, *(_number(x[i], places) for x in (result.parameters, halves, nearest))]
+        row[1] = row[1] or "not known"
+        row += [_range(result.shown_intervals[i])] * has_bodies
+        row.append(unit)
+        if truth is not None:
+            true = truth.to_vector()[i]
+            score = (result.parameters[i] - true) / sigma[i]
+            row += [_number(true, places), f"{score:+z.1f}" if np.isfinite(score) else ""]
+        rows.append(row)
+    note = (
+        "m: mass. c: centre of mass, from the origin of the capture frame C, in its axes. I: "
+        "inertia about the centre of mass, in the same axes; Ixy = −∫xy dm. ± 95 %: half-width of "
+        "the 95 % interval. Consistent: the nearest values of a rigid body. Rigid bodies: the part "
+        "of the interval that a rigid body can have; of what is not known, its extreme values over "
+        "all rigid bodies of the spacecraft's size. σ: standard deviation of the estimate."
+    )
+    return Table(heads, rows, note=note)
+
+
+def _number(value: float, places: int) -> str:
+    return f"{round(value, places) + 0.0:.{places}f}" if np.isfinite(value) else ""
+
+
+def _range(ends: NDArray[np.float64]) -> str:
+    low, high = ends
+    if np.isnan(ends).all():
+        return ""
+    places = decimals(high - low)
+    return f"{_number(low, places) or '?'} to {_number(high, places) or '?'}"
+
+
+def logs_section(result: Identification) -> Section:
+    """Return the section with the separate estimates of logs and prior beside the joint one."""
+    text = (
+        f"{len(result.logs)} sources of one target; each log has its own start, momentum and "
+        f"biases. They {agreement_words(result)}."
+    )
+    facts = [
+        [
+            name,
+            "" if source is None else f"{source.start:.6g} to {source.end:.6g} s",
+            str(part.sample_count),
+            str(part.rank),
+            agreement_words(part),
+            "; ".join(part.failures) or "none",
+        ]
+        for (name, part), source in zip_longest(result.logs.items(), result.sources)
+    ]
+    parts = {"together": result, **result.logs}
+    estimates = []
+    for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
+        cells = []
+        for part in parts.values():
+            half = np.diff(part.intervals[i])[0] / 2
+            places = decimals(2 * half)
+            value, spread = _number(part.parameters[i], places), _number(half, places)
+            cells.append(f"{value} ± {spread}" if value else "not known")
+        estimates.append([name, *cells, unit])
+    heads = ["", "time window", "samples", "rank", "agreement", "failed checks"]
+    note = "Agreement: χ² of the difference from all others, for the same target."
+    caption = "Estimates with 95 % intervals, together and each on its own"
+    tables = [
+        Table(heads, facts, note=note),
+        Table(["", *parts, "unit"], estimates, caption),
+    ]
+    return Section("Logs", texts=[text], tables=tables)
+
+
+def effects_section(result: Identification) -> Section:
+    """Return the section with a row for every entry of every estimated effect."""
+    text = "The sensors' file declares these unknown constants; they were estimated as well."
+    return Section("Estimated errors and forces", texts=[text], tables=[_effects(result.effects)])
+
+
+def undeclared_section(undeclared: UndeclaredErrors) -> Section:
+    """Return the section about errors that the samples show and the sensors do not declare."""
+    text = "The sensors' file does not declare these constants, but the samples show them."
+    gains = [[name, f"{gain:.1f}"] for name, gain in undeclared.alone]
+    tables = [
+        _effects(undeclared.effects),
+        Table(["", "gain"], gains, note="Gain of the log evidence by each of them alone."),
+    ]
+    title = "Errors that are not declared"
+    return Section(title, texts=[text, *undeclared.verdict()], tables=tables)
+
+
+def _effects(effects: Sequence[EffectEstimate]) -> Table:
+    factor = quantile_95()
+    rows = [
+        [
+            effect.name if i == 0 else "",
+            f"{value:.4g}",
+            f"{factor * sigma:.2g}",
+            f"{factor * effect.prior_sigma:.2g}",
+            effect.unit,
+        ]
+        for effect in effects
+        for i, (value, sigma) in enumerate(zip(effect.value, effect.sigma))
+    ]
+    texts = [effect.describe() for effect in effects]
+    note = " ".join(f"{text[0].upper()}{text[1:]}." for text in texts)
+    return Table(["", "estimate", "± 95 %", "± 95 % before", "unit"], rows, note=note)
+
+
+def observability_section(result: Identification) -> Section:
+    """Return the section with relative standard deviations and singular values."""
+    values, pictures, tables = result.singular_values, [], []
+    if not np.isnan(values).any():
+        pictures.append(singular_value_picture(values))
+    texts = [] if result.is_observable else result.gap()
+    if result.condition is not None:
+        texts.append(
+            "The singular values measure how strongly the motion excites ten independent "
+            f"combinations of the parameters. The largest is {result.condition:.3g} times the "
+            "smallest."
+        )
+    mass, trace = result.parameters[0], result.parameters[4:7].sum()
+    if 0 < mass < np.inf and 0 < trace < np.inf:
+        share = 100 * np.sqrt(np.diag(result.covariance)) / parameter_scale(result.parameters)
+        cells = [f"{value:.2g}" if np.isfinite(value) else "" for value in share]
+        note = (
+            "Scale: the mass for m, the radius of gyration for c, the trace of the inertia for I."
+        )
+        tables.append(Table(["", *PARAMETER_NAMES], [["σ, % of scale", *cells]], note=note))
+    return Section("Observability", texts=texts, tables=tables, pictures=pictures)
