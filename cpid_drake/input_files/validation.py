@@ -285,6 +285,8 @@ def _problem(error: "ErrorDetails", schema: type, whole: str) -> str:
         return f"unknown key '{key:.200}'; {choices}"
     if kind in ("missing", "string_too_short"):
         return f"{key} is missing"
+    if isinstance(limits.get("error"), InputError):  # of a dataclass's __post_init__
+        return f"{key or whole}: {limits['error']}"
     if kind == "value_error":
         wanted = str(limits["error"])
     elif kind == "too_short":

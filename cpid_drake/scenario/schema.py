@@ -19,10 +19,11 @@ from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, Motio
 from cpid_drake.sensors.disturbances import SimulatedDisturbance
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
+from cpid_drake.spacecraft.sprung_mass import SprungMass
 
 if TYPE_CHECKING:  # these import Drake or SciPy, which reading a scenario does not need
     from cpid_drake.dynamics.inertia import InertialParameters
-    from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Name = Annotated[str, MinLen(1)]
@@ -210,49 +211,6 @@ class DisturbanceConfig:
 
 
 @dataclass
-class SprungMassConfig:
-    """A part of a body's mass that moves on a spring, such as propellant or the tip of a wing.
-
-    `body` is a body of the spacecraft, or captured_target. `p_BS` is the place of the mass at rest
-    in the body's frame [m], `frequency` that of its oscillation [Hz]. See
-    `cpid_drake.systems.sprung_mass.SprungMass`.
-    """
-
-    body: Name
-    p_BS: Vector
-    mass: Positive
-    frequency: Positive
-    damping_ratio: NotNegative = 0.01
-
-
-@dataclass
-class WristConfig:
-    """A spring and a damper between the capture frame C and the target.
-
-    `stiffness` [N·m/rad] and `damping` [N·m·s/rad] are those of the rotation about the axes of C.
-    With `translational_stiffness` [N/m] the target also moves along these axes, with
-    `translational_damping` [N·s/m]; null if its origin stays at that of C. See
-    `cpid_drake.spacecraft.compliant_wrist.CompliantWrist`.
-    """
-
-    stiffness: Vector
-    damping: Vector = field(default_factory=lambda: np.zeros(3))
-    translational_stiffness: Vector | None = None
-    translational_damping: Vector = field(default_factory=lambda: np.zeros(3))
-
-    def make(self) -> "CompliantWrist":
-        """Return the wrist.
-
-        Raises:
-            InputError: a stiffness is not greater than zero, or a damping is negative.
-
-        """
-        from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
-
-        return CompliantWrist(**vars(self))
-
-
-@dataclass
 class BurnConfig:
     """A burn of thrusters on the base: start and duration [s], and constant thrust in B.
 
@@ -285,8 +243,8 @@ class SimulationConfig:
     duration: Positive = 10.0
     momentum_W: Momentum = field(default_factory=lambda: np.zeros(6))
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    sprung_masses: list[SprungMassConfig] = field(default_factory=list)
-    wrist: WristConfig | None = None
+    sprung_masses: list[SprungMass] = field(default_factory=list)
+    wrist: CompliantWrist | None = None
     burns: list[BurnConfig] = field(default_factory=list)
     burns_logged: bool = True
     log_period: Positive = 0.0625

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import Frame
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
@@ -19,12 +20,13 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.checks import checked
 from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Check, Identification
-from cpid_drake.logs.log import THRUST, Measurements
+from cpid_drake.logs.burns import log_of_burns
+from cpid_drake.logs.log import THRUST, Measurements, Samples
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.checks import checked_estimator
-from cpid_drake.scenario.external_forces import ExternalForces, add_external_forces
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.systems.external_forces import ExternalForces
 from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
@@ -36,7 +38,6 @@ from cpid_drake.systems.spacecraft_sensors import (
     log_samples,
     measurements_from_logs,
 )
-from cpid_drake.systems.thruster_source import ThrusterSource
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +56,10 @@ class Simulation:
         state_columns: columns of the plant's x = [q; v] that are the state of the spacecraft.
         identifier: the online identifier: a `MomentumIdentifier` on the plant's exact state, or a
             `SensorIdentifier` on the sensors.
-        state_log: logs the state of the spacecraft.
+        state_log: logs the state of the plant.
         parameter_log: logs the identifier's parameters.
-        forces: disturbances, sprung masses and a compliant wrist.
+        thrust: the log of the burns, with the error of its scale; empty without burns.
+        impulse_log: logs the momentum that forces from outside give; None without any.
         sensors: the scenario's sensors, if it has any.
         sensor_logs: log the sensors' samples, by name.
 
@@ -73,7 +75,8 @@ class Simulation:
     identifier: Identifier
     state_log: VectorLogSink
     parameter_log: VectorLogSink
-    forces: ExternalForces
+    thrust: Samples
+    impulse_log: VectorLogSink | None
     sensors: SpacecraftSensors | None = None
     sensor_logs: dict[str, VectorLogSink] = field(default_factory=dict)
 
@@ -92,7 +95,6 @@ class Simulation:
             self.truth, self.joint_motion, momentum_W
         )
         self.plant.SetPositionsAndVelocities(context, state)
-        self.forces.start(simulator.get_mutable_context())
         simulator.Initialize()
         return simulator
 
@@ -141,31 +143,32 @@ class Simulation:
         """Return the identification in a run's Context, with its checks; see `checks`."""
         context = self.identifier.GetMyContextFromRoot(root_context)
         found = checked(self.identifier.identification(context), self.spacecraft.tree)
-        if self.forces.thrusters is None or isinstance(self.identifier, SensorIdentifier):
+        if not len(self.thrust) or isinstance(self.identifier, SensorIdentifier):
             return found
-        text = THRUST_NOT_USED.format(f"{self.forces.thrust.time[0]:.4g}", found.estimator)
+        text = THRUST_NOT_USED.format(f"{self.thrust.time[0]:.4g}", found.estimator)
         return replace(found, checks=(Check("thrust", text), *found.checks))
 
     def telemetry(self, root_context: Context) -> Telemetry:
         """Return the logged motion of a run."""
-        log = self.state_log.FindLog(root_context)
-        times, first = np.unique(log.sample_times(), return_index=True)
-        return self.spacecraft.to_telemetry(times, log.data()[:, first].T)
+        times, states = _entries(self.state_log, root_context)
+        return self.spacecraft.to_telemetry(times, states[:, self.state_columns])
 
-    def expected_momentum(self, telemetry: Telemetry, root_context: Context) -> NDArray[np.float64]:
-        """Return the momentum [L; P] of the rigid model about W's origin, in W, (N, 6).
+    def momentum(self, root_context: Context) -> NDArray[np.float64]:
+        """Return the momentum [L; P] of all bodies about W's origin, in W, (N, 6), in the log."""
+        context = self.plant.CreateDefaultContext()
+        found = []
+        for state in _entries(self.state_log, root_context)[1]:
+            self.plant.SetPositionsAndVelocities(context, state)
+            momentum = self.plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
+            found.append(momentum.get_coeffs())
+        return np.array(found)
 
-        It follows from the momentum at t = 0 and from the forces; see `ExternalForces`.
-
-        Args:
-            telemetry: the logged motion at N times.
-            root_context: Context of the run.
-
-        """
-        start = np.asarray(self.scenario.simulation.momentum_W, dtype=float)
-        q = self.joint_motion.evaluate(0.0)[0]
-        full = self.spacecraft.tree.with_target(self.truth.to_standard_vector())
-        return self.forces.expected_momentum(start, q, full, telemetry, root_context)
+    def expected_momentum(self, root_context: Context) -> NDArray[np.float64]:
+        """Return what `momentum` should be (N, 6): that at the start, and what forces gave."""
+        momentum_W = self.scenario.simulation.momentum_W
+        if self.impulse_log is None:
+            return np.tile(momentum_W, (len(_entries(self.state_log, root_context)[0]), 1))
+        return momentum_W + _entries(self.impulse_log, root_context)[1]
 
     def measurements(self, root_context: Context) -> Measurements:
         """Return the samples of the sensors in a run, and the log of thrust if there is one.
@@ -180,9 +183,9 @@ class Simulation:
                 "scenario"
             )
         found = measurements_from_logs(self.sensors, self.sensor_logs, root_context)
-        if self.forces.thrusters is None or not self.scenario.simulation.burns_logged:
+        if not len(self.thrust) or not self.scenario.simulation.burns_logged:
             return found
-        return found.updated({THRUST: self.forces.thrust})
+        return found.updated({THRUST: self.thrust})
 
 
 def advance(simulator: Simulator, time: float) -> None:
@@ -231,8 +234,14 @@ def make_simulation(
     else:
         builder.AddSystem(plant)
     wrist = scenario.simulation.wrist
-    connect = MultibodyPlant.WeldFrames if wrist is None else wrist.make().connect
-    body = spacecraft.add_to(
+    grasp = MultibodyPlant.WeldFrames if wrist is None else wrist.connect
+
+    def connect(plant: MultibodyPlant, frame_C: Frame, frame_T: Frame) -> None:
+        grasp(plant, frame_C, frame_T)
+        for mass in scenario.simulation.sprung_masses:
+            mass.add_to(plant)
+
+    spacecraft.add_to(
         plant,
         truth,
         scene_graph=scene_graph,
@@ -249,26 +258,32 @@ def make_simulation(
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
         target=_controllers_target(scenario, truth),
-        connect=connect,
+        connect=grasp,
+        plant=plant,
         natural_frequency=scenario.controller.natural_frequency,
         damping_ratio=scenario.controller.damping_ratio,
     )
 
     sensors, sensor_logs, suite = None, {}, scenario.make_suite()
-    forces = add_external_forces(builder, scenario, spacecraft, plant, body, truth)
+    forces, thrust = _add_forces(builder, scenario, spacecraft, plant)
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(
             builder, spacecraft, state=state, suite=suite, seed=scenario.sensors.seed
         )
         sensor_logs = log_samples(builder, sensors)
-    thrusters = forces.thrusters if scenario.simulation.burns_logged else None
-    identifier = _add_identifier(builder, scenario, spacecraft, state, sensors, thrusters)
-    state_log = LogVectorOutput(state, builder, scenario.simulation.log_period)
-    parameter_log = LogVectorOutput(
-        identifier.GetOutputPort("parameters"), builder, scenario.simulation.log_period
-    )
-    state_log.set_name("state_log")
-    parameter_log.set_name("parameter_log")
+    logged = {}
+    if len(thrust) and forces is not None and scenario.simulation.burns_logged:
+        logged[THRUST] = forces.GetOutputPort("thrust")
+    identifier = _add_identifier(builder, scenario, spacecraft, state, sensors, logged)
+
+    def log(port: OutputPort, name: str) -> VectorLogSink:
+        sink = LogVectorOutput(port, builder, scenario.simulation.log_period)
+        sink.set_name(name)
+        return sink
+
+    state_log = log(plant.get_state_output_port(), "state_log")
+    parameter_log = log(identifier.GetOutputPort("parameters"), "parameter_log")
+    impulse_log = forces and log(forces.GetOutputPort("impulse"), "impulse_log")
     if meshcat is not None:
         if scene_graph is not None:
             add_bodies(builder, plant, scene_graph, meshcat)
@@ -294,7 +309,8 @@ def make_simulation(
         identifier,
         state_log,
         parameter_log,
-        forces,
+        thrust,
+        impulse_log,
         sensors,
         sensor_logs,
     )
@@ -306,7 +322,7 @@ def _add_identifier(
     spacecraft: Spacecraft,
     state: OutputPort,
     sensors: SpacecraftSensors | None,
-    thrusters: ThrusterSource | None,
+    thrust: dict[str, OutputPort],
 ) -> Identifier:
     config = scenario.identification
     momentum = TotalMomentum(is_unknown=config.unknown_momentum)
@@ -321,7 +337,6 @@ def _add_identifier(
             period=config.period,
             offset=config.offset,
         )
-    thrust = {} if thrusters is None else {THRUST: thrusters.GetOutputPort("thrust")}
     prior = config.prior
     return SensorIdentifier.AddToBuilder(
         builder,
@@ -333,6 +348,40 @@ def _add_identifier(
         guess=None if prior is None else prior.guess(),
         guess_sigma=0.5 if prior is None else prior.sigma,
     )
+
+
+def _add_forces(
+    builder: DiagramBuilder, scenario: Scenario, spacecraft: Spacecraft, plant: MultibodyPlant
+) -> tuple[ExternalForces | None, Samples]:
+    """Add the forces from outside, if there are any; return them and the log of thrust."""
+    disturbance, suite = scenario.make_disturbance(), scenario.make_suite()
+    orbit = None if suite is None else suite.orbit
+    scale, burns = 1 + disturbance.thrust_scale, log_of_burns(scenario.make_burns())
+    thrust = Samples(burns.time, burns.value / scale)
+    on_table = spacecraft.tree.normal_B is not None
+    if disturbance.is_zero and orbit is None and not len(thrust) and not on_table:
+        return None, thrust
+    forces = ExternalForces.AddToBuilder(
+        builder,
+        spacecraft,
+        state=plant.get_state_output_port(),
+        spatial_forces=plant.get_applied_spatial_force_input_port(),
+        plant=plant,
+        disturbance=disturbance,
+        orbit=orbit,
+        thrust=thrust,
+        thrust_scale=scale,
+    )
+    return forces, thrust
+
+
+def _entries(
+    sink: VectorLogSink, root_context: Context
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the times (N,) and values (N, n) of a log, each time once."""
+    log = sink.FindLog(root_context)
+    times, first = np.unique(log.sample_times(), return_index=True)
+    return times, log.data()[:, first].T
 
 
 def _controllers_target(scenario: Scenario, truth: InertialParameters) -> InertialParameters:

@@ -1,6 +1,7 @@
 """A grasp that is not rigid: a spring and a damper between the capture frame and the target."""
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +16,17 @@ from pydrake.multibody.tree import (
 from scipy.linalg import eigh
 
 from cpid_drake.errors import InputError
+from cpid_drake.input_files.validation import Numbers
 
 HIGHEST_FREQUENCY = 200.0
 """Largest natural frequency of a wrist [Hz]; stiffer ones are too slow to simulate."""
 
+Vector = Annotated[NDArray[np.float64], Numbers(3)]
+
 _SINGULAR = 1e-9  # smallest eigenvalue of an inertia, as a share of its trace
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass
 class CompliantWrist:
     """Springs and dampers that hold the target at the capture frame C.
 
@@ -42,10 +46,10 @@ class CompliantWrist:
 
     """
 
-    stiffness: NDArray[np.float64]
-    damping: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    translational_stiffness: NDArray[np.float64] | None = None
-    translational_damping: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    stiffness: Vector
+    damping: Vector = field(default_factory=lambda: np.zeros(3))
+    translational_stiffness: Vector | None = None
+    translational_damping: Vector = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -54,7 +58,7 @@ class CompliantWrist:
             is_stiffness = name.endswith("stiffness")
             if not (np.all(value > 0) if is_stiffness else np.all(value >= 0)):
                 raise InputError(
-                    f"simulation.wrist.{name} must be three numbers {'>' if is_stiffness else '>='}"
+                    f"wrist.{name} must be three numbers {'>' if is_stiffness else '>='}"
                     f" 0, not {np.asarray(value).tolist()}"
                 )
 

@@ -68,6 +68,8 @@ class JointController(LeafSystem):
         target: the model's target, at the start if the estimate is read; default: none.
         connect: joins C and the target in the model, see `Spacecraft.add_to`. If the simulated
             plant has a compliant wrist, the model must have it too.
+        plant: the plant that is driven, if it has more coordinates than the model, such as those of
+            sprung masses.
         natural_frequency: ω of the joint errors [rad/s].
         damping_ratio: ζ of the joint errors.
         reads_estimate: whether the target of the model follows an identifier's estimate.
@@ -87,6 +89,7 @@ class JointController(LeafSystem):
         *,
         target: InertialParameters | None = None,
         connect: Connect = MultibodyPlant.WeldFrames,
+        plant: MultibodyPlant | None = None,
         natural_frequency: float = 10.0,
         damping_ratio: float = 1.0,
         reads_estimate: bool = False,
@@ -103,9 +106,13 @@ class JointController(LeafSystem):
         ):
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"joint controller: {name} must be > 0, not {value:g}")
-        plant = MultibodyPlant(time_step=0.0)
-        self._target = spacecraft.add_to(plant, target or _PLACEHOLDER, connect=connect)
-        self._dynamics, self._scratch = FreeFloatingDynamics(spacecraft, plant), PlantScratch(plant)
+        model = MultibodyPlant(time_step=0.0)
+        self._target = spacecraft.add_to(model, target or _PLACEHOLDER, connect=connect)
+        self._dynamics, self._scratch = FreeFloatingDynamics(spacecraft, model), PlantScratch(model)
+        plant = plant or model
+        names = plant.GetStateNames()
+        self._model_columns = np.array([names.index(name) for name in model.GetStateNames()])
+        self._driven = self._model_columns[model.num_positions() :] - plant.num_positions()
         self._stiffness = natural_frequency**2
         self._damping = 2 * damping_ratio * natural_frequency
         self._tolerance = tolerance
@@ -147,6 +154,7 @@ class JointController(LeafSystem):
         spatial_inertia: OutputPort | None = None,
         target: InertialParameters | None = None,
         connect: Connect = MultibodyPlant.WeldFrames,
+        plant: MultibodyPlant | None = None,
         natural_frequency: float = 10.0,
         damping_ratio: float = 1.0,
         tolerance: float = 0.05,
@@ -165,6 +173,7 @@ class JointController(LeafSystem):
             spatial_inertia: an identifier's output of this name; given with `covariance`.
             target: see the constructor, as for the other options.
             connect: see the constructor.
+            plant: see the constructor.
             natural_frequency: see the constructor.
             damping_ratio: see the constructor.
             tolerance: see the constructor.
@@ -183,6 +192,7 @@ class JointController(LeafSystem):
             spacecraft,
             target=target,
             connect=connect,
+            plant=plant,
             natural_frequency=natural_frequency,
             damping_ratio=damping_ratio,
             reads_estimate=bool(given),
@@ -206,8 +216,10 @@ class JointController(LeafSystem):
         )
         model = self._scratch.context
         self._target.SetSpatialInertiaInBodyFrame(model, self._model_inertia(context))
-        self._dynamics.plant.SetPositionsAndVelocities(model, state)
-        output.SetFromVector(self._dynamics.generalized_force(model, a_J))
+        self._dynamics.plant.SetPositionsAndVelocities(model, state[self._model_columns])
+        force = np.zeros(output.size())
+        force[self._driven] = self._dynamics.generalized_force(model, a_J)
+        output.SetFromVector(force)
 
     def _calc_model_target(self, context: Context, output: BasicVector) -> None:
         inertia = self._model_inertia(context)

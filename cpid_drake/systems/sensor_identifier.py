@@ -80,7 +80,7 @@ class SensorIdentifier(Identifier):
 
     - one input (1 + width) for each sensor of the suite, as from `SpacecraftSensors`: the time [s]
       of the latest sample, then its value; NaN before the first.
-    - `thrust` (7), if `reads_thrust`: the log of thrust in the same form, as from `ThrusterSource`.
+    - `thrust` (7), if `reads_thrust`: the log of thrust in the same form, as from `ExternalForces`.
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
-from cpid_drake.scenario.schema import WristConfig
 from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
 
 pytestmark = pytest.mark.slow
 
@@ -49,9 +49,9 @@ def simulated(kind="", *, duration=10.0, sensors=""):
 
     compliances = dict.fromkeys(KINDS, 0.0)
     if kind == "compliance":
-        wrist = WristConfig(*spring(largest, FREQUENCY))
+        wrist = CompliantWrist(*spring(largest, FREQUENCY))
     elif kind:
-        wrist = WristConfig(*spring(largest, STIFF), *spring(truth.mass, FREQUENCY))
+        wrist = CompliantWrist(*spring(largest, STIFF), *spring(truth.mass, FREQUENCY))
         compliances[kind] = 1 / wrist.translational_stiffness[0]
     if kind:
         compliances["compliance"] = 1 / wrist.stiffness[0]

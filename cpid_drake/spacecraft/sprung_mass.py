@@ -1,0 +1,94 @@
+"""A mass on springs inside a body: propellant that sloshes, or the first mode of a wing."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, MinLen
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BodyIndex,
+    FixedOffsetFrame,
+    PrismaticJoint,
+    PrismaticSpring,
+    RigidBody,
+    SpatialInertia,
+    UnitInertia,
+)
+
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.errors import InputError, choose_from
+from cpid_drake.input_files.validation import Numbers
+
+
+@dataclass
+class SprungMass:
+    """A part of a body's mass that moves on springs, such as propellant or the tip of a wing.
+
+    Three prismatic joints with Drake's springs and dampers hold a point mass at its place of rest,
+    equally stiff in all directions. A body of the negative mass, welded there, takes the mass out
+    of its body; with relaxed springs the body is then the same as in the model.
+
+    Attributes:
+        body: name of the body, one of the spacecraft or captured_target.
+        p_BS: (3,) place of the mass at rest, in the body's frame [m].
+        mass: [kg].
+        frequency: natural frequency with the body held fixed [Hz].
+        damping_ratio: of this oscillation.
+
+    """
+
+    body: Annotated[str, MinLen(1)]
+    p_BS: Annotated[NDArray[np.float64], Numbers(3)]
+    mass: Annotated[float, Gt(0)]
+    frequency: Annotated[float, Gt(0)]
+    damping_ratio: Annotated[float, Ge(0)] = 0.01
+
+    def add_to(self, plant: MultibodyPlant) -> None:
+        """Add bodies, joints and springs to a plant that has the body and is not finalized.
+
+        Raises:
+            InputError: no such body, or what remains of the body is not a rigid body.
+
+        """
+        body = self._body(plant)
+        whole = InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
+        part = InertialParameters(self.mass, self.p_BS, np.zeros((3, 3)))
+        remainder = whole.to_standard_vector() - part.to_standard_vector()
+        problems = ["no mass remains"] if remainder[0] <= 0 else []
+        problems += InertialParameters.from_standard_vector(remainder).infeasibilities()
+        if problems:
+            where = f"a sprung mass of {self.mass:g} kg in {self.body}"
+            raise InputError(f"{where}: {'; '.join(problems)}")
+        name = f"sprung_mass_{plant.num_bodies()}"
+        instance = plant.AddModelInstance(name)
+        rest = plant.AddFrame(
+            FixedOffsetFrame(f"{name}_rest", body.body_frame(), RigidTransform(self.p_BS))
+        )
+        removed = plant.AddRigidBody(f"{name}_removed", instance, _point(-self.mass))
+        plant.WeldFrames(rest, removed.body_frame())
+        w, parent = 2 * np.pi * self.frequency, rest
+        damping = 2 * self.damping_ratio * self.mass * w
+        for axis, direction in zip("xyz", np.eye(3), strict=True):
+            mass = self.mass if axis == "z" else 0.0
+            child = plant.AddRigidBody(f"{name}_{axis}", instance, _point(mass)).body_frame()
+            joint = plant.AddJoint(
+                PrismaticJoint(f"{name}_{axis}", parent, child, direction, damping=damping)
+            )
+            plant.AddForceElement(PrismaticSpring(joint, 0.0, self.mass * w**2))
+            parent = child
+
+    def _body(self, plant: MultibodyPlant) -> RigidBody:
+        """Return the only body of this name."""
+        bodies = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
+        found = [b for b in bodies if self.body in (b.name(), b.scoped_name().get_full())]
+        if len(found) != 1:
+            choices = choose_from(self.body, [body.name() for body in bodies])
+            raise InputError(f"simulation.sprung_masses: no body '{self.body}'; {choices}")
+        return found[0]
+
+
+def _point(mass: float) -> SpatialInertia:
+    return SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0), skip_validity_check=True)
