@@ -18,7 +18,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
-from cpid_drake.spacecraft.model_checks import check_model
+from cpid_drake.spacecraft.model_checks import check_model, message_of
 from cpid_drake.spacecraft.parsing import make_parser
 
 GREY = Rgba(0.6, 0.6, 0.62, 1.0)
@@ -70,7 +70,7 @@ def add_target_appearance(
         make_parser(model, folders).AddModels(visual_model)
         model.Finalize()
     except (RuntimeError, ValueError, SystemExit) as error:
-        raise InputError(f"{visual_model}: {' '.join(str(error).split())}") from error
+        raise InputError(f"{visual_model}: {message_of(error, visual_model)}") from error
     if model.num_velocities() > 6:
         raise InputError(f"{visual_model}: a target is one rigid body, but this model has joints")
     context = model.CreateDefaultContext()

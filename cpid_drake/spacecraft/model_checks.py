@@ -1,50 +1,45 @@
-"""Checks on a model's files before Drake reads them.
+"""Checks on a model's files: for what Drake would read as something else, without an error.
 
-Drake's readers read "1,5" as 1, "500mm" as 500 and a misspelt attribute as zero. They do not
-return from a file that includes itself, or from a few YAML aliases that expand to billions.
+Drake's readers read "1,5" as 1, "500mm" as 500 and a misspelt attribute as zero, replace an inertia
+that no body has, and leave out what they do not support. They do not return from a file that
+includes itself, or from a few YAML aliases that expand to billions.
 """
 
 import re
-from codecs import BOM_UTF8
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from xml.parsers.expat import ExpatError, ParserCreate, errors
+from xml.etree import ElementTree
 
 import numpy as np
-import yaml
+from pydrake.multibody.parsing import LoadModelDirectives, PackageMap
+from pydrake.multibody.tree import RotationalInertia
 
-from cpid_drake.errors import InputError, choose_from
-from cpid_drake.input_files.yaml_text import check_size, yaml_errors
-from cpid_drake.resources import package_folder
+from cpid_drake.errors import InputError
+from cpid_drake.input_files.yaml_text import check_size
 
 LARGEST_FILE = 64 * 2**20
 """Largest file that is read [bytes]; models that contain their geometry have a few million."""
 
-LARGEST_NUMBER = 1e12
-"""Largest mass, length or inertia that is accepted [SI units]."""
+MOST_FILES = 1000
+"""Most included files: models have tens, and files that include each other twice have billions."""
 
-DEEPEST, MOST_FILES, LONGEST_NAME = 100, 1000, 1000
-"""Most levels of nested elements or includes, most included files, most characters of a name."""
-
-_INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_LIMITS = ("lower", "upper", "velocity", "effort")
 # The attributes (URDF: by element; MJCF) or elements (SDF) that contain numbers.
-_URDF_NUMBERS = {
+_URDF_NUMBERS: dict[str, tuple[str, ...]] = {
     "mass": ("value",),
-    "inertia": _INERTIA,
+    "inertia": _MOMENTS,
     "origin": ("xyz", "rpy"),
     "axis": ("xyz",),
-    "limit": ("lower", "upper", "velocity", "effort"),
+    "limit": _LIMITS,
 }
-_SDF_NUMBERS = ("mass", *_INERTIA, "pose", "xyz", "lower", "upper", "velocity", "effort")
+_SDF_NUMBERS = ("mass", *_MOMENTS, "pose", "xyz", *_LIMITS)
 _MJCF_NUMBERS = (
     *("mass", "density", "diaginertia", "fullinertia", "pos", "quat", "euler", "axisangle"),
     *("xyaxes", "zaxis", "axis", "fromto", "size"),
 )
-_LIMITS = ("lower", "upper", "velocity", "effort")
-_COUNTS = {"xyz": 3, "rpy": 3, "pos": 3, "quat": 4, "diaginertia": 3, "fullinertia": 6}
-_COUNTS |= dict.fromkeys(("mass", "value", "density", *_INERTIA, *_LIMITS), 1)
-_NOT_NEGATIVE = ("mass", "value", "density", "size", "diaginertia", "ixx", "iyy", "izz")
+_MJCF_MASSES = ("settotalmass", "boundmass", "boundinertia", "balanceinertia", "inertiagrouprange")
 
 
 @dataclass
@@ -63,8 +58,26 @@ class FileContents:
     hollow: set[str] = field(default_factory=set)
 
 
+def package_map(folders: Mapping[str, Path]) -> PackageMap:
+    """Return Drake's map of these packages, which does not download any."""
+    packages = PackageMap()
+    packages.Remove("drake_models")
+    for name, folder in folders.items():
+        packages.Add(name, folder)
+    return packages
+
+
+def message_of(error: BaseException, path: Path) -> str:
+    """Return the message of an error of Drake's in one line, without the file's path."""
+    name, text = re.escape(str(path)), " ".join(str(error).split())
+    text = re.sub(rf"/?{name}:(\d+): (error|warning): ", r"line \1: ", text)
+    text = re.sub(rf"{name}:(\d+):(\d+): ", r"line \1, column \2: ", text)
+    text = re.sub(r" (for <root> )?while (accepting|visiting) .*", "", text)
+    return re.sub(rf"^(error|warning): |{name}: |Failure at \S+ in \w+\(\): ", "", text)
+
+
 def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileContents:
-    """Check a model that Drake might never finish reading, or might read with other numbers.
+    """Check a model that Drake might never finish reading, or might read as another one.
 
     Args:
         path: the model's file.
@@ -72,237 +85,168 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileCont
         folders: folders of the packages that its URIs refer to, by name.
 
     Raises:
-        InputError: the file, or one that it includes, is not XML or YAML, is too large or nested
-            too deeply, includes itself, or contains entities, text in place of a number, or
-            numbers out of range. The message names the file and the line.
+        InputError: the file, or one that it includes, is not XML or YAML, is too large, includes
+            itself, or contains entities, text in place of a number, an inertia that no body has, or
+            what Drake would ignore. The message names the file and the link or joint.
 
     """
+    contents, packages, count = FileContents(), package_map(folders), 0
+
+    def visit(file: Path, around: tuple[Path, ...]) -> None:
+        nonlocal count
+        count += 1
+        place = where if not around else f"{where}: {file}"
+        if file in around:
+            raise InputError(f"{place}: the file includes itself")
+        if count > MOST_FILES:
+            raise InputError(f"{place}: more than {MOST_FILES} includes")
+        if file.is_dir():
+            included: Iterator[Path] = iter(sorted(file.glob("*.sdf")))
+        elif file.suffix.lower() not in (".urdf", ".sdf", ".xml", ".yaml", ".yml"):
+            return
+        elif not file.exists():
+            return  # Drake's own error names the file that includes it
+        elif not file.is_file() or file.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{place}: not a file, or larger than {LARGEST_FILE >> 20} MiB")
+        elif file.suffix.lower() in (".yaml", ".yml"):
+            check_size(file.read_bytes().decode("utf-8-sig"), place)
+            included = _included_by_directives(file, packages)
+        else:
+            root = _read_xml(file, place)
+            _check_elements(root, file.suffix.lower(), place, contents)
+            # MJCF paths start at the folder of the first MJCF file.
+            main = next((each for each in around if each.suffix.lower() == ".xml"), file)
+            included = _included_by_xml(root, main.parent, packages)
+        for other in included:
+            visit(other.resolve(), (*around, file))
+
     try:
-        walk = _Walk(where, path, folders)
-        walk.visit(path, ())
+        visit(path.resolve(), ())
     except InputError:
         raise
-    except (OSError, ValueError, RuntimeError) as error:  # too long, with NUL, or a circle of links
-        raise InputError(f"{where}: a file that it names cannot be read: {error!s:.200}") from error
-    return walk.contents
+    except (OSError, ValueError, RuntimeError) as error:
+        raise InputError(f"{where}: {message_of(error, path):.500}") from error
+    return contents
 
 
-@dataclass
-class _Walk:
-    """A walk from a model's file through the files that it includes."""
+def _included_by_directives(file: Path, packages: PackageMap) -> Iterator[Path]:
+    for directive in LoadModelDirectives(str(file)).directives:
+        for part in (directive.add_model, directive.add_directives):
+            if part is not None:
+                yield from _behind(part.file, packages)
 
-    where: str
-    start: Path
-    folders: Mapping[str, Path]
-    count: int = 0
-    contents: FileContents = field(default_factory=FileContents)
 
-    def visit(self, path: Path, around: tuple[Path, ...]) -> None:
-        """Check a file and the files that it includes; the files `around` include it."""
-        path = path.resolve()
-        self.count += 1
-        place = self.where if path == self.start else f"{self.where}: {path}"
-        if path in around:
-            raise InputError(f"{place}: the file includes itself")
-        if self.count > MOST_FILES or len(around) > DEEPEST:
-            raise InputError(
-                f"{place}: more than {MOST_FILES} includes, or more than {DEEPEST} nested levels"
-            )
-        ending = path.suffix.lower()
-        if ending not in (".urdf", ".sdf", ".xml", ".yaml", ".yml"):
-            return
-        if not path.is_file():
-            if path.exists():
-                raise InputError(f"{place}: not a file")
-            return  # Drake's own error names the file that includes it
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{place}: larger than {LARGEST_FILE >> 20} MiB: not a model")
-        data = path.read_bytes()
-        if ending in (".yaml", ".yml"):
-            included = [self._behind(uri) for uri in _included_by_directives(data, place)]
+def _included_by_xml(
+    root: ElementTree.Element, folder: Path, packages: PackageMap
+) -> Iterator[Path]:
+    for include in root.iter("include"):
+        if root.tag == "mujoco":
+            yield folder / include.get("file", "")
         else:
-            reader = _XmlReader(ending, place, self.contents)
-            reader.read(data)
-            # MJCF paths start at the folder of the first MJCF file.
-            main = next((file for file in around if file.suffix.lower() == ".xml"), path)
-            included = [
-                main.parent / uri if ending == ".xml" else self._behind(uri)
-                for uri in reader.included
-            ]
-        for file in included:
-            if file is not None and file.is_dir():
-                for part in sorted(file.glob("*.sdf")):
-                    self.visit(part, (*around, path))
-            elif file is not None:
-                self.visit(file, (*around, path))
-
-    def _behind(self, uri: str) -> Path | None:
-        """Return the path of a URI's file; None if Drake will refuse the URI."""
-        scheme, separator, rest = uri.partition("://")
-        if not separator:
-            return None
-        if scheme == "file":
-            return Path(rest)
-        name, _, relative = rest.partition("/")
-        known = package_folder(name, self.folders) if scheme in ("package", "model") else None
-        return known / relative if known else None
+            yield from _behind((include.findtext("uri") or "").strip(), packages)
 
 
-def _included_by_directives(data: bytes, where: str) -> list[str]:
-    """Return the URIs of the files that model directives name."""
-    with yaml_errors(where):
-        text = data.decode("utf-8-sig")
-        check_size(text, where)
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-    return [
-        file.value
-        for directives in _values(root, "directives")
-        for directive in getattr(directives, "value", ())
-        for kind in ("add_directives", "add_model")
-        for body in _values(directive, kind)
-        for file in _values(body, "file")
-        if isinstance(file, yaml.ScalarNode)
-    ]
+def _behind(uri: str, packages: PackageMap) -> Iterator[Path]:
+    """Yield the path of a URI's file; nothing if Drake will refuse the URI."""
+    scheme, separator, rest = uri.partition("://")
+    if separator and (scheme == "file" or packages.Contains(rest.partition("/")[0])):
+        yield Path(rest) if scheme == "file" else Path(packages.ResolveUrl(f"package://{rest}"))
 
 
-def _values(node: object, key: str) -> list[yaml.Node]:
-    if not isinstance(node, yaml.MappingNode):
-        return []
-    return [value for name, value in node.value if name.value == key]
+def _read_xml(file: Path, place: str) -> ElementTree.Element:
+    # Drake's reader accepts "--" and any bytes in comments, and a declaration that follows blanks
+    # or names another encoding; they are left out here.
+    data = re.sub(
+        rb"\A(\xef\xbb\xbf)?\s*<\?xml.*?\?>|<!--.*?-->",
+        lambda match: b"\n" * match[0].count(b"\n"),
+        file.read_bytes(),
+        flags=re.S,
+    )
+    if not data.strip():
+        raise InputError(f"{place}: the file is empty")
+    if entity := re.search(rb"<!ENTITY\s+(\S+)", data):
+        name = entity[1].decode(errors="replace")
+        raise InputError(f"{place}: the entity &{name}; would not be read; write its text")
+    try:
+        return ElementTree.fromstring(data)
+    except ElementTree.ParseError as error:
+        line, column = error.position
+        text = str(error).partition(":")[0]
+        raise InputError(f"{place}: line {line}, column {column + 1}: not XML: {text}") from error
 
 
-def _blank(match: re.Match[bytes]) -> bytes:
-    return b"\n" * match[0].count(b"\n")
-
-
-@dataclass
-class _XmlReader:
-    """A reader that checks the elements of one XML file in their order.
-
-    Attributes:
-        ending: ending of the file's name; it decides what the elements mean.
-        where: the file's name in error messages.
-        contents: receives what Drake does not tell.
-        included: the files that it includes, as written there.
-
-    """
-
-    ending: str
-    where: str
-    contents: FileContents
-    included: list[str] = field(default_factory=list)
-    _open: list[tuple[str, str]] = field(default_factory=list)  # tags and names
-    _text: list[str] = field(default_factory=list)
-    _parts: set[str] = field(default_factory=set)  # of the link that is open
-
-    def read(self, data: bytes) -> None:
-        """Check the whole file.
-
-        Raises:
-            InputError: see `check_model`.
-
-        """
-        if not data.strip():
-            raise InputError(f"{self.where}: the file is empty")
-        # Drake's reader accepts "--" and any bytes in comments, and a declaration that follows
-        # blanks or names another encoding; they are blanked out here.
-        data = re.sub(
-            rb"\A\s*<\?xml.*?\?>|<!--.*?-->", _blank, data.removeprefix(BOM_UTF8), flags=re.S
-        )
-        try:
-            data.decode("utf-8")
-        except UnicodeDecodeError as error:
-            line = data.count(b"\n", 0, error.start) + 1
-            raise InputError(f"{self.where}: line {line}: not text in UTF-8") from error
-        self._parser = parser = ParserCreate("utf-8")
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
-        parser.CharacterDataHandler = self._text.append
-        parser.EntityDeclHandler = self._entity
-        try:
-            parser.Parse(data, True)
-        except ExpatError as error:
-            place = f"line {error.lineno}, column {error.offset + 1}"
-            text = errors.messages[error.code]
-            raise InputError(f"{self.where}: {place}: not XML: {text}") from error
-
-    def _place(self) -> str:
-        """Return the current line and the innermost element with a name."""
-        named = [f" of {tag} '{name}'" for tag, name in self._open[1:] if name]
-        return f"{self.where}: line {self._parser.CurrentLineNumber}{(named or [''])[-1]}"
-
-    def _inside(self, tag: str) -> bool:
-        """Return whether the current element's parent has this tag."""
-        return len(self._open) > 1 and self._open[-2][0] == tag
-
-    def _entity(self, name: str, *_: object) -> None:
-        raise InputError(f"{self._place()}: the entity &{name}; would not be read; write its text")
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        name = attributes.get("name", "")
-        if len(name) > LONGEST_NAME:
-            raise InputError(f"{self._place()}: a name of {len(name)} characters")
-        self._open.append((tag, name))
-        if len(self._open) > DEEPEST:
-            raise InputError(f"{self._place()}: nested too deeply, more than {DEEPEST} levels")
-        self._text.clear()
-        if tag == "link":
-            self._parts = set()
-        elif self._inside("link"):
-            self._parts.add(tag)
-        if self.ending == ".xml":
-            numbers = [key for key in _MJCF_NUMBERS if key in attributes]
-            if tag == "include" and attributes.get("file"):
-                self.included.append(attributes["file"])
-        elif self.ending == ".urdf":
-            numbers = [key for key in _URDF_NUMBERS.get(tag, ()) if key in attributes]
-            for key in attributes:
-                if self._inside("inertial") and key not in _URDF_NUMBERS.get(tag, (key,)):
-                    choices = choose_from(key, _URDF_NUMBERS[tag])
+def _check_elements(
+    root: ElementTree.Element, ending: str, place: str, contents: FileContents
+) -> None:
+    """Check the numbers, the inertias and what Drake ignores in one file."""
+    owner = {root: ""}  # by element, the innermost element around it that has a name
+    for element in root.iter():
+        name = element.get("name")
+        owner[element] = f"{element.tag} '{name:.100}': " if name else owner[element]
+        owner |= dict.fromkeys(element, owner[element])
+        where = f"{place}: {owner[element]}"
+        if ending == ".sdf":
+            texts = {"": element.text or ""} if element.tag in _SDF_NUMBERS else {}
+        else:
+            names = _MJCF_NUMBERS if ending == ".xml" else _URDF_NUMBERS.get(element.tag, ())
+            texts = {key: element.attrib[key] for key in names if key in element.attrib}
+        for key, text in texts.items():
+            may_be_infinite = (key or element.tag) in _LIMITS
+            for word in text.split():
+                if not _is_number(word, may_be_infinite):
                     raise InputError(
-                        f"{self._place()}: <{tag}> has no attribute '{key}'; {choices}"
+                        f"{where}<{element.tag}{key and ' '}{key}>: {word:.40} is not a finite "
+                        "number; write numbers with a decimal point and no unit"
                     )
-        else:
-            numbers = []
-        for key in numbers:
-            self._check_numbers(key, attributes[key], f'<{tag} {key}="{{}}">')
-        if "effort" in numbers and self._inside("joint"):
-            self.contents.efforts[self._open[-2][1]] = float(attributes["effort"])
+        if element.tag == "mimic" and ending == ".sdf":
+            raise InputError(f"{where}a mimic joint couples joints; Drake would ignore it")
+        elif element.tag == "equality" and ending == ".xml" and len(element):
+            raise InputError(f"{where}an equality constraint closes a loop or couples joints")
+        elif element.tag == "compiler" and (changes := set(_MJCF_MASSES) & set(element.attrib)):
+            raise InputError(
+                f"{where}{min(changes)}: masses or inertias other than the bodies' own; Drake "
+                "would ignore it"
+            )
+    for inertial in root.iter("inertial"):
+        _check_inertia(inertial, ending, f"{place}: {owner[inertial]}")
+    for link in root.iter("link"):
+        parts = {part.tag for part in link}
+        if parts & {"visual", "collision"} and "inertial" not in parts:
+            contents.hollow.add(link.get("name", ""))
+    for joint in root.iter("joint"):
+        limit = joint.find("limit")
+        if ending == ".urdf" and limit is not None and "effort" in limit.attrib:
+            contents.efforts[joint.get("name", "")] = float(limit.attrib["effort"])
 
-    def _end(self, tag: str) -> None:
-        text = "".join(self._text).strip()
-        self._text.clear()
-        if self.ending == ".sdf" and tag in _SDF_NUMBERS and text:
-            self._check_numbers(tag, text, f"<{tag}>{{}}</{tag}>")
-        if self.ending == ".sdf" and tag == "uri" and self._inside("include"):
-            self.included.append(text)
-        if (
-            tag == "link"
-            and self._parts & {"visual", "collision"}
-            and "inertial" not in self._parts
-        ):
-            self.contents.hollow.add(self._open[-1][1])
-        self._open.pop()
 
-    def _check_numbers(self, key: str, text: str, what: str) -> None:
-        """Check that all words of a text are numbers in the range of this key."""
-        words = text.split()
-        problem = ""
-        for word in words:
-            try:
-                value = float(word) if "_" not in word else np.nan
-            except ValueError:
-                value = np.nan
-            if np.isnan(value) or (key not in _LIMITS and not np.isfinite(value)):
-                problem = "is not a finite number; write numbers with a decimal point and no unit"
-            elif key not in _LIMITS and abs(value) > LARGEST_NUMBER:
-                problem = f"is out of range: its size is over {LARGEST_NUMBER:g}"
-            elif key in _NOT_NEGATIVE and value < -1e-12:  # some models contain rounded zeros
-                problem = "must not be negative"
-            if problem:
-                problem = f"{word:.40} {problem}"
-                break
-        if not problem and len(words) != _COUNTS.get(key, len(words)):
-            problem = f"{_COUNTS[key]} numbers are needed, not {len(words)}"
-        if problem:
-            raise InputError(f"{self._place()}: {what.format(text[:60])}: {problem}")
+def _is_number(word: str, may_be_infinite: bool) -> bool:
+    try:
+        value = float(word) if "_" not in word else np.nan
+    except ValueError:
+        return False
+    return bool(np.isfinite(value) or (may_be_infinite and np.isinf(value)))
+
+
+def _check_inertia(inertial: ElementTree.Element, ending: str, where: str) -> None:
+    """Refuse an inertia that Drake would replace by another one."""
+    none = ElementTree.Element("none")
+    mass_element, tensor = (inertial.find(tag) for tag in ("mass", "inertia"))
+    if ending == ".xml":
+        mass = inertial.get("mass", "0")
+        words = inertial.get("fullinertia") or inertial.get("diaginertia") or "0 0 0"
+        moments = [*words.split(), "0", "0", "0"][:6]
+    elif ending == ".sdf":
+        mass = inertial.findtext("mass") or "1"
+        given_by = none if tensor is None else tensor
+        moments = [given_by.findtext(key) or one for key, one in zip(_MOMENTS, "111000")]
+    else:
+        mass = (none if mass_element is None else mass_element).get("value", "0")
+        given = none.attrib if tensor is None else tensor.attrib
+        missing = [key for key in _MOMENTS if key not in given and tensor is not None]
+        if missing:
+            raise InputError(f"{where}<inertia> has no attribute '{missing[0]}'")
+        moments = [given.get(key, "0") for key in _MOMENTS]
+    size, values = float(mass), [float(moment) for moment in moments]
+    is_valid = RotationalInertia(*values).CouldBePhysicallyValid()
+    if size < 0 or (size == 0 and any(values)) or not is_valid:
+        raise InputError(f"{where}no rigid body has the mass {mass} and the inertia {values}")

@@ -1,9 +1,8 @@
-"""Parsing of a model file by Drake; a fault that Drake would repair silently is an error here."""
+"""Parsing of a model file by Drake."""
 
 import logging
-import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -12,24 +11,9 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake.errors import InputError
 from cpid_drake.resources import resolve_model
-from cpid_drake.spacecraft.model_checks import check_model
+from cpid_drake.spacecraft.model_checks import check_model, message_of, package_map
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
-
-# Texts of warnings from Drake's parser that mean that it has read a spacecraft that differs from
-# the file, and the explanations for the user.
-_SILENT_REPAIRS = {
-    "While parsing inertia matrix": "a body's inertia is not physically consistent",
-    "While re-expressing as central inertia": "a body's mass or inertia is not physically "
-    "consistent",
-    "has invalid inertia": "a body's inertia is not physically consistent",
-    "found as a child of 'equality'": "an equality constraint closes a loop or couples joints",
-    "The attribute 'settotalmass'": "masses other than the bodies' own",
-    "The attribute 'boundmass'": "masses other than the bodies' own",
-    "The attribute 'boundinertia'": "inertias other than the bodies' own",
-    "The attribute 'balanceinertia'": "inertias other than the bodies' own",
-    "The attribute 'inertiagrouprange'": "inertias other than the bodies' own",
-}
 
 
 class ModelFile:
@@ -57,35 +41,28 @@ class ModelFile:
         if not self.path.name.endswith(_MODEL_ENDINGS):
             raise self.error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
         self.contents = check_model(self.path, self.model, folders)
+        self._warned = False
 
     def error(self, problem: str) -> InputError:
         """Return an InputError whose message begins with this model."""
         return InputError(f"{self.model}: {problem}")
 
-    def parse_into(self, plant: MultibodyPlant) -> list[str]:
+    def parse_into(self, plant: MultibodyPlant) -> None:
         """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
 
-        Returns:
-            The parser's warnings, one line each.
+        Drake logs its warnings the first time.
 
         Raises:
-            InputError: Drake cannot read the file, or would misread it.
+            InputError: Drake cannot read the file.
 
         """
-        if self.path.suffix == ".sdf" and b"<mimic" in self.path.read_bytes():
-            raise self.error("a mimic joint couples joints; Drake's SDF reader would ignore it")
-        parser = make_parser(plant, self.folders)
         try:
-            with _parser_warnings() as warnings:
-                parser.AddModels(self.path)
+            with _no_warnings() if self._warned else nullcontext():
+                make_parser(plant, self.folders).AddModels(self.path)
         except (RuntimeError, ValueError, SystemExit) as error:
-            raise self.error(self._without_own_name(error)) from error
-        for warning in warnings:
-            for phrase, problem in _SILENT_REPAIRS.items():
-                if phrase in warning:
-                    raise self.error(f"{problem}: {self._without_own_name(warning)}")
+            raise self.error(message_of(error, self.path)) from error
+        self._warned = True
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-        return warnings
 
     def finalize(self, plant: MultibodyPlant) -> None:
         """Finalize a plant that holds the model.
@@ -107,15 +84,7 @@ class ModelFile:
                 raise self.error(
                     "its joints form a closed loop; only trees are supported"
                 ) from None
-            raise self.error(self._without_own_name(error)) from error
-
-    def _without_own_name(self, message: object) -> str:
-        """Return a message of Drake's without the file's path."""
-        path = re.escape(str(self.path))
-        text = re.sub(rf"/?{path}:(\d+): (error|warning): ", r"line \1: ", _one_line(message))
-        text = re.sub(rf"{path}:(\d+):(\d+): ", r"line \1, column \2: ", text)
-        text = re.sub(r" (for <root> )?while (accepting|visiting) .*", "", text)
-        return re.sub(rf"^(error|warning): |{path}: |Failure at \S+ in \w+\(\): ", "", text)
+            raise self.error(message_of(error, self.path)) from error
 
 
 def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
@@ -124,35 +93,17 @@ def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
     packages = parser.package_map()
     if packages.Contains("drake_models"):
         packages.Remove("drake_models")
-    for name, folder in folders.items():
-        packages.Add(name, folder)
+    packages.AddMap(package_map(folders))
     return parser
 
 
 @contextmanager
-def _parser_warnings() -> Iterator[list[str]]:
-    """Collect the warnings of Drake's parser, which writes them to its logger only."""
-    messages: list[str] = []
-
-    class Collector(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            messages.append(_one_line(record.getMessage()))
-
-    # The caller's log settings must not hide a warning here; they are restored afterwards.
-    logger, manager = logging.getLogger("drake"), logging.root.manager
-    names = ("level", "disabled", "handlers", "filters", "propagate")
-    saved, switch = {name: getattr(logger, name) for name in names}, manager.disable
-    logger.setLevel(logging.WARNING)
-    logger.disabled, manager.disable = False, 0
-    logger.handlers, logger.filters, logger.propagate = [Collector()], [], False
+def _no_warnings() -> Iterator[None]:
+    """Hide Drake's warnings about a file that it has read before."""
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
     try:
-        yield messages
+        yield
     finally:
-        for name, value in saved.items():
-            setattr(logger, name, value)
-        logger.setLevel(saved["level"])  # unlike the attribute, this clears the logger's cache
-        manager.disable = switch
-
-
-def _one_line(message: object) -> str:
-    return " ".join(str(message).split())
+        logger.setLevel(level)

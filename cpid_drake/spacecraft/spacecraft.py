@@ -1,6 +1,5 @@
 """The known spacecraft that a model file describes: a free base, a tree of joints and C."""
 
-import logging
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
@@ -80,7 +79,7 @@ class Spacecraft:
         self._names, self._packages = (base, capture_frame), packages
         self._file = ModelFile(model, package_folders(packages))
         self.plant = MultibodyPlant(time_step=0.0)
-        warnings = self._file.parse_into(self.plant)
+        self._file.parse_into(self.plant)
         self._file.finalize(self.plant)
         self.base = find_body(self._file, self.plant, base)
         self.capture_frame = find_frame(self._file, self.plant, capture_frame)
@@ -104,8 +103,6 @@ class Spacecraft:
             "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
             "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
-        for warning in warnings:  # warn for an accepted model only; an error has priority
-            logging.getLogger("drake").warning(warning)
 
     @property
     def path(self) -> Path:

@@ -382,7 +382,7 @@ def rebuilt(old: str, new: str) -> Callable[[], str]:
     return make
 
 
-HAND = "of link 'hand': "
+HAND = "m.urdf: link 'hand': "
 MODELS = {
     # Not a model.
     "empty": (file("m.urdf", ""), "m.urdf: the file is empty"),
@@ -393,15 +393,14 @@ MODELS = {
     # Bombs and loops.
     "billion_laughs": (
         file("m.urdf", urdf(head=ENTITIES + "]>")),
-        "m.urdf: line 1: the entity &a;",
+        "m.urdf: the entity &a;",
     ),
     "billion_laughs_sdf": (file("m.sdf", ENTITIES + "]>" + sdf(inner="&j;")), "the entity &a;"),
     "outer_entity": (
         file("m.urdf", urdf(head="<!DOCTYPE r [<!ENTITY a SYSTEM '/dev/zero'>]>")),
-        "line 1: the entity &a;",
+        "the entity &a;",
     ),
-    "deep": (file("m.urdf", "<robot>" + "<link>" * 200_000), "line 1: nested too deeply"),
-    "long_name": (file("m.urdf", urdf(rest=f"<link name='{'a' * 10**6}'/>")), "1000000 characters"),
+    "deep": (file("m.urdf", "<robot>" + "<link>" * 200_000), "not XML"),
     "directives_of_themselves": (
         directives("add_directives: {file: FOLDER/m.dmd.yaml}"),
         "m.dmd.yaml: the file includes itself",
@@ -430,7 +429,7 @@ MODELS = {
             file("o.urdf", urdf(link("hand", "1,5"))),
         ),
         "m.dmd.yaml: ",
-        "o.urdf: line 5 of link 'hand'",
+        "o.urdf: link 'hand'",
     ),
     "sdf_of_itself": (
         including("m.sdf", sdf(inner="<include><uri>FOLDER/m.sdf</uri></include>")),
@@ -447,14 +446,14 @@ MODELS = {
     # Numbers.
     "negative_mass": (
         file("m.urdf", urdf(link("hand", -1))),
-        "line 5 " + HAND,
-        '<mass value="-1">',
+        HAND,
+        "the mass -1",
     ),
-    "mass_infinite": (file("m.urdf", urdf(link("hand", "inf"))), "line 5 " + HAND, "inf is not a"),
-    "mass_comma": (file("m.urdf", urdf(link("hand", "1,5"))), "line 5 " + HAND, "1,5 is not a"),
-    "mass_zero": (file("m.urdf", urdf(link("hand", 0))), "m.urdf: ", "line 5"),
-    "inertia_negative": (file("m.urdf", urdf(link("hand", 10, -1))), "line 5 " + HAND, "negative"),
-    "inertia_misspelt": (file("m.urdf", rebuilt("ixx", "Ixx")), "line 2 of link 'bus'", "'ixx'?"),
+    "mass_infinite": (file("m.urdf", urdf(link("hand", "inf"))), HAND, "inf is not a"),
+    "mass_comma": (file("m.urdf", urdf(link("hand", "1,5"))), HAND, "1,5 is not a"),
+    "mass_zero": (file("m.urdf", urdf(link("hand", 0))), HAND, "no rigid body"),
+    "inertia_negative": (file("m.urdf", urdf(link("hand", 10, -1))), HAND, "[-1.0"),
+    "inertia_misspelt": (file("m.urdf", rebuilt("ixx", "Ixx")), "link 'bus'", "no attribute 'ixx'"),
     # Structure.
     "joint_type": (file("m.urdf", rebuilt('"revolute"', '"hinge"')), "line 6", "'hinge'"),
     "floating_joint": (

@@ -333,17 +333,11 @@ def test_a_configuration_is_in_radians_and_finite(load):
 # -- what is refused -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("attribute", "problem"),
-    [
-        ('settotalmass="5"', "masses other than the bodies' own"),
-        ('boundinertia="9"', "inertias other than the bodies' own"),
-    ],
-)
-def test_mjcf_that_changes_masses_or_inertias_is_refused(refusal, attribute, problem):
+@pytest.mark.parametrize("attribute", ['settotalmass="5"', 'boundinertia="9"'])
+def test_mjcf_that_changes_masses_or_inertias_is_refused(refusal, attribute):
     """Drake ignores these attributes, and MuJoCo does not: they would be two spacecraft."""
     text = mjcf().replace("<worldbody>", f"<compiler {attribute}/><worldbody>", 1)
-    assert problem in refusal(text, ".xml")
+    assert "masses or inertias other than the bodies' own" in refusal(text, ".xml")
 
 
 def test_a_spacecraft_without_mass_is_refused(refusal):
