@@ -1,6 +1,6 @@
 """The known bodies as a tree of joints, in plain NumPy."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,15 @@ from cpid_drake.dynamics.parameterizations import point_mass_inertia, vector_to_
 from cpid_drake.dynamics.plane import ALONG, parallel_axis, unknowns_in_plane
 
 
-@dataclass(frozen=True)
+def _zero() -> NDArray[np.float64]:
+    return np.zeros(3)
+
+
+def _identity() -> NDArray[np.float64]:
+    return np.eye(3)
+
+
+@dataclass(frozen=True, kw_only=True)
 class TreeBody:
     """One body k of the tree and the joint that connects it to its inboard body m.
 
@@ -19,7 +27,7 @@ class TreeBody:
         parent: index of the inboard body in the tree; −1 for the base.
         joint: column of the joint in q, or −1 where the body is welded.
         prismatic: whether the joint slides along its axis (else it turns about it).
-        axis_F: (3,) unit vector of the joint's axis, the same in F and in M.
+        axis_F: (3,) unit vector of the joint's axis, the same in F and in M; zero for a weld.
         R_PF, p_PF: pose of the joint's inboard frame F, fixed on the inboard body P.
         R_MB, p_MB: pose of this body's frame B in the joint's outboard frame M.
         mass: [kg].
@@ -29,14 +37,14 @@ class TreeBody:
     """
 
     name: str
-    parent: int
-    joint: int
-    prismatic: bool
-    axis_F: NDArray[np.float64]
-    R_PF: NDArray[np.float64]
-    p_PF: NDArray[np.float64]
-    R_MB: NDArray[np.float64]
-    p_MB: NDArray[np.float64]
+    parent: int = -1
+    joint: int = -1
+    prismatic: bool = False
+    axis_F: NDArray[np.float64] = field(default_factory=_zero)
+    R_PF: NDArray[np.float64] = field(default_factory=_identity)
+    p_PF: NDArray[np.float64] = field(default_factory=_zero)
+    R_MB: NDArray[np.float64] = field(default_factory=_identity)
+    p_MB: NDArray[np.float64] = field(default_factory=_zero)
     mass: float
     p_BBcm: NDArray[np.float64]
     I_BBcm: NDArray[np.float64]
@@ -147,13 +155,8 @@ class KinematicTree:
         target = TreeBody(
             name="target",
             parent=self.capture_body,
-            joint=-1,
-            prismatic=False,
-            axis_F=np.array([0.0, 0.0, 1.0]),
             R_PF=self.R_BC,
             p_PF=self.p_BC,
-            R_MB=np.eye(3),
-            p_MB=np.zeros(3),
             mass=mass,
             p_BBcm=com,
             I_BBcm=vector_to_tensor(phi[4:]) - point_mass_inertia(mass, com),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
 from cpid_drake.planning.families import MotionFamily
-from cpid_drake.spacecraft.joint_limits import JointLimits
+from cpid_drake.spacecraft.reading import JointLimits
 
 POINTS_PER_FUNCTION = 8
 """Times at which limits are checked, for each function of a family."""

@@ -21,11 +21,15 @@ from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
-from cpid_drake.spacecraft.joint_limits import joint_limits
-from cpid_drake.spacecraft.lookup import find_body, find_frame, unique_names
 from cpid_drake.spacecraft.parsing import ModelFile
-from cpid_drake.spacecraft.tree_checks import movable_joints, require_tree_on_free_base
-from cpid_drake.spacecraft.tree_extraction import extract_tree
+from cpid_drake.spacecraft.reading import (
+    extract_tree,
+    find_body,
+    find_frame,
+    joint_limits,
+    movable_joints,
+    unique_names,
+)
 
 Connect = Callable[[MultibodyPlant, Frame, Frame], object]
 """Joins the capture frame and the target's frame in a plant that is not finalized."""
@@ -83,8 +87,7 @@ class Spacecraft:
         self._file.finalize(self.plant)
         self.base = find_body(self._file, self.plant, base)
         self.capture_frame = find_frame(self._file, self.plant, capture_frame)
-        require_tree_on_free_base(self._file, self.plant, self.base, self.capture_frame)
-        self._joints = movable_joints(self._file, self.plant)
+        self._joints = movable_joints(self._file, self.plant, self.base, self.capture_frame)
         self.joint_names = unique_names(self.plant, self._joints)
         self.limits = joint_limits(self._file, self.plant, self._joints)
         self.tree = extract_tree(self.plant, self.base, self.capture_frame, self._joints)
