@@ -7,10 +7,7 @@ from typing import Annotated
 import typer
 
 from cpid_drake.commands.options import ForceOption, ResultArgument, log_console
-from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.errors import InputError
-from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.output_files.overwriting import MODEL, Output, check_outputs
 from cpid_drake.spacecraft.export import export_target
@@ -61,7 +58,10 @@ def export(
             f"{result}: nothing exported, because a check of the result failed: "
             f"{found.failures[0]}; --allow-failed-checks exports it all the same"
         )
-    parameters = _parameters(found, raw, result)
+    target = found.raw() if raw else found.consistent
+    if target is None:
+        reason = "no rigid body is near the estimate" if found.is_observable else found.explain()
+        raise InputError(f"{result}: nothing to export: {reason}")
     spacecraft = None
     if with_spacecraft:
         source = found.spacecraft
@@ -75,37 +75,10 @@ def export(
         )
     check_outputs([Output("--out", out, MODEL)], [result, *found.files()], force=force)
     written = export_target(
-        parameters, out, format=format.value, spacecraft=spacecraft, name=name, overwrite=force
+        target, out, format=format.value, spacecraft=spacecraft, name=name, overwrite=force
     )
     log = log_console()
     if written.name != (name or "target"):
         log.print(f"the model already has a 'target'; the exported one is '{written.name}'")
     for file in written.files:
         log.print(f"{file}: written; Drake reads the same parameters from it")
-
-
-def _parameters(found: Identification, raw: bool, where: Path) -> InertialParameters:
-    """Return the parameters to export.
-
-    Raises:
-        InputError: not all ten are known, or a raw estimate is not physically consistent.
-
-    """
-    unknown = [name for name, value in zip(PARAMETER_NAMES, found.parameters) if value != value]
-    if unknown:
-        raise InputError(
-            f"{where}: nothing to export: the data do not determine {', '.join(unknown)} (rank "
-            f"{found.rank} of 10); rotate the target about more axes and identify again"
-        )
-    if not raw:
-        if found.consistent is None:
-            raise InputError(f"{where}: nothing to export: no rigid body is near the estimate")
-        return found.consistent
-    parameters = InertialParameters.from_vector(found.parameters)
-    problems = parameters.infeasibilities()
-    if problems:
-        raise InputError(
-            f"{where}: the raw estimate cannot be exported: {'; '.join(problems)}; leave --raw out "
-            "to export the nearest physically consistent one"
-        )
-    return parameters

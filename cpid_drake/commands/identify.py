@@ -21,7 +21,7 @@ def identify(
     logs: Annotated[
         list[str],
         typer.Argument(
-            metavar="LOG...",
+            metavar="LOG",
             help=f"{options.LOG_KINDS} Several logs of the same spacecraft and target give one "
             "estimate; each has its own start, momentum and biases.",
         ),
@@ -68,16 +68,14 @@ def identify(
         console.print(f"note: ignored columns: {', '.join(evidence.ignored[:20])}")
     options.print_warnings(result.warnings)
     if not quiet:
-        options.print_lines(cpid.describe(result))
+        print("\n".join(cpid.describe(result)))
     if diagnose and result.undeclared is None:
-        options.print_lines(
-            [
-                "  --diagnose needs --sensors without --known-bodies, a fit, and logs that "
-                "determine all that can act on the motion"
-            ]
+        print(
+            "  --diagnose needs --sensors without --known-bodies, a fit, and logs that determine "
+            "all that can act on the motion"
         )
     elif diagnose and result.undeclared is not None:
-        options.print_lines(result.undeclared.lines())
+        print("\n".join(result.undeclared.lines()))
     if result.failures:
         return CHECK_FAILED
     return 0 if result.is_complete else NOT_ALL_KNOWN

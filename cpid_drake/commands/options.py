@@ -5,10 +5,7 @@ does not wait for Drake.
 """
 
 import inspect
-import os
-import shutil
 import sys
-import textwrap
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import StrEnum
@@ -46,12 +43,11 @@ ResultArgument = Annotated[
 ]
 OutFolder = Annotated[
     Path,
-    typer.Option("--out", metavar="FOLDER", help="Folder to write; created if it is not there."),
+    typer.Option(metavar="FOLDER", help="Folder to write; created if it is not there."),
 ]
 SensorsOption = Annotated[
     str | None,
     typer.Option(
-        "--sensors",
         metavar="PRESET|YAML",
         help="Sensor noise: a preset or a YAML file. Default: estimated from the log if needed.",
     ),
@@ -59,7 +55,6 @@ SensorsOption = Annotated[
 MomentumOption = Annotated[
     Momentum | None,
     typer.Option(
-        "--momentum",
         help="Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero "
         "if the log agrees with that, else unknown.",
     ),
@@ -67,7 +62,6 @@ MomentumOption = Annotated[
 TopicOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--topic",
         metavar="KIND=/NAME",
         help="Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of "
         "thrust; may be repeated.",
@@ -94,7 +88,6 @@ class SpacecraftOptions:
     scenario: Annotated[
         str | None,
         typer.Option(
-            "--scenario",
             metavar="SCENARIO|YAML",
             help="Scenario, or file of a spacecraft, with model, base, capture frame, packages, "
             "sensors, momentum, table and known bodies; other options override it.",
@@ -103,18 +96,16 @@ class SpacecraftOptions:
     spacecraft: Annotated[
         str | None,
         typer.Option(
-            "--spacecraft",
             metavar="MODEL",
             help="Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives.",
         ),
     ] = None
     base: Annotated[
-        str | None, typer.Option("--base", metavar="NAME", help="Base body of the spacecraft.")
+        str | None, typer.Option(metavar="NAME", help="Base body of the spacecraft.")
     ] = None
     capture_frame: Annotated[
         str | None,
         typer.Option(
-            "--capture-frame",
             metavar="NAME",
             help="Frame or link of the model that holds the target.",
         ),
@@ -122,7 +113,6 @@ class SpacecraftOptions:
     package: Annotated[
         list[str] | None,
         typer.Option(
-            "--package",
             metavar="NAME=FOLDER",
             help="Folder of a package that the model's URIs name; may be repeated.",
         ),
@@ -140,17 +130,17 @@ class SpacecraftOptions:
             InputError: the model, its base or its capture frame is missing, or the file is wrong.
 
         """
-        packages = _pairs("--package", self.package, "NAME=FOLDER")
-        given: dict[str, Any] = {
+        single = {
             "model": self.spacecraft and _absolute(self.spacecraft),
             "base": self.base,
             "capture_frame": self.capture_frame,
         }
-        given = {key: value for key, value in given.items() if value is not None}
+        given: dict[str, Any] = {key: value for key, value in single.items() if value}
+        packages = _pairs("--package", self.package, "NAME=FOLDER")
         if self.scenario is not None:
             found = load_spacecraft_file(self.scenario)
             found = replace(found, **given, packages={**found.packages, **packages})
-        elif len(given) == 3:
+        elif len(given) == len(single):
             found = SpacecraftFile(**given, packages=packages)
         else:
             raise InputError(
@@ -158,10 +148,7 @@ class SpacecraftOptions:
                 "--capture-frame"
             )
         absolute = {name: _absolute(folder) for name, folder in found.packages.items()}
-        found = replace(found, model=_absolute(found.model), packages=absolute)
-        if "://" not in found.model:
-            resolve_model(found.model)
-        return found
+        return replace(found, model=_absolute(found.model), packages=absolute)
 
     def make(self) -> "cpid.Spacecraft":
         """Return the spacecraft.
@@ -194,7 +181,6 @@ class ReadingOptions:
     columns: Annotated[
         str | None,
         typer.Option(
-            "--columns",
             metavar="YAML",
             help="Map of the log's columns: names, units and conventions; `cpid log map` writes "
             "one. Default: the columns of models/telemetry/README.md.",
@@ -232,7 +218,6 @@ class LogOptions(PartOptions, SpacecraftOptions):
     estimator: Annotated[
         str | None,
         typer.Option(
-            "--estimator",
             metavar="NAME",
             help="Estimator, such as least_squares, trajectory_fit or recursive_fit; `cpid list` "
             "explains all. Default: trajectory_fit with --sensors or --known-bodies, else "
@@ -242,7 +227,6 @@ class LogOptions(PartOptions, SpacecraftOptions):
     rows: Annotated[
         str | None,
         typer.Option(
-            "--rows",
             metavar="NAME",
             help="Row family of least_squares, such as standard, relative or eq18; `cpid list` "
             "explains all. Default: standard, or relative for logs without position and velocity.",
@@ -253,7 +237,6 @@ class LogOptions(PartOptions, SpacecraftOptions):
     known_bodies: Annotated[
         str | None,
         typer.Option(
-            "--known-bodies",
             metavar="KEY=NUMBER,...|YAML",
             help="Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and "
             "inertia (relative), com \\[m], joint_position_mm, joint_axis_mrad, grasp_mm, "
@@ -272,7 +255,6 @@ class LogOptions(PartOptions, SpacecraftOptions):
     prior: Annotated[
         str | None,
         typer.Option(
-            "--prior",
             metavar="FILE",
             help="What is known about the target besides: a result of `cpid identify` (JSON) or "
             "YAML with mass, p_CTcm_C, I_TTcm_C and their σ.",
@@ -353,18 +335,6 @@ def with_options(command: Callable[..., T]) -> Callable[..., T]:
 def log_console(quiet: bool = False) -> Console:
     """Return a console for plain text on stderr; long lines are not wrapped."""
     return Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
-
-
-def print_lines(lines: Iterable[str]) -> None:
-    """Print lines; on a terminal, those that are longer than it are broken between words."""
-    is_known = sys.stdout.isatty() or "COLUMNS" in os.environ
-    width = shutil.get_terminal_size().columns if is_known else None
-    for line in lines:
-        if width is None or len(line) <= width:
-            print(line)
-        else:
-            indent = " " * (len(line) - len(line.lstrip()) + 2)
-            print(textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False))
 
 
 def print_warnings(texts: Iterable[str]) -> None:

@@ -119,7 +119,7 @@ def validate(
     options.print_warnings(f"failed check of the result: {failure}" for failure in found.failures)
     options.print_warnings(validation.warnings)
     if not quiet:
-        options.print_lines(_described(validation, threshold))
+        print("\n".join(_described(validation, threshold)))
     return 0 if is_valid else CHECK_FAILED
 
 
