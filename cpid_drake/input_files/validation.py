@@ -215,16 +215,20 @@ def check_values(value: Any, where: str, whole: str) -> None:
 
 
 def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
-    """Return a dataclass as YAML text that `load_yaml` reads with the same tags."""
+    """Return a dataclass as YAML text that `load_yaml` reads with the same tags.
+
+    Structures of Drake's with `__fields__`, such as `SimulatorConfig`, are written as mappings.
+    """
 
     def plain(data: Any) -> object:
         if isinstance(data, dict):
             return {name: plain(item) for name, item in data.items()}
         if isinstance(data, list):
             return [plain(item) for item in data]
-        if not is_dataclass(data):
+        entries = fields(data) if is_dataclass(data) else getattr(data, "__fields__", None)
+        if entries is None:
             return data.item() if isinstance(data, np.generic) else data
-        members = {entry.name: plain(getattr(data, entry.name)) for entry in fields(data)}
+        members = {entry.name: plain(getattr(data, entry.name)) for entry in entries}
         tag = tag_of(type(data))
         return Tagged(tag, members) if tag in tags else members
 
@@ -286,7 +290,7 @@ def _problem(error: "ErrorDetails", schema: type, whole: str) -> str:
     if kind in ("missing", "string_too_short"):
         return f"{key} is missing"
     if isinstance(limits.get("error"), InputError):  # of a dataclass's __post_init__
-        return f"{key or whole}: {limits['error']}"
+        return f"{key}: {limits['error']}" if key else str(limits["error"])
     if kind == "value_error":
         wanted = str(limits["error"])
     elif kind == "too_short":

@@ -5,12 +5,9 @@ from pathlib import Path
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.input_files.validation import dump_yaml, load_yaml
 from cpid_drake.resources import package_folders, resolve_model
-from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.joint_motions import MOTION_TAGS, MotionFile, load_motion
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
-
-UNUSED_KEY = "publish_every_time_step:"
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -22,7 +19,6 @@ def load_scenario(path: str | Path) -> Scenario:
     """
     file = resolve_model(path)
     scenario = load_yaml(Scenario, file, str(path), "a scenario", MOTION_TAGS)
-    check_scenario(scenario, str(path))
     spacecraft, target = scenario.spacecraft, scenario.target
     with prefix_errors(str(path)):
         spacecraft.model = _from_folder(file.parent, spacecraft.model)
@@ -43,9 +39,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
     Files that a scenario names are written as absolute paths, as `load_scenario` returns them.
     """
-    text = dump_yaml(scenario, MOTION_TAGS)
-    # Not every version of Drake knows this key, and a simulation here does not depend on it.
-    return "".join(line for line in text.splitlines(True) if UNUSED_KEY not in line)
+    return dump_yaml(scenario, MOTION_TAGS)
 
 
 def _from_folder(folder: Path, path: str) -> str:

@@ -1,30 +1,48 @@
 """A scenario: everything that a simulated identification needs, as dataclasses and as YAML.
 
-The declarations state the limits of single values; `checks` has the limits that concern several
-values. `simulation` turns a scenario into a Drake Diagram.
+A dataclass states the limits of single values where it declares them, and those of several values
+in `__post_init__`. `simulation` turns a scenario into a Drake Diagram.
 """
 
+import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Le, MinLen
 from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.systems.analysis import SimulatorConfig
 
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
+from cpid_drake.identification.online import check_guess
 from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
 from cpid_drake.logs.burns import Burn
 from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, Motion, MotionFile
 from cpid_drake.sensors.disturbances import SimulatedDisturbance
 from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.spacecraft.sprung_mass import SprungMass
 
-if TYPE_CHECKING:  # these import Drake or SciPy, which reading a scenario does not need
-    from cpid_drake.dynamics.inertia import InertialParameters
-    from cpid_drake.spacecraft.spacecraft import Spacecraft
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
+
+ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
+"""Estimators that can run in a Diagram."""
+
+INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
+"""Drake's error-controlled schemes that conserve momentum well enough for identification."""
+
+LONGEST_LENGTH = 100.0
+"""Largest centre of mass and radius of gyration [m]; larger values must be in another unit."""
+
+MOST_STEPS = 1_000_000
+"""Largest number of logged samples, of identified samples and of longest steps of a simulation;
+more would fill the memory."""
 
 Name = Annotated[str, MinLen(1)]
 Positive = Annotated[float, Gt(0)]
@@ -55,15 +73,13 @@ class SpacecraftConfig:
     configuration: dict[str, float] = field(default_factory=dict)
     on_table: bool = False
 
-    def make(self) -> "Spacecraft":
+    def make(self) -> Spacecraft:
         """Return the known spacecraft.
 
         Raises:
             InputError: for the same reasons as `Spacecraft`.
 
         """
-        from cpid_drake.spacecraft.spacecraft import Spacecraft
-
         spacecraft = Spacecraft(
             self.model, base=self.base, capture_frame=self.capture_frame, packages=self.packages
         )
@@ -78,6 +94,9 @@ class TargetConfig:
     p_CTcm_C: Vector
     I_TTcm_C: Matrix
     visual_model: str | None = None
+
+    def __post_init__(self) -> None:
+        _check_lengths(self)
 
 
 @dataclass
@@ -94,6 +113,13 @@ class ControllerConfig:
     natural_frequency: Gain = 10.0
     damping_ratio: Gain = 1.0
 
+    def __post_init__(self) -> None:
+        if not (self.knows_target or self.nominal_mass > 0):
+            raise InputError(
+                "nominal_mass must be a number > 0 where knows_target is false, not "
+                f"{self.nominal_mass}"
+            )
+
 
 @dataclass
 class SensorsConfig:
@@ -107,6 +133,12 @@ class SensorsConfig:
     suite: str = ""
     explicit: SensorSuite | None = None
     seed: Seed = 1
+
+    def __post_init__(self) -> None:
+        if self.explicit is not None:
+            if self.suite:
+                raise InputError("suite and explicit: give one of the two")
+            check_sensors(self.explicit, "explicit")
 
     @property
     def present(self) -> bool:
@@ -127,7 +159,11 @@ class PriorConfig:
     I_TTcm_C: Matrix
     sigma: float = 0.5
 
-    def guess(self) -> "InertialParameters":
+    def __post_init__(self) -> None:
+        _check_lengths(self)
+        check_guess(self.guess(), self.sigma)
+
+    def guess(self) -> InertialParameters:
         """Return the guessed target."""
         return _inertial_parameters(self)
 
@@ -179,23 +215,37 @@ class AccuracyConfig:
     firing: FiringConfig | None = None
 
 
-@dataclass
-class IntegratorConfig:
-    """Settings of Drake's Simulator, with the keys of `pydrake.systems.analysis.SimulatorConfig`.
-
-    The allowed integration schemes are Drake's error-controlled schemes that conserve momentum well
-    enough for identification.
-    """
-
-    integration_scheme: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3"] = (
-        "runge_kutta3"
+def default_simulator() -> SimulatorConfig:
+    """Return Drake's settings of a simulation that conserves momentum to about 1e-8 N·s."""
+    return SimulatorConfig(
+        integration_scheme="runge_kutta3", max_step_size=0.05, accuracy=1e-9, use_error_control=True
     )
-    max_step_size: Positive = 0.05
-    accuracy: Annotated[float, Ge(1e-13)] = 1e-9
-    use_error_control: bool = True
-    start_time: Annotated[float, Interval(ge=0, le=0)] = 0.0
-    target_realtime_rate: NotNegative = 0.0
-    publish_every_time_step: bool = False
+
+
+class DrakeSimulator:
+    """Annotation of Drake's `SimulatorConfig`, whose keys and types Drake checks."""
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
+        """Return pydantic's schema of a mapping that becomes a `SimulatorConfig`."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_plain_validator_function(self._read)
+
+    def _read(self, value: object) -> SimulatorConfig:
+        try:
+            config = yaml_load_typed(
+                schema=SimulatorConfig, data=json.dumps(value), defaults=default_simulator()
+            )
+        except (RuntimeError, ValueError, TypeError, AttributeError) as error:
+            raise InputError(f"not Drake's SimulatorConfig: {error}") from error
+        if config.integration_scheme not in INTEGRATION_SCHEMES:
+            raise InputError(
+                f"integration_scheme must be one of {', '.join(INTEGRATION_SCHEMES)}, "
+                f"not '{config.integration_scheme:.60}'"
+            )
+        if not (config.max_step_size > 0 and config.accuracy >= 1e-13 and config.start_time == 0):
+            raise InputError("max_step_size must be > 0, accuracy >= 1e-13, start_time 0")
+        return config
 
 
 @dataclass
@@ -248,7 +298,9 @@ class SimulationConfig:
     burns: list[BurnConfig] = field(default_factory=list)
     burns_logged: bool = True
     log_period: Positive = 0.0625
-    simulator: IntegratorConfig = field(default_factory=IntegratorConfig)
+    simulator: Annotated[SimulatorConfig, DrakeSimulator()] = field(
+        default_factory=default_simulator
+    )
 
 
 @dataclass
@@ -267,21 +319,75 @@ class Scenario:
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
 
+    def __post_init__(self) -> None:
+        """Refuse values that contradict each other.
+
+        Raises:
+            InputError: the message names the values.
+
+        """
+        simulation, duration = self.simulation, self.simulation.duration
+        if simulation.wrist is not None and not self.controller.knows_target:
+            raise InputError(
+                "controller.knows_target must be true with simulation.wrist: a controller without "
+                "the springs of the wrist cannot hold a light last link"
+            )
+        for name, period in (
+            ("simulation.log_period", simulation.log_period),
+            ("simulation.simulator.max_step_size", simulation.simulator.max_step_size),
+            ("identification.period", self.identification.period),
+        ):
+            if duration / period > MOST_STEPS:
+                raise InputError(
+                    f"{name} of {period:g} s is more than {MOST_STEPS} times in "
+                    f"simulation.duration, {duration:g} s"
+                )
+        if self.online_estimator != "recursive_fit" and self.identification.prior is not None:
+            raise InputError(
+                f"identification.prior: {self.online_estimator} uses no prior; give estimator: "
+                "recursive_fit, or leave prior out"
+            )
+        events: list[tuple[str, BurnConfig | FiringConfig]] = [
+            (f"simulation.burns[{k}]", burn) for k, burn in enumerate(simulation.burns)
+        ]
+        if self.accuracy.firing is not None:
+            events.append(("accuracy.firing", self.accuracy.firing))
+        for name, event in events:
+            if not 0 <= event.time < duration:
+                raise InputError(
+                    f"{name}.time must be within the simulation's duration, {duration:g} s, "
+                    f"not {event.time}"
+                )
+
     @property
     def online_estimator(self) -> str:
-        """Name of the online estimator: the given one, or the best for the scenario's sensors."""
+        """Name of the online estimator: the given one, or the best for the scenario's sensors.
+
+        Raises:
+            InputError: there is no such estimator, or it lacks sensors.
+
+        """
         config = self.identification
-        if config.estimator is not None:
-            return config.estimator
         by_sensors = self.sensors.present and config.rows is None
-        return "recursive_fit" if by_sensors else "least_squares"
+        name = config.estimator or ("recursive_fit" if by_sensors else "least_squares")
+        if name not in ONLINE_ESTIMATORS:
+            raise InputError(
+                f"identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}, "
+                f"not '{name:.60}'"
+            )
+        if name == "recursive_fit" and not self.sensors.present:
+            raise InputError(
+                "identification.estimator: recursive_fit needs sensors; give sensors.suite or "
+                "sensors.explicit"
+            )
+        return name
 
     @property
     def online_rows(self) -> str:
         """Name of the row family of least squares."""
         return self.identification.rows or "standard"
 
-    def target_truth(self) -> "InertialParameters":
+    def target_truth(self) -> InertialParameters:
         """Return the true target.
 
         Raises:
@@ -294,7 +400,7 @@ class Scenario:
             raise InputError(f"target: not a rigid body: {'; '.join(problems)}")
         return truth
 
-    def make_joint_motion(self, spacecraft: "Spacecraft") -> AnyMotion:
+    def make_joint_motion(self, spacecraft: Spacecraft) -> AnyMotion:
         """Return the joint motion of this spacecraft's joints.
 
         Raises:
@@ -340,7 +446,19 @@ class Scenario:
         return None if self.known_bodies.is_zero else self.known_bodies
 
 
-def _inertial_parameters(body: TargetConfig | PriorConfig) -> "InertialParameters":
-    from cpid_drake.dynamics.inertia import InertialParameters
+def _check_lengths(body: TargetConfig | PriorConfig) -> None:
+    """Refuse a body so large that its lengths seem to be in millimetres."""
+    radius = np.sqrt(np.abs(body.I_TTcm_C).max() / abs(body.mass)) if body.mass else 0.0
+    for key, what, length in (
+        ("p_CTcm_C", "a centre of mass", np.abs(body.p_CTcm_C).max()),
+        ("I_TTcm_C", "with this mass a radius of gyration", radius),
+    ):
+        if length > LONGEST_LENGTH:
+            raise InputError(
+                f"{key}: {what} of {length:.3g} m; are these millimetres? "
+                "lengths are in metres, masses in kg, inertias in kg·m²"
+            )
 
+
+def _inertial_parameters(body: TargetConfig | PriorConfig) -> InertialParameters:
     return InertialParameters(body.mass, body.p_CTcm_C, body.I_TTcm_C)

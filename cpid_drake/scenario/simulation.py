@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
@@ -23,7 +23,6 @@ from cpid_drake.identification.result import Check, Identification
 from cpid_drake.logs.burns import log_of_burns
 from cpid_drake.logs.log import THRUST, Measurements, Samples
 from cpid_drake.resources import package_folders, resolve_model
-from cpid_drake.scenario.checks import checked_estimator
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.external_forces import ExternalForces
@@ -83,11 +82,7 @@ class Simulation:
     def make_simulator(self) -> Simulator:
         """Return an initialized Simulator at t = 0, with the scenario's motion and momentum."""
         simulator = Simulator(self.diagram)
-        config = SimulatorConfig()
-        for name, value in vars(self.scenario.simulation.simulator).items():
-            if hasattr(config, name):  # newer versions of Drake have no publish_every_time_step
-                setattr(config, name, value)
-        ApplySimulatorConfig(config, simulator)
+        ApplySimulatorConfig(self.scenario.simulation.simulator, simulator)
         context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         momentum_W = self.scenario.simulation.momentum_W
         state = self.plant.GetPositionsAndVelocities(context).copy()  # with relaxed springs
@@ -326,7 +321,7 @@ def _add_identifier(
 ) -> Identifier:
     config = scenario.identification
     momentum = TotalMomentum(is_unknown=config.unknown_momentum)
-    estimator = checked_estimator(scenario)
+    estimator = scenario.online_estimator
     if sensors is None or estimator == "least_squares":
         return MomentumIdentifier.AddToBuilder(
             builder,

@@ -8,7 +8,6 @@ import pytest
 from cpid_drake import InputError, identify, load_scenario, make_simulation, shipped_scenario
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.scenario.schema import BurnConfig, DisturbanceConfig
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.presets import load_sensors
@@ -142,4 +141,4 @@ def test_a_burn_after_the_end_is_refused():
     scenario = with_burn()
     scenario.simulation.burns[0].time = 3.5
     with pytest.raises(InputError, match=r"simulation.burns\[0\].time"):
-        check_scenario(scenario, "scenario")
+        replace(scenario)

@@ -16,7 +16,6 @@ from cpid_drake import (
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.rotations import skew
-from cpid_drake.scenario.checks import check_scenario
 from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
 
 STIFFNESS = np.array([3.0, 4.0, 5.0])
@@ -187,4 +186,4 @@ def test_the_controller_must_know_the_target_on_a_wrist():
     scenario = with_wrist()
     scenario.controller.knows_target, scenario.controller.nominal_mass = False, 5.0
     with pytest.raises(InputError, match="knows_target must be true with"):
-        check_scenario(scenario, "mine.yaml")
+        replace(scenario)

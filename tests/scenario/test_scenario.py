@@ -388,7 +388,7 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
         (
             "sensors",
             {"suite": "flight", "explicit": {"encoders": {}}},
-            "sensors.suite and sensors.explicit: give one of the two",
+            "scenario.yaml: sensors: suite and explicit: give one of the two",
         ),
         (
             "sensors",
