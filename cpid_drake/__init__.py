@@ -6,7 +6,6 @@ The public names, in order of their dependencies:
 - `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;
 - `Telemetry`: samples of base and joint motion;
 - `identify`: from `Telemetry` or `Measurements` to an `Identification`, by any estimator;
-- `identify_together`: the same from several logs of one target, and a test whether they agree;
 - `identify_files`: the same from files, each with its `Request` and its `SpacecraftReference`;
 - `describe`, `write_report`, `read_result`, `write_result`: a result in words, as a page, as JSON;
 - `TargetPrior`: what is known about a target before its log;

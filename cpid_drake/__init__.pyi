@@ -5,12 +5,12 @@ from .dynamics.telemetry import Telemetry
 from .dynamics.total_momentum import TotalMomentum
 from .errors import InputError
 from .identification.description import describe
-from .identification.identify import identify, identify_together
+from .identification.identify import identify
 from .identification.identify_files import identify_files
+from .identification.prior import TargetPrior
 from .identification.request import Request, SpacecraftReference
 from .identification.result import Identification
 from .identification.result_files import read_result, write_result
-from .identification.target_prior import TargetPrior
 from .identification.validation import validate
 from .logs.conversion import from_columns as from_columns
 from .logs.files import read_telemetry, write_telemetry
@@ -62,7 +62,6 @@ __all__ = [
     "from_columns",
     "identify",
     "identify_files",
-    "identify_together",
     "load_scenario",
     "load_sensors",
     "make_simulation",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake import InertialParameters, Spacecraft, Telemetry
+from cpid_drake import Identification, InertialParameters, Spacecraft, Telemetry
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -178,3 +178,17 @@ def log_of(telemetry, decimals=None) -> Measurements:
             telemetry.time, value if decimals is None else np.round(value, decimals)
         )
     return Measurements(telemetry.joint_names, samples)
+
+
+def sigmas(found: Identification) -> NDArray[np.float64]:
+    """Return the σ (10,) of an estimate."""
+    return np.sqrt(np.diag(found.covariance))
+
+
+def nees(found: Identification, target: InertialParameters) -> float:
+    """Return the squared error of what is known, in units of its covariance."""
+    error = found.parameters - target.to_vector()
+    known = np.isfinite(error)
+    return float(
+        error[known] @ np.linalg.solve(found.covariance[np.ix_(known, known)], error[known])
+    )

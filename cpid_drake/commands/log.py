@@ -9,8 +9,7 @@ from rich.console import Console
 from cpid_drake.commands import options
 from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.checked_log import check_log
-from cpid_drake.identification.requirements import left_out_warning
+from cpid_drake.identification.checked_log import check_log, left_out_warning
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import TelemetryFile
 from cpid_drake.logs.files import inspect_telemetry, read_telemetry, write_telemetry

@@ -28,7 +28,7 @@ from cpid_drake.planning import HIGHEST_FREQUENCY
 from cpid_drake.resources import find_scenario
 
 if TYPE_CHECKING:
-    from cpid_drake.identification.target_prior import TargetPrior
+    from cpid_drake.identification.prior import TargetPrior
     from cpid_drake.planning.plan_problem import PlanProblem
     from cpid_drake.planning.search import Candidate
     from cpid_drake.scenario.schema import Scenario
@@ -210,7 +210,7 @@ def rank(
 def _prior(problem: "PlanProblem", file: Path | None) -> "TargetPrior | None":
     if file is None:
         return None
-    from cpid_drake.identification.prior_files import load_prior
+    from cpid_drake.identification.prior import load_prior
 
     return load_prior(file, problem.spacecraft, problem.scenario.spacecraft.capture_frame)
 

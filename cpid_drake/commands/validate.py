@@ -11,7 +11,7 @@ from cpid_drake.commands import options
 from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.identify_files import file_hash, open_log, opened_inputs
-from cpid_drake.identification.prior_files import prior_of_result
+from cpid_drake.identification.prior import prior_of_result
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.identification.validation import POWER, Validation
 from cpid_drake.identification.validation import validate as validate_target

@@ -8,8 +8,7 @@ from rich.console import Console
 
 from cpid_drake.commands import options
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.convergence import converge
-from cpid_drake.identification.identify_files import identify_files
+from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request
 from cpid_drake.identification.result import Identification
 from cpid_drake.output_files.drafts import write_text

@@ -39,9 +39,9 @@ from cpid_drake.estimation.whiteness import (
     least_white,
     whiteness,
 )
-from cpid_drake.identification.checks import MOST_NOISE, momentum_words
+from cpid_drake.identification.checks import IMPROBABLE, MOST_NOISE, Check, momentum_words
 from cpid_drake.identification.known import Known, suite_of
-from cpid_drake.identification.result import IMPROBABLE, Check, Identification, ResidualSeries
+from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Measurements
 from cpid_drake.logs.noise_estimation import sample_sigmas

@@ -1,24 +1,19 @@
-"""The checks of a log before the target is identified from it, whatever the log's length."""
+"""A log at the border: screened and checked once, joints in the spacecraft's order."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.identification.planar import placed
-from cpid_drake.identification.requirements import (
-    in_joint_order,
-    left_out_warning,
-    limit_warnings,
-    other_joints,
-)
+from cpid_drake.identification.planar import normal_in_base, placed
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.logs.score import Comparison
-from cpid_drake.logs.screening import screen
+from cpid_drake.logs.screening import as_arrays, screen
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -45,7 +40,6 @@ class CheckedLog:
         failures: failed checks: contradictions between positions, rates, and the conservation of
             momentum, and reasons why no table can have carried the spacecraft.
         unchecked: what could not be checked, each with the reason.
-        first_burn: time at which thrusters first fire by the log of thrust [s]; infinite if never.
         states: the caller's exact states, which were not sampled by sensors; else None.
 
     """
@@ -57,9 +51,14 @@ class CheckedLog:
     normal_B: NDArray[np.float64] | None = None
     failures: tuple[str, ...] = ()
     unchecked: tuple[str, ...] = ()
-    first_burn: float = np.inf
     states: Telemetry | None = None
     comparisons: tuple[Comparison, ...] = ()
+
+    @property
+    def first_burn(self) -> float:
+        """Time at which thrusters first fire by the log of thrust [s]; infinite if never."""
+        thrust = self.measurements.thrust
+        return float(thrust.time[thrust.value.any(axis=1)].min(initial=np.inf))
 
     @property
     def has_thrust(self) -> bool:
@@ -72,22 +71,22 @@ def log_of_states(telemetry: Telemetry) -> CheckedLog:
     samples = {
         name: Samples(telemetry.time, SENSORS[name].quantity.ideal(telemetry)) for name in SENSORS
     }
-    measurements = Measurements(telemetry.joint_names, samples)
     counts = {name: len(telemetry) for name in samples}
+    measurements = Measurements(telemetry.joint_names, samples)
     return CheckedLog(measurements, counts=counts, states=telemetry)
 
 
 def check_log(
     spacecraft: Spacecraft,
-    data: Measurements,
+    data: Telemetry | Measurements,
     sensors: SensorSuite | None = None,
     planar: bool | None = None,
 ) -> CheckedLog:
-    """Screen and check a log.
+    """Screen and check a log; exact states need no checks.
 
     Args:
         spacecraft: the known spacecraft.
-        data: the log; its joints may be in any order.
+        data: the log; the joints of measurements may be in any order.
         sensors: the sensors' errors, by which spikes and stuck sensors are found; None if they are
             not known.
         planar: whether a table carries the spacecraft; see `planar.placed`.
@@ -96,50 +95,112 @@ def check_log(
         InputError: the log lacks a joint of the spacecraft, or its times cannot be in s.
 
     """
+    if isinstance(data, Telemetry):
+        spacecraft.require_joints(data)
+        is_placed = planar and spacecraft.tree.normal_B is None
+        normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
+        return replace(log_of_states(data), normal_B=normal_B)
     _refuse_slow(data, sensors)
     screened = screen(in_joint_order(data, spacecraft), sensors)
     measurements = screened.measurements
-    counts = {name: len(samples) for name, samples in measurements.items()}
-    fires = measurements.thrust.value.any(axis=1)
-    first_burn = float(measurements.thrust.time[fires].min(initial=np.inf))
-    positions = measurements.encoders.value
-    lowest = positions.min(axis=0, initial=np.inf)
-    highest = positions.max(axis=0, initial=-np.inf)
     spacecraft, notes, failures = placed(spacecraft, measurements, planar)
     tree = spacecraft.tree
     found = check_conventions(measurements, tree)
-    beyond, degrees = limit_warnings(spacecraft, lowest, highest)
-    agrees = not (found.better or found.unchecked)
-    others = other_joints(data.joint_names, spacecraft)
-    warnings = (
-        *([left_out_warning(others)] if others else ()),
-        *notes,
-        *found.warnings,
-        *beyond,
-        *(degrees if agrees else ()),
-    )
-    failures = (*found.failures, *(() if agrees else degrees), *failures)
+    others = [name for name in data.joint_names if name not in spacecraft.joint_names]
+    warnings = [left_out_warning(others)] if others else []
+    warnings += [*notes, *found.warnings]
     return CheckedLog(
         measurements,
-        counts,
+        {name: len(samples) for name, samples in measurements.items()},
         screened.rejected,
-        warnings,
+        (*warnings, *_beyond_limits(spacecraft, measurements.encoders.value)),
         tree.normal_B,
-        failures,
+        (*found.failures, *failures),
         found.unchecked,
-        first_burn,
         comparisons=found.comparisons,
     )
 
 
-def _refuse_slow(measurements: Measurements, sensors: SensorSuite | None) -> None:
-    """Refuse samples whose stamps are so far apart that they cannot be in seconds.
+def left_out_warning(joints: Iterable[str]) -> str:
+    """Return the warning about joints of a log that the spacecraft does not have."""
+    return f"left out joints that the spacecraft does not have: {', '.join(joints)}"
+
+
+def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measurements:
+    """Return measurements with their joints in the spacecraft's order, without other joints.
+
+    The angle of a rotor (a balanced wheel) has no effect, so its positions may be missing (all
+    NaN): the integral of its rates, from zero, replaces them.
 
     Raises:
-        InputError: the usual step of the fastest sensor is longer than `LONGEST_STEP`, or than
-            `SLOWER` steps of the declared rate.
+        InputError: a joint of the spacecraft is missing; the positions of a joint that is not a
+            rotor are missing; both the positions and the rates of a rotor are missing; shapes do
+            not match.
 
     """
+    have, wanted = measurements.joint_names, spacecraft.joint_names
+    missing = [name for name in wanted if name not in have]
+    if missing:
+        raise InputError(
+            f"there is no column 'q:{missing[0]}'; the spacecraft's joints are "
+            f"{', '.join(wanted)}, the log's are {', '.join(map(repr, have))}; if the log has "
+            "other names for its columns, give --columns (`cpid log map` writes such a file)"
+        )
+    measurements = as_arrays(measurements)
+    order = [have.index(name) for name in wanted]
+    of_joints = {
+        name: Samples(samples.time, samples.value[:, order])
+        for name, samples in measurements.items()
+        if name in measurements.samples and SENSORS[name].quantity.width is None
+    }
+    everything = {**measurements.samples, **of_joints}
+    measurements = Measurements(wanted, everything, measurements.column_map)
+    time, value = measurements.encoders.time, measurements.encoders.value.copy()
+    if not wanted:  # no joints: known at all times
+        time = measurements.attitude.time
+        value = np.empty((len(time), 0))
+    for k in np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0)).tolist():
+        if not spacecraft.tree.is_rotor(k):
+            raise InputError(
+                f"there is no column 'q:{wanted[k]}'; positions are optional for rotors only: "
+                "wheels that are balanced about their axis and carry nothing"
+            )
+        value[:, k] = _turned(measurements, k, time)
+    return measurements.updated({"encoders": Samples(time, value)})
+
+
+def _turned(measurements: Measurements, k: int, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a rotor's angle at some times, the integral of its rates."""
+    all_rates, name = measurements.joint_rates, measurements.joint_names[k]
+    of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
+    rates = screen(Measurements((name,), joint_rates=of_rotor)).measurements.joint_rates
+    if not len(rates):
+        raise InputError(f"there is neither a column 'q:{name}' nor rates 'qd:{name}' to integrate")
+    time, rate = rates.time, rates.value[:, 0]
+    later = np.maximum(times - time[-1], 0.0)  # at a constant rate after the last sample
+    angle = np.interp(times, time, cumulative_trapezoid(rate, time, initial=0.0))
+    return angle + later * rate[-1]
+
+
+def _beyond_limits(spacecraft: Spacecraft, positions: NDArray[np.float64]) -> Iterator[str]:
+    """Yield warnings about positions (N, J) beyond the joints' limits."""
+    lowest, highest = positions.min(axis=0, initial=np.inf), positions.max(axis=0, initial=-np.inf)
+    low, high = spacecraft.limits.lowest, spacecraft.limits.highest
+    turning = {body.joint for body in spacecraft.tree.bodies if not body.prismatic}
+    beyond = (lowest <= highest) & ((lowest < low - 0.1) | (highest > high + 0.1))
+    for k in np.flatnonzero(beyond).tolist():
+        extreme = max(lowest[k], highest[k], key=abs)
+        text = (
+            f"q:{spacecraft.joint_names[k]} goes to {extreme:.4g}, beyond the model's limits "
+            f"{low[k]:.3g} to {high[k]:.3g} {'rad' if k in turning else 'm'}"
+        )
+        is_turn = k in turning and abs(extreme) > 4 * np.pi
+        in_degrees = is_turn and low[k] <= np.radians(extreme) <= high[k]
+        yield f"{text}: is it in degrees?" if in_degrees else text
+
+
+def _refuse_slow(measurements: Measurements, sensors: SensorSuite | None) -> None:
+    """Refuse samples whose stamps are so far apart that they cannot be in seconds."""
     steps = {
         name: float(np.median(np.diff(samples.time)))
         for name, samples in measurements.items()

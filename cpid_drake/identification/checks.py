@@ -6,14 +6,19 @@ here tests one consequence of this assumption with the data, and becomes one of
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 
-from cpid_drake.dynamics.tree import KinematicTree
+import numpy as np
+
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
-from cpid_drake.identification.consistency import with_consistency
-from cpid_drake.identification.result import CONVERGENCE, Check, Identification
 from cpid_drake.sensors.sensors import SENSORS
+
+IMPROBABLE = 1e-4
+"""Probability of what the data show, if all is as assumed, below which a check fails."""
+
+AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
+"""Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
 
 SUSPECTED = 0.1
 """Probability from which an error, or a momentum, that may act is mentioned."""
@@ -27,30 +32,43 @@ SEEN = 1.1
 MOST_UNEXPLAINED = 0.1
 """Share of the samples that nothing explains, above which a check fails."""
 
-MOST_REJECTED = 0.5
-"""Share of unusable samples of one sensor above which a check fails."""
-
 NOISE = "noise"
 """Name of the check of larger noise, which makes other causes seem likely."""
 
 
-def checked(found: Identification, tree: KinematicTree) -> Identification:
-    """Return an identification with the checks of its samples and its body, the failed ones first.
+@dataclass(frozen=True)
+class Check:
+    """A consequence of the assumptions behind an estimate that was tested with the data.
 
-    Args:
-        found: the identification.
-        tree: the known spacecraft.
+    Attributes:
+        name: what was checked.
+        sentence: what the failure means; empty if the check passed.
+        statistic: what was compared with the limit; None if it is not one finite number.
+        limit: where the check begins to fail.
+        passed: whether the data agree with the assumptions.
 
     """
-    found = with_consistency(found, tree)
-    checks = list(found.checks)
-    for name, count in found.rejected.items() if found.sample_count else ():
-        sentence = f"{count} samples of {name} could not be used"
-        share = count / (count + found.sample_count)
-        checks.append(Check.of(f"rejected share of {name}", sentence, share, MOST_REJECTED))
-    # The larger noise explains the other failures.
-    checks.sort(key=lambda check: (check.passed, check.name != NOISE))
-    return replace(found, checks=tuple(checks))
+
+    name: str
+    sentence: str
+    statistic: float | None = None
+    limit: float | None = None
+    passed: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        sentence: str,
+        statistic: float | None = None,
+        limit: float | None = None,
+        passed: bool | None = None,
+    ) -> "Check":
+        """Return a check; by default it passes if its statistic is at most its limit."""
+        if passed is None:
+            passed = statistic is not None and limit is not None and bool(statistic <= limit)
+        shown = float(statistic) if statistic is not None and np.isfinite(statistic) else None
+        return cls(name, "" if passed else sentence, shown, limit, passed)
 
 
 def fit_checks(

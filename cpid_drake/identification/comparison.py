@@ -9,6 +9,7 @@ every log proposes errors, and the last third judges them: what chose a model ca
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,8 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, Model
-from cpid_drake.identification.checks import SUSPECTED
+from cpid_drake.identification.checks import SUSPECTED, Check
 from cpid_drake.identification.effects import LEARNED, EffectEstimate, UndeclaredErrors
-from cpid_drake.identification.result import Check
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
@@ -39,11 +39,8 @@ PLAUSIBLE = {
 }
 """σ of each kind of error of a sensor that is looked for, in the units of its field."""
 
-ACCELERATION, TORQUE = 1e-3, 1e-2
-"""σ of the acceleration [m/s²] and of the torque [N·m] that are looked for."""
-
-THRUST_SCALE = 0.1
-"""σ of the error of the scale of logged thrust that is looked for."""
+FORCES = {"acceleration": 1e-3, "torque": 1e-2, "thrust_scale": 0.1}
+"""The same of an acceleration [m/s²], a torque [N·m] and the scale of logged thrust."""
 
 FAR_TOO_LARGE = 1e-6
 """Probability of so large errors below which a check fails: a declared σ is a rough number."""
@@ -91,14 +88,11 @@ def with_plausible(sensors: SensorSuite, *, has_thrust: bool = False) -> SensorS
         if name == "joint_rates":  # they have no errors of their own
             own = {}
         setattr(result, name, replace(errors, **own))
-    old = sensors.disturbances or Disturbances()
-    has_wrench = has_thrust and sensors.thrusters is None
-    result.disturbances = replace(
-        old,
-        acceleration=old.acceleration or ACCELERATION,
-        torque=old.torque or TORQUE,
-        thrust_scale=old.thrust_scale or (THRUST_SCALE if has_wrench else 0.0),
-    )
+    old, forces = sensors.disturbances or Disturbances(), dict(FORCES)
+    if not has_thrust or sensors.thrusters is not None:  # valves have their own errors
+        del forces["thrust_scale"]
+    larger: dict[str, Any] = {n: getattr(old, n) or sigma for n, sigma in forces.items()}
+    result.disturbances = replace(old, **larger)
     return result
 
 

@@ -18,30 +18,39 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
 from cpid_drake.estimation.rows_fit import TARGET
-from cpid_drake.identification.result import (
-    IMPROBABLE,
-    NEAREST,
-    Check,
-    Combinations,
-    Identification,
-)
+from cpid_drake.identification.checks import IMPROBABLE, NEAREST, NOISE, Check
+from cpid_drake.identification.result import Combinations, Identification
 
 REACH = 3.0
 """Plausible distance of a part of the target from C, in radii of gyration of the spacecraft."""
 
+MOST_REJECTED = 0.5
+"""Share of unusable samples of one sensor above which a check fails."""
+
 _ROUNDING = 1e-6  # of a limit, as a share of the plausible size
 
 
-def with_consistency(found: Identification, tree: KinematicTree) -> Identification:
-    """Return an identification with its nearest rigid body, and with what rigid bodies can have.
-
-    Its checks say whether a rigid body agrees with the estimate within its covariance.
+def checked(found: Identification, tree: KinematicTree) -> Identification:
+    """Return an identification with the checks of its samples and its body, the failed ones first.
 
     Args:
         found: the identification.
         tree: the known spacecraft.
 
     """
+    found = _with_bodies(found, tree)
+    checks = list(found.checks)
+    for name, count in found.rejected.items() if found.sample_count else ():
+        sentence = f"{count} samples of {name} could not be used"
+        share = count / (count + found.sample_count)
+        checks.append(Check.of(f"rejected share of {name}", sentence, share, MOST_REJECTED))
+    # The larger noise explains the other failures.
+    checks.sort(key=lambda check: (check.passed, check.name != NOISE))
+    return replace(found, checks=tuple(checks))
+
+
+def _with_bodies(found: Identification, tree: KinematicTree) -> Identification:
+    """Return an identification with its nearest rigid body, and with what rigid bodies can have."""
     solution, form = found.solution, found.form
     assert solution is not None
     assert form is not None

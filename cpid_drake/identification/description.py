@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.identification.checks import AGREEMENT
 from cpid_drake.identification.consistency import REACH
-from cpid_drake.identification.result import AGREEMENT, Identification
+from cpid_drake.identification.result import Identification
 
 
 def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

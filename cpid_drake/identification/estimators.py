@@ -35,7 +35,6 @@ class Estimator:
         estimate: its function of what is known, of the logs, and of a callback for progress.
         uses_rows: whether it uses momentum rows, which know neither the log of thrust nor the
             uncertainty of the spacecraft; else it uses all samples as they are.
-        reports: number of estimates over time in a report; smaller for slow estimators.
 
     """
 
@@ -44,7 +43,6 @@ class Estimator:
     good_for: str
     estimate: Callable[[Known, "Mapping[str, CheckedLog]", Callable[[str], None]], Identification]
     uses_rows: bool = False
-    reports: int = 8
 
 
 ESTIMATORS: dict[str, Estimator] = {
@@ -56,7 +54,6 @@ ESTIMATORS: dict[str, Estimator] = {
             "exact logs of any length, and a quick look; several times less accurate with noise",
             by_rows.estimate,
             uses_rows=True,
-            reports=24,
         ),
         Estimator(
             online.NAME,
@@ -136,14 +133,7 @@ def require_sensors(
     family: RowFamily | None,
     momentum: TotalMomentum,
 ) -> None:
-    """Refuse a log that lacks what an estimator needs.
-
-    Args:
-        counts: number of samples by sensor.
-        sensors: the sensors' errors, if they are known; samples of other sensors cannot be used.
-        record: the estimator.
-        family: its row family, if it uses rows.
-        momentum: the total momentum.
+    """Refuse a log, with its number of samples by sensor, that lacks what an estimator needs.
 
     Raises:
         InputError: a sensor that the estimator needs has no samples, or is not one of the given

@@ -1,4 +1,4 @@
-"""`identify` and `identify_together`: a target from any data with any estimator."""
+"""`identify`: a target from any data with any estimator."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -12,13 +12,13 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.by_rows import best_rows
-from cpid_drake.identification.checked_log import CheckedLog, check_log, log_of_states
-from cpid_drake.identification.checks import checked
+from cpid_drake.identification.checked_log import CheckedLog, check_log
+from cpid_drake.identification.checks import Check
+from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
 from cpid_drake.identification.known import Known
-from cpid_drake.identification.planar import normal_in_base
-from cpid_drake.identification.result import Check, Identification
-from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.prior import TargetPrior
+from cpid_drake.identification.result import Identification
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Measurements
 from cpid_drake.processes import one_thread
@@ -31,13 +31,11 @@ THRUST_NOT_USED = (
 )
 """The failed check of an estimator that assumes a constant momentum while thrusters fire."""
 
-LOG = "log"
-"""Name of the only log."""
 
-
+@one_thread
 def identify(
     spacecraft: Spacecraft,
-    data: Telemetry | Measurements,
+    data: Telemetry | Measurements | Mapping[str, Telemetry | Measurements],
     *,
     estimator: str | None = None,
     rows: str | None = None,
@@ -46,14 +44,20 @@ def identify(
     known_bodies: BodyUncertainty | None = None,
     prior: TargetPrior | None = None,
     planar: bool | None = None,
+    progress: Callable[[str], None] = lambda step: None,
 ) -> Identification:
-    """Identify the target held by a spacecraft.
+    """Identify the target held by a spacecraft, from one log or from several.
+
+    Each of several logs has its own start, momentum, forces and biases; all share the target and
+    the errors of sensors and of the spacecraft. The result then has a test whether the logs agree,
+    and their separate estimates (`Identification.logs`).
 
     Args:
         spacecraft: the known spacecraft.
         data: exact states at common times, or samples of sensors, each at its own times, as from
-            `read_telemetry`. The joints of measurements may be in any order. Exact states may
-            belong to unconnected instants; measurements must belong to one motion.
+            `read_telemetry`; of several logs by their names. The joints of measurements may be in
+            any order. Exact states may belong to unconnected instants; measurements must belong to
+            one motion.
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
             row family, which means least squares on these rows. Default: the trajectory fit if
             sensors or known bodies are given and no rows, else least squares.
@@ -66,133 +70,81 @@ def identify(
         known_bodies: uncertainty of the spacecraft's own bodies, of the arm's geometry and of the
             grasp, whose errors the trajectory fit and the recursive fit estimate with these σ as
             prior, and include in their covariance; default: none.
+        prior: what is known about the target; default: nothing.
         planar: whether the spacecraft floats on a table whose normal is W's z axis, such as an
             air-bearing table: only momentum in the plane is then used, because the table holds the
             others (`dynamics.plane`). Default: measurements whose tilts and heights are exactly
             zero, as those of a log of x, y and yaw, are identified in the plane, with a warning.
-
-    Raises:
-        InputError: the estimator or the rows are unknown, or cannot handle this momentum; the data
-            contain other joints than the spacecraft's; a sensor that the estimator needs is missing
-            (the message lists the estimators that could use the data); there are too few samples;
-            the prior determines combinations of other unknowns than the estimator's.
-
-    """
-    return identify_together(
-        spacecraft,
-        {LOG: data},
-        estimator=estimator,
-        rows=rows,
-        sensors=sensors,
-        momentum=momentum,
-        known_bodies=known_bodies,
-        prior=prior,
-        planar=planar,
-    )
-
-
-@one_thread
-def identify_together(
-    spacecraft: Spacecraft,
-    logs: Mapping[str, Telemetry | Measurements],
-    *,
-    estimator: str | None = None,
-    rows: str | None = None,
-    sensors: SensorSuite | None = None,
-    momentum: TotalMomentum | None = None,
-    known_bodies: BodyUncertainty | None = None,
-    prior: TargetPrior | None = None,
-    planar: bool | None = None,
-    progress: Callable[[str], None] = lambda step: None,
-) -> Identification:
-    """Identify one target from several logs of the same spacecraft.
-
-    Each log has its own start, momentum, forces and biases; all logs share the errors of sensors
-    and of the spacecraft. The result has a test whether the logs agree, and the separate estimates
-    (`Identification.logs`).
-
-    Args:
-        spacecraft: the known spacecraft.
-        logs: the data of each log by its name in messages.
-        estimator, rows, sensors, momentum, known_bodies, prior, planar: see `identify`; `momentum`
-            holds for each log.
         progress: called before every step with a short description of the step.
 
     Raises:
-        InputError: there is no log; or for the same reasons as `identify`, with the name of the log
-            before the message.
+        InputError: there is no log; the estimator or the rows are unknown, or cannot handle this
+            momentum; the data contain other joints than the spacecraft's; a sensor that the
+            estimator needs is missing (the message lists the estimators that could use the data);
+            there are too few samples; the prior determines combinations of other unknowns than the
+            estimator's.
 
     """
-    if not logs:
+    data = data if isinstance(data, Mapping) else {"log": data}
+    if not data:
         raise InputError("there is no log to identify from")
-    where = {name: name if len(logs) > 1 else "" for name in logs}
-    checked_logs = {}
-    for name, data in logs.items():
+    where, logs = {name: name if len(data) > 1 else "" for name in data}, dict[str, CheckedLog]()
+    for name, each in data.items():
         progress(f"checking {name}")
         with prefix_errors(where[name]):
-            checked_logs[name] = _checked(spacecraft, data, sensors, planar)
-    normal_B = next(iter(checked_logs.values())).normal_B
+            logs[name] = check_log(spacecraft, each, sensors, planar)
+    normal_B = next(iter(logs.values())).normal_B
     if normal_B is not None:
         spacecraft = spacecraft.on_table(normal_B)
-    is_exact = all(log.states is not None for log in checked_logs.values())
+    is_exact = all(log.states is not None for log in logs.values())
     has_sensors = sensors is not None or (known_bodies is not None and not is_exact)
-    has_thrust = any(log.has_thrust for log in checked_logs.values())
+    has_thrust = any(log.has_thrust for log in logs.values())
     assumed = momentum or TotalMomentum.zero()
     method, family = choose_method(estimator, rows, assumed, has_sensors, has_thrust)
     if family is None and method.uses_rows:
-        counts = [log.counts for log in checked_logs.values()]
+        counts = [log.counts for log in logs.values()]
         family = row_family(best_rows(counts, sensors), assumed.is_unknown)
-    for name, log in checked_logs.items():
+    for name, log in logs.items():
         with prefix_errors(where[name]):
             require_sensors(log.counts, sensors, method, family, assumed)
     progress("identifying")
     known = Known(spacecraft, sensors, momentum, known_bodies, prior, family)
     try:
-        found = method.estimate(known, checked_logs, progress)
+        found = method.estimate(known, logs, progress)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"{method.name} cannot calculate with these samples: they contradict each other, or "
             "are too large or too small; plot them, and compare units"
         ) from error
-    if spacecraft.tree.normal_B is not None:
-        found = replace(found, is_planar=True, normal_C=spacecraft.tree.normal_C)
-    found = _with_logs(found, checked_logs, method, known_bodies)
-    return _with_convention(checked(found, spacecraft.tree), spacecraft, checked_logs)
-
-
-def _checked(
-    spacecraft: Spacecraft,
-    data: Telemetry | Measurements,
-    sensors: SensorSuite | None,
-    planar: bool | None,
-) -> CheckedLog:
-    """Return a log that has been screened and checked; exact states need no checks."""
-    if isinstance(data, Telemetry):
-        spacecraft.require_joints(data)
-        is_placed = planar and spacecraft.tree.normal_B is None
-        normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
-        return replace(log_of_states(data), normal_B=normal_B)
-    return check_log(spacecraft, data, sensors, planar)
+    tree = spacecraft.tree
+    found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
+    found = checked(_with_logs(found, logs, method, known_bodies is not None), tree)
+    [log, *others] = logs.values()
+    if others or not found.failures or log.failures or tree.normal_B is not None:
+        return found  # the plane's few equations do not tell conventions apart
+    convention = check_conventions(log.measurements, tree, is_bad=True).sentence
+    if not convention:
+        return found
+    first, *rest = found.checks  # the first failed
+    first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")
+    return replace(found, checks=(first, *rest))
 
 
 def _with_logs(
-    found: Identification,
-    logs: Mapping[str, CheckedLog],
-    method: Estimator,
-    known_bodies: BodyUncertainty | None,
+    found: Identification, logs: Mapping[str, CheckedLog], method: Estimator, is_uncertain: bool
 ) -> Identification:
     """Return an identification with what the checks of its logs say."""
-    warnings, checks, rejected = [], [], Counter(found.rejected)
+    warnings, checks, rejected = list[str](), list[Check](), Counter(found.rejected)
     for name, log in logs.items():
         where = f"{name}: " if len(logs) > 1 else ""
-        said = [*log.warnings, *map("not checked: {}".format, log.unchecked)]
         failed = list(log.failures)
         if log.has_thrust and method.uses_rows:
             failed.append(THRUST_NOT_USED.format(f"{log.first_burn:.4g}", method.name))
+        said = [*log.warnings, *(f"not checked: {text}" for text in log.unchecked)]
         warnings += [where + text for text in said]
         checks += [Check("log", where + text) for text in failed]
         rejected.update(log.rejected)
-    if known_bodies is not None and method.uses_rows:
+    if is_uncertain and method.uses_rows:
         warnings.append(
             f"{method.name} does not use the uncertainty of the spacecraft: its intervals are "
             "those of an exact model"
@@ -203,18 +155,3 @@ def _with_logs(
         checks=(*checks, *found.checks),
         rejected={name: count for name, count in rejected.items() if count},
     )
-
-
-def _with_convention(
-    found: Identification, spacecraft: Spacecraft, logs: Mapping[str, CheckedLog]
-) -> Identification:
-    """Return an identification with the convention that explains its failed checks, if any does."""
-    [log, *others] = logs.values()
-    if others or not found.failures or log.failures or spacecraft.tree.normal_B is not None:
-        return found  # the plane's few equations do not tell conventions apart
-    convention = check_conventions(log.measurements, spacecraft.tree, is_bad=True).sentence
-    if not convention:
-        return found
-    first, *rest = found.checks  # the first failed
-    first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")
-    return replace(found, checks=(first, *rest))

@@ -1,8 +1,9 @@
-"""Identification from telemetry files, with everything that a report needs."""
+"""Identification from the files of a request, with everything that a report needs."""
 
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,12 @@ import numpy as np
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import read_uncertainty
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.identify import identify_together
+from cpid_drake.identification.checked_log import left_out_warning
+from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.identification.identify import identify
 from cpid_drake.identification.known import Known
-from cpid_drake.identification.prior_files import load_prior
+from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source
-from cpid_drake.identification.requirements import left_out_warning
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.conversion import TelemetryFile
 from cpid_drake.logs.files import inspect_telemetry, refuse_problems
@@ -24,6 +26,9 @@ from cpid_drake.logs.log import Measurements
 from cpid_drake.resources import resolve_model, version_of
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+Estimates = Sequence[tuple[float, Identification]]
+"""Identifications from the samples up to some times [s]; those that are not possible are absent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +103,20 @@ def identify_files(
 
     """
     request, paths = requests[0], [each.telemetry for each in requests]
-    if len(paths) > 1:
-        _check_different(paths)
+    seen: dict[str, str] = {}
+    for path in paths if len(paths) > 1 else ():
+        key = file_hash(path) or str(Path(path).resolve())
+        if key in seen:
+            raise InputError(f"{path}: is the same log as {seen[key]}, and would count twice")
+        seen[key] = path
     inputs = opened_inputs(request, progress)
     logs = tuple(open_log(each, inputs.spacecraft.joint_names) for each in requests)
     short = [Path(path).name for path in paths]
     names = short if len(set(short)) == len(short) else paths
     with prefix_errors(paths[0] if len(paths) == 1 else ""):
-        found = identify_together(
+        found = identify(
             inputs.spacecraft,
-            {name: log.data for name, log in zip(names, logs)},
+            {name: log.data for name, log in zip(names, logs, strict=True)},
             estimator=request.estimator,
             rows=request.rows,
             sensors=inputs.sensors,
@@ -119,7 +128,7 @@ def identify_files(
         )
     warnings = [
         f"{name}: {text}" if len(logs) > 1 else text
-        for name, log in zip(names, logs)
+        for name, log in zip(names, logs, strict=True)
         for text in log.warnings
     ]
     found = replace(
@@ -131,19 +140,40 @@ def identify_files(
     return Evidence(inputs, logs, found)
 
 
-def _check_different(paths: Sequence[str]) -> None:
-    """Refuse one log twice, which would count twice.
+def converge(
+    evidence: Evidence,
+    progress: Callable[[str], None] = lambda step: None,
+    *,
+    count: int | None = None,
+) -> Estimates:
+    """Identify from growing parts of the only log, in the same way as from all samples.
 
-    Raises:
-        InputError: two files have the same content, or are the same folder.
+    Args:
+        evidence: the samples and how they were identified.
+        progress: called before every part with a short description of the part.
+        count: number of parts; default: 24 of rows, 8 of a slower fit of samples.
 
     """
-    seen: dict[str, str] = {}
-    for path in paths:
-        key = file_hash(path) or str(Path(path).resolve())
-        if key in seen:
-            raise InputError(f"{path}: is the same log as {seen[key]}, and would count twice")
-        seen[key] = path
+    result, inputs, data = evidence.found, evidence.inputs, evidence.log.data
+    _, end = data.interval
+    count = count or (24 if ESTIMATORS[result.estimator].uses_rows else 8)
+    estimates = []
+    for time in (end * np.arange(1, count) / count).tolist():
+        progress(f"identifying from the first {time:.4g} of {end:.4g} s")
+        with suppress(InputError):  # too few samples, or nothing moves yet
+            found = identify(
+                inputs.spacecraft,
+                data.between(0.0, time),
+                estimator=result.estimator,
+                rows=result.rows,
+                sensors=inputs.sensors,
+                momentum=inputs.momentum,
+                known_bodies=inputs.known_bodies,
+                prior=inputs.prior,
+                planar=result.is_planar,
+            )
+            estimates.append((time, found))
+    return [*estimates, (end, result)]
 
 
 def opened_inputs(request: Request, progress: Callable[[str], None]) -> Known:
@@ -170,6 +200,38 @@ def opened_inputs(request: Request, progress: Callable[[str], None]) -> Known:
         prior = load_prior(request.prior, spacecraft, craft.capture_frame)
     progress("reading the telemetry")
     return Known(spacecraft, sensors, momentum, bodies, prior)
+
+
+def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
+    """Return the log of a request.
+
+    Args:
+        request: the request.
+        joints: names of the spacecraft's joints.
+
+    Raises:
+        InputError: the window is empty, has no samples, or the file cannot be read.
+
+    """
+    first = -np.inf if request.start is None else request.start
+    last = np.inf if request.end is None else request.end
+    # A window of a single time is allowed: a result can come from one sample.
+    if not first <= last:
+        raise InputError(f"--from {first:g} --to {last:g}: the interval is empty")
+    file = inspect_telemetry(
+        request.telemetry, topics=request.topics, columns=request.columns, joints=joints
+    )
+    if not request.leave_out_bad:
+        refuse_problems(file.problems, request.telemetry)
+    data = file.measurements.between(first, last)
+    start, end = data.interval
+    if not start <= end:
+        limited = request.start is not None or request.end is not None
+        raise InputError(
+            f"{request.telemetry}: there are no samples"
+            + (" between --from and --to" if limited else "")
+        )
+    return OpenLog(request, file, data.after(start), (start, end))
 
 
 def request_of_result(result: Identification, where: str) -> Request:
@@ -224,35 +286,3 @@ def file_hash(path: str | Path) -> str | None:
     path = resolve_model(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
-    """Return the log of a request.
-
-    Args:
-        request: the request.
-        joints: names of the spacecraft's joints.
-
-    Raises:
-        InputError: the window is empty, has no samples, or the file cannot be read.
-
-    """
-    first = -np.inf if request.start is None else request.start
-    last = np.inf if request.end is None else request.end
-    # A window of a single time is allowed: a result can come from one sample.
-    if not first <= last:
-        raise InputError(f"--from {first:g} --to {last:g}: the interval is empty")
-    file = inspect_telemetry(
-        request.telemetry, topics=request.topics, columns=request.columns, joints=joints
-    )
-    if not request.leave_out_bad:
-        refuse_problems(file.problems, request.telemetry)
-    data = file.measurements.between(first, last)
-    start, end = data.interval
-    if not start <= end:
-        limited = request.start is not None or request.end is not None
-        raise InputError(
-            f"{request.telemetry}: there are no samples"
-            + (" between --from and --to" if limited else "")
-        )
-    return OpenLog(request, file, data.after(start), (start, end))

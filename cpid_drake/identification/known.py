@@ -11,7 +11,7 @@ from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake
     from cpid_drake.identification.checked_log import CheckedLog
-    from cpid_drake.identification.target_prior import TargetPrior
+    from cpid_drake.identification.prior import TargetPrior
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 

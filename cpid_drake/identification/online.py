@@ -18,12 +18,17 @@ from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white
-from cpid_drake.identification.checks import fit_checks, momentum_words, noise_warnings
+from cpid_drake.identification.checks import Check, fit_checks, momentum_words, noise_warnings
 from cpid_drake.identification.comparison import contradicted, larger_than_declared
-from cpid_drake.identification.estimate import at_momentum, effects_of, momentum_of, solution_of
-from cpid_drake.identification.fitted import change_warnings
+from cpid_drake.identification.fitted import (
+    at_momentum,
+    change_warnings,
+    effects_of,
+    momentum_of,
+    solution_of,
+)
 from cpid_drake.identification.known import Known, suite_of
-from cpid_drake.identification.result import Check, Identification
+from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # the registry of estimators is read without Drake

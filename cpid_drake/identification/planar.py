@@ -54,47 +54,20 @@ def placed(
 
     Args:
         spacecraft: the known spacecraft.
-        measurements: the beginning of the log.
+        measurements: the log.
         planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
 
     """
-    normal = spacecraft.tree.normal_B
-    warnings: tuple[str, ...] = ()
+    normal, warnings = spacecraft.tree.normal_B, tuple[str, ...]()
     if normal is None:
-        if planar is None and is_held(measurements):
+        if planar is None and _is_held(measurements):
             planar, warnings = True, (ASSUMED,)
         if not planar:
-            looks = planar is None and looks_planar(spacecraft.tree, measurements)
+            looks = planar is None and _looks_planar(spacecraft.tree, measurements)
             return spacecraft, ((PROPOSED,) if looks else ()), ()
         normal = normal_in_base(measurements.attitude.value)
         spacecraft = spacecraft.on_table(normal)
-    return spacecraft, warnings, failures_of(normal, measurements)
-
-
-def is_held(measurements: Measurements) -> bool:
-    """Return whether all tilts and heights are exactly zero, and the yaw is not constant."""
-    attitude, position = measurements.attitude.value, measurements.position.value
-    if not len(attitude) or attitude[:, 1:3].any() or position[:, 2].any():
-        return False
-    return bool(np.ptp(attitude[:, 3]) > 0)
-
-
-def looks_planar(tree: KinematicTree, measurements: Measurements) -> bool:
-    """Return whether a log of all six coordinates looks like one of a base on a table."""
-    attitude, position = measurements.attitude.value, measurements.position.value
-    if len(attitude) < 3:
-        return False
-    normal = mean_normal(attitude)
-    if replace(tree, normal_B=normal_in_base(attitude)).normal_C is None:
-        return False
-    wobble = np.sqrt(np.sum(np.var(tilt(attitude, normal), axis=0)))
-    try:
-        noise = sensor_noise("attitude", measurements.attitude)
-    except InputError:
-        return False
-    turns = np.ptp(np.unwrap(2 * np.arctan2(attitude[:, 3], attitude[:, 0])))
-    is_level = wobble < MOST_NOISE * noise + 1e-9 and wobble < _LEAST_TURN * turns
-    return is_level and not _contradictions(normal, attitude, position)
+    return spacecraft, warnings, _contradictions(normal, measurements)
 
 
 def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -110,19 +83,36 @@ def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest if normal @ nearest > np.cos(LEVEL) else normal
 
 
-def failures_of(normal_B: NDArray[np.float64], measurements: Measurements) -> tuple[str, ...]:
+def _is_held(measurements: Measurements) -> bool:
+    """Return whether all tilts and heights are exactly zero, and the yaw is not constant."""
+    attitude, position = measurements.attitude.value, measurements.position.value
+    if not len(attitude) or attitude[:, 1:3].any() or position[:, 2].any():
+        return False
+    return bool(np.ptp(attitude[:, 3]) > 0)
+
+
+def _looks_planar(tree: KinematicTree, measurements: Measurements) -> bool:
+    """Return whether a log of all six coordinates looks like one of a base on a table."""
+    attitude = measurements.attitude.value
+    if len(attitude) < 3 or replace(tree, normal_B=normal_in_base(attitude)).normal_C is None:
+        return False
+    normal = mean_normal(attitude)
+    wobble = np.sqrt(np.sum(np.var(tilt(attitude, normal), axis=0)))
+    turns = np.ptp(np.unwrap(2 * np.arctan2(attitude[:, 3], attitude[:, 0])))
+    try:
+        noise = sensor_noise("attitude", measurements.attitude)
+    except InputError:
+        return False
+    is_level = wobble < min(MOST_NOISE * noise + 1e-9, _LEAST_TURN * turns)
+    return is_level and not _contradictions(normal, measurements)
+
+
+def _contradictions(normal_B: NDArray[np.float64], measurements: Measurements) -> tuple[str, ...]:
     """Return the reasons why no table can have carried the base of a log."""
-    return _contradictions(normal_B, measurements.attitude.value, measurements.position.value)
-
-
-def _contradictions(
-    normal_B: NDArray[np.float64], attitude: NDArray[np.float64], position: NDArray[np.float64]
-) -> tuple[str, ...]:
-    found = []
+    attitude, position, found = measurements.attitude.value, measurements.position.value, []
     if len(attitude):
         angles = tilt(attitude, normal_B)
-        wobble = np.sqrt(np.sum(np.var(angles, axis=0)))
-        if wobble > WOBBLE:
+        if np.sqrt(np.sum(np.var(angles, axis=0))) > WOBBLE:
             largest = np.degrees(np.linalg.norm(angles - angles.mean(axis=0), axis=1).max())
             found.append(f"the base tilts by up to {largest:.2g} deg")
     if len(position):

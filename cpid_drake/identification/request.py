@@ -2,7 +2,12 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
+
+from cpid_drake.errors import InputError
+from cpid_drake.resources import package_folders, resolve_model
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,15 @@ class Request:
         """Return the files with hashes in results, by their fields."""
         files = {"telemetry": self.telemetry, "columns": self.columns, "prior": self.prior}
         return {option: name for option, name in files.items() if name is not None}
+
+    def found(self) -> list[Path]:
+        """Return the files that the request names, as far as they exist."""
+        names, paths = (self.spacecraft.model, self.sensors, *self.files().values()), []
+        packages = package_folders(self.spacecraft.packages)
+        for name in filter(None, names):
+            with suppress(InputError):  # a preset, or a file that was moved
+                paths.append(resolve_model(name, packages))
+        return paths
 
     def command(self, others: Sequence[str] = ()) -> str:
         """Return the command line of this request, with other logs of the same target."""

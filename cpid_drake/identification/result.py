@@ -1,7 +1,6 @@
 """The result of an identification: one tree, which is the JSON file and what the page reads."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -25,10 +24,10 @@ from cpid_drake.estimation.least_squares import (
     quantile_95,
 )
 from cpid_drake.estimation.whiteness import Whiteness
+from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.request import Source, SpacecraftReference
 from cpid_drake.input_files.validation import InMemory, Numbers
-from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # Drake takes half a second to import
@@ -36,18 +35,6 @@ if TYPE_CHECKING:  # Drake takes half a second to import
 
 FORMAT = 4
 """Version of the keys of a result file."""
-
-IMPROBABLE = 1e-4
-"""Probability of what the data show, if all is as assumed, below which a check fails."""
-
-MORE_MOTION = (
-    "move the joints by larger angles and at higher rates, joints with different axes at different "
-    "times, or log longer"
-)
-"""The advice if the motion does not determine all that can act on it."""
-
-AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
-"""Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
 
 _IN_PLANE = {0: (0, 2, 3, 4), 1: (0, 1, 3, 5), 2: (0, 1, 2, 6)}
 # Places in π of what can be known on a table, by the number of C's axis that is its normal.
@@ -57,41 +44,6 @@ Count = Annotated[int, Ge(0), Le(2**53)]
 Ten = Annotated[Array, Numbers(10, unknown=True)]
 Intervals = Annotated[Array, Numbers(10, 2, unknown=True)]
 Rank = Annotated[int, Ge(0), Le(10)]
-
-
-@dataclass(frozen=True)
-class Check:
-    """A consequence of the assumptions behind an estimate that was tested with the data.
-
-    Attributes:
-        name: what was checked.
-        sentence: what the failure means; empty if the check passed.
-        statistic: what was compared with the limit; None if it is not one finite number.
-        limit: where the check begins to fail.
-        passed: whether the data agree with the assumptions.
-
-    """
-
-    name: str
-    sentence: str
-    statistic: float | None = None
-    limit: float | None = None
-    passed: bool = False
-
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        sentence: str,
-        statistic: float | None = None,
-        limit: float | None = None,
-        passed: bool | None = None,
-    ) -> "Check":
-        """Return a check; by default it passes if its statistic is at most its limit."""
-        if passed is None:
-            passed = statistic is not None and limit is not None and bool(statistic <= limit)
-        shown = float(statistic) if statistic is not None and np.isfinite(statistic) else None
-        return cls(name, "" if passed else sentence, shown, limit, passed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,18 +220,15 @@ class Identification:
         freedom = solution.row_count - solution.rank if sensors is None else None
         with np.errstate(invalid="ignore"):  # rounding
             half = quantile_95(freedom) * np.sqrt(np.diag(covariance))
-        words, condition = "", float(solution.condition_number)
-        if not solution.is_observable:
-            words = describe_unobservable(solution.unobservable, form.entries)
-            words = words or "no motion was seen"
+        words = describe_unobservable(solution.unobservable, form.entries) or "no motion was seen"
         return cls(
             parameters=parameters,
             covariance=covariance,
             intervals=parameters[:, None] + half[:, None] * np.array([-1.0, 1.0]),
             rank=solution.rank,
             singular_values=solution.singular_values,
-            condition=condition if np.isfinite(condition) else None,
-            not_observable=words,
+            condition=float(solution.condition_number) if solution.is_observable else None,
+            not_observable="" if solution.is_observable else words,
             form=form,
             solution=solution,
             sensors=sensors,
@@ -294,10 +243,9 @@ class Identification:
     @property
     def command(self) -> str:
         """The command line that repeats the identification; empty without files."""
-        if not self.sources:
-            return ""
-        first, *others = (source.request for source in self.sources)
-        return first.command([other.telemetry for other in others])
+        requests = [source.request for source in self.sources]
+        others = [request.telemetry for request in requests[1:]]
+        return requests[0].command(others) if requests else ""
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -398,7 +346,10 @@ class Identification:
         if not self.is_complete:
             lines.append(f"Not known: {self.not_observable}.")
             if not self.failures:  # else another motion would not help
-                lines.append(f"To see the rest, {MORE_MOTION}.")
+                lines.append(
+                    "To see the rest, move the joints by larger angles and at higher rates, joints "
+                    "with different axes at different times, or log longer."
+                )
         return lines
 
     def _table_words(self) -> list[str]:
@@ -417,11 +368,5 @@ class Identification:
 
     def files(self) -> list[Path]:
         """Return the files that the result was computed from, as far as they exist."""
-        found = []
-        for request in (source.request for source in self.sources):
-            names = (request.spacecraft.model, request.sensors)
-            packages = package_folders(request.spacecraft.packages)
-            for name in filter(None, (*names, *request.files().values())):
-                with suppress(InputError):  # a preset, or a file that was moved
-                    found.append(resolve_model(name, packages))
+        found = (path for source in self.sources for path in source.request.found())
         return list(dict.fromkeys(found))

@@ -15,8 +15,9 @@ from scipy.special import chdtrc, chdtri
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution, quantile_95
-from cpid_drake.identification.result import AGREEMENT, IMPROBABLE, Check, Identification
-from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.checks import AGREEMENT, IMPROBABLE, Check
+from cpid_drake.identification.prior import TargetPrior
+from cpid_drake.identification.result import Identification
 
 DOMINATED = 0.5
 """Share of the variance of a parameter that the prior removes from which it dominates."""

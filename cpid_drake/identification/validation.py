@@ -21,13 +21,14 @@ from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, roll
+from cpid_drake.estimation.rows_fit import disagreement
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.known import suite_of
+from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Combinations, Identification
-from cpid_drake.identification.target_prior import TargetPrior
 from cpid_drake.logs.log import Measurements
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
@@ -163,7 +164,13 @@ def validate(
     sensors, said = suite_of(sensors, log)
     model = Model(spacecraft.tree, sensors, known_bodies)
     samples = LogState.of(model, log.measurements)
-    first = _first_predicted(samples, beginning)
+    start, end = samples.blocks[0].start, samples.blocks[-1].end
+    first = sum(block.end <= start + beginning * (end - start) for block in samples.blocks)
+    if not 0 < first < len(samples.blocks):
+        raise InputError(
+            "the log is too short to predict a part of it from its beginning; give a log of at "
+            "least a few seconds"
+        )
     own = identify(
         spacecraft,
         data,
@@ -177,42 +184,27 @@ def validate(
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, _SMALL * model.unknown(MOMENTUM).sigma)
-    psi = model.unknown(PSI)
-    given = _rows(target, model).add(_about(psi.mean, psi.sigma))
+    given = _rows(target, model).add(_vague(model))
     predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
     for name, rest in own.residuals.items():
-        found = _sizes(predicted, name, first)
-        if not len(found):
+        parts = zip(predicted.models[first:], predicted.residuals[first:], strict=True)
+        sizes = [
+            np.linalg.norm(found[name] * part.scale_of(name), axis=1)
+            for part, found in parts
+            if name in found
+        ]
+        if not sizes:
             continue
+        size = np.concatenate(sizes)
         sigmas = next(m.scale_of(name) for m in predicted.models if name in m.sensors)
         factor, unit = _UNITS[SENSORS[name].quantity.unit]
-        sizes = _rms(found), float(found.max()), float(np.linalg.norm(sigmas))
-        rms, largest, noise = (factor * size for size in sizes)
-        in_sigma = _rms(rest.value)
-        errors.append(SensorError(name, unit, len(found), rms, largest, noise, in_sigma))
-    start, end = samples.blocks[first].start, samples.blocks[-1].end
+        rms, largest = factor * _rms(size), factor * float(size.max())
+        noise = factor * float(np.linalg.norm(sigmas))
+        errors.append(SensorError(name, unit, len(size), rms, largest, noise, _rms(rest.value)))
     said = (*own.failures, *said, *own.warnings)
-    test = _test(model, own, target)
-    return Validation(start, end, own.momentum, tuple(errors), *test, said)
-
-
-def _first_predicted(log: LogState, beginning: float) -> int:
-    """Return the first block after the beginning of a log.
-
-    Raises:
-        InputError: the beginning, or the rest, has no block.
-
-    """
-    start, end = log.blocks[0].start, log.blocks[-1].end
-    until = start + beginning * (end - start)
-    first = sum(block.end <= until for block in log.blocks)
-    if not 0 < first < len(log.blocks):
-        raise InputError(
-            "the log is too short to predict a part of it from its beginning; give a log of at "
-            "least a few seconds"
-        )
-    return first
+    start = samples.blocks[first].start
+    return Validation(start, end, own.momentum, tuple(errors), *_test(model, own, target), said)
 
 
 def _rows(target: TargetPrior, model: Model) -> Gaussian:
@@ -222,9 +214,12 @@ def _rows(target: TargetPrior, model: Model) -> Gaussian:
     return target.gaussian(PSI, form, at, model.plausible)
 
 
-def _about(psi: NDArray[np.float64], sigma: NDArray[np.float64]) -> Gaussian:
-    """Return a target with ψ ± σ (10,)."""
-    return Gaussian.of_rows({PSI: 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
+def _vague(model: Model) -> Gaussian:
+    """Return what is known of a target's ψ before the samples."""
+    psi = model.unknown(PSI)
+    return Gaussian.of_rows(
+        {PSI: 10}, np.column_stack([np.diag(1 / psi.sigma), psi.mean / psi.sigma])
+    )
 
 
 def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float, int, float]:
@@ -236,17 +231,14 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     combinations = Combinations(form.name, known.values, known.information, model.mass)
     log = TargetPrior("the log", own.parameters, own.covariance, combinations)
     both = [_rows(each, model) for each in (target, log)]
-    together = both[0].add(both[1])
-    ranks = [np.linalg.matrix_rank(each.R * model.plausible) for each in (*both, together)]
-    freedom = int(ranks[0] + ranks[1] - ranks[2])
+    chi_squared, freedom, _ = disagreement(both)
     if not freedom:
         return 0.0, 0, np.inf
-    vague = _about(model.unknown(PSI).mean, model.unknown(PSI).sigma)
-    psi = both[0].add(vague).solve()
+    psi = both[0].add(_vague(model)).solve()
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
-    variance = sum(mass @ each.add(vague).covariance() @ mass for each in both)
+    variance = sum(mass @ each.add(_vague(model)).covariance() @ mass for each in both)
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
-    return together.rho2, freedom, float(np.sqrt(needed * variance))
+    return chi_squared, freedom, float(np.sqrt(needed * variance))
 
 
 def _predicted(
@@ -265,17 +257,6 @@ def _predicted(
     cut = replace(log, blocks=tuple(blocks))
     found = fit(model, [cut], rows=[target], values={PSI: target.solve()})
     return roll(model, replace(found.logs[0], blocks=log.blocks), found.values)
-
-
-def _sizes(rolled: Rolled, name: str, first: int) -> NDArray[np.float64]:
-    """Return the magnitudes (M,) of a sensor's errors from a block on, in its unit."""
-    blocks = zip(rolled.models[first:], rolled.residuals[first:], strict=True)
-    found = [
-        np.linalg.norm(rest[name] * part.scale_of(name), axis=1)
-        for part, rest in blocks
-        if name in rest
-    ]
-    return np.concatenate([np.empty(0), *found])
 
 
 def _rms(sizes: NDArray[np.float64]) -> float:

@@ -10,7 +10,7 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.errors import InputError, choose_from
-from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.planning.base_limits import BaseAttitude, BaseDisplacement, BaseLimit, BaseRate
 from cpid_drake.planning.constraints import Constraint, Distances
 from cpid_drake.planning.demands import Needed, TargetDemands

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.planning.plan_problem import PlanProblem
 from cpid_drake.scenario.joint_motions import HalfCosineMotion
 

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.identification.target_prior import TargetPrior
+from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.planning.objective import PlausibleTarget
 
 MASSES = (0.03, 0.3)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS, second_moment
 from cpid_drake.estimation.whiteness import scaled_sums
-from cpid_drake.identification.convergence import Estimates
+from cpid_drake.identification.identify_files import Estimates
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.report.findings import IdentifiedLog

@@ -6,8 +6,13 @@ from pathlib import Path
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.identification.convergence import Estimates, converge
-from cpid_drake.identification.identify_files import Evidence, identify_files, request_of_result
+from cpid_drake.identification.identify_files import (
+    Estimates,
+    Evidence,
+    converge,
+    identify_files,
+    request_of_result,
+)
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import read_result, result_text
 

@@ -17,9 +17,10 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.identification.checks import checked
+from cpid_drake.identification.checks import Check
+from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.identify import THRUST_NOT_USED
-from cpid_drake.identification.result import Check, Identification
+from cpid_drake.identification.result import Identification
 from cpid_drake.logs.burns import log_of_burns
 from cpid_drake.logs.log import THRUST, Measurements, Samples
 from cpid_drake.resources import package_folders, resolve_model

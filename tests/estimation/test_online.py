@@ -17,7 +17,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import LONGEST, run, step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
-from cpid_drake.identification.estimate import at_momentum
+from cpid_drake.identification.fitted import at_momentum
 from cpid_drake.identification.online import identification_of_state
 from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.logs.simulated_noise import add_noise

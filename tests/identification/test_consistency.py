@@ -7,8 +7,7 @@ from planar_cases import KNOWN, TARGET, planar_craft
 from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.estimation.least_squares import among_ten
-from cpid_drake.identification.checks import checked
-from cpid_drake.identification.consistency import with_consistency
+from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.suite import SensorSuite
@@ -28,7 +27,7 @@ def in_plane(m, hx, hy, J33, sigma, tree) -> Identification:
     four = solution_of(told, x, 1e6 * np.ones(4), row_count=100)
     ten = among_ten(four, PLACES)
     known = {"sample_count": 100, "estimator": "least_squares", "sensors": SensorSuite()}
-    return with_consistency(Identification.of_solution(STANDARD, ten, **known), tree)
+    return checked(Identification.of_solution(STANDARD, ten, **known), tree)
 
 
 def text_of(found: Identification) -> str:

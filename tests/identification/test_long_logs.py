@@ -2,24 +2,14 @@
 
 import numpy as np
 import pytest
-from sensing_cases import Sines, small_craft, true_telemetry
+from sensing_cases import Sines, log_of, sigmas, true_telemetry
 
 from cpid_drake import InertialParameters, identify
 from cpid_drake.errors import InputError
-from cpid_drake.identification.checked_log import check_log, log_of_states
+from cpid_drake.identification.checked_log import check_log
 from cpid_drake.logs.log import Measurements, Samples
 
 TARGET = InertialParameters.from_vector([80.0, 0.3, 0.1, -0.2, 15.0, 18.0, 12.0, 0.5, -1.0, 0.8])
-
-
-@pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
-
-
-@pytest.fixture(scope="module")
-def wheeled(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("wheeled"), wheels=True)
 
 
 def exact(craft, duration=30.0, momentum_W=None):
@@ -28,12 +18,8 @@ def exact(craft, duration=30.0, momentum_W=None):
     return true_telemetry(craft.tree, craft.joint_names, motion, TARGET, times, momentum_W)
 
 
-def samples_of(states) -> Measurements:
-    return log_of_states(states).measurements
-
-
 def test_unusable_samples_are_counted_and_left_out(craft):
-    log = samples_of(exact(craft))
+    log = log_of(exact(craft))
     value = log.gyro.value.copy()
     value[[10, 300, 500]] = np.nan
     log = log.updated({"gyro": Samples(log.gyro.time, value)})
@@ -44,7 +30,7 @@ def test_unusable_samples_are_counted_and_left_out(craft):
 
 
 def test_a_log_is_checked_to_its_end(craft):
-    log = samples_of(exact(craft))
+    log = log_of(exact(craft))
     degrees = Samples(log.encoders.time, np.degrees(log.encoders.value))
     failures = identify(craft, log.updated({"encoders": degrees})).failures
     assert any("joint positions are in degrees" in failure for failure in failures)
@@ -73,7 +59,7 @@ def rest_first(log, duration, seed):
 
 def test_the_part_in_which_the_arm_moves_is_checked(craft):
     """21,000 samples at rest come before those in degrees."""
-    log = rest_first(samples_of(exact(craft)), 1050.0, 5)
+    log = rest_first(log_of(exact(craft)), 1050.0, 5)
     rates = Samples(log.joint_rates.time, np.degrees(log.joint_rates.value))
     wrong = log.updated({"joint_rates": rates})
     found = check_log(craft, wrong)
@@ -83,8 +69,7 @@ def test_the_part_in_which_the_arm_moves_is_checked(craft):
 @pytest.mark.slow
 def test_the_noise_is_that_of_the_part_in_which_the_arm_moves(craft):
     """A log that rests first without noise has an interval as large as its error."""
-    log = rest_first(samples_of(exact(craft, 8.0)), 8.0, 6)
+    log = rest_first(log_of(exact(craft, 8.0)), 8.0, 6)
     found = identify(craft, log, estimator="recursive_fit")
-    sigma = np.sqrt(np.diag(found.covariance))
-    ratio = (found.parameters - TARGET.to_vector()) / sigma
+    ratio = (found.parameters - TARGET.to_vector()) / sigmas(found)
     assert 0.3 < np.sqrt(np.mean(ratio**2)) < 2.0

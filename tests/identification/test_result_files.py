@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from cpid_drake import InputError
 from cpid_drake.estimation.whiteness import Whiteness
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.request import Request, Source, SpacecraftReference
-from cpid_drake.identification.result import Check, Combinations, Identification
+from cpid_drake.identification.result import Combinations, Identification
 from cpid_drake.identification.result_files import read_result, write_result
 
 
@@ -194,33 +195,17 @@ def test_a_file_of_another_version_is_refused_in_one_line(refusal, document, ver
     [
         ("condition", "100", "condition must be a number, not '100'"),
         ("parameters", [1, 2], "parameters must be a list of 10 numbers, not [1, 2]"),
-        ("covariance", 10 * [9 * [0]], "covariance must be a list of 10x10 numbers"),
         ("rank", 11, "rank must be a whole number <= 10, not 11"),
-        ("rank", True, "rank must be a whole number, not true"),
         ("sample_count", -1, "sample_count must be a whole number >= 0, not -1"),
         ("solution", 1, "solution must be left out"),
-        ("checks", [{"name": "a"}], "checks[0].sentence is missing"),
         ("checks", [{"nam": "a"}], "unknown key 'checks[0].nam'; did you mean 'name'?"),
-        ("logs", {"a": {"rank": -1}}, "logs.a.rank must be a whole number >= 0, not -1"),
         ("logs", {"a": {"rnk": 1}}, "unknown key 'logs.a.rnk'; did you mean 'rank'?"),
         ("momentum_changes", ["a"], "momentum_changes[0] must be a number, not 'a'"),
-        ("warnings", [1], "warnings[0] must be text, not 1"),
         ("estimator", "\ud800", "'\\ud800' is half of a character, which is not text"),
-        ("sources", [{"start": 1}], "sources[0].request is missing"),
-        (
-            "sources",
-            [{"request": {"telemetry": "a", "spacecraft": {"model": "m"}}}],
-            "sources[0].request.spacecraft.base is missing",
-        ),
         (
             "sources",
             [{"request": {"telemetry": "a", "spacecraft": NAMES | {"bas": "b"}}}],
             "unknown key 'sources[0].request.spacecraft.bas'; did you mean 'base'?",
-        ),
-        (
-            "sources",
-            [{"request": {"telemetry": "a", "spacecraft": NAMES | {"packages": {"p": 1}}}}],
-            "sources[0].request.spacecraft.packages.p must be text, not 1",
         ),
     ],
 )

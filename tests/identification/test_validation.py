@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, true_psi
+from sensing_cases import MOMENTUM, Sines, measured, true_psi
 
 from cpid_drake import InputError, TargetPrior
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -17,11 +17,6 @@ SIGMA = np.array([0.3, *3 * [2e-3], *6 * [0.1]])
 """σ of an identified target that a log of 5 s determines better."""
 
 SEEDS = 4
-
-
-@pytest.fixture(scope="module")
-def suite():
-    return coarse_suite()
 
 
 @pytest.fixture(scope="module")

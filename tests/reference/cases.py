@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from cpid_drake import (
     SensorSuite,
     TotalMomentum,
-    identify_together,
+    identify,
     load_scenario,
     load_sensors,
     read_telemetry,
@@ -186,7 +186,7 @@ def two_logs(folder: Path) -> Rows:
                 world = World(scenario, np.random.default_rng([3, seed]) if options else None)
                 path = log_of(world, suite, 10 * seed + k, folder / "log.npz", hardware=seed)
                 logs[motion] = read_telemetry(path)
-            found = identify_together(world.craft, logs, sensors=suite, **options)
+            found = identify(world.craft, logs, sensors=suite, **options)
             trials.append(trial_of(found, world))
         what = f"{name}: exciting_motion and paper together, flight, {seeds} seeds"
         rows[name] = row_of(what, trials)

@@ -11,9 +11,10 @@ from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.whiteness import Whiteness
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import Request, Source, SpacecraftReference
-from cpid_drake.identification.result import Check, Identification, ResidualSeries
+from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.result_files import write_result
 from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Table

@@ -6,7 +6,7 @@ import numpy as np
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.convergence import Estimates
+from cpid_drake.identification.identify_files import Estimates
 from cpid_drake.identification.description import residual_words
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence

@@ -9,8 +9,8 @@ import numpy as np
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.identification.by_rows import complete_samples
+from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.identify_files import Evidence
-from cpid_drake.identification.requirements import in_joint_order
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.smoothing import smooth

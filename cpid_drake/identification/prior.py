@@ -1,0 +1,208 @@
+"""What is known about a target before a log: from its design, or from an earlier identification."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from annotated_types import Gt, Interval, Le
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import Parameterization, parameter_scale
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.identification.result import Combinations, Identification
+from cpid_drake.identification.result_files import read_result
+from cpid_drake.input_files.validation import Numbers, load_yaml
+from cpid_drake.resources import NOT_A_FILE
+
+if TYPE_CHECKING:  # the registry of estimators is read without Drake
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+_ROUNDING = 1e-13  # share of the best determined combination below which there is rounding only
+_SAME_MASS = 1e-6  # relative difference of masses of the same spacecraft
+
+Positive = Annotated[float, Gt(0), Le(1e9)]
+
+
+@dataclass(frozen=True, eq=False)
+class TargetPrior:
+    """A prior of the target.
+
+    Attributes:
+        name: its name in messages.
+        parameters: (10,) π in the spacecraft's capture frame; NaN where not known.
+        covariance: (10, 10) of `parameters`; NaN where not known.
+        combinations: a prior that determines combinations of parameters, in place of the
+            parameters; None if `parameters` contains everything.
+        failures: reasons not to trust the prior.
+
+    """
+
+    name: str
+    parameters: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    combinations: Combinations | None = None
+    failures: tuple[str, ...] = ()
+
+    def identification(self, rank: int) -> Identification:
+        """Return the prior as a result that determines `rank` combinations."""
+        half = quantile_95() * np.sqrt(np.diag(self.covariance))
+        return Identification(
+            parameters=self.parameters,
+            covariance=self.covariance,
+            intervals=self.parameters[:, None] + half[:, None] * np.array([-1.0, 1.0]),
+            rank=rank,
+            singular_values=np.full(10, np.nan),
+            sample_count=0,
+            estimator="prior",
+        )
+
+    def moved(self, form: Parameterization, at: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the unknowns `at` (10,) with the prior's values where the prior has any."""
+        if self.combinations is not None:
+            return self.combinations.values if self.combinations.unknowns == form.name else at
+        known = np.isfinite(self.parameters)
+        return form.from_parameters(np.where(known, self.parameters, form.to_parameters(at)))
+
+    def gaussian(
+        self,
+        name: str,
+        form: Parameterization,
+        at: NDArray[np.float64],
+        unit: NDArray[np.float64],
+    ) -> Gaussian:
+        """Return the prior about the unknowns of a parameterization.
+
+        Args:
+            name: name of the unknowns.
+            form: the parameterization.
+            at: (10,) unknowns about which the parameters are linearized.
+            unit: (10,) plausible sizes of the unknowns.
+
+        Raises:
+            InputError: the prior determines combinations of other unknowns.
+
+        """
+        known = self.combinations
+        if known is not None:
+            if known.unknowns != form.name:
+                raise InputError(
+                    f"{self.name} determines combinations of {known.unknowns} unknowns, and the "
+                    f"estimator has {form.name} unknowns: use the estimator of the prior"
+                )
+            sizes, axes = np.linalg.eigh(known.information * unit * unit[:, None])
+            seen = sizes > _ROUNDING * max(float(sizes[-1]), 0.0)
+            A = np.sqrt(sizes[seen])[:, None] * axes[:, seen].T / unit
+            return Gaussian.of_rows({name: 10}, np.column_stack([A, A @ known.values]))
+        given = np.isfinite(self.parameters)
+        covariance = self.covariance[np.ix_(given, given)]
+        sigma = np.sqrt(np.diag(covariance))
+        root = np.linalg.cholesky(covariance / sigma / sigma[:, None])
+        whiten = np.linalg.solve(root, np.diag(1 / sigma))
+        jacobian = form.jacobian(at)[given]
+        change = self.parameters[given] - form.to_parameters(at)[given]
+        rows = whiten @ np.column_stack([jacobian, change + jacobian @ at])
+        return Gaussian.of_rows({name: 10}, rows)
+
+
+@dataclass
+class PriorConfig:
+    """A target as its design says, with σ [kg, m, kg·m²]; null for what is not known.
+
+    `p_CTcm_C` and `I_TTcm_C` are in the capture frame. `sigma` is relative to the mass for the
+    mass, to the radius of gyration for the centre of mass, and to the trace of the inertia for the
+    inertia; `sigma_mass`, `sigma_p_CTcm_C` and `sigma_I_TTcm_C` replace it for one of them.
+    """
+
+    mass: Positive | None = None
+    p_CTcm_C: Annotated[NDArray[np.float64], Numbers(3)] | None = None
+    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None
+    sigma: Annotated[float, Interval(ge=1e-6, le=100)] | None = None
+    sigma_mass: Positive | None = None
+    sigma_p_CTcm_C: Positive | None = None
+    sigma_I_TTcm_C: Positive | None = None
+
+
+def load_prior(path: str | Path, spacecraft: "Spacecraft", capture_frame: str) -> TargetPrior:
+    """Return the prior in a file.
+
+    Args:
+        path: a result of `cpid identify` (JSON), or YAML with the keys of `PriorConfig`.
+        spacecraft: the known spacecraft.
+        capture_frame: its capture frame, in which the prior must be expressed.
+
+    Raises:
+        InputError: the file cannot be read; it contains nothing; the result is that of another
+            capture frame, or of another spacecraft if it determines combinations of parameters
+            only; no rigid body has the values; a σ is missing.
+
+    """
+    file, where = Path(path), str(path)
+    if not file.is_file():
+        raise InputError(f"{where}: {NOT_A_FILE if file.exists() else 'no such file'}")
+    if file.suffix.lower() == ".json":
+        return prior_of_result(read_result(file), where, spacecraft, capture_frame)
+    return _of_config(load_yaml(PriorConfig, file, where, "a prior"), where)
+
+
+def prior_of_result(
+    result: Identification, where: str, spacecraft: "Spacecraft", capture_frame: str
+) -> TargetPrior:
+    """Return what a result, in the file `where`, tells about its target; see `load_prior`."""
+    frame = None if result.spacecraft is None else result.spacecraft.capture_frame
+    if frame != capture_frame:
+        raise InputError(
+            f"{where}: the prior is in the capture frame {frame}, the log's capture frame is "
+            f"{capture_frame}: identify with the same frame"
+        )
+    found, parameters = result.combinations, result.parameters
+    if found is None:
+        parameters = np.where(np.isfinite(np.diag(result.covariance)), parameters, np.nan)
+        if not np.isfinite(parameters).any():
+            raise InputError(f"{where}: the prior determines no parameter")
+    elif abs(found.known_mass - spacecraft.mass) > _SAME_MASS * spacecraft.mass:
+        raise InputError(
+            f"{where}: the prior determines combinations of parameters for a spacecraft of "
+            f"{found.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"
+        )
+    name = f"the prior {Path(where).name}"
+    return TargetPrior(name, parameters, result.covariance, found, result.failures)
+
+
+def _of_config(config: PriorConfig, where: str) -> TargetPrior:
+    parts = {
+        "mass": (config.mass, config.sigma_mass, slice(0, 1)),
+        "p_CTcm_C": (config.p_CTcm_C, config.sigma_p_CTcm_C, slice(1, 4)),
+        "I_TTcm_C": (config.I_TTcm_C, config.sigma_I_TTcm_C, slice(4, 10)),
+    }
+    given = [key for key, (value, _, _) in parts.items() if value is not None]
+    if not given:
+        raise InputError(f"{where}: give mass, p_CTcm_C or I_TTcm_C")
+    mass = 1.0 if config.mass is None else config.mass
+    place = np.zeros(3) if config.p_CTcm_C is None else config.p_CTcm_C
+    inertia = np.eye(3) if config.I_TTcm_C is None else config.I_TTcm_C
+    body = InertialParameters(mass, place, inertia)
+    problems = body.infeasibilities()
+    if problems:
+        raise InputError(f"{where}: not a rigid body: {'; '.join(problems)}")
+    values = body.to_vector()
+    scale = parameter_scale(values) if np.trace(inertia) > 0 else np.zeros(10)
+    parameters, sigma = np.full(10, np.nan), np.full(10, np.nan)
+    for key in given:
+        _, own, part = parts[key]
+        if own is None and config.sigma is None:
+            raise InputError(f"{where}: give sigma_{key}, or sigma for all")
+        needs_size = own is None and key != "mass"
+        if needs_size and (config.mass is None or config.I_TTcm_C is None):
+            raise InputError(f"{where}: give sigma_{key}: sigma needs mass and I_TTcm_C")
+        parameters[part] = values[part]
+        sigma[part] = scale[part] * (config.sigma or 0.0) if own is None else own
+        if not np.all(sigma[part] > 0):
+            raise InputError(f"{where}: give sigma_{key}: the body has no size")
+    covariance = np.full((10, 10), np.nan)
+    known = np.flatnonzero(np.isfinite(parameters))
+    covariance[np.ix_(known, known)] = np.diag(sigma[known] ** 2)
+    return TargetPrior(f"the prior {Path(where).name}", parameters, covariance)
