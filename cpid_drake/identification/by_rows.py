@@ -76,15 +76,7 @@ def estimate(
     Exact states and complete samples without declared sensors are used as they are; other samples
     are smoothed to common times first.
 
-    Args:
-        known: what is known besides the logs, and the row family.
-        logs: by their names.
-        progress: is not called.
-
-    Raises:
-        InputError: there are too few samples, or the attitude or position for smoothing is missing;
-            the prior determines combinations of other unknowns.
-
+    See `estimators.Estimator`.
     """
     found = {name: _identified(known, log) for name, log in logs.items()}
     if len(found) == 1 and known.prior is None:

@@ -32,7 +32,9 @@ class Estimator:
         name: its name on the command line, in result files and in scenarios.
         label: its name in reports.
         good_for: its recommended use, in one sentence.
-        estimate: its function of what is known, of the logs, and of a callback for progress.
+        estimate: its function of what is known besides the logs, of the logs by their names, and
+            of a callback for progress. It raises an `InputError` if there are too few samples, or
+            if it cannot use a prior or several logs.
         uses_rows: whether it uses momentum rows, which know neither the log of thrust nor the
             uncertainty of the spacecraft; else it uses all samples as they are.
 

@@ -61,14 +61,7 @@ def estimate(
 ) -> Identification:
     """Fit one target, and all that is not known besides, to all samples of some logs.
 
-    Args:
-        known: what is known besides the logs.
-        logs: by their names.
-        progress: called before every step with a short description of it.
-
-    Raises:
-        InputError: a log has too few samples, or no motion can be predicted.
-
+    See `estimators.Estimator`.
     """
     suite, warnings = suite_of(known.sensors, next(iter(logs.values())))
     has_thrust = any(log.has_thrust for log in logs.values())

@@ -17,6 +17,7 @@ from cpid_drake.identification.checks import Check
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
 from cpid_drake.identification.known import Known
+from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.conventions import check_conventions
@@ -120,6 +121,9 @@ def identify(
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     found = checked(_with_logs(found, logs, method, known_bodies is not None), tree)
     [log, *others] = logs.values()
+    could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
+    if could_be and not (found.passed and found.is_complete):
+        found = replace(found, warnings=(*found.warnings, PROPOSED))
     if others or not found.failures or log.failures or tree.normal_B is not None:
         return found  # the plane's few equations do not tell conventions apart
     convention = check_conventions(log.measurements, tree, is_bad=True).sentence

@@ -162,14 +162,7 @@ def estimate(
 ) -> Identification:
     """Run the fit online over all samples, in order of time.
 
-    Args:
-        known: what is known besides the log.
-        logs: one log, by its name.
-        progress: called before every step with a short description of it.
-
-    Raises:
-        InputError: there are several logs or a prior, or too few samples.
-
+    See `estimators.Estimator`.
     """
     if len(logs) > 1 or known.prior is not None:
         raise InputError(f"{NAME} identifies from one log without a prior; use the trajectory fit")

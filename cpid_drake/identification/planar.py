@@ -2,9 +2,8 @@
 
 A log whose base has x, y and yaw only is identified in the plane: nothing else is possible. Such
 a log is recognized by tilts and heights that are exactly zero. A log of all six coordinates is
-identified in the plane if the caller says so; if it looks like one of a table, a warning proposes
-it, because a free spacecraft whose bodies are all symmetric about a plane moves in the same way,
-and then shows more than four parameters.
+identified in the plane if the caller says so, because a free spacecraft whose bodies are all
+symmetric about a plane moves in the same way, and then shows more than four parameters.
 """
 
 from dataclasses import replace
@@ -14,10 +13,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
-from cpid_drake.identification.checks import MOST_NOISE
 from cpid_drake.logs.log import Measurements
-from cpid_drake.logs.noise_estimation import sensor_noise
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 LEVEL = np.radians(5.0)
@@ -32,8 +28,6 @@ RISE = 0.2
 HEIGHT = 0.005
 """Change of the height that a base on a table may have in any case, as a standard deviation [m]."""
 
-_LEAST_TURN = 0.05  # largest ratio of the tilt's spread to the turn of a base that only turns
-
 ASSUMED = (
     "the log has x, y and yaw only, so the spacecraft is taken to float on a table: only momentum "
     "in the plane is used (--planar says so, --no-planar is for a spacecraft that floats freely)"
@@ -41,10 +35,10 @@ ASSUMED = (
 """The warning if a log without tilt and height is identified in the plane."""
 
 PROPOSED = (
-    "all joints turn about one axis, and the base only turns about it: if a table carries the "
-    "spacecraft, say so with --planar, because its reactions are not in the equations otherwise"
+    "all joints turn about one axis: if a table carries the spacecraft, say so with --planar, "
+    "because its reactions are not in the equations otherwise"
 )
-"""The warning if a log of all six coordinates looks like one of a table."""
+"""The warning if such a spacecraft has no answer, or not a whole one."""
 
 
 def placed(
@@ -63,8 +57,7 @@ def placed(
         if planar is None and _is_held(measurements):
             planar, warnings = True, (ASSUMED,)
         if not planar:
-            looks = planar is None and _looks_planar(spacecraft.tree, measurements)
-            return spacecraft, ((PROPOSED,) if looks else ()), ()
+            return spacecraft, (), ()
         normal = normal_in_base(measurements.attitude.value)
         spacecraft = spacecraft.on_table(normal)
     return spacecraft, warnings, _contradictions(normal, measurements)
@@ -91,20 +84,10 @@ def _is_held(measurements: Measurements) -> bool:
     return bool(np.ptp(attitude[:, 3]) > 0)
 
 
-def _looks_planar(tree: KinematicTree, measurements: Measurements) -> bool:
-    """Return whether a log of all six coordinates looks like one of a base on a table."""
-    attitude = measurements.attitude.value
-    if len(attitude) < 3 or replace(tree, normal_B=normal_in_base(attitude)).normal_C is None:
-        return False
-    normal = mean_normal(attitude)
-    wobble = np.sqrt(np.sum(np.var(tilt(attitude, normal), axis=0)))
-    turns = np.ptp(np.unwrap(2 * np.arctan2(attitude[:, 3], attitude[:, 0])))
-    try:
-        noise = sensor_noise("attitude", measurements.attitude)
-    except InputError:
-        return False
-    is_level = wobble < min(MOST_NOISE * noise + 1e-9, _LEAST_TURN * turns)
-    return is_level and not _contradictions(normal, measurements)
+def could_be_planar(tree: KinematicTree, attitude: NDArray[np.float64]) -> bool:
+    """Return whether a table that is not known may carry the base, for attitudes (N, 4)."""
+    placed = replace(tree, normal_B=normal_in_base(attitude))
+    return tree.normal_B is None and placed.normal_C is not None
 
 
 def _contradictions(normal_B: NDArray[np.float64], measurements: Measurements) -> tuple[str, ...]:
