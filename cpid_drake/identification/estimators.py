@@ -37,6 +37,7 @@ class Estimator:
             if it cannot use a prior or several logs.
         uses_rows: whether it uses momentum rows, which know neither the log of thrust nor the
             uncertainty of the spacecraft; else it uses all samples as they are.
+        reports: number of estimates over time in a report; smaller for slow estimators.
 
     """
 
@@ -45,6 +46,7 @@ class Estimator:
     good_for: str
     estimate: Callable[[Known, "Mapping[str, CheckedLog]", Callable[[str], None]], Identification]
     uses_rows: bool = False
+    reports: int = 8
 
 
 ESTIMATORS: dict[str, Estimator] = {
@@ -56,6 +58,7 @@ ESTIMATORS: dict[str, Estimator] = {
             "exact logs of any length, and a quick look; several times less accurate with noise",
             by_rows.estimate,
             uses_rows=True,
+            reports=24,
         ),
         Estimator(
             online.NAME,

@@ -140,23 +140,17 @@ def identify_files(
     return Evidence(inputs, logs, found)
 
 
-def converge(
-    evidence: Evidence,
-    progress: Callable[[str], None] = lambda step: None,
-    *,
-    count: int | None = None,
-) -> Estimates:
+def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: None) -> Estimates:
     """Identify from growing parts of the only log, in the same way as from all samples.
 
     Args:
         evidence: the samples and how they were identified.
         progress: called before every part with a short description of the part.
-        count: number of parts; default: 24 of rows, 8 of a slower fit of samples.
 
     """
     result, inputs, data = evidence.found, evidence.inputs, evidence.log.data
     _, end = data.interval
-    count = count or (24 if ESTIMATORS[result.estimator].uses_rows else 8)
+    count = ESTIMATORS[result.estimator].reports
     estimates = []
     for time in (end * np.arange(1, count) / count).tolist():
         progress(f"identifying from the first {time:.4g} of {end:.4g} s")

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from cpid_drake import write_telemetry
-from cpid_drake.identification import convergence
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.identify_files import identify_files
+from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text, write_result
 from cpid_drake.report.findings import findings_of, findings_of_file
@@ -152,7 +151,7 @@ class TestFigures:
         for name, record in ESTIMATORS.items():
             monkeypatch.setitem(ESTIMATORS, name, replace(record, reports=6))
         evidence = identify_files([Request(str(exact), SERVICER, end=11.5)])
-        found = convergence.converge(evidence)
+        found = converge(evidence)
         (_, first), *_, (time, last) = found
         assert time == 11.0
         assert last is evidence.found

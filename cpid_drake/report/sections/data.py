@@ -6,10 +6,9 @@ import numpy as np
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.identify_files import Estimates
 from cpid_drake.identification.description import residual_words
 from cpid_drake.identification.estimators import estimator_label
-from cpid_drake.identification.identify_files import Evidence
+from cpid_drake.identification.identify_files import Estimates, Evidence
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Measurements
 from cpid_drake.report.figures import convergence_pictures, motion_pictures, residual_pictures
