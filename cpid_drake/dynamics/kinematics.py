@@ -49,41 +49,6 @@ class CaptureMotion:
     v_WC: NDArray[np.float64]
 
 
-def angular_velocity(w_m: ArrayLike, H_k: ArrayLike, qdot_k: ArrayLike) -> NDArray[np.float64]:
-    """ω_k = ω_m + H_k q̇_k (Ning et al. 2016, Eq. 1).
-
-    Args:
-        w_m: (N, 3) angular velocity of the inboard body m, in W [rad/s].
-        H_k: (N, 3) unit vector of joint k's axis, in W; zero for a sliding joint.
-        qdot_k: (N,) joint rate [rad/s].
-
-    """
-    return np.asarray(w_m) + np.asarray(H_k) * np.asarray(qdot_k)[:, None]
-
-
-def centroid_position(r_m: ArrayLike, b_m: ArrayLike, c_k: ArrayLike) -> NDArray[np.float64]:
-    """r_k = r_m + b_m + c_k (Ning et al. 2016, Eq. 2).
-
-    Args:
-        r_m: (N, 3) centre of mass of the inboard body m, in W [m].
-        b_m: (N, 3) vector from m's centre of mass to joint k, in W [m].
-        c_k: (N, 3) vector from joint k to body k's centre of mass, in W [m].
-
-    """
-    return np.asarray(r_m) + np.asarray(b_m) + np.asarray(c_k)
-
-
-def centroid_velocity(
-    v_m: NDArray[np.float64],
-    w_m: NDArray[np.float64],
-    b_m: NDArray[np.float64],
-    w_k: NDArray[np.float64],
-    c_k: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """v_k = v_m + ω_m × b_m + ω_k × c_k (Ning et al. 2016, Eq. 3). All (N, 3), in W."""
-    return v_m + cross(w_m, b_m) + cross(w_k, c_k)
-
-
 def forward_kinematics(
     tree: KinematicTree,
     q: ArrayLike,
@@ -95,6 +60,11 @@ def forward_kinematics(
     v_WB: ArrayLike = 0.0,
 ) -> tuple[BodyMotion, CaptureMotion]:
     """Return the motion of every body and of C, computed from the base outwards.
+
+    With joint k between the bodies m and k, b_m and c_k the vectors from m's centre of mass to the
+    joint and from there to k's, and H_k the unit vector of the joint's axis:
+
+        ω_k = ω_m + H_k q̇_k,   r_k = r_m + b_m + c_k,   v_k = v_m + ω_m × b_m + ω_k × c_k.
 
     Sliding joints are an extension of the paper: axis · q is added to
     b_m, and axis · q̇ to v_k. Complex motions are allowed, for derivatives by complex steps.
@@ -140,9 +110,9 @@ def forward_kinematics(
                 H_k, rate = axis, qdot_k
         R[k] = product(R_WM, body.R_MB)
         c_k = product(R_WM, body.p_MB) + product(R[k], body.p_BBcm)
-        w[k] = angular_velocity(w[m], H_k, rate)
-        r[k] = centroid_position(r[m], b_m, c_k)
-        v[k] = centroid_velocity(v[m], w[m], b_m, w[k], c_k) + slide
+        w[k] = w[m] + H_k * rate[:, None]  # Eq. 1
+        r[k] = r[m] + b_m + c_k  # Eq. 2
+        v[k] = v[m] + cross(w[m], b_m) + cross(w[k], c_k) + slide  # Eq. 3
 
     n_i = tree.capture_body
     R_WC = product(R[n_i], tree.R_BC)

@@ -47,30 +47,26 @@ class MomentumSamples:
         return vectors @ self.motion.R_WC  # row vectors: (R_WCᵀ v)ᵀ = vᵀ R_WC
 
 
-def linear_momenta(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
-    """Return each body's m_i v_i as (K, N, 3) in W [N·s]."""
-    return tree.masses[..., None] * motion.v
-
-
-def linear_momentum(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
-    """Return P = Σ m_i v_i, i = 0 … n−1, as (N, 3) in W [N·s] (Ning et al. 2016, Eq. 4)."""
-    return linear_momenta(tree, motion).sum(axis=0)
-
-
-def angular_momenta(
-    tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike
-) -> NDArray[np.float64]:
-    """Return each body's I_i ω_i + m_i (r_i − p_WQ) × v_i about Q, as (K, N, 3) in W [N·m·s].
+def momenta(
+    tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return each body's m_i v_i and I_i ω_i + m_i (r_i − p_WQ) × v_i, (K, N, 3) each, in W.
 
     Args:
         tree: the bodies.
         motion: the motion of these bodies.
-        p_WQ: (N, 3) or (3,) the point Q [m].
+        p_WQ: (N, 3) the point Q of the angular momentum [m]; default: W's origin.
 
     """
+    P = tree.masses[..., None] * motion.v
     w_B = rotate(np.swapaxes(motion.R, -1, -2), motion.w)
     spin = rotate(motion.R, rotate(tree.inertias, w_B))
-    return spin + cross(motion.r - np.asarray(p_WQ), linear_momenta(tree, motion))
+    return P, spin + cross(motion.r - np.asarray(p_WQ), P)
+
+
+def linear_momentum(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
+    """Return P = Σ m_i v_i, i = 0 … n−1, as (N, 3) in W [N·s] (Ning et al. 2016, Eq. 4)."""
+    return np.asarray(np.sum(tree.masses[..., None] * motion.v, axis=0))
 
 
 def angular_momentum(
@@ -79,9 +75,9 @@ def angular_momentum(
     """Return L = Σ (I_i ω_i + m_i (r_i − p_WQ) × v_i), i = 0 … n−1, as (N, 3) in W [N·m·s].
 
     The origin of W as Q gives the sum in Ning et al. 2016, Eq. 9, and the capture point (d_no) the
-    sums in Eqs. 10, 14 and 18. Arguments as for `angular_momenta`.
+    sums in Eqs. 10, 14 and 18. Arguments as for `momenta`.
     """
-    return angular_momenta(tree, motion, p_WQ).sum(axis=0)
+    return momenta(tree, motion, p_WQ)[1].sum(axis=0)
 
 
 def target_momentum(

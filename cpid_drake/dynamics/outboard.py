@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, forward_kinematics
-from cpid_drake.dynamics.momentum import angular_momenta, linear_momenta
+from cpid_drake.dynamics.momentum import momenta
 from cpid_drake.dynamics.parameterizations import moved_moments
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
@@ -54,7 +54,7 @@ class Outboard:
         """Return it at joint positions and rates (N, J) and velocities of the base (N, 3), in B."""
         bodies, capture = forward_kinematics(tree, q, qdot, w_WB=w_WB, v_WB=v_WB)
         V = np.concatenate([bodies.w, bodies.v - cross(bodies.w, bodies.r)], axis=-1)
-        L, P = angular_momenta(tree, bodies, np.zeros(3)), linear_momenta(tree, bodies)
+        P, L = momenta(tree, bodies)
         return cls(tree, bodies, capture, V, _summed(tree, np.concatenate([L, P], axis=-1)))
 
     @cached_property

@@ -173,12 +173,6 @@ def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
     return pseudo
 
 
-def pseudo_inertia_to_standard(pseudo: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the standard vector (10,) of a (4, 4) pseudo-inertia; each is linear in the other."""
-    inertia = inertia_of_second_moment(pseudo[:3, :3])
-    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], tensor_to_vector(inertia)])
-
-
 def eq18_jacobian(theta: ArrayLike) -> NDArray[np.float64]:
     """Return ∂π/∂θ (10, 10) at an Eq. 18 vector θ (10,)."""
     theta = np.asarray(theta, dtype=float)

@@ -1,10 +1,8 @@
-"""Rotations and cross products: batched over samples, or fast for a single sample.
+"""Rotations and cross products, batched over samples.
 
 Rotation vectors r = angle · axis [rad] and quaternions (w, x, y, z) denote rotations R. The package
 takes all other operations from `scipy.spatial.transform.Rotation`.
 """
-
-import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,11 +36,6 @@ def skew(v: ArrayLike) -> NDArray[np.float64]:
     """
     v = np.asarray(v)
     return (v @ _SKEW).reshape(*v.shape, 3)
-
-
-def unskew(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return v (..., 3) of skew-symmetric matrices ṽ (..., 3, 3): the inverse of `skew`."""
-    return np.stack([matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0]], axis=-1)
 
 
 def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
@@ -104,39 +97,3 @@ def quaternion_rate(
     rate = [-(x * a + y * b + z * c), w * a + y * c - z * b]
     rate += [w * b + z * a - x * c, w * c + x * b - y * a]
     return np.stack(rate, axis=-1) / 2
-
-
-# -- single rotations, at a tenth of the cost of the batched functions ----------------------------
-
-
-def exp(r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation (3, 3) of one rotation vector (3,)."""
-    x, y, z = r.tolist()
-    square = x * x + y * y + z * z
-    if square < 1e-6:
-        a, b = 1 - square / 6 * (1 - square / 20), (1 - square / 12 * (1 - square / 30)) / 2
-    else:
-        angle = math.sqrt(square)
-        a, b = math.sin(angle) / angle, (1 - math.cos(angle)) / square
-    xy, xz, yz = b * x * y, b * x * z, b * y * z
-    x2, y2, z2 = b * x * x, b * y * y, b * z * z
-    x, y, z = a * x, a * y, a * z
-    return np.array(
-        [
-            [1 - y2 - z2, xy - z, xz + y],
-            [xy + z, 1 - x2 - z2, yz - x],
-            [xz - y, yz + x, 1 - x2 - y2],
-        ]
-    )
-
-
-def quaternion_to_matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation (3, 3) of one quaternion (4,) of any norm but zero."""
-    w, x, y, z = (quaternion / math.sqrt(quaternion @ quaternion)).tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

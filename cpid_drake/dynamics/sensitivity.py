@@ -29,7 +29,7 @@ from cpid_drake.dynamics.parameterizations import (
     second_moment,
     vector_to_tensor,
 )
-from cpid_drake.dynamics.rotations import cross, exp, right_jacobian, rotate, skew
+from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 
@@ -103,7 +103,7 @@ def geometry_sensitivity(
         turns = right_jacobian(normals @ error[3:]) @ normals
         S.append(frame_screws(tree, k, outboard.bodies, turns))
     of_C = frame_screws(tree, target, outboard.bodies, right_jacobian(grasp[3:]))
-    of_C[:, 3:, :3] = of_C[:, 3:, :3] @ tree.bodies[target].R_PF @ exp(-grasp[3:])
+    of_C[:, 3:, :3] = of_C[:, 3:, :3] @ tree.bodies[target].R_PF @ exponentials(-grasp[3:])
     which = [*np.repeat(moving, 5).tolist(), *6 * [target]]
     change, moved = outboard.displaced(which, np.concatenate([*S, of_C], axis=-1))
     return _motion_sensitivity(change, moved[:, 3:] / tree.mass, psi, dynamics)
@@ -274,9 +274,9 @@ def displaced(
     bodies = list(tree.bodies)
     for k, error in zip(joined_bodies(tree), joints, strict=True):
         body = bodies[k]
-        turn = exp(axis_normals(body) @ error[3:])
+        turn = exponentials(axis_normals(body) @ error[3:])
         bodies[k] = replace(body, p_PF=body.p_PF + error[:3], R_PF=body.R_PF @ turn)
-    p_BC, R_BC = tree.p_BC + tree.R_BC @ grasp[:3], tree.R_BC @ exp(grasp[3:])
+    p_BC, R_BC = tree.p_BC + tree.R_BC @ grasp[:3], tree.R_BC @ exponentials(grasp[3:])
     return replace(tree, bodies=tuple(bodies), p_BC=p_BC, R_BC=R_BC)
 
 

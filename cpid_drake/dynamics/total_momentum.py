@@ -12,9 +12,6 @@ from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 
-MOMENTUM_NAMES = ("zero", "unknown")
-"""The names of momenta on the command line and in result files."""
-
 
 @dataclass(frozen=True, eq=False)
 class TotalMomentum:
@@ -104,14 +101,9 @@ class TotalMomentum:
 
     @classmethod
     def named(cls, name: str) -> Self:
-        """Return the momentum of this name, one of `MOMENTUM_NAMES`.
-
-        Raises:
-            InputError: no total momentum has this name.
-
-        """
-        if name not in MOMENTUM_NAMES:
-            raise InputError(f"no momentum '{name}'; choose from {', '.join(MOMENTUM_NAMES)}")
+        """Return the momentum of this name, zero or unknown; raises InputError for another one."""
+        if name not in ("zero", "unknown"):
+            raise InputError(f"no momentum '{name}'; choose from zero, unknown")
         return cls.unknown() if name == "unknown" else cls.zero()
 
     @property

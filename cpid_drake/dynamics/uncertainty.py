@@ -1,25 +1,18 @@
 """Uncertainty of the known spacecraft: of its bodies, of the arm's geometry and of the grasp."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import from_tree, load_yaml
-from cpid_drake.resources import resolve_model
-
 Size = Annotated[float, Ge(0)]
 
 # The errors of a balanced wheel: its mass, its centre of mass along the axis, and the stretches of
 # its second moment along the axis and across it.
 _BALANCED = np.array([1, 1, 0, 0, 1, 1, 0, 0, 0, 0])
-
-_WHOLE = "the uncertainty of known bodies"
 
 
 @dataclass(frozen=True)
@@ -92,31 +85,3 @@ class BodyUncertainty:
     def count(self, wheels: Sequence[bool], joints: int) -> int:
         """Return the number of uncertain quantities: of those whose σ is not zero."""
         return int(np.count_nonzero(self.all_sigmas(wheels, joints)))
-
-
-def read_uncertainty(text: str) -> BodyUncertainty:
-    """Return an uncertainty from a YAML file, or from a text such as "mass=0.01,grasp_mm=2".
-
-    Args:
-        text: the path of a YAML file with the attributes of `BodyUncertainty` as keys, or pairs
-            KEY=NUMBER with commas between them.
-
-    Raises:
-        InputError: no such file, not YAML, unknown keys, or values that are not numbers >= 0.
-
-    """
-    if "=" not in text:
-        return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, _WHOLE)
-    tree: dict[str, object] = {}
-    for pair in text.split(","):
-        key, _, value = (part.strip() for part in pair.partition("="))
-        if key in tree:
-            raise InputError(f"{text}: the key '{key}' is given twice")
-        try:
-            tree[key] = float(value)
-        except ValueError:
-            names = ", ".join(entry.name for entry in fields(BodyUncertainty))
-            raise InputError(
-                f"{text}: '{pair.strip()}' is not KEY=NUMBER; the keys are {names}"
-            ) from None
-    return from_tree(BodyUncertainty, tree, text, _WHOLE)

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.uncertainty import read_uncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import left_out_warning
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.known import Known
+from cpid_drake.identification.known import Known, read_uncertainty
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification

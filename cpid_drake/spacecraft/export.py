@@ -21,7 +21,7 @@ from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInsta
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import forward_kinematics
-from cpid_drake.dynamics.momentum import angular_momenta, linear_momentum
+from cpid_drake.dynamics.momentum import momenta
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import draft_of
@@ -307,5 +307,5 @@ def _check_attached(
 def _momenta(tree: KinematicTree, **motion: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Return linear momentum, angular momentum about C, and pose of C."""
     bodies, capture = forward_kinematics(tree, **motion)
-    L = angular_momenta(tree, bodies, capture.p_WC).sum(axis=0)
-    return [linear_momentum(tree, bodies), L, capture.p_WC, capture.R_WC]
+    P, L = momenta(tree, bodies, capture.p_WC)
+    return [P.sum(axis=0), L.sum(axis=0), capture.p_WC, capture.R_WC]

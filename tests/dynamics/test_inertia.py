@@ -9,7 +9,6 @@ from cpid_drake.dynamics.parameterizations import (
     EQ18,
     STANDARD,
     point_mass_inertia,
-    pseudo_inertia_to_standard,
     relative_parameterization,
     standard_to_pseudo_inertia,
     tensor_to_vector,
@@ -22,7 +21,9 @@ def pseudo_inertia(body: InertialParameters) -> np.ndarray:
 
 
 def body_of(pseudo: np.ndarray) -> InertialParameters:
-    return InertialParameters.from_standard_vector(pseudo_inertia_to_standard(pseudo))
+    inertia = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+    phi = [pseudo[3, 3], *pseudo[3, :3], *tensor_to_vector(inertia)]
+    return InertialParameters.from_standard_vector(phi)
 
 
 def random_body(rng: np.random.Generator) -> InertialParameters:

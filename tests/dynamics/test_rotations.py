@@ -6,15 +6,13 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import (
     cross,
-    exp,
+    exponentials,
     product,
     quaternion_rate,
-    quaternion_to_matrix,
     right_jacobian,
     rotate_about_axis,
     rotate_by_quaternion,
     skew,
-    unskew,
 )
 
 
@@ -22,7 +20,6 @@ def test_cross_products_agree_with_numpy():
     a, b = np.random.default_rng(90).normal(size=(2, 4, 5, 3))
     np.testing.assert_allclose(cross(a, b), np.cross(a, b), rtol=0, atol=1e-15)
     np.testing.assert_allclose((skew(a) @ b[..., None])[..., 0], np.cross(a, b), atol=1e-15)
-    np.testing.assert_array_equal(unskew(skew(a)), a)
 
 
 def test_a_product_with_a_constant_is_the_product_of_each_sample():
@@ -32,9 +29,9 @@ def test_a_product_with_a_constant_is_the_product_of_each_sample():
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-9, 9e-4, 1.1e-3, 0.1, 0.5, 3.0, 3.14])
-def test_exp_agrees_with_scipy(size):
+def test_exponentials_agree_with_scipy(size):
     axis = np.array([0.6, -0.48, 0.64])
-    R = exp(size * axis)
+    R = exponentials(size * axis)
     np.testing.assert_allclose(R, Rotation.from_rotvec(size * axis).as_matrix(), atol=1e-15)
 
 
@@ -45,10 +42,6 @@ def test_quaternions_of_any_norm_rotate_as_scipys():
     rotations = Rotation.from_quat(quaternions, scalar_first=True)
     found = rotate_by_quaternion(quaternions, vectors)
     np.testing.assert_allclose(found, rotations.apply(vectors), rtol=0, atol=1e-14)
-    for quaternion, rotation in zip(quaternions, rotations):
-        np.testing.assert_allclose(
-            quaternion_to_matrix(quaternion), rotation.as_matrix(), rtol=0, atol=1e-15
-        )
 
 
 def test_quaternion_rate_is_the_derivative_of_a_turn_about_body_axes():

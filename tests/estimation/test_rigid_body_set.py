@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.parameterizations import (
     parameters_to_eq18,
     parameters_to_standard,
-    pseudo_inertia_to_standard,
     relative_parameterization,
     standard_to_parameters,
+    tensor_to_vector,
 )
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
@@ -25,8 +25,9 @@ FORMS = {
 
 def points(masses, places) -> np.ndarray:
     """Return π (10,) of point masses: any rigid body is a limit of these."""
-    p = np.column_stack([places, np.ones(len(places))])
-    return standard_to_parameters(pseudo_inertia_to_standard((p.T * masses) @ p))
+    second = (np.transpose(places) * masses) @ places
+    moments = tensor_to_vector(np.trace(second) * np.eye(3) - second)
+    return standard_to_parameters([np.sum(masses), *(np.asarray(masses) @ places), *moments])
 
 
 def random_body(rng, size: float = 1.0) -> np.ndarray:
