@@ -29,7 +29,7 @@ from cpid_drake.dynamics.parameterizations import (
     second_moment,
     vector_to_tensor,
 )
-from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
+from cpid_drake.dynamics.rotations import exponentials, right_jacobian, rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 
@@ -123,31 +123,26 @@ def body_sensitivity(
     `joint_sensitivity`.
     """
     tree, bodies = outboard.tree, outboard.bodies
-    total = tree.mass
-    rho = dynamics.com(psi)
-    momenta, shifts = [], []
+    total, rho, K, N = tree.mass, dynamics.com(psi), len(errors), len(dynamics.s)
+    dtype = bodies.v.dtype
+    momentum, com = np.zeros((N, 6, K, 10), dtype), np.zeros((N, 3, K, 10), dtype)
     for k, (body, error) in enumerate(zip(tree.bodies, errors)):
         R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
-        nominal = body.mass / (1 + error[0])
-        dP = [nominal * v]
-        dL = [cross(r, dP[0])]
-        axes, stretches = error_directions(tree, k)
+        nominal, mass = body.mass / (1 + error[0]), body.mass
+        axes_B, stretches = error_directions(tree, k)
+        axes = R @ axes_B.T
+        dP, dL, shift = np.zeros((3, N, 3, 10), dtype)
+        dP[..., 0], dP[..., 1:4] = nominal * v, mass * skew(w) @ axes
+        dL[:] = skew(r) @ dP
+        dL[..., 1:4] -= mass * skew(v) @ axes
         present = np.eye(3) + np.tensordot(error[4:], stretches, axes=1)
-        shift = [nominal / total * (r - rho)]
-        for axis in np.moveaxis(R @ axes.T, -1, 0):
-            dP.append(body.mass * cross(w, axis))
-            dL.append(body.mass * cross(axis, v) + cross(r, dP[-1]))
-            shift.append(body.mass / total * axis)
-        for stretch in stretches @ np.linalg.inv(present):
-            change = stretched_inertia_rate(body.I_BBcm, stretch)
-            dL.append(rotate(R, rotate(np.swapaxes(R, -1, -2), w) @ change))
-            dP.append(np.zeros_like(v))
-            shift.append(np.zeros_like(v))
-        momenta.append(np.concatenate([np.stack(dL, -1), np.stack(dP, -1)], axis=1))
-        shifts.append(np.stack(shift, -1))
-    return _motion_sensitivity(
-        np.concatenate(momenta, axis=-1), np.concatenate(shifts, axis=-1), psi, dynamics
-    )
+        sigma, w_B = second_moment(body.I_BBcm), rotate(np.swapaxes(R, -1, -2), w)
+        for i, E in enumerate(stretches @ np.linalg.inv(present)):
+            change = inertia_of_second_moment(E @ sigma + sigma @ E.T)
+            dL[..., 4 + i] = rotate(R, w_B @ change)
+        shift[..., 0], shift[..., 1:4] = nominal / total * (r - rho), mass / total * axes
+        momentum[:, :, k], com[:, :, k] = np.concatenate([dL, dP], axis=1), shift
+    return _motion_sensitivity(momentum.reshape(N, 6, -1), com.reshape(N, 3, -1), psi, dynamics)
 
 
 def uncertain_sensitivity(
@@ -278,14 +273,6 @@ def displaced(
         bodies[k] = replace(body, p_PF=body.p_PF + error[:3], R_PF=body.R_PF @ turn)
     p_BC, R_BC = tree.p_BC + tree.R_BC @ grasp[:3], tree.R_BC @ exponentials(grasp[3:])
     return replace(tree, bodies=tuple(bodies), p_BC=p_BC, R_BC=R_BC)
-
-
-def stretched_inertia_rate(
-    inertia: NDArray[np.float64], E: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return dI (3, 3) for the change EΣ + ΣEᵀ of the second moment Σ = ½tr(I)1 − I."""
-    sigma = second_moment(inertia)
-    return inertia_of_second_moment(E @ sigma + sigma @ E.T)
 
 
 def _scaled(by: MotionSensitivity, sigmas: NDArray[np.float64]) -> MotionSensitivity:
