@@ -23,8 +23,17 @@ import pdoc.render
 import pdoc.render_helpers
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "cpid_drake/README.md", "diagrams/README.md", "models/**/README.md")
-DRAKE = ("common.schema", "geometry", "multibody.parsing", "multibody.plant", "systems.analysis")
+PAGES = (
+    "README.md",
+    "cpid_drake/README.md",
+    "diagrams/README.md",
+    "docs/*.md",
+    "models/**/README.md",
+)
+DRAKE = (
+    *("common.schema", "geometry", "multibody.parsing", "multibody.plant"),
+    *("systems.analysis", "systems.primitives"),
+)
 NAME = r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*"
 REFERENCE = re.compile(rf"(?<!`)`({NAME})(?:\([^`]*\))?`(?!`)")
 LINK = re.compile(r"(?<!`)\[[^]]*]\(([^)#\s]+)[^)]*\)|(?:src|href)=\"([^\"#]+)")

@@ -1,23 +1,51 @@
-"""The Diagram of README.md is diagrams/identify.py, and it identifies."""
+"""The README: its Diagram is diagrams/identify.py, its command prints what it shows."""
 
 import re
 import runpy
+import shlex
+import subprocess
+import sys
 
 import numpy as np
+import pytest
 from processes import ROOT
 
+README = (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", ROOT / "diagrams/README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
-def test_the_diagram_of_the_readme_is_the_script_and_identifies_the_target(capsys):
-    """Each parameter within 4 σ, and σ as small as the README says."""
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_is_short_and_its_links_lead_somewhere(page):
+    text = page.read_text()
+    assert len(text.splitlines()) <= 130
+    for link in re.findall(r"(?<!`)\[[^]]*\]\((?!https?:|#)([^)#]+)", text):
+        assert (page.parent / link).exists(), link
+
+
+def test_the_diagram_is_the_script_and_identifies_the_target():
+    """Each parameter within 4 σ, and the mass to 0.01 kg (1 σ)."""
     script = ROOT / "diagrams/identify.py"
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
-    [diagram] = [each for each in blocks if "DiagramBuilder()" in each]
+    [diagram] = re.findall(r"```python\n(.*?)```", README, re.S)
     assert script.read_text().endswith(diagram)
-    assert len(script.read_text().splitlines()) <= 100
     names = runpy.run_path(str(script))
     found, truth = names["found"], names["tank"].to_vector()
-    assert (np.abs(found.parameters - truth) < 4 * names["sigma"]).all()
-    assert names["sigma"][0] < 0.01
-    log = names["state_log"].FindLog(names["root_context"])
-    assert log.sample_times()[-1] == 10.0
-    assert "determine 10 of 10" in capsys.readouterr().out
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert (np.abs(found.parameters - truth) < 4 * sigma).all()
+    assert sigma[0] < 0.01
+    assert names["state_log"].FindLog(names["root_context"]).sample_times()[-1] == 10.0
+
+
+def test_the_command_prints_what_the_readme_shows(tmp_path):
+    block, shown = re.search(
+        r"```sh\n(\.venv/bin/cpid .*?)```\n\n```\n(.*?)```", README, re.S
+    ).groups()
+    _, *arguments = shlex.split(block.replace("\\\n", " "))
+    arguments = [str(ROOT / each) if each.startswith("models/") else each for each in arguments]
+    arguments = (
+        arguments[: arguments.index("--report")] + arguments[arguments.index("--report") + 2 :]
+    )
+    command = [sys.executable, "-m", "cpid_drake", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    assert set(shown.splitlines()) <= set(done.stdout.splitlines())
+    assert (tmp_path / "bag.json").is_file()

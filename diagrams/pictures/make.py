@@ -35,7 +35,7 @@ def cpid(*arguments: object) -> str:
 
 def identify(folder: Path) -> None:
     """Draw the Diagram of `identify.py` with the ports that are connected; needs Graphviz."""
-    diagram = runpy.run_path(str(HERE.parent / "identify.py"))["diagram"]
+    diagram = runpy.run_path(str(HERE.parent / "identify.py"))["simulator"].get_system()
     edges, ports = [], {}
     for (reader, in_index), (writer, out_index) in diagram.connection_map().items():
         names = [reader.get_name(), writer.get_name()]

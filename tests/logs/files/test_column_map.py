@@ -5,13 +5,13 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 import yaml
+from processes import ROOT
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, read_telemetry
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.files import FORMATS, inspect_telemetry
-from cpid_drake.resources import models_directory
 from cpid_drake.sensors.sensors import SENSORS
 
 POINT = np.array([0.3, -0.2, 0.5])
@@ -153,7 +153,7 @@ def test_frames_and_stamps_of_two_columns_are_times(tmp_path, motion):
 
 
 def test_the_map_in_the_documentation_has_every_key(tmp_path):
-    page = (models_directory() / "telemetry/README.md").read_text()
+    page = (ROOT / "docs/how-to-columns.md").read_text()
     text = page.split("```yaml\n")[1].split("```")[0]
     column_map = load_column_map(mapped(tmp_path, text.replace("unit: ns #", "unit: s #")))
     given = yaml.safe_load(text)
