@@ -180,10 +180,10 @@ class TestNoisyLogs:
 ROLL = np.array([0.0, 0.0, 0.0, 1.0])
 
 WRONG = {
-    "q in degrees": ({"encoders": np.degrees}, "the joint positions are in degrees"),
+    "q in degrees": ({"encoders": np.degrees}, "q:<joint> is in degrees"),
     "gyro in degrees": ({"gyro": np.degrees}, "angular_velocity.unit: deg/s"),
     "position in millimetres": ({"position": lambda p: 1000 * p}, "position.unit: mm"),
-    "rates of the wrong sign": ({"joint_rates": np.negative}, "joint rates have the opposite sign"),
+    "rates of the wrong sign": ({"joint_rates": np.negative}, "with the opposite sign"),
     "attitude of W in B": ({"attitude": lambda q: q * [1, -1, -1, -1]}, "attitude.direction: R_BW"),
 }
 """One of each kind; the tests of logs have the others."""

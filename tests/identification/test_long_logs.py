@@ -33,7 +33,7 @@ def test_a_log_is_checked_to_its_end(craft):
     log = log_of(exact(craft))
     degrees = Samples(log.encoders.time, np.degrees(log.encoders.value))
     failures = identify(craft, log.updated({"encoders": degrees})).failures
-    assert any("joint positions are in degrees" in failure for failure in failures)
+    assert any("q:<joint> is in degrees" in failure for failure in failures)
     renamed = Measurements(("other", *log.joint_names[1:]), log.samples)
     with pytest.raises(InputError, match=r"no column 'q:\w+'; .* the log's are 'other', "):
         identify(craft, renamed)
@@ -63,7 +63,7 @@ def test_the_part_in_which_the_arm_moves_is_checked(craft):
     rates = Samples(log.joint_rates.time, np.degrees(log.joint_rates.value))
     wrong = log.updated({"joint_rates": rates})
     found = check_log(craft, wrong)
-    assert any("joint rates are in degrees" in failure for failure in found.failures)
+    assert any("qd:<joint> is in degrees" in failure for failure in found.failures)
 
 
 @pytest.mark.slow

@@ -96,11 +96,11 @@ SPOILED_STATES = {
     "velocity is in degrees per second": ("gyro", lambda c, m: m.gyro.value * DEGREES),
     "velocity is in revolutions": ("gyro", lambda c, m: m.gyro.value * 30 / np.pi),
     "expressed in W's axes": ("gyro", lambda c, m: attitudes(m, "gyro").apply(m.gyro.value)),
-    "joint rates are in degrees": (
+    "qd:<joint> is in degrees per second": (
         "joint_rates",
         lambda c, m: m.joint_rates.value * turning(c, DEGREES),
     ),
-    "wheels' joint rates are in revolutions": (
+    "qd:<wheel> is in revolutions per minute": (
         "joint_rates",
         lambda c, m: m.joint_rates.value * wheels(c, 30 / np.pi),
     ),

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.logs.alternatives import alternatives
 from cpid_drake.logs.column_map import ColumnMap, with_entries
-from cpid_drake.logs.conventions import alternatives
 from cpid_drake.logs.conversion import read_columns
 from cpid_drake.logs.guess.names import unit_of
 from cpid_drake.logs.guess.raw_log import RawLog

@@ -1,0 +1,337 @@
+"""The other conventions in which a log could be read, as maps of columns and as what it then says.
+
+Each differs from the given map in one convention: a unit, an order or a direction of the attitude,
+axes, a sign, the clock, or which joint is which. Attitude and gyro are one convention, since only
+together they agree.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations, permutations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.logs.column_map import QUATERNION_ORDERS, ColumnMap, scale_of
+from cpid_drake.logs.score import Instants, centre_of_mass
+
+FAR = 0.05
+"""Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""
+
+_WORDS = {
+    **{"mm": "millimetres", "cm": "centimetres", "km": "kilometres", "m": "metres"},
+    **{"in": "inches", "ft": "feet", "deg": "degrees", "rad": "radians", "mrad": "milliradians"},
+    **{"rpm": "revolutions per minute", "s": "seconds", "ms": "milliseconds"},
+    **{"us": "microseconds", "ns": "nanoseconds"},
+}
+_LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s", "ft/s")
+_ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
+
+Array = NDArray[np.float64]
+Change = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """A log read in one other convention.
+
+    Attributes:
+        text: what is then wrong in the log as read, in words.
+        log: what the log then says.
+        tree: the known spacecraft.
+        entries: by key of the map of columns, with dots, the values that read the log so; empty if
+            no map can.
+
+    """
+
+    text: str
+    log: Instants
+    tree: KinematicTree | None
+    entries: Mapping[str, Any]
+
+    @property
+    def is_point(self) -> bool:
+        """Whether the position is that of another point, and nothing else is different."""
+        return [*self.entries] == ["position.point_B"]
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, and the remedy."""
+        if not self.entries:
+            return self.text
+        remedy = ", ".join(f"{key}: {_plain(value)}" for key, value in self.entries.items())
+        return f"{self.text} ({remedy} in a map of columns)"
+
+
+def alternatives(
+    given: Instants, names: tuple[str, ...], tree: KinematicTree | None, column_map: ColumnMap
+) -> Iterator[Alternative]:
+    """Yield the log in every other convention.
+
+    Args:
+        given: what the log says as read.
+        names: the joints.
+        tree: the known spacecraft; None if it is not known.
+        column_map: the map it is read with.
+
+    """
+    for text, log, entries in (
+        *_clocks(given, column_map),
+        *_joints(given, names, tree, column_map),
+        *_attitudes(given, column_map),
+        *_axes(given, column_map),
+        *_places(given, tree, column_map),
+    ):
+        yield Alternative(text, log, tree, entries)
+    for k, body in enumerate(() if tree is None else tree.bodies):
+        if tree is not None and body.parent >= 0 and k != tree.capture_body:
+            held = replace(tree, capture_body=k, R_BC=np.eye(3), p_BC=np.zeros(3))
+            text = f"the body '{body.name}' of the model, not the capture frame, holds the target"
+            yield Alternative(text, given, held, {})
+
+
+Reading = tuple[str, Instants, Mapping[str, Any]]
+"""What is wrong, what the log then says, and the entries of the map."""
+
+
+def _changed(given: Instants, **changes: Change) -> Instants:
+    """Return what a log says with changed quantities; q, p, quaternion with their derivatives."""
+    new: dict[str, Any] = {}
+    for name, change in changes.items():
+        for each in (name, f"{name}_rate") if name in ("q", "p", "quaternion") else (name,):
+            value = getattr(given, each)
+            new[each] = None if value is None else change(value)
+    return replace(given, **new)
+
+
+def _units(
+    given: Instants, text: str, key: str, now: str, units: tuple[str, ...], *quantities: str
+) -> Iterator[Reading]:
+    """Yield quantities in other units than now."""
+    for unit in units:
+        if unit != now:
+            scaled = partial(np.multiply, scale_of(unit) / scale_of(now))
+            log = _changed(given, **dict.fromkeys(quantities, scaled))
+            yield f"{text} in {_word(unit)}", log, {key: unit}
+
+
+def _word(unit: str) -> str:
+    return _WORDS[unit.removesuffix("/s")] + (" per second" if "/" in unit else "")
+
+
+def _clocks(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
+    now = column_map.time.unit
+    for unit in ("s", "ms", "us", "ns") if now != "frame" else ():
+        if unit != now:
+            size, log = scale_of(unit) / scale_of(now), given
+            rates = ("q_rate", "p_rate", "quaternion_rate")
+            log = _changed(given, **dict.fromkeys(rates, partial(np.multiply, 1 / size)))
+            text = f"positions and rates agree if the time is in {_WORDS[unit]}"
+            yield text, replace(log, time=size * given.time), {"time.unit": unit}
+
+
+def _joints(
+    given: Instants, names: tuple[str, ...], tree: KinematicTree | None, column_map: ColumnMap
+) -> Iterator[Reading]:
+    """Yield units and signs of all turning joints, of all wheels and of each joint; exchanges."""
+    at, rate_at, count = column_map.joint_positions, column_map.joint_rates, len(names)
+    rotors, sliding = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    if tree is not None:
+        rotors[:] = [tree.is_rotor(k) for k in range(count)]
+        sliding[[body.joint for body in tree.bodies if body.joint >= 0 and body.prismatic]] = True
+    groups = [("<joint>", ~sliding), ("<wheel>", rotors)]
+    groups += [(name, np.arange(count) == k) for k, name in enumerate(names)]
+    for label, chosen in groups:
+        if not chosen.any():
+            continue
+        which = np.flatnonzero(chosen)
+        first, slides = names[which[0]], bool(sliding[which[0]])
+        keys = ["unit"] if label == "<joint>" else [f"units.{names[k]}" for k in which]
+        now = at.units.get(first, "m" if slides else at.unit)
+        rate_now = rate_at.units.get(first, "m/s" if slides else rate_at.unit)
+        for unit in _LENGTHS if slides else _ANGLES:
+            scaled = partial(np.multiply, np.where(chosen, scale_of(unit) / scale_of(now), 1.0))
+            entries = {f"joint_positions.{key}": unit for key in keys}
+            if unit != now and label != "<wheel>":  # the angle of a wheel has no effect
+                yield f"q:{label} is in {_word(unit)}", _changed(given, q=scaled), entries
+                entries = {**entries, **{f"joint_rates.{key}": f"{unit}/s" for key in keys}}
+                both = _changed(given, q=scaled, qdot=scaled)
+                if given.qdot is not None:
+                    yield f"q:{label} and qd:{label} are in {_word(unit)}", both, entries
+        for unit in (_SPEEDS if slides else _TURNS) if given.qdot is not None else ():
+            size = np.where(chosen, scale_of(unit) / scale_of(rate_now), 1.0)
+            entries = {f"joint_rates.{key}": unit for key in keys}
+            log = _changed(given, qdot=partial(np.multiply, size))
+            if unit != rate_now:
+                yield f"qd:{label} is in {_word(unit)}", log, entries
+        signs = partial(np.multiply, np.where(chosen, -1.0, 1.0))
+        if given.qdot is not None:
+            text = f"qd:{label} is the rate of q:{label} with the opposite sign"
+            yield text, _changed(given, qdot=signs), {}
+        if label in names and not rotors[which[0]]:
+            text = f"q:{label} has the opposite sign of the model's joint"
+            yield text, _changed(given, q=signs, qdot=signs), {"reversed_joints": [label]}
+    moving, orders = np.flatnonzero(~rotors).tolist(), {}
+    for a, b in combinations(moving, 2):
+        order = list(range(count))
+        order[a], order[b] = b, a
+        orders[f"the joints q:{names[a]} and q:{names[b]} are exchanged"] = order
+    if count > 2 and count % 2 == 0 and len(moving) == count:
+        half = count // 2
+        text = f"the joints {names[0]} … and {names[half]} … of two arms are exchanged"
+        orders[text] = [*range(half, count), *range(half)]
+    for text, order in orders.items():
+        pick = partial(np.take, indices=order, axis=1)
+        yield text, _changed(given, q=pick, qdot=pick), {}
+
+
+def _attitudes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
+    """Yield orders and directions of the attitude with units and frames of the gyro."""
+    at, gyro, w_B = column_map.attitude, column_map.angular_velocity, given.w_B
+    is_plain = at.order in QUATERNION_ORDERS and np.array_equal(at.R_BS, np.eye(3))
+    frame_now = "world" if gyro.frame == "world" else "body"
+    orders: tuple[str, ...] = QUATERNION_ORDERS if is_plain else (at.order,)
+    directions: tuple[str, ...] = ("R_WB", "R_BW")
+    frames: tuple[str, ...] = ("body", "world") if w_B is not None else (frame_now,)
+    if given.quaternion is None:
+        orders, directions, frames = (at.order,), (at.direction,), (frame_now,)
+    logged = w_B
+    if w_B is not None and frame_now == "world":
+        logged = rotate(given.R_WB, w_B)
+    for order, direction, frame, unit in product(
+        orders, directions, frames, _TURNS if w_B is not None else (gyro.unit,)
+    ):
+        texts, entries = [], {}
+        if order != at.order:
+            entries["attitude.order"] = order
+            texts.append(f"the quaternion is in the order {', '.join(order)}")
+        if direction != at.direction:
+            entries["attitude.direction"] = direction
+            texts.append(f"the attitude is that of {direction}, not of {at.direction}")
+        if frame != frame_now:
+            entries["angular_velocity.frame"] = frame
+            axes = "W's axes, not in B's" if frame == "world" else "B's axes, not in W's"
+            texts.append(f"the angular velocity is expressed in {axes}")
+        if unit != gyro.unit:
+            entries["angular_velocity.unit"] = unit
+            texts.append(f"the angular velocity is in {_word(unit)}")
+        if not entries:
+            continue
+        reordered = partial(_reordered, now=at.order, order=order, turns=direction != at.direction)
+        log = _changed(given, quaternion=reordered)
+        if logged is not None:
+            R_BW = np.swapaxes(log.R_WB, 1, 2)
+            w = rotate(R_BW, logged) if frame == "world" else logged
+            log = replace(log, w_B=scale_of(unit) / scale_of(gyro.unit) * w)
+        yield "; and ".join(texts), log, entries
+
+
+def _axes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
+    """Yield other axes of attitude, gyro and position, and mirrored logs."""
+    if given.quaternion is None:
+        return
+    at, gyro = column_map.attitude.R_BS, column_map.angular_velocity.R_BS
+    has_place = given.p is not None or given.v is not None
+    for axes, M in _signed_axes():
+        names = f"{', '.join(axes)} are x, y, z"
+        in_axes = partial(rotate, M)
+        turned = _changed(given, w_B=in_axes)
+        entries = {"angular_velocity.R_BS": (M @ gyro).tolist()} if given.w_B is not None else {}
+        if entries:
+            yield f"the gyro has other axes than the base: its {names}", turned, entries
+        if np.linalg.det(M) > 0:
+            text = "attitude and angular velocity belong to other axes of the base than the model's"
+            turn = Rotation.from_matrix(M).inv().as_quat(scalar_first=True)
+            log = _changed(turned, quaternion=partial(_product, b=turn))
+            yield f"{text}: their {names}", log, {"attitude.R_BS": (M @ at).tolist(), **entries}
+        if has_place:
+            text = "the position is expressed in other axes than the attitude"
+            yield f"{text}: its {names}", _changed(given, p=in_axes, v=in_axes), {}
+    for k, name in enumerate("xyz" if has_place else ""):
+        mirror = np.where(np.arange(3) == k, -1.0, 1.0)
+        changes = dict.fromkeys(("p", "v"), partial(np.multiply, mirror))
+        changes["quaternion"] = partial(np.multiply, np.append(1.0, -mirror))
+        changes["w_B"] = partial(np.multiply, -mirror)
+        text = f"the axes are left-handed: the log is mirrored along {name}"
+        yield text, _changed(given, **changes), {}
+
+
+def _places(
+    given: Instants, tree: KinematicTree | None, column_map: ColumnMap
+) -> Iterator[Reading]:
+    """Yield units, points and frames of the position and the velocity."""
+    at, speed = column_map.position, column_map.velocity
+    R_WB, p, spin = given.R_WB, given.p, given.turning
+    text = "the position is"
+    scaled = [("", given, {}), *_units(given, text, "position.unit", at.unit, _LENGTHS, "p")]
+    for unit, log, entries in scaled if p is not None else ():
+        if unit:
+            unit += ", or masses of the model are wrong"
+            yield unit, log, entries
+        found = None
+        if tree is not None and spin is not None:
+            found = centre_of_mass(log, tree, has_free_point=True)
+        if found is None or not found.is_possible:
+            continue
+        if spin is None or np.linalg.norm(found.point_B) < FAR * found.reach:
+            continue
+        place = np.round(at.point_B + found.point_B, 4).tolist()
+        of_point = (
+            f"the position is that of the point {_plain(place)} m in B instead of B's origin, or "
+            "the model's base has another mass or centre of mass"
+        )
+        assert log.p is not None
+        assert log.p_rate is not None
+        moved = replace(
+            log,
+            p=log.p - rotate(R_WB, found.point_B),
+            p_rate=log.p_rate - rotate(R_WB, np.cross(spin, found.point_B)),
+        )
+        texts = [unit, of_point] if unit else [of_point]
+        yield "; and ".join(texts), moved, {**entries, "position.point_B": place}
+    if p is not None and given.p_rate is not None and spin is not None:
+        in_W = rotate(R_WB, p), rotate(R_WB, given.p_rate + np.cross(spin, p))
+        text = "the position is expressed in B's axes: it must be in W's axes"
+        yield text, replace(given, p=in_W[0], p_rate=in_W[1]), {}
+    if given.v is None:
+        return
+    yield from _units(given, "the velocity is", "velocity.unit", speed.unit, _SPEEDS, "v")
+    if given.quaternion is not None:
+        is_in_W = speed.frame == "world"
+        text = f"the velocity is expressed in {'B' if is_in_W else 'W'}'s axes"
+        R = R_WB if is_in_W else np.swapaxes(R_WB, 1, 2)
+        entries = {"velocity.frame": "body" if is_in_W else "world"}
+        yield text, replace(given, v=rotate(R, given.v)), entries
+
+
+def _reordered(quaternion: Array, now: str, order: str, turns: bool) -> Array:
+    """Return quaternions or their rates as read in another order and direction."""
+    if order != now:  # the entries of the file: scalar first or last
+        quaternion = quaternion[:, [3, 0, 1, 2] if order == "xyzw" else [1, 2, 3, 0]]
+    return quaternion * [1.0, -1.0, -1.0, -1.0] if turns else quaternion
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Return quaternions a (N, 4), or their rates, times a constant one (4,)."""
+    vector = a[:, :1] * b[1:] + b[0] * a[:, 1:] + np.cross(a[:, 1:], b[1:])
+    return np.hstack([a[:, :1] * b[0] - a[:, 1:] @ b[1:, None], vector])
+
+
+def _signed_axes() -> Iterator[tuple[list[str], Array]]:
+    """Yield all other axes, and the matrix M with M v the vector v in these axes."""
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        M = np.zeros((3, 3))
+        M[range(3), order] = signs
+        if not np.array_equal(M, np.eye(3)):
+            yield [("-" if s < 0 else "") + "xyz"[k] for k, s in zip(order, signs)], M
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_plain, value)) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
