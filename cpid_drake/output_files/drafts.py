@@ -7,7 +7,7 @@ killed process leaves its draft, a hidden file whose name starts with `.cpid-dra
 import os
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
@@ -15,8 +15,6 @@ from cpid_drake.errors import InputError
 
 UNFINISHED = "UNFINISHED"
 """Name of the file in a folder whose files are not all from the same run."""
-
-_EXPLANATION = "The files here are from two runs: a command was stopped while it moved them.\n"
 
 
 @contextmanager
@@ -39,11 +37,9 @@ def draft_of(path: str | Path) -> Iterator[Path]:
             yield draft
             if place.exists():
                 shutil.copymode(place, draft)
-            _synchronize(draft)
             draft.replace(place)
         finally:
             draft.unlink(missing_ok=True)
-        _synchronize(place.parent)
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -75,19 +71,15 @@ def draft_folder(folder: str | Path, group: Sequence[str] = ()) -> Iterator[Path
     with _write_errors(folder):
         place = Path(os.path.realpath(folder))
         exists = place.is_dir()
-        if not exists:
-            place.parent.mkdir(parents=True, exist_ok=True)
+        place.parent.mkdir(parents=True, exist_ok=True)
         draft = (place if exists else place.parent) / _draft_name(place.name)
         draft.mkdir()
         try:
             yield draft
-            for file in draft.iterdir():
-                _synchronize(file)
             if exists:
                 _move_files(draft, place, group)
             else:
                 draft.replace(place)
-            _synchronize(place)
         except InputError as error:  # a file in the draft could not be written
             raise InputError(str(error).replace(str(draft), str(folder))) from error
         finally:
@@ -113,31 +105,16 @@ def _move_files(draft: Path, place: Path, group: Sequence[str]) -> None:
     for file in files:
         if (place / file.name).is_dir():
             raise IsADirectoryError(0, f"{file.name} is a folder")
-    with draft_of(place / UNFINISHED) as marker:
-        marker.write_text(_EXPLANATION, encoding="utf-8")
+    write_text(place / UNFINISHED, "A command was stopped while it moved files of two runs.\n")
     for name in set(group) - {file.name for file in files}:
         (place / name).unlink(missing_ok=True)
     for file in files:
         file.replace(place / file.name)
-    _synchronize(place)
     (place / UNFINISHED).unlink()
 
 
 def _draft_name(name: str) -> str:
     return f".cpid-draft-{uuid4().hex[:12]}-{name[-40:]}"
-
-
-def _synchronize(path: Path) -> None:
-    """Write a file, or the names in a folder, to the disk before anything else happens."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        if path.is_dir():
-            with suppress(OSError):  # some file systems cannot do it
-                os.fsync(descriptor)
-        else:
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 @contextmanager
