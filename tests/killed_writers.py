@@ -51,13 +51,13 @@ WRITERS = {
     for writer in (
         Writer(
             "json",
-            _with("log.csv", "--json", "r.json"),
+            _with("log.csv", "--json", "r.json", "--force"),
             _with("old.csv", "--json", "r.json"),
             (("r.json",),),
         ),
         Writer(
             "simulate",
-            ("simulate", "new.yaml", "--out", "run"),
+            ("simulate", "new.yaml", "--out", "run", "--force"),
             ("simulate", "old.yaml", "--out", "run"),
             (tuple(f"run/{name}" for name in _RUN),),
         ),

@@ -9,7 +9,7 @@ import typer
 from cpid_drake.commands.options import ForceOption, ResultArgument, log_console
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.output_files.overwriting import MODEL, Output, check_outputs
+from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.spacecraft.export import export_target
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -73,7 +73,7 @@ def export(
             capture_frame=source.capture_frame,
             packages=source.packages,
         )
-    check_outputs([Output("--out", out, MODEL)], [result, *found.files()], force=force)
+    check_outputs([("--out", out)], [result, *found.files()], force=force)
     written = export_target(
         target, out, format=format.value, spacecraft=spacecraft, name=name, overwrite=force
     )

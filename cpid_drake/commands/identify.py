@@ -7,7 +7,7 @@ import typer
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
-from cpid_drake.output_files.overwriting import PAGE, RESULT, Output, check_outputs
+from cpid_drake.output_files.overwriting import check_outputs
 
 NOT_ALL_KNOWN = 3
 """Exit code if the data do not determine all that can act on the motion."""
@@ -49,11 +49,8 @@ def identify(
     Exit codes: 0 all ten parameters are known, on a table the four that can be; 2 bad input or
     usage; 3 not all are determined; 4 a check failed: the first line says which.
     """
-    outputs = [
-        Output(option, path, kind)
-        for option, path, kind in (("--json", json_file, RESULT), ("--report", report, PAGE))
-        if path is not None
-    ]
+    given = (("--json", json_file), ("--report", report))
+    outputs = [(option, path) for option, path in given if path is not None]
     check_outputs(outputs, [*logs, *chosen.files()], force=force)
     requests = [chosen.request(each) for each in logs]
     console = options.log_console()

@@ -19,7 +19,7 @@ from cpid_drake.logs.guess.raw_log import read_raw
 from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import screen
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import LOGS, PNG, YAML, Output, check_outputs
+from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.report.log_contents import contents, draw_comparisons
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -54,7 +54,7 @@ def check(
     """
     if figure is not None:
         inputs = [file, *([] if reading.columns is None else [reading.columns])]
-        check_outputs([Output("--figure", figure, PNG)], inputs, force=force)
+        check_outputs([("--figure", figure)], inputs, force=force)
     spacecraft = craft.make() if craft.is_given else None
     joints = None if spacecraft is None else spacecraft.joint_names
     found = inspect_telemetry(file, topics=reading.topics(), columns=reading.columns, joints=joints)
@@ -123,7 +123,7 @@ def map_columns(
     the map, or an attitude, a unit or a direction is open.
     """
     if out is not None:
-        check_outputs([Output("--out", out, YAML)], [file, *craft.files()], force=force)
+        check_outputs([("--out", out)], [file, *craft.files()], force=force)
     known, spacecraft = craft.known(), craft.make()
     topics = options.ReadingOptions(topic=topic).topics()
     with prefix_errors(file):
@@ -163,9 +163,8 @@ def convert(
 
     Angular velocities are written in the body's axes, as gyros measure them.
     """
-    kind = next((k for k in LOGS if out.name.lower().endswith(k.endings)), LOGS[0])
     inputs = [file, *([] if reading.columns is None else [reading.columns])]
-    check_outputs([Output("--out", out, kind)], inputs, force=force)
+    check_outputs([("--out", out)], inputs, force=force)
     found = read_telemetry(
         file, leave_out_bad=leave_out_bad, topics=reading.topics(), columns=reading.columns
     )

@@ -74,8 +74,7 @@ ForceOption = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Replace files of another kind too, and YAML files and models. Inputs are never "
-        "replaced.",
+        help="Replace files that exist. Inputs are never replaced.",
     ),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors.")]

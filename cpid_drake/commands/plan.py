@@ -14,16 +14,7 @@ from rich.console import Console
 from cpid_drake.commands import options
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.output_files.drafts import draft_folder, write_text
-from cpid_drake.output_files.overwriting import (
-    CSV_LOG,
-    PAGE,
-    PNG,
-    YAML,
-    Kind,
-    Output,
-    check_folder,
-    check_outputs,
-)
+from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.planning import HIGHEST_FREQUENCY
 from cpid_drake.resources import find_scenario
 
@@ -139,8 +130,8 @@ def motion(
     path = find_scenario(scenario)
     if opportunistic is not None and duration is not None:
         raise InputError("give either --duration or --opportunistic")
-    outputs = [Output("--out", out, YAML)]
-    outputs += [] if report is None else [Output("--report", report, PAGE)]
+    outputs = [("--out", out)]
+    outputs += [] if report is None else [("--report", report)]
     check_outputs(outputs, [path, *([] if prior is None else [prior])], force=force)
     if front is not None:
         check_folder("--front", front, _front_files(), [path], force=force)
@@ -289,12 +280,12 @@ def _plan(
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
 
 
-def _front_files() -> list[tuple[str, Kind]]:
-    """Return the names and kinds of the files of a front."""
+def _front_files() -> list[str]:
+    """Return the names of the files of a front."""
     from cpid_drake.planning.pareto import POINTS
 
-    motions = [(f"motion_{k:02d}.yaml", YAML) for k in range(2 * POINTS + 1)]
-    return [("front.csv", CSV_LOG), ("front.png", PNG), *motions]
+    motions = [f"motion_{k:02d}.yaml" for k in range(2 * POINTS + 1)]
+    return ["front.csv", "front.png", *motions]
 
 
 def _plan_front(
@@ -359,7 +350,7 @@ def export(
 ) -> None:
     """Write a joint motion as CSV: time, positions, rates and accelerations of all joints."""
     path = find_scenario(scenario)
-    check_outputs([Output("--out", out, CSV_LOG)], [path, file], force=force)
+    check_outputs([("--out", out)], [path, file], force=force)
     from cpid_drake.planning.export import motion_table
     from cpid_drake.scenario.files import load_scenario
     from cpid_drake.scenario.joint_motions import MotionFile

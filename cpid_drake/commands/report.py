@@ -9,7 +9,7 @@ from cpid_drake.commands import options
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify_files import identify_files
 from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.output_files.overwriting import PAGE, PNG, SVG, Output, check_folder, check_outputs
+from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.report.figures import FIGURE_FILES, write_figures
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages.identification import identification_report
@@ -49,12 +49,11 @@ def report(
     if result is not None and chosen != options.LogOptions():
         raise InputError("--result has the options of its identification: give no others")
     sources: list[str | Path] = [each for each in (log, result, run) if each is not None]
-    pictures = [(name, PNG if name.endswith("png") else SVG) for name in FIGURE_FILES]
 
     def check(inputs: list[str | Path]) -> None:
-        check_outputs([Output("--out", out, PAGE)], inputs, force=force)
+        check_outputs([("--out", out)], inputs, force=force)
         if figures is not None:
-            check_folder("--figures", figures, pictures, inputs, force=force)
+            check_folder("--figures", figures, FIGURE_FILES, inputs, force=force)
 
     check([*sources, *chosen.files()])
     console = options.log_console(quiet)

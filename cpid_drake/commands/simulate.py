@@ -15,7 +15,7 @@ from cpid_drake.output_files.overwriting import check_folder
 from cpid_drake.resources import find_scenario
 from cpid_drake.scenario.files import files_of, load_scenario
 from cpid_drake.scenario.limits import LimitCheck, check_limits
-from cpid_drake.scenario.run_files import run_outputs, write_run
+from cpid_drake.scenario.run_files import RUN_FILES, write_run
 from cpid_drake.scenario.simulation import Simulation, make_simulation
 
 
@@ -49,7 +49,7 @@ def simulate(
         check_folder("--out", out, [], [path])
     loaded = load_scenario(path)
     if out is not None:
-        check_folder("--out", out, run_outputs(out), [path, *files_of(loaded)], force=force)
+        check_folder("--out", out, RUN_FILES, [path, *files_of(loaded)], force=force)
     log = options.log_console(quiet)
     with log.status("reading the model") as status:
         with prefix_errors(scenario):

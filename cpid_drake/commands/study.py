@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cpid_drake.commands import options
 from cpid_drake.errors import prefix_errors
 from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.output_files.overwriting import PNG, check_folder
+from cpid_drake.output_files.overwriting import check_folder
 from cpid_drake.report import accuracy_tables, paper_figures, paper_tables
 from cpid_drake.report.pages.study import (
     STUDY_FILES,
@@ -52,7 +52,7 @@ def paper(
     start = time.perf_counter()
     path = find_scenario(scenario)
     loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))
-    outputs = [*((f"{name}.png", PNG) for name in paper_figures.FIGURES), *STUDY_FILES]
+    outputs = [*(f"{name}.png" for name in paper_figures.FIGURES), *STUDY_FILES]
     check_folder("--out", out, outputs, [path, *files_of(loaded)], force=force)
     log = options.log_console(quiet)
     with log.status("simulating") as status:
@@ -104,7 +104,7 @@ def accuracy(
     loaded = load_scenario(path)
     suites = sensors or loaded.accuracy.presets
     outputs = [
-        *((f"{accuracy_tables.figure_name(name)}.png", PNG) for name in suites),
+        *(f"{accuracy_tables.figure_name(name)}.png" for name in suites),
         *STUDY_FILES,
     ]
     check_folder("--out", out, outputs, [path, *files_of(loaded), *suites], force=force)

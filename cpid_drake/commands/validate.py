@@ -16,7 +16,7 @@ from cpid_drake.identification.result_files import read_result
 from cpid_drake.identification.validation import POWER, Validation
 from cpid_drake.identification.validation import validate as validate_target
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import VALIDATION, Output, check_outputs
+from cpid_drake.output_files.overwriting import check_outputs
 
 
 @options.with_options
@@ -66,7 +66,7 @@ def validate(
     or usage; 4 the result is not valid.
     """
     inputs = [file for file in (result, log, sensors, part.columns) if file is not None]
-    outputs = [] if json_file is None else [Output("--json", json_file, VALIDATION)]
+    outputs = [] if json_file is None else [("--json", json_file)]
     check_outputs(outputs, inputs, force=force)
     found = read_result(result)
     if not found.sources:

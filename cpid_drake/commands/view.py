@@ -12,7 +12,7 @@ from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request
 from cpid_drake.identification.result import Identification
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import PAGE, Output, check_outputs
+from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.report.live_view import serve
 from cpid_drake.report.replay import estimate_text, record_simulation, replay_html
 from cpid_drake.report.run_folder import read_run
@@ -52,7 +52,7 @@ def view(
     Without a log, --scenario is simulated: live, or with --out as a replay. A log or a run is
     identified, and needs --out.
     """
-    outputs = [] if out is None else [Output("--out", out, PAGE)]
+    outputs = [] if out is None else [("--out", out)]
     if log is not None and run is not None:
         raise InputError("give one of LOG and --run FOLDER")
     if not 0.1 <= rate <= 5:
@@ -96,7 +96,7 @@ def _replay_log(request: Request, console: Console) -> tuple[str, str]:
 
 
 def _show_scenario(
-    name: str, outputs: list[Output], force: bool, rate: float, console: Console
+    name: str, outputs: list[tuple[str, Path]], force: bool, rate: float, console: Console
 ) -> tuple[str | None, str]:
     """Show a scenario live, or return its page; and return the estimate as text."""
     path, text = find_scenario(name), "no run"

@@ -28,7 +28,7 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, spline_basis
-from cpid_drake.logs.splines import DerivativeSamples
+from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -132,7 +132,7 @@ class JointSamples:
 
     start: float
     end: float
-    parts: list[DerivativeSamples]
+    parts: list[tuple[Samples, int, float]]
     values: NDArray[np.float64]
 
     @classmethod

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
@@ -31,6 +30,7 @@ from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.splines import in_gap, regression_spline
 
 MOMENTUM = "momentum"
 """Name of the comparison with the conservation of momentum."""
@@ -42,12 +42,10 @@ _FEWEST = 12  # samples of a sensor that is compared: a spline of degree 5 has a
 _MOST = 3000  # samples of a sensor in that part, evenly selected
 _INSTANTS = 200  # at which quantities are compared
 _EDGE = 0.05  # share of the part at each end where splines are less accurate
-_GAP = 3.0  # usual steps of samples above which a step is a gap, which no spline bridges
 _ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
 _RATES = ("gyro", "velocity", "joint_rates")
-_INTERVALS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
 
 Array = NDArray[np.float64]
 
@@ -177,7 +175,7 @@ def instants_of(log: Measurements) -> Instants | None:
     edge = _EDGE * (end - start)
     time = np.linspace(start + edge, end - edge, _INSTANTS)
     for samples in used.values():
-        time = time[~_in_gap(samples.time, time)]
+        time = time[~in_gap(samples.time, time)]
     if not (end > start and time.size >= _FEWEST):
         return None
 
@@ -201,32 +199,6 @@ def instants_of(log: Measurements) -> Instants | None:
         frozenset(moving),
         is_free,
     )
-
-
-def regression_spline(samples: Samples) -> BSpline:
-    """Return a quintic spline by least squares, with as many pieces as Akaike's criterion says.
-
-    Every piece holds about the same number of samples.
-    """
-    time, value = samples.time, samples.value
-    tiny = (1e-12 * np.abs(value).max(axis=0, initial=0.0)) ** 2 + 1e-300
-    best, least, worse = None, np.inf, 0
-    for pieces in _INTERVALS:
-        if best is not None and pieces + 5 > len(value) / 2:
-            break
-        breaks = np.quantile(time, np.linspace(0.0, 1.0, pieces + 1))
-        knots = np.concatenate([5 * [breaks[0]], breaks, 5 * [breaks[-1]]])
-        spline = make_lsq_spline(time, value, knots, 5)
-        variance = np.mean((value - spline(time)) ** 2, axis=0)
-        criterion = len(value) * np.log(variance + tiny).sum() + 2 * value.shape[1] * (pieces + 5)
-        if criterion < least:
-            best, least, worse = spline, criterion, 0
-        else:
-            worse += 1
-        if worse == 3:
-            break
-    assert best is not None
-    return best
 
 
 def compare(
@@ -420,14 +392,6 @@ def _continuous(name: str, samples: Samples) -> Samples:
     value = samples.value
     flips = np.sum(value[1:] * value[:-1], axis=1) < 0
     return Samples(samples.time, value * np.cumprod(np.append(1.0, 1 - 2.0 * flips))[:, None])
-
-
-def _in_gap(time: Array, at: Array) -> NDArray[np.bool_]:
-    """Return whether some times are between samples that are farther apart than most."""
-    steps = np.diff(time)
-    return np.asarray(steps > _GAP * np.median(steps))[
-        np.searchsorted(time[1:-1], at, side="right")
-    ]
 
 
 def _rms(values: Array) -> float:

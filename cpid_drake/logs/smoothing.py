@@ -1,49 +1,74 @@
 """Converts sensor samples of different rates to motion at common times, with its covariance.
 
-The method is regression splines, that is, least squares in a B-spline basis. Each knot interval
-contains about the same number of samples; Akaike's criterion chooses the number of intervals. Rates
-that no sensor measures are the derivatives of the splines.
+The method is regression splines: least squares in a B-spline basis of degree 5. Each piece holds
+about the same number of samples; Akaike's criterion chooses the number of pieces. Rates that no
+sensor measures are the derivatives of the splines. The attitude is the spline of the quaternion
+times the exponential of a spline, so that the base may turn by any angle. No times are in gaps of
+the samples.
 """
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+from scipy.sparse import block_array, csr_array, vstack
+from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import levelled
+from cpid_drake.dynamics.rotations import right_jacobian, rotate, skew
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.logs.attitude_smoothing import smooth_attitude
-from cpid_drake.logs.log import Measurements
-from cpid_drake.logs.smoothed_motion import ErrorBlock, SmoothedMotion
+from cpid_drake.logs.log import Measurements, Samples
 from cpid_drake.logs.splines import (
-    Basis,
-    SplineFit,
-    best_fit,
-    bridge_gaps,
-    fit_samples,
-    measured_by,
-    misfit_factor,
-    smooth_joints,
+    DEGREE,
+    basis,
+    best,
+    covariance,
+    in_gap,
+    knots_of,
+    regression_spline,
+    rows,
+    solve,
 )
-from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, SENSORS, VELOCITY
+from cpid_drake.sensors.sensors import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    JOINT_POSITIONS,
+    JOINT_RATES,
+    POSITION,
+    SENSORS,
+    VELOCITY,
+    sensors_of,
+)
 from cpid_drake.sensors.suite import SensorSuite
 
-WINDOW = 30.0
-"""Least length of the windows in which long logs are smoothed [s].
-
-The time for a window grows faster than its length.
-"""
+WINDOW, MARGIN = 30.0, 0.2
+"""Length of the windows in which logs of more than twice this length are smoothed [s], and the
+margin on each side as a share of it: the time for a window grows faster than its length."""
 
 FEWEST = 60
 """Least number of samples of the slowest required sensor in a window."""
 
-MARGIN = 0.2
-"""Margin on each side of a window, as a share of its length: several intervals between knots."""
+Array = NDArray[np.float64]
 
-LONGEST_WHOLE = 60.0
-"""Duration of logs that are smoothed as a whole [s]."""
+
+@dataclass(frozen=True, eq=False)
+class SmoothedMotion:
+    """Motion at N common times, and its errors.
+
+    Attributes:
+        telemetry: the motion.
+        covariance: (N, n, n) of attitude (3, right perturbation, in B), angular velocity (3, in B),
+            position (3) and velocity (3) in W, joint positions (J) and joint rates (J).
+        gyro_bias: (3,) estimated gyro bias, in B [rad/s].
+
+    """
+
+    telemetry: Telemetry
+    covariance: Array
+    gyro_bias: Array
 
 
 def smooth(
@@ -52,7 +77,7 @@ def smooth(
     times: ArrayLike | None = None,
     *,
     with_position: bool = True,
-    within: tuple[float, float] | None = None,
+    within: tuple[float, float] = (-np.inf, np.inf),
     normal_B: NDArray[np.float64] | None = None,
 ) -> SmoothedMotion:
     """Return the motion at common times, smoothed from samples of different rates.
@@ -61,7 +86,7 @@ def smooth(
         measurements: samples of the sensors; attitude, position and encoders are required. Samples
             of sensors that the suite lacks are left out.
         suite: the sensors' errors.
-        times: (N,) [s]; default: ten per second in the interval in which all sensors have samples.
+        times: (N,) [s]; default: ten per second where all sensors have samples.
         with_position: whether to compute the base's position and velocity, else they are zero.
         within: if no times are given, the interval [start, end) in which they must be [s].
         normal_B: (3,) normal in B of a table, whose tilt and height are then not smoothed but zero;
@@ -71,53 +96,64 @@ def smooth(
         InputError: too few samples of a required sensor, or no times inside the samples.
 
     """
-    measurements = measured_by(suite, measurements)
+    present = suite.present()
+    kept = {name: s for name, s in measurements.samples.items() if name in present}
+    log = Measurements(measurements.joint_names, kept)
     if normal_B is not None:
-        measurements = _in_plane(measurements, normal_B)
-    joints = smooth_joints(measurements, suite)
-    needed = {"attitude": measurements.attitude}
-    if with_position:
-        needed["position"] = measurements.position
-    for name, samples in needed.items():
-        if len(samples) < 4:
-            raise InputError(f"smoothing needs at least 4 samples of {name}, not {len(samples)}")
-    start = max(s.time[0] for s in (measurements.encoders, *needed.values()))
-    end = min(s.time[-1] for s in (measurements.encoders, *needed.values()))
-    if times is None and within is not None:
+        log = _in_plane(log, normal_B)
+    needed = [log.encoders, log.attitude, *([log.position] if with_position else [])]
+    for name, samples, least in zip(("encoders", "attitude", "position"), needed, (8, 4, 4)):
+        if len(samples) < least:
+            raise InputError(
+                f"smoothing needs at least {least} samples of {name}, not {len(samples)}"
+            )
+    start, end = max(s.time[0] for s in needed), min(s.time[-1] for s in needed)
+    if times is None:
         first, last = max(start, within[0]), min(end, within[1])
-        times = np.arange(np.ceil(first * 10), np.ceil(last * 10)) / 10
-        times = times[(times >= first) & (times <= last)]
-    elif times is None:
-        times = np.linspace(start, end, max(int(np.ceil((end - start) * 10)), 3) + 1)
+        grid = np.arange(np.ceil(first * 10), np.floor(last * 10) + 1) / 10
+        grid = grid[(grid >= first) & (grid <= end) & (grid < within[1])]
+        for samples in needed:
+            grid = grid[~in_gap(samples.time, grid)]
+        times = grid
     times = np.asarray(times, dtype=float)
     if not (len(times) and times[0] >= start - 1e-9 and times[-1] <= end + 1e-9):
         raise InputError(f"all sensors have samples from {start:g} to {end:g} s only")
-
-    # Shares of the three axes that vary: what a table holds must not decide on the splines.
-    about, along = (1.0, 1.0) if normal_B is None else (1 / 3, 2 / 3)
-    attitude, rate, attitude_error, bias = smooth_attitude(measurements, suite, times, about)
-    position, velocity = np.zeros((len(times), 3)), np.zeros((len(times), 3))
-    position_error: list[ErrorBlock] = []
+    joints = log.between(log.encoders.time[0], log.encoders.time[-1])
+    q, qdot, joint_errors = _smooth_vectors(
+        [
+            (joints[sensor.name], derivative, float(suite.sigmas(sensor.name)[0]))
+            for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES))
+            for sensor in sensors_of(quantity)
+            if len(joints[sensor.name])
+        ],
+        times,
+        finer=True,
+    )
+    attitude, w_B, attitude_errors, bias = _smooth_attitude(log, suite, times, normal_B)
+    N, J = q.shape
+    p_WB, v_WB, place_errors = np.zeros((N, 3)), np.zeros((N, 3)), np.zeros((N, 2, 2))
     if with_position:
-        position, velocity, position_error = _smooth_position(measurements, suite, times, along)
-    q, qdot, _ = np.moveaxis(joints.evaluate(times), 1, 0)
-    telemetry = Telemetry(
-        measurements.joint_names,
+        inside = log.between(log.position.time[0], log.position.time[-1])
+        sensors = [n for n in ("position", "velocity") if len(inside[n])]
+        parts = [(inside[n], int(n == "velocity"), suite.sigmas(n)[0]) for n in sensors]
+        p_WB, v_WB, place_errors = _smooth_vectors(parts, times, finer=normal_B is not None)
+    whole = np.zeros((N, 12 + 2 * J, 12 + 2 * J))
+    whole[:, :6, :6] = attitude_errors
+    for first, width, errors in ((6, 3, place_errors), (12, J, joint_errors)):
+        for k in range(first, first + width):
+            both = np.array([k, k + width])
+            whole[:, both[:, None], both] = errors
+    motion = Telemetry(
+        log.joint_names,
         times,
         quaternion_WB=attitude.as_quat(scalar_first=True),
-        p_WB=position,
-        w_WB=attitude.apply(rate),
-        v_WB=velocity,
+        p_WB=p_WB,
+        w_WB=attitude.apply(w_B),
+        v_WB=v_WB,
         q=q,
         qdot=qdot,
     )
-    J = q.shape[1]
-    support, basis = _values_and_rates(joints.basis, times)
-    joint_errors = [
-        ErrorBlock(np.array([12 + j, 12 + J + j]), support, basis, joints.covariance)
-        for j in range(J)
-    ]
-    return SmoothedMotion(telemetry, (attitude_error, *position_error, *joint_errors), bias)
+    return SmoothedMotion(motion, whole, bias)
 
 
 def smooth_windows(
@@ -129,9 +165,9 @@ def smooth_windows(
 ) -> Iterator[SmoothedMotion]:
     """Yield the motion of a log of any length, smoothed in windows; see `smooth`.
 
-    The time for a window does not depend on the length of the log. A window has a margin of samples
-    on both sides, because splines are less accurate near their ends. The gyro bias is estimated in
-    each window. Windows with too few samples of a required sensor are left out.
+    A window has a margin of samples on both sides, because splines are less accurate near their
+    ends. The gyro bias is estimated in each window. Windows with too few samples of a required
+    sensor are left out.
 
     Args:
         measurements: samples of the sensors.
@@ -144,16 +180,13 @@ def smooth_windows(
 
     """
     start, end = measurements.interval
-    if not end - start > LONGEST_WHOLE:
-        yield smooth(measurements, suite, with_position=with_position, normal_B=normal_B)
-        return
     needed = ["encoders", "attitude", *(["position"] if with_position else [])]
     steps = [np.median(np.diff(measurements[n].time)) for n in needed if len(measurements[n]) > 1]
     seconds = max(WINDOW, FEWEST * float(max(steps, default=0.0)))
-    refused: InputError | None = None
-    is_empty = True
-    for first in np.arange(start, end, seconds).tolist():
-        last = first + seconds if first + seconds < end else np.inf
+    starts = np.arange(start, end, seconds) if end - start > 2 * WINDOW else np.array([start])
+    refused, is_empty = None, True
+    for first in starts.tolist():
+        last = first + seconds if first < starts[-1] else np.inf
         around = measurements.between(first - MARGIN * seconds, last + MARGIN * seconds)
         try:
             motion = smooth(
@@ -172,7 +205,7 @@ def smooth_windows(
         raise refused
 
 
-def _in_plane(measurements: Measurements, normal_B: NDArray[np.float64]) -> Measurements:
+def _in_plane(measurements: Measurements, normal_B: Array) -> Measurements:
     """Return samples without their components out of the plane, which are noise."""
     samples = dict(measurements.samples)
     for name, given in samples.items():
@@ -186,36 +219,121 @@ def _in_plane(measurements: Measurements, normal_B: NDArray[np.float64]) -> Meas
     return Measurements(measurements.joint_names, samples)
 
 
-def _smooth_position(
-    measurements: Measurements, suite: SensorSuite, times: NDArray[np.float64], share: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[ErrorBlock]]:
-    """Return position and velocity in W and their errors, from samples of both."""
-    position, velocity = measurements.position, measurements.velocity
-    inside = (velocity.time >= position.time[0]) & (velocity.time <= position.time[-1])
-    velocity = velocity.where(inside)
-    rows = [(position, 0, suite.sigmas("position")[0])]
-    if len(velocity):
-        rows.append((velocity, 1, suite.sigmas("velocity")[0]))
+def _smooth_vectors(
+    parts: Sequence[tuple[Samples, int, float]], times: Array, *, finer: bool
+) -> tuple[Array, Array, Array]:
+    """Return values and rates (N, c) at times, and the covariance (N, 2, 2) of one channel.
 
-    def fit(intervals: int) -> SplineFit:
-        return fit_samples(Basis.through(position.time, intervals, 5), rows)
+    Args:
+        parts: samples of the values or of their derivatives, the order of the derivative, and σ;
+            first those of the values.
+        times: (N,) [s].
+        finer: see `best`.
 
-    samples = len(position) + len(velocity)
-    best = best_fit(fit, samples, share=share, finer=share < 1)
-    bridged, bridges = bridge_gaps(best.basis, best.coefficients)
-    if bridges:
-        best = fit_samples(bridged, [*rows, *bridges])
-    B, B_dot = best.basis(times), best.basis(times, 1)
-    support, basis = _values_and_rates(best.basis, times)
-    covariance = best.covariance * misfit_factor(best, 3 * samples, share)
-    blocks = [ErrorBlock(np.array([6 + i, 9 + i]), support, basis, covariance) for i in range(3)]
-    return B @ best.coefficients, B_dot @ best.coefficients, blocks
+    """
+    given, count = parts[0][0], sum(len(samples) for samples, _, _ in parts)
+    b = np.vstack([samples.value / sigma for samples, _, sigma in parts])
+    width = int(np.count_nonzero(b.any(axis=0)))  # what a table holds must not decide
+
+    def design(pieces: int) -> tuple[Array, csr_array]:
+        knots, blocks = knots_of(given.time, pieces), []
+        for samples, derivative, sigma in parts:
+            k, values = basis(knots, samples.time, derivative)
+            blocks.append(rows(k, values[:, None] / sigma, len(knots) - DEGREE - 1))
+        return knots, vstack(blocks).tocsr()
+
+    def fit(pieces: int) -> tuple[float, Array]:
+        x, chi = solve(design(pieces)[1], b)
+        return chi, x
+
+    pieces, x = best(fit, len(given), width, finer=finer)
+    knots, A = design(pieces)
+    chi = float(np.sum((A @ x - b) ** 2))
+    C = covariance(A, chi, (count - A.shape[1]) * width)
+    k = basis(knots, times)[0]
+    both = np.stack([basis(knots, times, nu)[1] for nu in (0, 1)], axis=1)
+    errors = both @ C[k[:, :, None], k[:, None]] @ np.swapaxes(both, 1, 2)
+    spline = BSpline(knots, x, DEGREE)
+    return spline(times), spline(times, 1), errors
 
 
-def _values_and_rates(
-    basis: Basis, times: NDArray[np.float64]
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the support (N, m) of a basis, and its values and their rates there (N, 2, m)."""
-    k = basis.support(times)
-    parts = [np.take_along_axis(basis(times, d), k, axis=1) for d in range(2)]
-    return k, np.stack(parts, axis=1)
+def _smooth_attitude(
+    log: Measurements, suite: SensorSuite, times: Array, normal_B: Array | None
+) -> tuple[Rotation, Array, Array, Array]:
+    """Return attitude, angular velocity in B, their covariance (N, 6, 6) and the gyro bias.
+
+    R_WB is a reference, the spline of the attitude's quaternions, times exp(r) with the spline r.
+    It follows the gyro, too: w = exp(−r) w_ref + Jr(r) ṙ, linearized in the small r.
+    """
+    attitude, gyro = log.attitude, log.gyro
+    gyro = gyro.where((gyro.time >= attitude.time[0]) & (gyro.time <= attitude.time[-1]))
+    if suite.attitude is None:
+        raise InputError("smoothing needs the errors of the attitude")
+    knot_times = gyro.time if len(gyro) > len(attitude) else attitude.time
+    flips = np.sum(attitude.value[1:] * attitude.value[:-1], axis=1) < 0
+    signs = np.cumprod(np.append(1.0, 1.0 - 2.0 * flips))[:, None]
+    path = regression_spline(Samples(attitude.time, attitude.value * signs))
+
+    def reference(at: Array) -> tuple[Rotation, Array]:
+        """Return attitude and angular velocity in B (N, 3)."""
+        q, rate = path(at), path(at, 1)
+        w, x, dw, dx = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
+        w_B = 2 * (w * dx - dw * x - np.cross(x, dx)) / np.sum(q**2, axis=1, keepdims=True)
+        return Rotation.from_quat(q, scalar_first=True), w_B
+
+    whiten = suite.attitude.R_BS.T / suite.sigmas("attitude")[:, None]
+    has_gyro = suite.gyro is not None and len(gyro) > 0
+    sigma = float(suite.sigmas("gyro")[0]) if has_gyro else 1.0
+    bias_row = 1 / max(suite.gyro.bias_sigma, 1e-8) if suite.gyro is not None and has_gyro else 1.0
+    R_ref, _ = reference(attitude.time)
+    _, w_ref = reference(gyro.time)
+    measured = Rotation.from_quat(attitude.value, scalar_first=True)
+    residual = (R_ref.inv() * measured).as_rotvec() @ whiten.T
+    b = np.concatenate([residual.ravel(), ((gyro.value - w_ref) / sigma).ravel(), np.zeros(3)])
+
+    def turned(knots: Array, at: Array, w: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return numbers (N, 3 m) and derivatives (N, 3, 3 m) of r and of w by its coefficients."""
+        k, values = basis(knots, at)
+        rates = basis(knots, at, 1)[1]
+        of_r = values[:, None, :, None] * np.eye(3)[:, None]
+        of_w = rates[:, None, :, None] * np.eye(3)[:, None]
+        of_w = of_w + values[:, None, :, None] * skew(w)[:, :, None]
+        flat = (3 * k[:, :, None] + np.arange(3)).reshape(len(at), 3 * (DEGREE + 1))
+        of_r, of_w = (each.reshape(len(at), 3, 3 * (DEGREE + 1)) for each in (of_r, of_w))
+        return flat, of_r, of_w
+
+    def design(pieces: int) -> tuple[Array, csr_array]:
+        knots = knots_of(knot_times, pieces)
+        size = 3 * (len(knots) - DEGREE - 1)
+        k, of_r, _ = turned(knots, attitude.time, np.zeros((len(attitude), 3)))
+        of_attitude = rows(k, whiten @ of_r, size)
+        k, _, of_w = turned(knots, gyro.time, w_ref)
+        of_gyro = rows(k, of_w / sigma, size)
+        biases = csr_array(np.tile(np.eye(3), (len(gyro), 1)) / sigma)
+        blocks = [
+            [of_attitude, None],
+            [of_gyro, biases],
+            [None, csr_array(bias_row * np.eye(3))],
+        ]
+        return knots, block_array(blocks, format="csr")
+
+    def fit(pieces: int) -> tuple[float, Array]:
+        x, chi = solve(design(pieces)[1], b[:, None])
+        return chi, x[:, 0]
+
+    width = 3.0 if normal_B is None else 1.0  # a base on a table turns about one axis
+    # Of one axis the criterion is less certain, and a bias is worse than noise.
+    first = len(path.t) - 2 * DEGREE - 1
+    samples = len(attitude) + len(gyro)
+    pieces, x = best(fit, samples, width, first=first, finer=normal_B is not None)
+    knots, A = design(pieces)
+    numbers = (len(attitude) + len(gyro)) * width - (A.shape[1] - 3) * width / 3
+    C = covariance(A, float(np.sum((A @ x - b) ** 2)), numbers)
+    spline = BSpline(knots, x[:-3].reshape(-1, 3), DEGREE)
+    R, w_B = reference(times)
+    r, rate = spline(times), spline(times, 1)
+    w_B = Rotation.from_rotvec(r).inv().apply(w_B) + rotate(right_jacobian(r), rate)
+    k, of_r, of_w = turned(knots, times, w_B)
+    both = np.concatenate([of_r, of_w], axis=1)
+    errors = both @ C[k[:, :, None], k[:, None]] @ np.swapaxes(both, 1, 2)
+    return R * Rotation.from_rotvec(r), w_B, errors, x[-3:]

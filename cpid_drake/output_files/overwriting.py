@@ -39,7 +39,8 @@ def check_outputs(
             if not path.parent.is_dir():
                 raise InputError(f"{where}: there is no folder {path.parent}")
             if path.exists() and not path.is_file():
-                raise InputError(f"{where}: is a folder, a device or a pipe; name a file")
+                what = "a folder" if path.is_dir() else "a device or a pipe"
+                raise InputError(f"{where}: is {what}; name a file")
             for source in known:
                 if _is_same(path, source):
                     raise InputError(

@@ -12,36 +12,17 @@ from pydrake.systems.framework import Context
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.input_files.validation import dump_yaml, nulls
 from cpid_drake.logs.files import write_telemetry
-from cpid_drake.output_files.drafts import UNFINISHED, draft_folder
-from cpid_drake.output_files.overwriting import CSV_LOG, SUMMARY, TRUTH, YAML, Kind
+from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.resources import version_of
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.limits import LimitCheck
 from cpid_drake.scenario.simulation import Simulation
 
-_RUN_FILE = Kind("a file of a run", (".yaml",))
-
-RUN_FILES = {
-    "telemetry.csv": CSV_LOG,
-    "truth.csv": CSV_LOG,
-    "truth.json": TRUTH,
-    "scenario.yaml": _RUN_FILE,
-    "sensors.yaml": _RUN_FILE,
-    "run.json": SUMMARY,
-}
-"""Names and kinds of the files of a run."""
-
-
-def run_outputs(folder: Path) -> list[tuple[str, Kind]]:
-    """Return the names and kinds of the files of a run, for `check_folder`.
-
-    YAML files that no earlier run has written have the kind that is not replaced.
-    """
-    has_run = (folder / "run.json").is_file() or (folder / UNFINISHED).is_file()
-    return [
-        (name, YAML if kind is _RUN_FILE and not has_run else kind)
-        for name, kind in RUN_FILES.items()
-    ]
+RUN_FILES = (
+    *("telemetry.csv", "truth.csv", "truth.json"),
+    *("scenario.yaml", "sensors.yaml", "run.json"),
+)
+"""Names of the files of a run."""
 
 
 def write_run(
@@ -96,7 +77,7 @@ def write_run(
         "files": names,
         "online_identification": online_document(simulation, root_context),
     }
-    with draft_folder(folder, tuple(RUN_FILES)) as draft:
+    with draft_folder(folder, RUN_FILES) as draft:
         for name, log in logs.items():
             write_telemetry(draft / name, log)
         for name, text in texts.items():

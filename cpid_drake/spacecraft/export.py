@@ -25,7 +25,7 @@ from cpid_drake.dynamics.momentum import momenta
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import draft_of
-from cpid_drake.output_files.overwriting import MODEL, Output, check_outputs
+from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.spacecraft.model_text import WHAT, WRITERS, Link
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -103,7 +103,7 @@ def export_target(
     beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
     places = (path, beside) if format == "drake-yaml" else (path,)
     known = () if spacecraft is None else (spacecraft.path,)
-    check_outputs([Output("", place, MODEL) for place in places], known, force=overwrite)
+    check_outputs([("", place) for place in places], known, force=overwrite)
     if format != "drake-yaml":
         links = [target] if spacecraft is None else _links(spacecraft, target)
         with draft_of(path) as draft:

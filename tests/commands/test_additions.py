@@ -52,7 +52,7 @@ def added(cpid, monkeypatch):
 
 
 def identified(cpid, log, *options):
-    assert cpid("identify", log, *CRAFT, *options, "--json", "found.txt")[0] == 0
+    assert cpid("identify", log, *CRAFT, *options, "--json", "found.txt", "--force")[0] == 0
     return json.loads(Path("found.txt").read_text())
 
 

@@ -112,7 +112,6 @@ PLANS = ((0.01, 0.5), (0.02, 0.4))
         (("motion", "paper"), "--out"),
         (("paper",), "paper"),
         (("motion", "nowhere.yaml", "--out", "x.yaml"), "nowhere.yaml: no such file"),
-        (("motion", "paper", "--out", "x.csv"), "x.csv"),
         (
             ("motion", "paper", "--out", "x.yaml", "--duration", "12", "--opportunistic", "1"),
             "give either --duration or --opportunistic",

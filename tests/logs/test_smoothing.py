@@ -75,7 +75,7 @@ def normalized(suite, perfect, truth, seeds=SEEDS, change=lambda measurements: m
     result = []
     for seed in seeds:
         smoothed = smooth(change(add_noise(suite, perfect, seed)), suite)
-        sigma = np.sqrt(np.diagonal(smoothed.covariance(), axis1=1, axis2=2))
+        sigma = np.sqrt(np.diagonal(smoothed.covariance, axis1=1, axis2=2))
         result.append(errors(smoothed, truth) / sigma)
     return np.array(result), smoothed.telemetry.time
 
@@ -105,7 +105,7 @@ def test_errors_are_as_large_as_the_covariance_says(scene):
     for seed in SEEDS:
         smoothed = smooth(add_noise(suite, perfect, seed), suite)
         e.append(errors(smoothed, truth))
-        P.append(smoothed.covariance())
+        P.append(smoothed.covariance)
     e, P = np.array(e), np.array(P)
     assert_consistent(e / np.sqrt(np.diagonal(P, axis1=2, axis2=3)), velocity=1.5)
     for columns in (np.arange(6), np.array([12, 12 + JOINTS])):
@@ -179,23 +179,12 @@ def without(name, start, end):
     return change
 
 
-@pytest.mark.parametrize(
-    ("name", "quantities"),
-    [
-        ("encoders", ("joints", "joint rates")),
-        ("attitude", ("attitude", "angular velocity")),
-        ("gyro", ("attitude", "angular velocity")),
-        ("position", ("position", "velocity")),
-    ],
-)
-def test_a_gap_of_a_second_is_bridged_and_its_uncertainty_known(scene, name, quantities):
-    """Beside the gap and in it, errors are not above what the covariance says."""
+@pytest.mark.parametrize("name", ["encoders", "attitude", "position"])
+def test_no_times_are_in_a_gap_and_beside_it_the_errors_are_known(scene, name):
     suite = coarse_suite()
     z, times = normalized(suite, *scene(suite), range(4), without(name, 3.5, 4.5))
-    inside = (times > 3.5) & (times < 4.5)
-    for quantity in quantities:
-        for part in (z, z[:, inside]):
-            assert np.sqrt(np.mean(part[..., GROUPS[quantity]] ** 2)) < 1.5, quantity
+    assert not ((times > 3.6) & (times < 4.4)).any()
+    assert np.sqrt(np.mean(z**2)) < 1.3
 
 
 def test_angular_velocity_is_given_in_the_world(scene):

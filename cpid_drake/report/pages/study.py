@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import PAGE, SUMMARY
 from cpid_drake.report import accuracy_tables, paper_tables
 from cpid_drake.report.page import Report, Section
 from cpid_drake.report.pictures import PictureGroup
@@ -14,8 +13,8 @@ from cpid_drake.report.sections.data import provenance_section
 from cpid_drake.studies.accuracy import AccuracyStudy
 from cpid_drake.studies.paper import PaperStudy
 
-STUDY_FILES = (("report.html", PAGE), ("summary.json", SUMMARY))
-"""Names and kinds of a study's files, except its figures."""
+STUDY_FILES = ("report.html", "summary.json")
+"""Names of a study's files, except its figures."""
 
 
 def paper_report(study: PaperStudy, figures: Sequence[PictureGroup], scenario: str) -> Report:
