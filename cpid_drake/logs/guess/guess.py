@@ -1,7 +1,7 @@
 """Guesses the map of a log's columns: names first, then the conventions that explain it best.
 
 Names say which columns are which quantity, and perhaps units. What they leave open is chosen among
-`conventions.alternatives` by the comparisons of `logs.score`: the gyro decides about the attitude,
+`alternatives.alternatives` by the comparisons of `logs.score`: the gyro decides about the attitude,
 joint rates about the joints, the conservation of momentum about the rest.
 """
 
