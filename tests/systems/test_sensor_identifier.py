@@ -328,22 +328,6 @@ def test_the_estimator_continues_after_its_incomplete_block(flight, samples, ske
     assert (np.abs(result.parameters - skewed_target.to_vector()) < 5 * sigma).all()
 
 
-@pytest.mark.slow
-def test_an_unknown_momentum_is_estimated_along(skewed_target):
-    """Within 5 σ of the target, with a momentum that nobody tells it."""
-    scenario = scenario_with("flight", duration=5.0)
-    scenario.simulation.momentum_W = np.array([3.0, -2.0, 2.5, 2.0, 1.0, -1.5])
-    scenario.identification.unknown_momentum = True
-    simulation = make_simulation(scenario, target=skewed_target)
-    root_context = simulation.run()
-    result = simulation.identifier.identification(
-        simulation.identifier.GetMyContextFromRoot(root_context)
-    )
-    sigma = np.sqrt(np.diag(result.covariance))
-    assert (np.abs(result.parameters - skewed_target.to_vector()) < 5 * sigma).all()
-    assert (sigma < 0.1).all()
-
-
 # -- what cannot be ------------------------------------------------------------------------------
 
 
@@ -351,11 +335,6 @@ def test_an_unknown_momentum_is_estimated_along(skewed_target):
 def test_a_period_that_would_lose_samples_is_refused(servicer, period):
     with pytest.raises(InputError, match=r"at most 0\.01 s"):
         SensorIdentifier(servicer, load_sensors("flight"), period=period)
-
-
-def test_sensors_that_cannot_be_are_refused(servicer):
-    with pytest.raises(InputError, match="encoders are missing"):
-        SensorIdentifier(servicer, SensorSuite(gyro=Gyro()))
 
 
 def test_wiring_other_sensors_is_refused(servicer):

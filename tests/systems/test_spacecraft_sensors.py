@@ -226,23 +226,6 @@ def test_all_state_is_in_the_context(diagram):
     assert context.num_discrete_state_groups() == 6
 
 
-def test_wiring_a_port_of_another_size_is_refused(servicer, suite):
-    builder = DiagramBuilder()
-    source = builder.AddSystem(ConstantVectorSource(np.zeros(5)))
-    with pytest.raises(InputError, match="5 entries"):
-        SpacecraftSensors.AddToBuilder(
-            builder, servicer, state=source.get_output_port(), suite=suite
-        )
-
-
-def test_sensors_that_cannot_be_are_refused(servicer, suite):
-    suite.gyro.rate = 0.0
-    with pytest.raises(InputError, match=r"sensors: gyro.rate must be a number >= 0.001"):
-        SpacecraftSensors(servicer, suite)
-    with pytest.raises(InputError, match="encoders are missing"):
-        SpacecraftSensors(servicer, SensorSuite())
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
