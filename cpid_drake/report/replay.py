@@ -80,10 +80,12 @@ def replay_html(
     inputs = scene.GetMyMutableContextFromRoot(context)
     covariance, inertia = np.full(100, np.nan), SpatialInertia.NaN()
     meshcat.StartRecording(1 / FRAME_PERIOD, set_visualizations_while_recording=False)
-    frames = _frames(telemetry.time)
-    for k, newest in zip(frames, newest_estimates(estimates, telemetry.time[frames])):
-        if newest >= 0:
-            found = estimates[newest][1]
+    period = max(FRAME_PERIOD, (telemetry.time[-1] - zero) / MOST_FRAMES)
+    wanted = np.arange(zero, telemetry.time[-1] + period, period)
+    waiting = list(estimates)
+    for k in np.unique(np.searchsorted(telemetry.time[:-1], wanted - 1e-9)):
+        while waiting and waiting[0][0] <= telemetry.time[k] + 1e-9:
+            found = waiting.pop(0)[1]
             covariance, inertia = found.covariance.ravel(), found.spatial_inertia()
         scene.GetInputPort("covariance").FixValue(inputs, covariance)
         scene.GetInputPort("spatial_inertia").FixValue(inputs, Value(inertia))
@@ -184,18 +186,3 @@ def _numbers(values: NDArray[np.float64]) -> str:
     largest = float(f"{np.abs(values).max():.4g}")
     decimals = 4 if largest == 0 else max(0, 3 - int(np.floor(np.log10(largest))))
     return " ".join(f"{value + 0.0:.{min(decimals, 9)}f}" for value in np.round(values, decimals))
-
-
-def newest_estimates(
-    estimates: Sequence[tuple[float, Identification]], times: NDArray[np.float64]
-) -> NDArray[np.intp]:
-    """Return the index of the estimate to show at each time; −1 before the first one."""
-    starts = np.array([start for start, _ in estimates])
-    return np.searchsorted(starts, times + 1e-9, side="right") - 1
-
-
-def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return indices of the samples to draw: about `FRAME_PERIOD` apart, and the last one."""
-    period = max(FRAME_PERIOD, (time[-1] - time[0]) / MOST_FRAMES)
-    wanted = np.arange(time[0], time[-1], period)
-    return np.unique(np.append(np.searchsorted(time, wanted - 1e-9), len(time) - 1))

@@ -150,11 +150,8 @@ class ExternalForces(LeafSystem):
             state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
             spatial_forces: the input to drive, usually
                 `MultibodyPlant.get_applied_spatial_force_input_port()`.
-            plant: see the constructor, as for the options.
-            disturbance: see the constructor.
-            orbit: see the constructor.
-            thrust: see the constructor.
-            thrust_scale: see the constructor.
+
+        The other options are those of the constructor.
 
         """
         system = builder.AddSystem(

@@ -221,11 +221,8 @@ class MomentumIdentifier(Identifier):
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
             state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-            rows: see the constructor, as for the other options.
-            momentum: see the constructor.
-            period: see the constructor.
-            offset: see the constructor.
-            rank_tolerance: see the constructor.
+
+        The other options are those of the constructor.
 
         Raises:
             InputError: the port has the wrong size for this spacecraft; also the errors of the

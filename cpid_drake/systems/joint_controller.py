@@ -171,13 +171,8 @@ class JointController(LeafSystem):
                 `MultibodyPlant.get_applied_generalized_force_input_port()`.
             covariance: an identifier's output of this name; default: no estimate is read.
             spatial_inertia: an identifier's output of this name; given with `covariance`.
-            target: see the constructor, as for the other options.
-            connect: see the constructor.
-            plant: see the constructor.
-            natural_frequency: see the constructor.
-            damping_ratio: see the constructor.
-            tolerance: see the constructor.
-            period: see the constructor.
+
+        The other options are those of the constructor.
 
         Raises:
             InputError: a port has the wrong size for this spacecraft, or one output of an

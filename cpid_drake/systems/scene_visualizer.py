@@ -110,9 +110,8 @@ class SceneVisualizer(LeafSystem):
             state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
             covariance: an identifier's output of this name.
             spatial_inertia: an identifier's output of this name.
-            meshcat: see the constructor, as for the other options.
-            truth: see the constructor.
-            period: see the constructor.
+
+        The other options are those of the constructor.
 
         Raises:
             InputError: a port has the wrong size for this spacecraft.

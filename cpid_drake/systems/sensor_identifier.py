@@ -197,11 +197,8 @@ class SensorIdentifier(Identifier):
                 sensors that the identifier does not use are left out. A port of the name "thrust"
                 is that of the log of thrust.
             suite: the sensors.
-            momentum: see the constructor, as for the other options.
-            period: see the constructor.
-            guess: see the constructor.
-            guess_sigma: see the constructor.
-            known_bodies: see the constructor.
+
+        The other options are those of the constructor.
 
         Raises:
             InputError: a port is missing or has the wrong size; also the errors of the constructor.

@@ -99,8 +99,8 @@ class SpacecraftSensors(LeafSystem):
             builder: the diagram's builder.
             spacecraft: the known spacecraft.
             state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-            suite: see the constructor.
-            seed: see the constructor.
+
+        The other options are those of the constructor.
 
         Raises:
             InputError: the port has the wrong size for this spacecraft; also the errors of the

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import Spacecraft, Telemetry, identify
-from cpid_drake.report.replay import newest_estimates, replay_html
+from cpid_drake.report.replay import replay_html
 
 INERTIAL = (
     '<inertial><mass value="5"/>'
@@ -98,9 +98,3 @@ def test_shapes_that_cannot_be_drawn_do_not_stop_a_replay(two_links, geometry):
     drawn = commands(replay_html(spacecraft, at_rest(spacecraft, np.arange(3.0)), []))
     assert b"cpid/C" in drawn
     assert geometry or b"drake/inertia/InertiaVisualizer" in drawn
-
-
-def test_an_estimate_is_shown_from_its_time_on():
-    estimates = [(1.0, None), (2.0, None), (2.0, None), (5.0, None)]
-    shown = newest_estimates(estimates, np.array([0.5, 1.0, 1.9, 2.0, 4.0, 5.0, 9.0]))
-    np.testing.assert_array_equal(shown, [-1, 0, 0, 2, 2, 3, 3])
