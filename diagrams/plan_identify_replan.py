@@ -40,15 +40,13 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.planning.plan_options import PlanOptions
-from cpid_drake.planning.plan_problem import PlanProblem
-from cpid_drake.planning.planner import Planner
-from cpid_drake.planning.replanning import next_problem
+from cpid_drake.planning.planner import Planner, next_planner
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 LOG_PERIOD = 0.05  # [s]
 ESTIMATE_PERIOD = 0.5  # [s]
 MOST_MOTIONS = 6
-FIRST_PLAN = PlanOptions(frequency=0.4, candidates=500, starts=1, iterations=15, targets=2)
+FIRST_PLAN = PlanOptions(candidates=500, starts=1, iterations=18, targets=2)
 
 
 @dataclass
@@ -156,15 +154,15 @@ def run(
     scenario: Scenario, suite: SensorSuite, precision: float, seed: int
 ) -> tuple[Craft, History, InertialParameters]:
     """Plan, move and identify until the target is known; then make the scenario's transfer."""
-    problem = PlanProblem(scenario, suite, FIRST_PLAN)
-    [drawn] = problem.plausible(1, 10_000 + seed)
+    planner = Planner(scenario, suite, FIRST_PLAN)
+    [drawn] = planner.plausible(1, 10_000 + seed)
     target = InertialParameters.from_vector(drawn.parameters)
-    guess = InertialParameters.from_vector(problem.targets[0])
-    transfer, history = problem.own_motion, History()
-    craft = Craft(problem.spacecraft, target, guess, suite, transfer, seed)
+    guess = InertialParameters.from_vector(planner.targets[0].parameters)
+    transfer, history = planner.own_motion, History()
+    craft = Craft(planner.spacecraft, target, guess, suite, transfer, seed)
     for count in range(1, MOST_MOTIONS + 1):
         begin = time.perf_counter()
-        plan = problem.motion(Planner(problem).run())
+        plan = planner.run().motion
         seconds = time.perf_counter() - begin
         craft.move(plan, history)
         found, known = craft.estimate(), history.sigma[-1]
@@ -175,7 +173,7 @@ def run(
         prior = (
             None if found.failures else TargetPrior("estimate", found.parameters, found.covariance)
         )
-        problem = next_problem(problem, prior)
+        planner = next_planner(planner, prior)
     else:
         print(f"not as precise as asked after {MOST_MOTIONS} motions")
     start, end = (transfer.evaluate(at)[0] for at in (0.0, transfer.duration))

@@ -1,63 +1,103 @@
 """`cpid plan`: plans a joint motion, ranks motions, and exports one for a robot's controller."""
 
 import math
-import os
-import shlex
-import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 
 from cpid_drake.commands import options
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.output_files.drafts import draft_folder, write_text
+from cpid_drake.identification.prior import load_prior
+from cpid_drake.output_files.drafts import draft_folder, draft_of, write_text
 from cpid_drake.output_files.overwriting import check_folder, check_outputs
-from cpid_drake.planning import HIGHEST_FREQUENCY
+from cpid_drake.planning.comparison import Compared, reference_motions, trial_errors
+from cpid_drake.planning.export import motion_table
+from cpid_drake.planning.pareto import POINTS, front
+from cpid_drake.planning.plan_options import PlanOptions
+from cpid_drake.planning.planner import Plan, Planner
+from cpid_drake.report.plan import (
+    comparison_table,
+    front_picture,
+    plan_pictures,
+    prediction_table,
+    rank_correlation,
+)
+from cpid_drake.report.terminal import print_table
 from cpid_drake.resources import find_scenario
-
-if TYPE_CHECKING:
-    from cpid_drake.identification.prior import TargetPrior
-    from cpid_drake.planning.plan_problem import PlanProblem
-    from cpid_drake.planning.search import Candidate
-    from cpid_drake.scenario.schema import Scenario
-    from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.scenario.files import load_scenario
+from cpid_drake.scenario.joint_motions import MotionFile, dump_motion
+from cpid_drake.sensors.presets import load_sensors
 
 plan = typer.Typer(
     no_args_is_help=True,
     help="Plan the joint motion that determines the target best; rank motions; export one.",
 )
 
+
+def _option(group: str, text: str, **settings: Any) -> Any:
+    """Return an option of a group; an infinite default is not shown."""
+    is_limit = settings.pop("is_limit", False)
+    text += " Default: any." if is_limit else ""
+    return typer.Option(help=text, rich_help_panel=group, show_default=not is_limit, **settings)
+
+
+_ASSUMED, _MOTION, _LIMITS, _SEARCH = "What is known", "The motion", "Limits", "The search"
+
 SensorsOption = Annotated[
     str | None,
-    typer.Option(
+    _option(
+        _ASSUMED,
+        "Sensors. Default: the scenario's, else the first of its accuracy presets.",
         metavar="PRESET|YAML",
-        help="Sensors. Default: the scenario's, else the first of its accuracy presets.",
     ),
 ]
 PriorOption = Annotated[
     Path | None,
-    typer.Option(
+    _option(
+        _ASSUMED,
+        "What is known about the target: a result of `cpid identify` (JSON), or YAML with mass, "
+        "p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size.",
         metavar="FILE",
-        help="What is known about the target: a result of `cpid identify` (JSON), or YAML with "
-        "mass, p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size.",
     ),
 ]
+FrequencyOption = Annotated[float, _option(_MOTION, "Highest frequency of the motion \\[Hz].")]
+JointOption = Annotated[
+    list[str] | None,
+    _option(_MOTION, "Joint that moves; may be repeated. Default: all but wheels."),
+]
+RateOption = Annotated[
+    float, _option(_LIMITS, "Share of the model's rate limits that may be used.")
+]
+AccelerationOption = Annotated[
+    float,
+    _option(_LIMITS, "Largest acceleration of the joints \\[rad/s² or m/s²].", is_limit=True),
+]
+ClearanceOption = Annotated[
+    float, _option(_LIMITS, "Smallest distance of bodies that are not neighbours \\[m].")
+]
+TargetsOption = Annotated[
+    int, _option(_SEARCH, "Number of plausible targets; the least favourable one counts.")
+]
+SeedOption = Annotated[int, _option(_SEARCH, "Seed of the search; the same seed, the same plan.")]
 
 
 @plan.command()
 def motion(
     scenario: options.ScenarioArgument,
     out: Annotated[Path, typer.Option(metavar="FILE", help="YAML file of the planned motion.")],
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a page about the plan.")
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="PNG or SVG file with σ, joints and base of the plan."),
     ] = None,
-    front: Annotated[
+    front_folder: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR",
+            "--front",
+            metavar="FOLDER",
             help="Also compute the Pareto front of precision against base rotation; write its "
             "motions, a table and a figure.",
         ),
@@ -65,60 +105,48 @@ def motion(
     sensors: SensorsOption = None,
     prior: PriorOption = None,
     duration: Annotated[
-        float | None, typer.Option(help="Duration \\[s]. Default: that of the scenario's motion.")
+        float | None, _option(_MOTION, "Duration \\[s]. Default: that of the scenario's motion.")
     ] = None,
     opportunistic: Annotated[
-        float | None,
-        typer.Option(
+        float,
+        _option(
+            _MOTION,
+            "Plan the transfer of the scenario to be as informative as possible, with at most T "
+            "more seconds than the scenario's motion takes.",
             metavar="T",
-            help="Plan the transfer of the scenario to be as informative as possible, with at "
-            "most T more seconds than the scenario's motion takes.",
         ),
-    ] = None,
-    frequency: Annotated[
-        float, typer.Option(help="Highest frequency of the motion \\[Hz].")
-    ] = HIGHEST_FREQUENCY,
-    joint: Annotated[
-        list[str] | None,
-        typer.Option(help="Joint that moves; may be repeated. Default: all but wheels."),
-    ] = None,
-    rate_share: Annotated[
-        float, typer.Option(help="Share of the model's rate limits that may be used.")
-    ] = 0.95,
-    acceleration: Annotated[
-        float | None, typer.Option(help="Largest acceleration of the joints \\[rad/s² or m/s²].")
-    ] = None,
-    clearance: Annotated[
-        float, typer.Option(help="Smallest distance of bodies that are not neighbours \\[m].")
-    ] = 0.05,
+    ] = PlanOptions.opportunistic,
+    frequency: FrequencyOption = PlanOptions.frequency,
+    joint: JointOption = None,
+    rate_share: RateOption = PlanOptions.rate_share,
+    acceleration: AccelerationOption = PlanOptions.acceleration,
+    clearance: ClearanceOption = PlanOptions.clearance,
     base_attitude: Annotated[
-        float | None, typer.Option(help="Largest turn of the base \\[deg]. Default: any.")
-    ] = None,
+        float, _option(_LIMITS, "Largest turn of the base \\[deg].", is_limit=True)
+    ] = PlanOptions.base_attitude,
     base_rate: Annotated[
-        float | None, typer.Option(help="Largest angular rate of the base \\[deg/s]. Default: any.")
-    ] = None,
+        float, _option(_LIMITS, "Largest angular rate of the base \\[deg/s].", is_limit=True)
+    ] = PlanOptions.base_rate,
     base_displacement: Annotated[
-        float | None,
-        typer.Option(help="Largest displacement of the base's origin \\[m]. Default: any."),
-    ] = None,
+        float, _option(_LIMITS, "Largest displacement of the base's origin \\[m].", is_limit=True)
+    ] = PlanOptions.base_displacement,
     wheel_momentum: Annotated[
-        float | None,
-        typer.Option(
-            help="Largest angular momentum that each wheel stores, relative to the body that "
-            "carries it [N·m·s]. The wheels move only if --joint names them. Default: any."
+        float,
+        _option(
+            _LIMITS,
+            "Largest angular momentum that each wheel stores, relative to the body that carries "
+            "it [N·m·s]. The wheels move only if --joint names them.",
+            is_limit=True,
         ),
-    ] = None,
-    targets: Annotated[
-        int, typer.Option(help="Number of plausible targets; the least favourable one counts.")
-    ] = 8,
-    candidates: Annotated[int, typer.Option(help="Motions of the global search.")] = 2000,
-    starts: Annotated[int, typer.Option(help="Candidates that the gradient improves.")] = 2,
-    seed: Annotated[
-        int, typer.Option(help="Seed of the search; the same seed, the same plan.")
-    ] = 1,
-    jobs: Annotated[
-        int | None, typer.Option(help="Number of processes. Default: one for each processor.")
-    ] = None,
+    ] = PlanOptions.wheel_momentum,
+    targets: TargetsOption = PlanOptions.targets,
+    candidates: Annotated[
+        int, _option(_SEARCH, "Motions of the global search.")
+    ] = PlanOptions.candidates,
+    starts: Annotated[
+        int, _option(_SEARCH, "Candidates that the gradient method improves.")
+    ] = PlanOptions.starts,
+    seed: SeedOption = PlanOptions.seed,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> None:
@@ -127,215 +155,131 @@ def motion(
     The motion has the start and the end of the scenario's own motion. The planner does not use the
     target's mass properties in the scenario. Ctrl-C keeps the best motion so far.
     """
-    path = find_scenario(scenario)
-    if opportunistic is not None and duration is not None:
-        raise InputError("give either --duration or --opportunistic")
+    path, start = find_scenario(scenario), time.perf_counter()
     outputs = [("--out", out)]
-    outputs += [] if report is None else [("--report", report)]
+    if picture is not None:
+        outputs += [("--picture", picture)]
+        if picture.suffix not in (".png", ".svg"):
+            raise InputError(f"--picture {picture}: give the name of a .png or .svg file")
     check_outputs(outputs, [path, *([] if prior is None else [prior])], force=force)
-    if front is not None:
-        check_folder("--front", front, _front_files(), [path], force=force)
-    from cpid_drake.planning.plan_options import PlanOptions
-    from cpid_drake.planning.plan_problem import PlanProblem
-    from cpid_drake.scenario.files import load_scenario
-
-    loaded = load_scenario(path)
-    suite = _suite(loaded, sensors)
+    if front_folder is not None:
+        files = ["front.csv", "front.png", *(f"motion_{k:02d}.yaml" for k in range(POINTS + 1))]
+        check_folder("--front", front_folder, files, [path], force=force)
     chosen = PlanOptions(
         duration=duration,
-        opportunistic=opportunistic or 0.0,
+        opportunistic=opportunistic,
         frequency=frequency,
         joints=tuple(joint or ()),
         rate_share=rate_share,
-        acceleration=math.inf if acceleration is None else acceleration,
+        acceleration=acceleration,
         clearance=clearance,
-        base_attitude=None if base_attitude is None else math.radians(base_attitude),
-        base_rate=None if base_rate is None else math.radians(base_rate),
+        base_attitude=math.radians(base_attitude),
+        base_rate=math.radians(base_rate),
         base_displacement=base_displacement,
         wheel_momentum=wheel_momentum,
         targets=targets,
         candidates=candidates,
         starts=starts,
         seed=seed,
-        jobs=(os.cpu_count() or 1) if jobs is None else jobs,
     )
+    log = options.log_console(quiet)
     with prefix_errors(scenario):
-        problem = PlanProblem(loaded, suite, chosen)
-        problem.prior = _prior(problem, prior)
-        _plan(problem, scenario, out, report, front, quiet)
+        planner = _planner(path, sensors, prior, chosen)
+        try:
+            with log.status("planning") as status:
+                best = planner.run(lambda what, best: status.update(_progress(what, best)))
+        except KeyboardInterrupt:
+            if planner.best is not None:
+                _write(planner, planner.best, scenario, out)
+            raise
+        if front_folder is not None:
+            best = _write_front(planner, best, scenario, front_folder, quiet)
+        _write(planner, best, scenario, out)
+        log.print(f"{out}: {time.perf_counter() - start:.0f} s")
+        target = planner.targets[0].parameters
+        made = {"scenario's motion": planner.own_motion, "plan": best.motion}
+        found = {name: planner.setting.predict(each, target) for name, each in made.items()}
+        usage, _ = planner.usage(planner.own_motion)
+    for note in planner.notes:
+        log.print(f"note: {note}")
+    if max(usage.values()) > 1:
+        limit = max(usage, key=lambda name: usage[name])
+        log.print(
+            f"note: with some of the plausible targets the scenario's motion needs "
+            f"{usage[limit]:.2g} times the limit: {limit}"
+        )
+    if picture is not None:
+        with draft_of(picture) as draft:
+            drawn = plan_pictures(draft.stem, planner.setting, made, found, target)
+            drawn.save(draft.parent, draft.suffix[1:])
+    if quiet:
+        return
+    title = f"Predicted σ, a target of {target[0]:.3g} kg"
+    print_table(Console(markup=False, highlight=False), prediction_table(found, title))
+    print(f"active limits: {'; '.join(best.active) or 'none'}")
+    print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
 
 
 @plan.command()
 def rank(
     scenario: options.ScenarioArgument,
     files: Annotated[
-        list[Path], typer.Argument(metavar="MOTION...", help="YAML files of joint motions.")
-    ],
+        list[Path] | None, typer.Argument(metavar="[MOTION]...", help="YAML files of motions.")
+    ] = None,
+    trials: Annotated[
+        int,
+        typer.Option(help="Noisy logs that are simulated and identified for each motion.", min=0),
+    ] = 0,
     sensors: SensorsOption = None,
     prior: PriorOption = None,
+    frequency: FrequencyOption = PlanOptions.frequency,
+    joint: JointOption = None,
+    rate_share: RateOption = PlanOptions.rate_share,
+    acceleration: AccelerationOption = PlanOptions.acceleration,
+    clearance: ClearanceOption = PlanOptions.clearance,
+    targets: TargetsOption = PlanOptions.targets,
+    seed: SeedOption = PlanOptions.seed,
+    quiet: options.QuietOption = False,
 ) -> None:
-    """Print the predicted σ of the scenario's motion and those in files, the best first."""
-    path = find_scenario(scenario)
-    from cpid_drake.planning.plan_options import PlanOptions
-    from cpid_drake.planning.plan_problem import PlanProblem
-    from cpid_drake.report.plan import print_predictions
-    from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.scenario.joint_motions import MotionFile
+    """Compare motions in files with the scenario's, random and broadband ones.
 
-    loaded = load_scenario(path)
-    with prefix_errors(scenario):
-        problem = PlanProblem(loaded, _suite(loaded, sensors), PlanOptions())
-        problem.prior = _prior(problem, prior)
-        found = {"scenario's motion": problem.own_motion}
-        for file in files:
-            found[file.name] = MotionFile(str(file)).make(
-                problem.spacecraft, loaded.spacecraft.configuration
-            )
-        target = problem.plausible(1, problem.options.seed)[0].parameters
-        predictions = {name: problem.setting.predict(each, target) for name, each in found.items()}
-    ordered = dict(sorted(predictions.items(), key=lambda item: item[1].worst))
-    title = f"Predicted σ, a target of {target[0]:.3g} kg; the best motion first"
-    print_predictions(ordered, title, Console(markup=False, highlight=False))
-
-
-def _prior(problem: "PlanProblem", file: Path | None) -> "TargetPrior | None":
-    if file is None:
-        return None
-    from cpid_drake.identification.prior import load_prior
-
-    return load_prior(file, problem.spacecraft, problem.scenario.spacecraft.capture_frame)
-
-
-def _plan(
-    problem: "PlanProblem",
-    scenario: str,
-    out: Path,
-    report: Path | None,
-    front: Path | None,
-    quiet: bool,
-) -> None:
-    """Plan, write the motion, and print what it is expected to do."""
-    from cpid_drake.planning.planner import Planner
-
-    planner, start = Planner(problem), time.perf_counter()
-    log = options.log_console(quiet)
-    with log.status("planning") as status:
-
-        def progress(what: str, best: float) -> None:
-            status.update(f"{what}: worst σ {100 * best:.3g} % of scale")
-
-        try:
-            best = planner.run(progress)
-        except KeyboardInterrupt:
-            if planner.best is not None:
-                _write(problem, planner.best, scenario, out, is_finished=False)
-            raise
-    _write(problem, best, scenario, out)
-    if front is not None:
-        better = _plan_front(problem, best, scenario, front, quiet)
-        if better.score < best.score:
-            best = better
-            _write(problem, best, scenario, out)
-    log.print(f"{out}: {time.perf_counter() - start:.0f} s")
-    exceeded = planner.exceeded(best)
-    options.print_warnings(exceeded)
-    if quiet and report is None:
-        return
-    from cpid_drake.report.plan import print_predictions
-
-    target, active = problem.targets[0], planner.active(best)
-    predictions = {
-        "scenario's motion": problem.setting.predict(problem.own_motion, target),
-        "plan": problem.setting.predict(problem.motion(best), target),
-    }
-    own, planned = predictions.values()
-    if own.worst < planned.worst and (needs := planner.own_needs()) > 1:
-        problem.notes.append(
-            "the scenario's motion is more precise, but with some of the plausible targets it "
-            f"needs {needs:.2g} times what the limits allow"
-        )
-    for note in problem.notes:
-        log.print(f"note: {note}")
-    if report is not None:
-        from cpid_drake.report.pages.plan import PlannedMotion, plan_report
-
-        page = PlannedMotion(
-            problem.setting,
-            problem.motion(best),
-            target,
-            predictions,
-            active,
-            exceeded,
-            problem.notes,
-            scenario,
-            shlex.join(["cpid", *sys.argv[1:]]),
-            problem.scenario.target.visual_model,
-        )
-        plan_report(page).write(report)
-    if quiet:
-        return
-    title = f"Predicted σ, a target of {target[0]:.3g} kg"
-    print_predictions(predictions, title, Console(markup=False, highlight=False))
-    print(f"active limits: {'; '.join(active) or 'none'}")
-    print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
-
-
-def _front_files() -> list[str]:
-    """Return the names of the files of a front."""
-    from cpid_drake.planning.pareto import POINTS
-
-    motions = [f"motion_{k:02d}.yaml" for k in range(2 * POINTS + 1)]
-    return ["front.csv", "front.png", *motions]
-
-
-def _plan_front(
-    problem: "PlanProblem", best: "Candidate", scenario: str, folder: Path, quiet: bool
-) -> "Candidate":
-    """Plan motions that turn the base less and less; write them, a table and a figure.
-
-    The most precise of them is returned; it may be better than the plan.
+    Prints the predicted σ and, with trials, the errors of the fit. The random and the broadband
+    motions (a chirp of all joints, a smoothed random binary sequence) keep the limits.
     """
-    import numpy as np
-
-    from cpid_drake.planning.pareto import front
-    from cpid_drake.report.plan import front_picture
-
-    log = options.log_console(quiet)
-    with log.status("planning") as status, draft_folder(folder) as draft:
-        points: list[tuple[float, float, str]] = []
-        found = front(problem, best, progress=lambda what, _: status.update(what))
-        for point in found:
-            name = f"motion_{len(points):02d}.yaml"
-            _write(problem, point.candidate, scenario, draft / name)
-            points.append((math.degrees(point.angle), 100 * point.candidate.score, name))
-        rows = [f"{angle:.6g},{score:.6g},{name}" for angle, score, name in points]
-        head = "turn of the base [deg],worst σ [% of scale],motion"
-        write_text(draft / "front.csv", "\n".join([head, *rows]) + "\n")
-        values = np.array([each[:2] for each in points])
-        front_picture(values).save(draft, "png")
-    log.print(f"{len(points)} motions in {folder}")
-    return min((point.candidate for point in found), key=lambda one: one.score)
-
-
-def _write(
-    problem: "PlanProblem", best: "Candidate", scenario: str, out: Path, *, is_finished: bool = True
-) -> None:
-    from cpid_drake.scenario.joint_motions import dump_motion
-
-    interrupted = "# Interrupted: the best motion within all limits until then.\n"
-    header = ("" if is_finished else interrupted) + (
-        f"# `cpid plan motion {scenario}` for {len(problem.targets)} plausible targets.\n"
-        f"# The largest σ, weighted over these targets, is {best.score:.4g} in units of "
-        "the scale. Units of this file: rad, m, s, Hz.\n\n"
+    path, log = find_scenario(scenario), options.log_console(quiet)
+    chosen = PlanOptions(
+        frequency=frequency,
+        joints=tuple(joint or ()),
+        rate_share=rate_share,
+        acceleration=acceleration,
+        clearance=clearance,
+        targets=targets,
+        seed=seed,
     )
-    write_text(out, header + dump_motion(problem.family.declare(best.parameters)))
-
-
-def _suite(scenario: "Scenario", sensors: str | None) -> "SensorSuite":
-    from cpid_drake.sensors.presets import load_sensors
-
-    own = scenario.make_suite() if sensors is None else None
-    return own or load_sensors(sensors or scenario.accuracy.presets[0])
+    with prefix_errors(scenario), log.status("ranking") as status:
+        planner = _planner(path, sensors, prior, chosen)
+        default = planner.scenario.spacecraft.configuration
+        given = {
+            file.name: MotionFile(str(file)).make(planner.spacecraft, default)
+            for file in files or []
+        }
+        motions = {**dict(reference_motions(planner)), **given}
+        target, setting, found = planner.targets[0].parameters, planner.setting, {}
+        for name, each in motions.items():
+            status.update(name)
+            prediction, errors = setting.predict(each, target), []
+            for error in trial_errors(setting, each, target, trials, seed):
+                errors.append(error)
+                status.update(f"{name}: {len(errors)} of {trials} trials")
+            usage, _ = planner.usage(each)
+            found[name] = Compared(prediction, max(usage.values()), np.reshape(errors, (-1, 10)))
+    for note in planner.notes:
+        log.print(f"note: {note}")
+    ordered = dict(sorted(found.items(), key=lambda item: item[1].prediction.worst))
+    title = f"Motions for a target of {target[0]:.3g} kg, the best first"
+    print_table(Console(markup=False, highlight=False), comparison_table(ordered, title))
+    if trials:
+        print(f"rank correlation of predicted and realised errors: {rank_correlation(found):.2f}")
 
 
 @plan.command()
@@ -351,11 +295,53 @@ def export(
     """Write a joint motion as CSV: time, positions, rates and accelerations of all joints."""
     path = find_scenario(scenario)
     check_outputs([("--out", out)], [path, file], force=force)
-    from cpid_drake.planning.export import motion_table
-    from cpid_drake.scenario.files import load_scenario
-    from cpid_drake.scenario.joint_motions import MotionFile
-
     loaded = load_scenario(path)
     spacecraft = loaded.spacecraft.make()
-    motion = MotionFile(str(file)).make(spacecraft, loaded.spacecraft.configuration)
-    write_text(out, motion_table(motion, spacecraft.joint_names, rate))
+    made = MotionFile(str(file)).make(spacecraft, loaded.spacecraft.configuration)
+    write_text(out, motion_table(made, spacecraft.joint_names, rate))
+
+
+def _planner(
+    path: Path | str, sensors: str | None, prior: Path | None, chosen: PlanOptions
+) -> Planner:
+    scenario = load_scenario(path)
+    own = scenario.make_suite() if sensors is None else None
+    suite = own or load_sensors(sensors or scenario.accuracy.presets[0])
+    planner = Planner(scenario, suite, chosen)
+    if prior is not None:
+        frame = scenario.spacecraft.capture_frame
+        planner.prior = load_prior(prior, planner.spacecraft, frame)
+    return planner
+
+
+def _progress(what: str, best: float) -> str:
+    return what if math.isnan(best) else f"{what}: worst σ {100 * best:.3g} % of scale"
+
+
+def _write_front(planner: Planner, best: Plan, scenario: str, folder: Path, quiet: bool) -> Plan:
+    """Plan motions that turn the base less and less; write them, a table and a figure.
+
+    The most precise of them is returned; it may be better than the plan.
+    """
+    log = options.log_console(quiet)
+    with log.status("planning") as status, draft_folder(folder) as draft:
+        found = front(planner, best, progress=status.update)
+        rows, values = ["turn of the base [deg],worst σ [% of scale],motion"], []
+        for k, each in enumerate(found):
+            name = f"motion_{k:02d}.yaml"
+            _write(planner, each, scenario, draft / name)
+            values.append((math.degrees(each.turn), 100 * each.score))
+            rows.append(f"{values[-1][0]:.6g},{values[-1][1]:.6g},{name}")
+        write_text(draft / "front.csv", "\n".join(rows) + "\n")
+        front_picture(np.array(values)).save(draft, "png")
+    log.print(f"{len(found)} motions in {folder}")
+    return found[0]
+
+
+def _write(planner: Planner, best: Plan, scenario: str, out: Path) -> None:
+    header = (
+        f"# `cpid plan motion {scenario}` for {len(planner.targets)} plausible targets.\n"
+        f"# The largest σ, weighted over these targets, is {best.score:.4g} in units of "
+        "the scale. Units of this file: rad, m, s, Hz.\n\n"
+    )
+    write_text(out, header + dump_motion(planner.family.declare(best.parameters)))

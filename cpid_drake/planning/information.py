@@ -1,219 +1,134 @@
-"""Fisher information about a target from a joint motion, for many joint motions at once.
+"""Fisher information about a target from joint motions, in closed form, for many motions at once.
 
-The measurement model is that of the fits: the effects and sensors of `estimation.likelihood`, with
-all constant errors that the suite declares and the uncertainty of the known bodies. It is evaluated
-at the nodes of a coarse grid. There every sensor of the base has one sample, whose σ gives the same
-information per second as the sensor's own samples. Errors of the encoders, dropouts and the gravity
-gradient are left out. `fitted.cramer_rao_bound` contains them; it takes a hundred times as long.
+With ξ a small turn of the base in W and the notation of `base_motion`, the first-order effects of
+the target's unknowns ψ, of the start and of an unknown momentum (L, v) are
+
+    δω = J⁻¹ (Rᵀ (δL + L × ξ) − Y δψ),      ξ' = R δω,
+    δp = δp₀ + t δv − ξ × Rρ − R (∂ρ/∂ψ) δψ,
+
+with Y the relative rows. Attitude sensor, gyro (with a constant bias), position and velocity
+sensors measure ξ, δω, δp and its rate; their information is that per second of their samples. What
+follows about ψ when all other unknowns are eliminated is the information about the target. Errors
+of encoders, mountings, delays and known bodies are left out: `MotionSetting.predict` contains them
+in the exact bound, which takes a hundred times as long.
 """
-
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from scipy.interpolate import CubicSpline
 
-from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.constant_effects import constant_effect
-from cpid_drake.estimation.likelihood.effects import (
-    Effect,
-    GyroBias,
-    MotionChange,
-    bodies_effect,
-    momentum_effect,
-    start_effect,
-    target_effect,
-)
-from cpid_drake.estimation.likelihood.model import gyro_biases
-from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.estimation.likelihood.sensors import model_classes
-from cpid_drake.estimation.roll import bias_sigma
-from cpid_drake.estimation.sweep import START
-from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.logs.log import Measurements, Samples
-from cpid_drake.planning.motion_batch import MotionBatch
-from cpid_drake.sensors.sensors import SENSORS, Gyro
+from cpid_drake.estimation.likelihood.priors import psi_scale
+from cpid_drake.planning.base_motion import BaseMotion
 from cpid_drake.sensors.suite import SensorSuite
 
-REMEMBERED = 8
-"""Number of the last batches of motions that are kept, for the criterion and all constraints."""
-
-NODE_RATE = 5.0
-"""Nodes per second; motions of up to 0.8 Hz are resolved [Hz]."""
+VAGUE = 1e3
+"""σ before the motion of all but a gyro's bias [rad, m, SI units of momentum], and of ψ in sizes of
+a target like the spacecraft: without effect where a sensor measures anything."""
 
 
 class InformationModel:
-    """The information that the sensors of a spacecraft give about a target in a joint motion.
+    """The information that a spacecraft's sensors give about a target.
 
     Args:
         tree: the known spacecraft.
         suite: its sensors.
-        duration: of the joint motions [s].
-        momentum: the total momentum, marked as unknown if it is estimated; default: zero.
-        known_bodies: uncertainty of the known bodies; None if they are exact.
-        node_rate: nodes per second [Hz].
-
-    Attributes:
-        times: (N,) the nodes [s].
-        fit: the unknowns of the fit, with their priors.
-        size: number of unknowns n.
-        psi: columns of ψ among them.
 
     """
 
-    def __init__(
-        self,
-        tree: KinematicTree,
-        suite: SensorSuite,
-        duration: float,
-        *,
-        momentum: TotalMomentum | None = None,
-        known_bodies: BodyUncertainty | None = None,
-        node_rate: float = NODE_RATE,
-    ) -> None:
-        self.known_bodies = known_bodies
-        self.times = np.linspace(0.0, duration, max(int(np.ceil(duration * node_rate)), 4) + 1)
-        self.momentum = momentum or TotalMomentum.zero()
-        self.suite = _thinned(suite, duration, len(self.times))
-        self.fit = Model(tree, self.suite, known_bodies)
-        self.tree, self.joint_count = self.fit.tree, self.fit.joint_count
-        self._constants = self.fit.constants
-        self._recent: dict[tuple[str, tuple[int, ...], bytes], MotionBatch] = {}
-        still = np.zeros((len(self.times), 1, 2, self.joint_count))
-        effects = self._effects(self.motions(still))
-        ends = np.cumsum([0, *(effect.size for effect in effects)]).tolist()
-        self.size = ends[-1]
-        self.psi = next(slice(a, a + 10) for a, e in zip(ends, effects) if e.name == PSI)
-        self.prior_information = self._prior_information()
+    def __init__(self, tree: KinematicTree, suite: SensorSuite) -> None:
+        self.suite = suite
+        still = np.zeros((1, sum(body.joint >= 0 for body in tree.bodies)))
+        known = BodyDynamics.at(tree, still, still)
+        self._sizes = VAGUE * psi_scale(known.mass, known.I_K[0])
 
-    def motions(self, samples: NDArray[np.float64]) -> MotionBatch:
-        """Return the known bodies' part of B joint motions, which does not depend on the target.
-
-        The criterion and all constraints ask for the same motions; the last ones are remembered.
+    def covariance(
+        self, motion: BaseMotion, information: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the Cramér-Rao bound (B, 10, 10) on the covariance of ψ in B motions.
 
         Args:
-            samples: (N, B, 2, J) positions and rates at the nodes, real or complex.
+            motion: of the base.
+            information: (10, 10) about ψ before the motion; default: none.
 
         """
-        key = samples.dtype.char, samples.shape, samples.tobytes()
-        if key not in self._recent:
-            while len(self._recent) >= REMEMBERED:
-                del self._recent[next(iter(self._recent))]
-            self._recent[key] = MotionBatch(self.tree, self.times, samples, self._constants)
-        return self._recent[key]
+        places = self._places(motion)
+        n = max(place.stop for place in places.values())
+        xi, w = self._turns(motion, places, n)
+        sigma = np.full(n, VAGUE)
+        sigma[places["psi"]] = self._sizes
+        gyro, duration = self.suite.gyro, motion.times[-1]
+        F = np.zeros((motion.R.shape[0] // len(motion.times), n, n))
+        R_BW = np.swapaxes(motion.R, 1, 2)
+        if self.suite.attitude is not None:
+            rows = np.swapaxes(motion.R @ self.suite.attitude.R_BS, 1, 2) @ xi
+            F += self._gain(motion, "attitude", rows)
+        if gyro is not None:
+            sigma[places["bias"]] = np.sqrt(gyro.bias_sigma**2 + gyro.bias_growth**2 * duration)
+            rows = R_BW @ w
+            rows[..., places["bias"]] += np.eye(3)
+            F += self._gain(motion, "gyro", rows)
+        if "position" in places:
+            rows = skew(rotate(motion.R, motion.known.com(motion.psi))) @ xi
+            rows[..., :4] -= motion.R @ motion.known.com_regressor()
+            if "momentum" in places:
+                times = np.repeat(motion.times, len(F))[:, None, None]
+                rows[..., n - 3 :] += times * np.eye(3)
+            rows[..., places["position"]] += np.eye(3)
+            if self.suite.position is not None:
+                F += self._gain(motion, "position", rows)
+            if self.suite.velocity is not None:
+                spline = CubicSpline(motion.times, motion.by_node(rows))
+                F += self._gain(motion, "velocity", spline(motion.times, 1).reshape(rows.shape))
+        F += np.diag(sigma**-2.0)
+        if information is not None:
+            F[:, :10, :10] += information
+        unit = 1 / np.sqrt(np.diagonal(F, axis1=1, axis2=2))
+        unit = unit[:, :, None] * unit[:, None]
+        return np.asarray((np.linalg.inv(F * unit) * unit)[:, :10, :10])
 
-    def jacobian(self, motions: MotionBatch, psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivatives (B, m, n) of all samples in units of σ, at a target's ψ (10,).
+    def _places(self, motion: BaseMotion) -> dict[str, slice]:
+        """Return the columns of the unknowns; those of the momentum [L; v] are the last."""
+        suite = self.suite
+        sizes = {"psi": 10, "attitude": 3}
+        sizes |= {} if suite.gyro is None else {"bias": 3}
+        sizes |= {} if suite.position is None and suite.velocity is None else {"position": 3}
+        sizes |= {"momentum": 6} if motion.momentum.is_unknown else {}
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:])}
 
-        Raises:
-            InputError: the system's inertia is not positive definite for this target.
+    def _turns(
+        self, motion: BaseMotion, places: dict[str, slice], n: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return ξ and R δω (U, 3, n) for each unknown, in W."""
+        R, L, step = motion.R, motion.momentum.L_WScm_W, motion.times[1]
+        mobility = R @ motion.mobility
+        w = np.zeros((len(R), 3, n))
+        w[..., places["psi"]] = -mobility @ motion.known.regressor(motion.w)
+        mobility = mobility @ np.swapaxes(R, 1, 2)
+        if "momentum" in places:
+            w[..., n - 6 : n - 3] = mobility
+        w, coupling = motion.by_node(w), motion.by_node(mobility @ skew(L))
+        xi = np.zeros_like(w)
+        xi[0, :, :, places["attitude"]] = np.eye(3)
+        if L.any():
+            for k in range(len(w) - 1):
+                w[k] += coupling[k] @ xi[k]
+                later = w[k + 1] + coupling[k + 1] @ (xi[k] + step * w[k])
+                xi[k + 1] = xi[k] + step / 2 * (w[k] + later)
+            w[-1] += coupling[-1] @ xi[-1]
+        else:
+            xi[1:] = xi[0] + np.cumsum(step / 2 * (w[1:] + w[:-1]), axis=0)
+        return xi.reshape(-1, 3, n), w.reshape(-1, 3, n)
 
-        """
-        effects = self._effects(motions)
-        trajectory = motions.trajectory(self.state(psi))
-        U, n, dtype = len(motions.nodes), self.size, trajectory.w.dtype
-        change = MotionChange(
-            *np.zeros((3, U, 3, n), dtype), *np.zeros((4, 3, n)), *np.zeros((2, n))
-        )  # the start and the external forces do not depend on the joint motion
-        ends = np.cumsum([0] + [effect.size for effect in effects]).tolist()
-        columns = {e.name: slice(a, a + e.size) for e, a in zip(effects, ends)}
-        for effect in effects:
-            effect.change_motion(trajectory, change.columns(columns[effect.name]))
-        xi, change.w[:] = motions.pose_change(trajectory, change.w, change.attitude)
-        parts = []
-        samples = self._samples(motions)
-        biases = {e.name: e for e in effects if isinstance(e, GyroBias)}
-        for name, kind in model_classes(samples).items():
-            bias = biases.get(f"bias of {name}")
-            sensor = kind(name, samples[name], self.suite, motions, slice(0, U), bias)
-            rows = np.array(sensor.jacobian(trajectory, change, xi))
-            for constant, by in sensor.by_constants(trajectory).items():
-                rows[:, :, columns[constant]] += by * self._constants.errors[constant].sigma
-            for effect in effects:
-                effect.change_reading(name, motions.nodes, rows[:, :, columns[effect.name]])
-            white = sensor.whitened(rows).reshape(len(self.times), motions.count, -1, n)
-            parts.append(np.swapaxes(white, 0, 1).reshape(motions.count, -1, n))
-        return np.concatenate(parts, axis=1)
-
-    def information(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the information (B, n, n) of a Jacobian (B, m, n), with that of the prior."""
-        return np.swapaxes(jacobian, 1, 2) @ jacobian + self.prior_information
-
-    def _effects(self, motions: MotionBatch) -> list[Effect]:
-        """Return all effects."""
-        biases = gyro_biases(self.suite, 0.0, self.times[-1]).values()
-        constants = [constant_effect(motions, name) for name in motions.constants.errors]
-        effects: list[Effect] = [start_effect(), *biases, *constants]
-        if self.momentum.is_unknown:
-            effects.append(momentum_effect())
-        effects.append(target_effect(motions))
-        if self.known_bodies is not None:
-            effects.append(bodies_effect(motions, self.known_bodies))
-        return effects
-
-    def state(self, psi: NDArray[np.float64]) -> TrajectoryState:
-        """Return the nominal values of all unknowns for a target's ψ (10,)."""
-        gyros = sum(2 if g.bias_growth else 1 for g in self.fit.gyros)
-        return TrajectoryState(
-            psi,
-            Rotation.identity(),
-            np.zeros(3),
-            self.momentum.v_WScm_W,
-            self.momentum.L_WScm_W,
-            np.zeros((gyros, 3)),
-            np.zeros(self._constants.size),
-        )
-
-    def _samples(self, motions: MotionBatch) -> Measurements:
-        """Return samples of all sensors at the nodes; their values have no effect."""
-        names = tuple(f"joint {k}" for k in range(self.joint_count))
-        zeros = np.zeros((len(motions.nodes), 4))
-        present = self.suite.present()
-        return Measurements(names, {name: Samples(motions.nodes, zeros) for name in present})
-
-    def _prior_information(self) -> NDArray[np.float64]:
-        """Return (n, n): the fit's prior of all unknowns."""
-        result = np.zeros((self.size, self.size))
-        start = 0
-        still = np.zeros((len(self.times), 1, 2, self.joint_count))
-        sigmas = {unknown.name: unknown.sigma for unknown in self.fit.table}
-        sigmas["start"] = np.repeat([START["attitude"], START["p_Wcm"]], 3)
-        biases = iter(bias_sigma(self.fit))
-        psi = next(unknown.mean for unknown in self.fit.table if unknown.name == PSI)
-        state = self.state(psi)
-        for effect in self._effects(self.motions(still)):
-            here = slice(start, start + effect.size)
-            if isinstance(effect, GyroBias):
-                result[here, here][:3, :3] = np.eye(3) / next(biases) ** 2
-                rows, _ = effect.links(state)
-                result[here, here] += rows.T @ rows
-            else:
-                result[here, here] = np.diag(sigmas[effect.name] ** -2.0)
-            start += effect.size
-        return result
-
-
-def inverse(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the covariance (B, n, n) of all unknowns, from their information."""
-    scale = 1 / np.sqrt(np.diagonal(information, axis1=1, axis2=2))
-    scaled = np.linalg.inv(scale[:, :, None] * information * scale[:, None])
-    return np.asarray(scale[:, :, None] * (scaled + np.swapaxes(scaled, 1, 2)) / 2 * scale[:, None])
-
-
-def _thinned(suite: SensorSuite, duration: float, nodes: int) -> SensorSuite:
-    """Return a suite without orbit that gives the same information with one sample at each node."""
-    factors = {
-        name: float(np.sqrt(nodes / (duration * errors.rate + 1)))
-        for name, errors in suite.present().items()
-        if SENSORS[name].quantity.width is not None
-    }
-    suite = replace(suite)
-    for name in factors:
-        errors = suite[name]
-        if isinstance(errors, Gyro):
-            setattr(suite, name, replace(errors, integrates=False))
-    if suite.disturbances is not None:
-        suite.disturbances = replace(suite.disturbances, orbit=None)
-    return suite.noisier(factors)
+    def _gain(
+        self, motion: BaseMotion, sensor: str, rows: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the information (B, n, n) of a sensor whose samples change by rows (U, 3, n)."""
+        N, n = len(motion.times), rows.shape[-1]
+        count = motion.times[-1] * self.suite[sensor].rate + 1
+        white = rows * (np.sqrt(count / N) / self.suite.sigmas(sensor))[:, None]
+        white = np.swapaxes(motion.by_node(white), 0, 1).reshape(-1, 3 * N, n)
+        return np.asarray(np.swapaxes(white, 1, 2) @ white)

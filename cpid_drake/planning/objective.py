@@ -1,4 +1,4 @@
-"""What a motion is planned for: the largest σ of the target's parameters, and its gradients.
+"""What a motion is planned for: the largest σ of the target's parameters, within limits.
 
 A planner does not know the target. It knows plausible targets, and a motion is as good as it is for
 the least favourable of them: the one whose σ exceeds most what other motions reach for it. Without
@@ -7,167 +7,133 @@ compared in units of their scale: the mass, a length for the centre of mass, and
 inertia; see `parameterizations.parameter_scale`.
 """
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import (
     SCALE_LENGTH,
+    TENSOR_ORDER,
     parameter_scale,
+    parameters_to_standard,
     relative_parameterization,
 )
-from cpid_drake.planning.families import MotionFamily
-from cpid_drake.planning.information import InformationModel, inverse
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.planning.base_motion import BaseMotion, known_instants, smooth_peak
+from cpid_drake.planning.information import InformationModel
+from cpid_drake.planning.motion_family import MotionFamily
+from cpid_drake.planning.targets import PlausibleTarget
 
-STEP = 1e-20
-"""Imaginary step of the parameters of a motion."""
-
-DIRECTIONS = 24
-"""Number of parameters whose derivatives are computed at once."""
-
-
-@dataclass(frozen=True, eq=False)
-class PlausibleTarget:
-    """A target that is possible as far as the planner knows.
-
-    Attributes:
-        parameters: (10,) π.
-        information: (10, 10) what is known about π before the motion; default: nothing.
-        weight: of its σ beside those of other targets.
-
-    """
-
-    parameters: NDArray[np.float64]
-    information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((10, 10)))
-    weight: float = 1.0
+STEP = 1e-6
+"""Step of the differences in a motion's parameters [rad or m]: σ changes by 1e-6 of itself, and
+rounding by 1e-11."""
 
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """The criterion of a motion of a family, for all plausible targets.
+    """The criterion of a family's motions for plausible targets, and what they need.
 
     Attributes:
-        model: the information that sensors give.
+        tree: the known spacecraft.
+        model: the information that its sensors give.
+        momentum: the total momentum, marked as unknown if it is estimated.
         family: the motions.
+        times: (N,) nodes that resolve them [s].
         targets: the plausible targets, at least one.
+        demanding: the targets for which the limits hold, usually heavy ones.
+        limits: the finite limits of the base's motion, by the names in `BaseMotion.lengths`.
+        efforts: (J,) largest joint efforts; infinite where there is no limit [N·m or N].
 
     """
 
+    tree: KinematicTree
     model: InformationModel
+    momentum: TotalMomentum
     family: MotionFamily
+    times: NDArray[np.float64]
     targets: tuple[PlausibleTarget, ...]
+    demanding: tuple[PlausibleTarget, ...]
+    limits: dict[str, float]
+    efforts: NDArray[np.float64]
 
-    def samples(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return positions and rates (N, B, 2, J) at the nodes, from parameters (B, F, K)."""
-        times = self.model.times
-        known = self.family.known(times)[:, None, :2]
-        moved = np.einsum("ndf,bfk->nbdk", self.family.functions(times)[:, :2], parameters)
-        samples = np.repeat(known, len(parameters), axis=1).astype(moved.dtype)
-        samples[..., self.family.moving] += moved
-        return samples
+    def sigmas(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return σ (B, T, d) for T targets in B motions (B, F, K), times the targets' weights.
 
-    def covariances(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the covariances (T, B, d, d) for T targets, from positions and rates.
+        The d parameters are those on which the motion depends; σ are in units of the scale.
+        """
+        known = known_instants(self.tree, self.family.samples(parameters, self.times))
+        form, found = relative_parameterization(self.tree.mass), []
+        for target in self.targets:
+            psi = form.from_parameters(target.parameters)
+            jacobian = form.jacobian(psi)
+            motion = BaseMotion.of(self.times, known, self.momentum, psi)
+            prior = jacobian.T @ target.information @ jacobian
+            covariance = jacobian @ self.model.covariance(motion, prior) @ jacobian.T
+            sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+            scale = parameter_scale(target.parameters, SCALE_LENGTH)
+            found.append(target.weight * (sigma / scale)[:, self._determined])
+        return np.stack(found, axis=1)
 
-        The d parameters are those on which the motion depends; they are in units of their scale.
+    def shares(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the largest shares (B, D, Q) of the Q limits that B motions need.
+
+        The D targets are the demanding ones. The peaks over time are smooth functions.
 
         Args:
-            samples: (N, B, 2, J) as from `samples`.
+            samples: (N, B, 2, J) positions and rates of the joints at the nodes.
 
         """
-        motions, psi, found = self.model.motions(samples), self.model.psi, []
-        for target in self.targets:
-            by_psi, _, covariance = self._covariance(
-                target, self.model.jacobian(motions, self.psi(target))
-            )
-            found.append(by_psi @ covariance[:, psi, psi] @ by_psi.T)
-        return np.stack(found)
+        known, found = known_instants(self.tree, samples), []
+        form = relative_parameterization(self.tree.mass)
+        for target in self.demanding:
+            psi = form.from_parameters(target.parameters)
+            motion = BaseMotion.of(self.times, known, self.momentum, psi)
+            lengths = motion.lengths()
+            shares = [lengths[name] / limit for name, limit in self.limits.items()]
+            if np.isfinite(self.efforts).any():
+                phi = parameters_to_standard(target.parameters)
+                efforts = np.abs(motion.efforts(self.tree, samples, phi)) / self.efforts
+                shares += [*np.moveaxis(efforts[..., np.isfinite(self.efforts)], -1, 0)]
+            found.append([smooth_peak(share) for share in shares])
+        return np.moveaxis(np.reshape(found, (len(found), -1, samples.shape[1])), -1, 0)
 
-    def target_scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the criterion (T, B) of motions (B, F, K) for each of T targets, weighted."""
-        covariances = self.covariances(self.samples(parameters))
-        weights = np.array([target.weight for target in self.targets])
-        largest = np.diagonal(covariances, axis1=-2, axis2=-1).max(axis=-1)
-        return np.asarray(weights[:, None] * np.sqrt(largest))
+    def with_limits(self, limits: Mapping[str, float]) -> "Objective":
+        """Return the objective with further limits of the base's motion, by name."""
+        return replace(self, limits={**self.limits, **limits})
 
-    def scores(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the criterion (B,) of motions (B, F, K): a σ in units of the scale."""
-        return np.asarray(self.target_scores(parameters).max(axis=0))
-
-    def weighted(self, motions: list[NDArray[np.float64]]) -> "Objective":
+    def weighted(self, sigmas: NDArray[np.float64]) -> "Objective":
         """Return the objective in which all targets count alike.
 
-        The weight of a target is one over the least σ that any of these motions reaches for it, in
-        units of the geometric mean of these least σ.
+        The weight of a target is one over the least σ that any motion reaches for it, in units of
+        the geometric mean of these least σ.
 
         Args:
-            motions: parameters (B, F, K), one batch after the other.
+            sigmas: (B, T, d) of many motions, as from `sigmas` with weights of one.
 
         """
-        plain = replace(self, targets=tuple(replace(one, weight=1.0) for one in self.targets))
-        least = np.min([plain.target_scores(each).min(axis=1) for each in motions], axis=0)
+        least = sigmas.max(axis=2).min(axis=0)
         weights = np.exp(np.log(least).mean()) / least
         targets = zip(self.targets, weights.tolist(), strict=True)
         return replace(self, targets=tuple(replace(one, weight=w) for one, w in targets))
 
     def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return log σ (T d,) of all parameters and targets, weighted, for (F, K).
-
-        The criterion is exp of the largest.
-        """
-        covariances = self.covariances(self.samples(parameters[None]))[:, 0]
-        weights = np.array([target.weight for target in self.targets])
-        variances = np.diagonal(covariances, axis1=-2, axis2=-1)
-        return np.asarray(np.log(weights)[:, None] + np.log(variances) / 2).ravel()
+        """Return log σ of all targets and the shares of all limits minus one (B, T d + D Q)."""
+        count, samples = len(parameters), self.family.samples(parameters, self.times)
+        parts = np.log(self.sigmas(parameters)), self.shares(samples) - 1
+        return np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
 
     def evaluate(
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return `values` (T d,) for (F, K) and their exact gradients (T d, F K)."""
-        motions, psi = self.model.motions(self.samples(parameters[None])), self.model.psi
-        values, gradients, by_jacobian = [], [], []
-        for target in self.targets:
-            H = self.model.jacobian(motions, self.psi(target))
-            by_psi, _, covariance = self._covariance(target, H)
-            variances = np.diag(by_psi @ covariance[0, psi, psi] @ by_psi.T)
-            values.append(np.log(target.weight) + np.log(variances) / 2)
-            # σ² = s C sᵀ and y = C sᵀ: dσ² = −yᵀ (dHᵀ H + Hᵀ dH) y = ⟨dH, −2 H y yᵀ⟩
-            y = by_psi @ covariance[0, psi]
-            by_jacobian.append(
-                [-(H[0] @ np.outer(one, one)) / v for one, v in zip(y, variances, strict=True)]
-            )
-        stacked = np.reshape(by_jacobian, (len(self.targets), len(values[0]), -1))
-        for chunk, step in self.steps(parameters):
-            motions = self.model.motions(self.samples(chunk))
-            slopes = []
-            for target, G in zip(self.targets, stacked, strict=True):
-                dH = self.model.jacobian(motions, self.psi(target)).imag / step
-                slopes.append(G @ dH.reshape(len(dH), -1).T)
-            gradients.append(np.concatenate(slopes))
-        return np.concatenate(values), np.concatenate(gradients, axis=1)
+        """Return `values` (m,) of one motion (F, K) and their derivatives (m, F K)."""
+        steps = STEP * np.eye(parameters.size).reshape(-1, *parameters.shape)
+        values = self.values(np.concatenate([parameters[None], parameters + steps]))
+        return values[0], (values[1:] - values[0]).T / STEP
 
-    def steps(self, parameters: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], float]]:
-        """Return parameters (D, F, K) with an imaginary step of one parameter each, and the step.
-
-        There are `DIRECTIONS` parameters in each entry of the list.
-        """
-        steps = 1j * STEP * np.eye(parameters.size).reshape(-1, *parameters.shape)
-        complex_ones: NDArray[Any] = parameters + steps
-        firsts = range(0, len(steps), DIRECTIONS)
-        return [(complex_ones[k : k + DIRECTIONS], STEP) for k in firsts]
-
-    def psi(self, target: PlausibleTarget) -> NDArray[np.float64]:
-        """Return the relative unknowns ψ (10,) of a target."""
-        return relative_parameterization(self.model.tree.mass).from_parameters(target.parameters)
-
-    def _covariance(
-        self, target: PlausibleTarget, H: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return ∂π/∂ψ in units of the scale (d, 10), the scale (10,) and the covariance."""
-        jacobian = relative_parameterization(self.model.tree.mass).jacobian(self.psi(target))
-        scale = parameter_scale(target.parameters, SCALE_LENGTH)
-        F, psi = self.model.information(H), self.model.psi
-        F[:, psi, psi] += jacobian.T @ target.information @ jacobian
-        return (jacobian / scale[:, None])[self.model.tree.unknowns], scale, inverse(F)
+    @property
+    def _determined(self) -> NDArray[np.intp]:
+        """Places in π of the parameters on which the motion depends."""
+        return np.concatenate([np.arange(4), 4 + TENSOR_ORDER])[self.tree.unknowns]

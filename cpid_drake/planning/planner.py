@@ -1,106 +1,226 @@
 """Plans the joint motion of a scenario that determines the target best."""
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.errors import InputError
-from cpid_drake.planning.plan_problem import PlanProblem
-from cpid_drake.planning.search import Candidate, candidates, ranked, refined
+from cpid_drake.dynamics.joint_motion import JointMotion, Spline
+from cpid_drake.errors import InputError, choose_from
+from cpid_drake.identification.prior import TargetPrior
+from cpid_drake.planning.base_motion import BASE_LIMITS
+from cpid_drake.planning.information import InformationModel
+from cpid_drake.planning.motion_family import FINENESS, QUANTITIES, MotionFamily
+from cpid_drake.planning.objective import Objective
+from cpid_drake.planning.plan_options import PlanOptions
+from cpid_drake.planning.prediction import MotionSetting
+from cpid_drake.planning.search import Distances, candidates, improved
+from cpid_drake.planning.targets import PlausibleTarget, plausible_targets
+from cpid_drake.planning.wheels import wheel_rates
 from cpid_drake.processes import one_thread
-from cpid_drake.scenario.limits import check_limits
-from cpid_drake.scenario.simulation import make_simulation
+from cpid_drake.scenario.joint_motions import HalfCosineMotion
+from cpid_drake.scenario.schema import Scenario
+from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.spacecraft.clearance import Clearance
 
-TIGHTENINGS = 3
-"""Largest number of times that limits are lowered, or demanding targets are added."""
+NODES_PER_PERIOD = 8.0
+"""Nodes of the grid for each period of the highest frequency: σ is then accurate to 3 %."""
 
-SEEN_CANDIDATES = 4
-"""Number of the best candidates that show which joints and targets need much."""
+HEAVY_TARGETS = 64
+"""Number of heavy targets with which a finished motion is checked: limits must hold for all."""
 
-SPARE_STARTS = 4
-"""Number of further candidates, one of which is used if no start leads to a plan."""
+EXCHANGES = 6
+"""Number of times that targets with which a motion exceeds limits are added: with six, few are
+missed, and each time leaves enough iterations."""
 
-START_SHARES = (1.0, 0.5, 0.2)
-"""Shares of candidates' parameters that are tried as starts if the base's motion is limited."""
+DEMANDING = 0.9
+"""Share of a limit from which the target that needs the most is added."""
 
-START_EXCESS = 1.5
-"""Largest share of a limit of the base's motion that such a start may reach."""
+LESS_MOTION = (1.0, 0.99, 0.98, 0.97, 0.96, 0.94, 0.92, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.3, 0.1)
+"""Shares of the parameters of a motion that are tried until all limits hold in Drake's plant."""
 
-LESS_MOTION = (0.97, 0.94, 0.9, 0.8, 0.7, 0.6, 0.5)
-"""Shares of the parameters of a motion that moves the base too much, which are tried in turn."""
+CHECKED_IN_DRAKE = 12
+"""Number of targets, those that need the most, with which a motion is checked in Drake's plant: the
+order is that of a model which is accurate to 5 %."""
 
-FIRST_TARGETS = 3
-"""Number of targets for which the gradient method improves candidates before it does for all."""
+DENSE_PERIOD = 0.05
+"""Time between the poses in which a finished motion's distances are checked [s]."""
 
-FIRST_SHARE = 3
-"""Number of times that the iterations for these targets are fewer."""
+EXAMINED = 300
+"""Largest number of candidates whose distances are computed, which takes a tenth of a second."""
 
-MOST_EXAMINED = 300
-"""Largest number of candidates, the best first, in which constraints are evaluated."""
+BATCH = 64
+"""Number of candidates that are scored at once: a batch fits into the processor's cache."""
+
+ACTIVE = 0.97
+"""Share of a limit from which a motion is said to reach it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion within all limits.
+
+    Attributes:
+        motion: of the joints.
+        parameters: (F, K) of the planner's family.
+        score: the criterion: the largest weighted σ in units of the scale.
+        usage: the largest share of each limit that it needs with any target, by the limit's name.
+        turn: the largest turn of the base with any target [rad].
+
+    """
+
+    motion: Spline
+    parameters: NDArray[np.float64]
+    score: float
+    usage: dict[str, float]
+    turn: float
+
+    @property
+    def active(self) -> list[str]:
+        """The names of the limits that the motion reaches."""
+        return [name for name, share in self.usage.items() if share > ACTIVE]
 
 
 @dataclass(eq=False)
 class Planner:
-    """Plans one motion.
+    """Plans a scenario's motion.
+
+    The mass properties of the scenario's target are not used, only its shape.
 
     Args:
-        problem: the motion's family, targets and constraints.
-        best: the best motion so far that keeps all constraints, also after an interrupt.
+        scenario: spacecraft, the motion whose ends are kept, momentum, uncertainty.
+        suite: the sensors.
+        options: the choices of the user.
+        prior: what is known about the target.
+        best: the best plan so far, also after an interrupt.
+        notes: what is not checked, in words.
+
+    Raises:
+        InputError: a choice is not possible, or the limits leave no room for a motion.
 
     """
 
-    problem: PlanProblem
-    best: Candidate | None = None
-    _seen: list[Candidate] = field(default_factory=list)
+    scenario: Scenario
+    suite: SensorSuite
+    options: PlanOptions = field(default_factory=PlanOptions)
+    prior: TargetPrior | None = None
+    best: Plan | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.spacecraft = self.scenario.spacecraft.make()
+        self.own_motion: JointMotion = self.scenario.make_joint_motion(self.spacecraft)
+        self.setting = MotionSetting.of(self.scenario, self.spacecraft, self.suite)
+
+    @cached_property
+    def family(self) -> MotionFamily:
+        """The motions: from the start to the end of the scenario's own motion, with limits."""
+        options, limits, tree = self.options, self.spacecraft.limits, self.spacecraft.tree
+        names, chosen, own = self.spacecraft.joint_names, options.joints, self.own_motion
+        for name in chosen:
+            if name not in names:
+                raise InputError(f"no joint '{name}'; {choose_from(name, names)}")
+        moving = [
+            k for k, name in enumerate(names) if name in chosen or not (chosen or tree.is_rotor(k))
+        ]
+        start, end = own.evaluate(0.0)[0], own.evaluate(own.duration)[0]
+        rates = options.rate_share * limits.rates
+        if np.isfinite(options.wheel_momentum):
+            moves = start != end
+            moves[moving] = True
+            rates = np.minimum(rates, wheel_rates(tree, names, moves, options.wheel_momentum))
+        largest = np.stack([rates, np.full(len(names), options.acceleration)])
+        bounds = np.stack([np.vstack([limits.lowest, -largest]), [limits.highest, *largest]])
+        duration = options.duration or own.duration + options.opportunistic
+        return MotionFamily(
+            names, start, end, np.array(moving), duration, bounds, options.frequency
+        )
+
+    def plausible(
+        self, count: int, seed: int, *, heaviest: bool = False
+    ) -> tuple[PlausibleTarget, ...]:
+        """Return targets that are plausible for this spacecraft; see `plausible_targets`."""
+        tree, still = self.spacecraft.tree, self.family.start[None]
+        inertia = BodyDynamics.at(tree, still, 0 * still).I_K[0]
+        radius = float(np.sqrt(np.trace(inertia) / 2 / tree.mass))
+        return plausible_targets(tree.mass, radius, count, seed, self.prior, heaviest=heaviest)
+
+    @cached_property
+    def targets(self) -> tuple[PlausibleTarget, ...]:
+        """The targets that the motion is planned for."""
+        return self.plausible(self.options.targets, self.options.seed)
+
+    @cached_property
+    def checked_targets(self) -> tuple[PlausibleTarget, ...]:
+        """The targets with which limits must hold: these and many heavy ones."""
+        heavy = self.plausible(HEAVY_TARGETS, self.options.seed + 1, heaviest=True)
+        return (*self.targets, *heavy)
+
+    @cached_property
+    def distances(self) -> Distances | None:
+        """The distances, unless the model has no geometry for them."""
+        first = InertialParameters.from_vector(self.targets[0].parameters)
+        look = self.scenario.target.visual_model
+        try:
+            clearance = Clearance(self.spacecraft, first, look)
+            clearance.penalties(self.family.start[None], self.options.clearance)
+        except InputError as error:
+            self.notes.append(f"distances are not checked: {error}")
+            return None
+        return Distances(clearance, self.family, self.options.clearance)
+
+    @cached_property
+    def objective(self) -> Objective:
+        """The criterion, with weights of one and the limits for all checked targets."""
+        craft, family, options = self.spacecraft, self.family, self.options
+        first = InertialParameters.from_vector(self.targets[0].parameters)
+        nodes = max(int(np.ceil(NODES_PER_PERIOD * options.frequency * family.duration)), 4)
+        limits = (options.base_attitude, options.base_rate, options.base_displacement)
+        return Objective(
+            craft.tree.lumped,
+            InformationModel(craft.tree, self.suite),
+            self.setting.momentum(first, family.start),
+            family,
+            np.linspace(0.0, family.duration, nodes + 1),
+            self.targets,
+            self.checked_targets,
+            {name: x for name, x in zip(BASE_LIMITS, limits, strict=True) if np.isfinite(x)},
+            craft.limits.efforts,
+        )
 
     @one_thread
-    def run(self, progress: Callable[[str, float], None] = lambda what, best: None) -> Candidate:
-        """Search; return the best motion that keeps all constraints.
+    def run(self, progress: Callable[[str, float], None] = lambda what, best: None) -> Plan:
+        """Search; return the best motion that keeps all limits.
+
+        An interrupt leaves the best motion so far in `best`.
 
         Args:
             progress: called with the present step in words and the best criterion so far.
 
         Raises:
-            InputError: none of the candidates keeps the constraints.
+            InputError: no motion that is found keeps the limits.
 
         """
-        options, limited, start = self.problem.options, self.problem.limited, time.perf_counter()
+        starts = self._starts(self.ranked(self.options.candidates, progress))
+        seen = [each for each in starts[:1]]
 
-        def scored(done: int, best: float) -> None:
-            progress(f"{done} of {options.candidates} candidates", best)
+        def see(parameters: NDArray[np.float64], score: float) -> None:
+            seen.append(parameters)
+            progress("gradient method", score)
 
-        drawn = candidates(limited, options.candidates, options.seed)
-        objective = self.problem.objective
-        order = ranked(objective, drawn, options.jobs, scored)
-        seen = np.stack([each.parameters for each in order[:SEEN_CANDIDATES]])
-        self.problem.demands.begin(seen)
-        starts = self._kept(order, options.starts)
-        for each in starts:
-            self._see(each)
-
-        def better(candidate: Candidate) -> None:
-            self._see(candidate)
-            what = f"gradient method, {time.perf_counter() - start:.0f} s"
-            if self.best is None:
-                progress(f"{what}, not within all limits yet", candidate.score)
-            else:
-                progress(what, self.best.score)
-
-        chosen = starts
-        if starts and len(objective.targets) > FIRST_TARGETS:
-            what = f"gradient method for {FIRST_TARGETS} targets"
-            chosen = [self._prepared(starts, lambda one: progress(what, one.score))]
-        for each in chosen:
-            self._improve(each, better)
-        if self.best is None:  # the gradient method met a dead end
-            for each in self._kept(order, options.starts + SPARE_STARTS)[options.starts :]:
-                self._improve(each, better)
-                if self.best is not None:
-                    break
+        try:
+            for start in starts:
+                self.consider(self.improved(start, self.options.iterations, seen=see))
+        except KeyboardInterrupt:
+            self.consider(seen[-1])
+            raise
+        for start in starts if self.best is None else []:
+            self.consider(start)
         if self.best is None:
             raise InputError(
                 "no motion keeps the constraints; allow smaller distances or more motion of the "
@@ -108,122 +228,152 @@ class Planner:
             )
         return self.best
 
-    def _see(self, candidate: Candidate) -> None:
-        """Keep a motion if it is the best so far, and keeps all constraints.
+    def ranked(
+        self, count: int, progress: Callable[[str, float], None] = lambda what, best: None
+    ) -> NDArray[np.float64]:
+        """Return random motions (count, F, K) within the limits of joints, the best first.
 
-        Targets with which it exceeds a limit are checked from now on.
+        They determine the weights of the targets.
+
+        Args:
+            count: number of motions.
+            progress: see `run`.
+
         """
-        if candidate.score >= (np.inf if self.best is None else self.best.score):
-            return
-        self._demand_more(candidate.parameters)
-        if self.problem.is_kept(candidate):
-            self.best = candidate
-            self._seen.append(candidate)
+        drawn, sigmas = candidates(self.family, count, self.options.seed), []
+        for batch in np.array_split(drawn, np.ceil(count / BATCH)):
+            sigmas.append(self.objective.sigmas(batch))
+            progress(f"{sum(map(len, sigmas))} of {count} candidates", np.nan)
+        found = np.concatenate(sigmas)
+        self.objective = self.objective.weighted(found)
+        weights = [target.weight for target in self.objective.targets]
+        return drawn[np.argsort((found.max(axis=2) * weights).max(axis=1), kind="stable")]
 
-    def _demand_more(self, parameters: NDArray[np.float64]) -> bool:
-        """Add the targets that a motion demands, and choose again; return whether there are any."""
-        if not self.problem.demands.demand_more(parameters):
-            return False
-        self._seen = [each for each in self._seen if self.problem.is_kept(each)]
-        self.best = min(self._seen, key=lambda one: one.score, default=None)
-        return True
+    def improved(
+        self,
+        start: NDArray[np.float64],
+        iterations: int,
+        limits: Mapping[str, float] = MappingProxyType({}),
+        seen: Callable[[NDArray[np.float64], float], None] = lambda parameters, score: None,
+    ) -> NDArray[np.float64]:
+        """Return the parameters (F, K) that the gradient method makes of a start.
 
-    def _prepared(self, starts: list[Candidate], better: Callable[[Candidate], None]) -> Candidate:
-        """Return the best for all targets of the motions that are found for a few targets.
+        Limits must hold for all checked targets. They are imposed for those that need the most, and
+        further ones are added several times (exchange method, Blankenship and Falk 1976).
 
-        It need not keep the constraints that depend on the target. They are imposed from now on for
-        those targets with which it exceeds a limit.
+        Args:
+            start: the parameters to begin with.
+            iterations: largest number.
+            limits: further limits of the base's motion, by name.
+            seen: see `search.improved`.
+
         """
-        problem, objective = self.problem, self.problem.objective
-        few = replace(objective, targets=objective.targets[:FIRST_TARGETS])
-        iterations = max(problem.options.iterations // FIRST_SHARE, 1)
-        found = [
-            refined(few, problem.limited, problem.constraints, each, iterations, better)[0]
-            for each in starts
-        ]
-        parameters = np.array([each.parameters for each in found])
-        best = parameters[objective.scores(parameters).argmin()]
-        self._demand_more(best)
-        return Candidate(best, np.inf)
+        objective = self.objective.with_limits(limits)
+        demanding: dict[int, PlausibleTarget] = {}
+        for _ in range(EXCHANGES):
+            samples = self.family.samples(start[None], objective.times)
+            shares = objective.shares(samples)[0]
+            chosen = shares.argmax(axis=0)[shares.max(axis=0) > DEMANDING]
+            demanding |= {k: self.checked_targets[k] for k in chosen.tolist()}
+            imposed = replace(objective, demanding=tuple(demanding.values()))
+            count = max(iterations // EXCHANGES, 1)
+            start = improved(imposed, self.distances, start, count, seen)
+        return start
 
-    def _improve(self, start: Candidate, better: Callable[[Candidate], None]) -> None:
-        """Improve a motion by the gradient method, and see all motions on the way; see `run`."""
-        problem = self.problem
-        first, iterations = start, problem.options.iterations
-        for _ in range(1 + TIGHTENINGS):
-            found = refined(
-                problem.objective,
-                problem.limited,
-                problem.constraints,
-                first,
-                iterations,
-                better,
-            )
-            is_enough = not self._demand_more(found[0].parameters)
-            needed = problem.needed(found[0])
-            if needed.largest <= 1 and is_enough:
-                break
-            problem.demands.tighten(found[0].parameters, needed)
-            first, iterations = Candidate(found[0].parameters, np.inf), iterations // 2
-        if problem.demands.base_limits:
-            for each in self._moving_less(found[0].parameters):
-                self._see(each)
+    def consider(
+        self,
+        parameters: NDArray[np.float64],
+        limits: Mapping[str, float] = MappingProxyType({}),
+    ) -> Plan | None:
+        """Return the plan that moves the joints as much as these parameters, or as limits allow.
 
-    def _moving_less(self, parameters: NDArray[np.float64]) -> Iterator[Candidate]:
-        """Yield motions that move the joints less than one that moves the base too much."""
+        It becomes the best if its criterion is smaller. None if no share of the motion is within
+        all limits, which further ones of the base's motion may be.
+        """
+        objective = self.objective.with_limits(limits)
+        parameters = parameters / max(1.0, self.family.usage(parameters, FINENESS).max())
         for share in LESS_MOTION:
-            scaled = share * parameters
-            yield Candidate(scaled, float(self.problem.objective.scores(scaled[None])[0]))
+            x = share * parameters
+            motion = self.family.make(x)
+            usage, turn = self.usage(motion, objective.limits)
+            if max(usage.values()) <= 1:
+                plan = Plan(motion, x, float(objective.sigmas(x[None]).max()), usage, turn)
+                if self.best is None or plan.score < self.best.score:
+                    self.best = plan
+                return plan
+        return None
 
-    def _kept(self, order: list[Candidate], count: int) -> list[Candidate]:
-        """Return the first candidates that keep the distances and the limits of the base's motion.
+    def usage(
+        self, motion: JointMotion, limits: Mapping[str, float] | None = None
+    ) -> tuple[dict[str, float], float]:
+        """Return the largest share of each limit that a motion needs, and the base's turn [rad].
 
-        If all candidates move the base too much, motions that move the joints less are returned,
-        and at last those that move the base a little too much: the gradient method changes them.
-        The score is infinite if the base moves too much or efforts are too large.
+        They are the largest with any of the checked targets; those of efforts are computed in
+        Drake's plant, with the targets that need the most.
+
+        Args:
+            motion: of the joints.
+            limits: of the base's motion, by name; default: those of the options.
+
         """
-        problem = self.problem
-        base, found = problem.demands.base_limits, list[Candidate]()
-        tried = [*((share, 1.0) for share in START_SHARES), (START_SHARES[-1], START_EXCESS)]
-        for share, largest in tried if base else [(1.0, 1.0)]:
-            for each in order[:MOST_EXAMINED]:
-                x = share * each.parameters
-                if any(limit.demands(x[None]).max() > largest for limit in base):
-                    continue
-                if all(one.values(x).min() >= 0 for one in problem.geometric):
-                    start = Candidate(x, each.score if share == 1 else np.inf)
-                    found.append(start if problem.is_kept(start) else replace(start, score=np.inf))
-                if len(found) == count:
-                    return found
+        found, names = dict[str, float](), self.spacecraft.joint_names
+        limits = self.objective.limits if limits is None else limits
+        used = self.family.usage_of(motion)
+        for what, row in zip(QUANTITIES, used, strict=True):
+            found |= {f"{what} of {name}": x for name, x in zip(names, row.tolist(), strict=True)}
+        shares = self.objective.with_limits(limits).shares(
+            motion.evaluate(self.objective.times)[:, None, :2]
+        )
+        most = np.argsort(shares[0].max(axis=1, initial=0.0), kind="stable")[-CHECKED_IN_DRAKE:]
+        targets = np.stack([self.checked_targets[k].parameters for k in most])
+        efforts, lengths = (each.max(axis=0) for each in self.setting.needs(motion, targets))
+        torque = efforts / self.spacecraft.limits.efforts
+        found |= {f"torque of {name}": x for name, x in zip(names, torque.tolist(), strict=True)}
+        for name, length in zip(BASE_LIMITS, lengths.tolist(), strict=True):
+            found[name] = length / limits.get(name, np.inf)
+        if self.distances is not None:
+            count = int(np.ceil(motion.duration / DENSE_PERIOD))
+            times = np.linspace(0.0, motion.duration, count + 1)
+            near = self.distances.clearance.approaches(motion.evaluate(times)[:, 0])
+            least = near[0].distance if near else np.inf
+            found["distance"] = self.options.clearance / least if least > 0 else np.inf
+        return found, float(lengths[0])
+
+    def _starts(self, order: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Return the first candidates (B, F, K) that keep the distances."""
+        found, count = list[NDArray[np.float64]](), self.options.starts
+        for each in order[:EXAMINED]:
+            if self.distances is None or self.distances.excess(each)[0].max() <= 0:
+                found.append(each)
+            if len(found) == count:
+                break
         return found
 
-    def own_needs(self) -> float:
-        """Return the share of the limits that the scenario's motion needs, over checked targets."""
-        problem = self.problem
-        return problem.demands.needed(problem.own_motion, problem.checked_targets).largest
 
-    def active(self, candidate: Candidate) -> list[str]:
-        """Return the limits that a motion uses to more than 97 %, in words."""
-        problem = self.problem
-        found, names = [], problem.family.joint_names
-        usage = problem.limited.usage(candidate.parameters)
-        for row, what in zip(usage, ("position", "rate", "acceleration"), strict=True):
-            at = [names[problem.family.moving[k]] for k in np.flatnonzero(row > 0.97)]
-            if at:
-                found.append(f"{what} of {', '.join(at)}")
-        for each in problem.constraints:
-            if each.values(candidate.parameters).min() < 0.03:
-                found.append(each.name)
-        return found
+def next_planner(
+    planner: Planner, prior: TargetPrior | None, end: NDArray[np.float64] | None = None
+) -> Planner:
+    """Return the planner of the motion that follows that of another one, solved within seconds.
 
-    def exceeded(self, candidate: Candidate) -> list[str]:
-        """Return the limits that a motion exceeds in Drake's plant, for all checked targets."""
-        problem = self.problem
-        simulated = replace(problem.scenario.simulation, duration=problem.family.duration)
-        declared = problem.family.declare(candidate.parameters)
-        scenario = replace(problem.scenario, joint_motion=declared, simulation=simulated)
-        found: dict[str, None] = {}
-        for target in problem.checked_targets:
-            body = InertialParameters.from_vector(target)
-            found |= dict.fromkeys(check_limits(make_simulation(scenario, target=body)).exceeded)
-        return list(found)
+    It has the same limits and the same duration, and a shorter search. The prior's information
+    counts as if it came from a sensor, so that the motion shows what is least known.
+
+    Args:
+        planner: that of the motion before.
+        prior: what is known about the target now; None for nothing.
+        end: (J,) positions at the end [rad or m]; default: those at the start of the motion before.
+
+    Raises:
+        InputError: see `Planner`.
+
+    """
+    last, names = planner.family, planner.spacecraft.joint_names
+    end = last.start if end is None else end
+    motion = HalfCosineMotion(
+        last.duration,
+        dict(zip(names, last.end.tolist(), strict=True)),
+        dict(zip(names, end.tolist(), strict=True)),
+    )
+    short = replace(planner.options, targets=1, candidates=128, starts=1, iterations=2 * EXCHANGES)
+    scenario = replace(planner.scenario, joint_motion=motion)
+    return Planner(scenario, planner.suite, short, prior)

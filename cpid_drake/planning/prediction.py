@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
@@ -16,16 +17,18 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.logs.log import Measurements, ideal_measurements
+from cpid_drake.logs.log import IdealMeasurements, ideal_measurements
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-_EFFORT_SAMPLES = 150
-"""Number of instants at which efforts are computed."""
+CHECKED_INSTANTS = 150
+"""Number of instants at which efforts and the base's motion are checked: 30 in a period of a motion
+of 10 s and 0.5 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +38,6 @@ class Prediction:
     Attributes:
         sigma: (10,) Cramér-Rao bound on σ of π, with all effects; NaN where not determined.
         scale: (10,) scale of each parameter.
-        condition: ratio of the longest to the shortest axis of the ellipsoid of equal probability,
-            in units of the scale; NaN if not all ten are determined.
         base_angle: largest turn of the base from its attitude at the start [rad].
         base_rate: its largest angular velocity [rad/s].
         base_shift: largest displacement of its origin [m].
@@ -45,7 +46,6 @@ class Prediction:
 
     sigma: NDArray[np.float64]
     scale: NDArray[np.float64]
-    condition: float
     base_angle: float
     base_rate: float
     base_shift: float
@@ -90,7 +90,6 @@ class MotionSetting:
     def predict(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Prediction:
         """Return what is expected of a motion with a target of parameters π (10,)."""
         target, tree = InertialParameters.from_vector(parameters), self.spacecraft.tree
-
         covariance = cramer_rao_bound(
             tree,
             relative_parameterization(tree.mass).from_parameters(parameters),
@@ -99,73 +98,78 @@ class MotionSetting:
             momentum=self.momentum(target, motion.evaluate(0.0)[0]),
             known_bodies=self.known_bodies,
         )
-        base = self.telemetry(motion, parameters, motion.instants())
+        base = self.telemetries(motion, parameters[None], motion.instants())[0]
         scale = parameter_scale(parameters, SCALE_LENGTH)
-        axes = np.full(10, np.nan)
-        if np.isfinite(covariance).all():
-            axes = np.linalg.eigvalsh(covariance / scale / scale[:, None])
-        cosine = np.abs(base.quaternion_WB @ base.quaternion_WB[0])
-        return Prediction(
-            np.sqrt(np.diag(covariance)),
-            scale,
-            float(np.sqrt(axes[-1] / axes[0])),
-            float(2 * np.arccos(np.clip(cosine, 0, 1)).max()),
-            float(np.linalg.norm(base.w_WB, axis=1).max()),
-            float(np.linalg.norm(base.p_WB - base.p_WB[0], axis=1).max()),
-        )
+        return Prediction(np.sqrt(np.diag(covariance)), scale, *_base_lengths(base))
 
-    def ideal(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Measurements:
-        """Return the samples that the sensors would give without errors."""
-        names = self.spacecraft.joint_names
+    def ideal(
+        self,
+        motion: JointMotion,
+        parameters: NDArray[np.float64],
+        tree: KinematicTree | None = None,
+    ) -> IdealMeasurements:
+        """Return the samples of the sensors without errors, with a target of π (10,).
+
+        Args:
+            motion: of the joints.
+            parameters: of the target.
+            tree: the true spacecraft; default: the known one.
+
+        """
 
         def at(times: NDArray[np.float64]) -> Telemetry:
-            return self.telemetry(motion, parameters, times)
+            return self.telemetries(motion, parameters[None], times, tree)[0]
 
-        return ideal_measurements(self.suite, names, at, motion.duration)
-
-    def telemetry(
-        self, motion: JointMotion, parameters: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> Telemetry:
-        """Return the motion of base and joints at times (N,) [s], with a target of π (10,)."""
-        return self.telemetries(motion, parameters[None], times)[0]
+        return ideal_measurements(self.suite, self.spacecraft.joint_names, at, motion.duration)
 
     def telemetries(
-        self, motion: JointMotion, targets: NDArray[np.float64], times: NDArray[np.float64]
+        self,
+        motion: JointMotion,
+        targets: NDArray[np.float64],
+        times: NDArray[np.float64],
+        tree: KinematicTree | None = None,
     ) -> list[Telemetry]:
-        """Return the same for each of T targets π (T, 10), at little more than the cost of one."""
+        """Return the motion of base and joints at times (N,) [s] with each of T targets π (T, 10).
+
+        Other arguments as for `ideal`.
+        """
         phi = np.stack([parameters_to_standard(parameters) for parameters in targets])
-        tree, momentum = self.spacecraft.tree, self.momentum_W
-        base = propagate(tree, motion, phi, times, momentum_W=momentum)
+        tree = tree or self.spacecraft.tree
+        base = propagate(tree, motion, phi, times, momentum_W=self.momentum_W)
         names = self.spacecraft.joint_names
         return [base.to_telemetry(names, times, motion, k) for k in range(len(targets))]
 
-    def largest_efforts(
+    def needs(
         self, motion: JointMotion, targets: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the largest joint efforts (T, J) of a motion with T targets π [N·m or N]."""
-        times = motion.instants()
-        times = times[:: max(1, len(times) // _EFFORT_SAMPLES)]
-        accelerations = motion.evaluate(times)[:, 2]
-        return self.efforts(self.telemetries(motion, targets, times), targets, accelerations)
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what a motion needs with T targets π (T, 10), the efforts in Drake's plant.
 
-    def efforts(
-        self,
-        telemetries: list[Telemetry],
-        targets: NDArray[np.float64],
-        accelerations: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Return the largest joint efforts (T, J) with each target, in Drake's plant [N·m or N].
-
-        Args:
-            telemetries: the motion with each target, N instants each.
-            targets: (T, 10) parameters π.
-            accelerations: (N, J) of the joints [rad/s² or m/s²].
+        Returns:
+            The largest efforts (T, J) of the joints [N·m or N], and the largest turn [rad], angular
+            rate [rad/s] and displacement [m] of the base (T, 3).
 
         """
-        craft, found = self.spacecraft, []
-        for telemetry, parameters in zip(telemetries, targets, strict=True):
-            plant = craft.make_simulation_plant(InertialParameters.from_vector(parameters))
-            dynamics, states = FreeFloatingDynamics(craft, plant), craft.to_states(telemetry)
-            context = plant.CreateDefaultContext()
-            found.append(np.abs(dynamics.joint_efforts(context, states, accelerations)).max(axis=0))
-        return np.stack(found)
+        times = np.linspace(0.0, motion.duration, CHECKED_INSTANTS + 1)
+        accelerations = motion.evaluate(times)[:, 2]
+        bodies = [InertialParameters.from_vector(each) for each in targets]
+        plant = MultibodyPlant(time_step=0.0)
+        body = self.spacecraft.add_to(plant, bodies[0])
+        dynamics = FreeFloatingDynamics(self.spacecraft, plant)
+        context, efforts, lengths = plant.CreateDefaultContext(), [], []
+        for target, telemetry in zip(bodies, self.telemetries(motion, targets, times), strict=True):
+            body.SetSpatialInertiaInBodyFrame(context, target.to_spatial_inertia())
+            states = self.spacecraft.to_states(telemetry)
+            found = dynamics.joint_efforts(context, states, accelerations)
+            efforts.append(np.abs(found).max(axis=0))
+            lengths.append(_base_lengths(telemetry))
+        return np.stack(efforts), np.array(lengths)
+
+
+def _base_lengths(base: Telemetry) -> tuple[float, float, float]:
+    """Return the largest turn [rad], angular rate [rad/s] and displacement [m] of the base."""
+    cosine = np.abs(base.quaternion_WB @ base.quaternion_WB[0])
+    return (
+        float(2 * np.arccos(np.clip(cosine, 0, 1)).max()),
+        float(np.linalg.norm(base.w_WB, axis=1).max()),
+        float(np.linalg.norm(base.p_WB - base.p_WB[0], axis=1).max()),
+    )

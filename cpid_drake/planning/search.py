@@ -1,194 +1,138 @@
 """Search for the motion of a family that determines the target best.
 
-Low-discrepancy candidates within the limits are scored in batches. A gradient method then improves
-the best of them: sequential quadratic programming of SciPy (Kraft 1988), which minimizes t with all
-components of the criterion below t.
+Low-discrepancy candidates within the limits are scored. A gradient method then improves the best of
+them: sequential quadratic programming of SciPy (Kraft 1988), which minimizes t with all components
+of the criterion below t.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import norm, qmc
 
-from cpid_drake.planning.constraints import Constraint, MotionFunction
-from cpid_drake.planning.limits import LimitedFamily
+from cpid_drake.planning.motion_family import MotionFamily
 from cpid_drake.planning.objective import Objective
-from cpid_drake.processes import shared_work
+from cpid_drake.spacecraft.clearance import Clearance
 
-BATCH = 64
-"""Number of candidates that are scored at once."""
+LEAST_SHARE = 0.2
+"""Least share of its room that a joint of a candidate uses: without motion there is no gradient."""
 
-TOLERANCE = 1e-6
-"""Largest excess over a limit of a joint [rad, rad/s or rad/s²] that is rounding."""
+DISTANCE_PERIOD = 0.15
+"""Time between two poses at which distances are imposed [s]: arms move centimetres in it."""
 
-WIDEST = 10.0
-"""Bounds of each parameter, as multiples of its largest value if all others are zero."""
-
-SHARE = 0.01
-"""Largest violation of another constraint, which has a margin of its own, as a share of it."""
-
-_SMALLEST_SHARE = 0.2
+DISTANCE_MARGIN = 0.01
+"""Distance that is imposed beyond the smallest one, for the motion between the poses [m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A motion and its score.
-
-    Attributes:
-        parameters: (F, K).
-        score: the criterion.
-
-    """
-
-    parameters: NDArray[np.float64]
-    score: float
-
-
-def candidates(limited: LimitedFamily, count: int, seed: int) -> NDArray[np.float64]:
+def candidates(family: MotionFamily, count: int, seed: int) -> NDArray[np.float64]:
     """Return parameters (count, F, K) of motions within the limits, from a Sobol sequence.
 
     The directions in parameter space are normally distributed. Every joint uses between a fifth and
     all of the room that its limits leave.
     """
-    F, K = limited.family.count, len(limited.family.moving)
+    F, K = family.shape
     # Powers of two keep the sequence balanced.
     points = qmc.Sobol(F * K + K, rng=np.random.default_rng(seed)).random_base2(
         max(int(np.ceil(np.log2(count))), 1)
     )[:count]
     directions = norm.ppf(np.clip(points[:, : F * K], 1e-9, 1 - 1e-9)).reshape(-1, F, K)
-    share = _SMALLEST_SHARE + (1 - _SMALLEST_SHARE) * points[:, F * K :]
-    largest = limited.usage(directions).max(axis=0)
-    return np.asarray(directions * (share / largest)[:, None])
+    share = LEAST_SHARE + (1 - LEAST_SHARE) * points[:, F * K :]
+    return np.asarray(directions * (share / family.usage(directions).max(axis=0))[:, None])
 
 
-def ranked(
-    objective: Objective,
-    parameters: NDArray[np.float64],
-    jobs: int,
-    progress: Callable[[int, float], None] = lambda done, best: None,
-) -> list[Candidate]:
-    """Return candidates (B, F, K) with their scores, the best first.
+class Distances:
+    """Distances of bodies that are not neighbours during a family's motions.
 
     Args:
-        objective: the criterion.
-        parameters: the candidates.
-        jobs: number of processes.
-        progress: called with the number of scored candidates and the best score.
+        clearance: of the spacecraft with a target of known shape.
+        family: the motions.
+        least: smallest distance [m].
 
     """
-    batches = [parameters[k : k + BATCH] for k in range(0, len(parameters), BATCH)]
-    scores: list[float] = []
-    for part in shared_work(_scores_of, objective, batches, min(jobs, len(batches))):
-        scores += part.tolist()
-        progress(len(scores), min(scores))
-    order = np.argsort(scores, kind="stable")
-    return [Candidate(parameters[k], scores[k]) for k in order]
+
+    def __init__(self, clearance: Clearance, family: MotionFamily, least: float) -> None:
+        self.clearance, self.family, self.least = clearance, family, least
+        count = int(np.ceil(family.duration / DISTANCE_PERIOD))
+        self._times = np.linspace(0.0, family.duration, count + 1)[1:-1]
+
+    def excess(
+        self, parameters: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return values (Q,) of a motion (F, K) and their derivatives (Q, F K).
+
+        They are at most zero where the distances are kept with a margin.
+        """
+        positions = self.family.make(parameters).evaluate(self._times)[:, 0]
+        values, by_position = self.clearance.penalties(positions, self.least + DISTANCE_MARGIN)
+        phi = self.family.functions(self._times)[:, 0]
+        slopes = phi[:, :, None] * by_position[:, None, self.family.moving]
+        return values - 1, slopes.reshape(len(values), -1)
 
 
-def _scores_of(objective: Objective) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    return objective.scores
-
-
-def refined(
+def improved(
     objective: Objective,
-    limited: LimitedFamily,
-    constraints: Sequence[Constraint],
-    start: Candidate,
+    distances: Distances | None,
+    start: NDArray[np.float64],
     iterations: int,
-    found: Callable[[Candidate], None] = lambda candidate: None,
-) -> list[Candidate]:
-    """Improve a candidate by its gradient.
+    seen: Callable[[NDArray[np.float64], float], None] = lambda parameters, score: None,
+) -> NDArray[np.float64]:
+    """Return the parameters (F, K) of a motion that the gradient method makes of another one.
+
+    It may exceed limits a little.
 
     Args:
-        objective: the criterion.
-        limited: the family and its linear limits.
-        constraints: further constraints.
-        start: a candidate; its score is infinite if it does not keep all constraints.
+        objective: the criterion, with limits of efforts and of the base's motion.
+        distances: the distances to keep; None for any.
+        start: the motion to improve.
         iterations: largest number.
-        found: called with every motion that keeps all constraints and is the best so far.
-
-    Returns:
-        The motions that keep all constraints, the best first; `start` is the last.
+        seen: called with the parameters and the criterion after each iteration.
 
     """
-    shape = start.parameters.shape
-    A, b = limited.inequalities()
-    kept = [start]
+    A, b = objective.family.inequalities()
+    sigmas = len(objective.targets) * len(objective.tree.unknowns)
+    known: dict[bytes, NDArray[np.float64]] = {}
 
-    goal, others = _Remembered(objective, shape), [_Remembered(c, shape) for c in constraints]
+    def parameters(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        return z[:-1].reshape(start.shape).copy()
 
-    def keep(z: NDArray[np.float64]) -> None:
-        is_within = (A @ z[:-1] - b).max() < TOLERANCE
-        is_within = is_within and all(other.values(z).min() > -SHARE for other in others)
-        score = float(np.exp(goal.values(z).max()))
-        if is_within and score < kept[0].score:
-            kept.insert(0, Candidate(z[:-1].reshape(shape).copy(), score))
-            found(kept[0])
+    def excess(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what must not be positive, without its dependence on t = z[-1]."""
+        x = parameters(z)
+        key = x.tobytes()
+        if key not in known:
+            known.clear()
+            far = np.empty(0) if distances is None else distances.excess(x)[0]
+            known[key] = np.concatenate([objective.values(x[None])[0], far])
+        return known[key]
 
-    def column(matrix: NDArray[np.float64], value: float) -> NDArray[np.float64]:
-        return np.hstack([matrix, np.full((len(matrix), 1), value)])
+    def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = parameters(z)
+        far = np.empty((0, x.size)) if distances is None else distances.excess(x)[1]
+        rows = np.concatenate([objective.evaluate(x)[1], far])
+        by_t = np.repeat([1.0, 0.0], [sigmas, len(rows) - sigmas])
+        return np.column_stack([-rows, by_t])
 
-    linear = column(-A, 0.0)
-    conditions = [
-        {"type": "ineq", "fun": lambda z: b - A @ z[:-1], "jac": lambda z: linear},
-        {
-            "type": "ineq",
-            "fun": lambda z: z[-1] - goal.values(z),
-            "jac": lambda z: column(-goal.gradients(z), 1.0),
-        },
-    ]
-    for other in others:
-        conditions.append(
-            {
-                "type": "ineq",
-                "fun": lambda z, other=other: other.values(z),
-                "jac": lambda z, other=other: column(other.gradients(z), 0.0),
-            }
-        )
-    z = np.append(start.parameters.ravel(), 0.0)
-    z[-1] = goal.values(z).max()
-    unit = np.append(np.zeros(z.size - 1), 1.0)
-    minimize(
+    def room(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        values = -excess(z)
+        values[:sigmas] += z[-1]
+        return values
+
+    linear = np.column_stack([-A, np.zeros(len(A))])
+    unit = np.append(np.zeros(start.size), 1.0)
+    z = np.append(start.ravel(), 0.0)
+    z[-1] = excess(z)[:sigmas].max()
+    found = minimize(
         lambda z: z[-1],
         z,
         jac=lambda z: unit,
         method="SLSQP",
-        constraints=conditions,
-        callback=keep,
-        bounds=[*((-x, x) for x in WIDEST * limited.largest_alone.ravel()), (None, None)],
+        constraints=[
+            {"type": "ineq", "fun": lambda z: b - A @ z[:-1], "jac": lambda z: linear},
+            {"type": "ineq", "fun": room, "jac": slopes},
+        ],
+        callback=lambda z: seen(parameters(z), float(np.exp(excess(z)[:sigmas].max()))),
         options={"maxiter": iterations, "ftol": 1e-4},
     )
-    return kept
-
-
-class _Remembered:
-    """Values and gradients at the last z: the solver asks several times, and rarely for gradients.
-
-    Args:
-        function: the objective or a constraint.
-        shape: F and K.
-
-    """
-
-    def __init__(self, function: MotionFunction, shape: tuple[int, ...]) -> None:
-        self._function, self._shape = function, shape
-        self._known: dict[bytes, NDArray[np.float64]] = {}
-        self._slopes: dict[bytes, NDArray[np.float64]] = {}
-
-    def values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values at z, whose last entry is not a parameter."""
-        key = z[:-1].tobytes()
-        if key not in self._known:
-            self._known = {key: self._function.values(z[:-1].reshape(self._shape))}
-        return self._known[key]
-
-    def gradients(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the gradients at z."""
-        key = z[:-1].tobytes()
-        if key not in self._slopes:
-            values, slopes = self._function.evaluate(z[:-1].reshape(self._shape))
-            self._known, self._slopes = {key: values}, {key: slopes}
-        return self._slopes[key]
+    return parameters(found.x)

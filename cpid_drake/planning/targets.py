@@ -1,12 +1,13 @@
 """Targets that are plausible before a motion: from a prior, or from the size of the spacecraft."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.identification.prior import TargetPrior
-from cpid_drake.planning.objective import PlausibleTarget
 
 MASSES = (0.03, 0.3)
 """Masses of targets of which nothing is known, as shares of the spacecraft's mass."""
@@ -18,6 +19,22 @@ FARTHEST = 1.2
 """Largest distance of the centre of mass from C's origin, as a share of the mean half axis."""
 
 _MOST_DRAWS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class PlausibleTarget:
+    """A target that is possible as far as the planner knows.
+
+    Attributes:
+        parameters: (10,) π.
+        information: (10, 10) what is known about π before the motion; default: nothing.
+        weight: of its σ beside those of other targets.
+
+    """
+
+    parameters: NDArray[np.float64]
+    information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((10, 10)))
+    weight: float = 1.0
 
 
 def plausible_targets(

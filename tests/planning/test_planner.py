@@ -5,24 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpid_drake import InertialParameters, InputError, load_scenario, load_sensors, shipped_scenario
+from cpid_drake import (
+    InertialParameters,
+    InputError,
+    TargetPrior,
+    load_scenario,
+    load_sensors,
+    shipped_scenario,
+)
+from cpid_drake.planning.comparison import reference_motions, trial_errors
 from cpid_drake.planning.export import motion_table
+from cpid_drake.planning.pareto import undominated
 from cpid_drake.planning.plan_options import PlanOptions
-from cpid_drake.planning.plan_problem import PlanProblem
-from cpid_drake.planning.planner import FIRST_TARGETS, Planner
+from cpid_drake.planning.planner import Planner, next_planner
 from cpid_drake.planning.search import candidates
+from cpid_drake.planning.wheels import wheel_rates
 from cpid_drake.scenario.limits import check_limits
 from cpid_drake.scenario.simulation import make_simulation
 
-SMALL = PlanOptions(
-    frequency=0.3,
-    candidates=32,
-    starts=1,
-    iterations=4,
-    targets=4,
-    joints=tuple(f"capture_arm_joint{k}" for k in range(1, 7)),
-    jobs=1,
-)
+ARM = tuple(f"capture_arm_joint{k}" for k in range(1, 7))
+SMALL = PlanOptions(frequency=0.3, candidates=64, starts=1, iterations=12, targets=3, joints=ARM)
+WHEELS = tuple(f"wheel{k}_spin" for k in range(1, 5))
 
 
 @pytest.fixture(scope="module")
@@ -32,104 +35,171 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def planner(scenario):
-    planner = Planner(PlanProblem(scenario, load_sensors("flight"), SMALL))
-    planner.left_by_interrupts = []
-    planner.run(lambda what, best: planner.left_by_interrupts.append(planner.best))
+    planner = Planner(scenario, load_sensors("flight"), SMALL)
+    planner.run()
     return planner
+
+
+def parameters(planner, count, seed=3):
+    drawn = np.random.default_rng(seed).normal(size=(count, *planner.family.shape))
+    return drawn / planner.family.usage(drawn).max(axis=(0, 2))[:, None, None]
+
+
+# -- the criterion ---------------------------------------------------------------------------------
+
+
+def test_the_least_favourable_target_and_its_worst_parameter_decide(planner):
+    x = parameters(planner, 2)
+    objective = planner.objective
+    each = [replace(objective, targets=(target,)).sigmas(x) for target in objective.targets]
+    np.testing.assert_allclose(objective.sigmas(x), np.concatenate(each, axis=1))
+    values = objective.values(x)
+    sigmas = objective.sigmas(x).reshape(len(x), -1)
+    np.testing.assert_allclose(np.exp(values[:, : sigmas.shape[1]]), sigmas)
+
+
+def test_gradients_are_those_of_central_differences(planner):
+    objective = replace(planner.objective, demanding=planner.checked_targets[:2])
+    objective = objective.with_limits({"base attitude": 0.5, "base displacement": 0.1})
+    [x], h = parameters(planner, 1), 1e-4
+    values, gradient = objective.evaluate(x)
+    np.testing.assert_allclose(values, objective.values(x[None])[0])
+    for d in parameters(planner, 3, seed=4):
+        later, before = (objective.values((x + s * h * d)[None])[0] for s in (1, -1))
+        expected, found = (later - before) / (2 * h), gradient @ d.ravel()
+        np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_what_is_known_before_adds_to_what_a_motion_teaches(planner, scenario):
+    [x], truth = parameters(planner, 1), scenario.target_truth().to_vector()
+    scale = planner.setting.predict(planner.own_motion, truth).scale
+    found = {}
+    for sigma in (1e-7, 1e-5, 1.0):
+        prior = TargetPrior("estimate", truth, np.diag((sigma * scale) ** 2))
+        following = next_planner(planner, prior)
+        found[sigma] = following.objective.sigmas(x[None])[0, 0]
+    np.testing.assert_allclose(found[1e-7], 1e-7, rtol=1e-2)
+    assert (found[1e-5] < np.minimum(found[1.0], 1e-5)).all()
+    assert found[1.0].max() > 1e-6
+
+
+def test_moving_less_teaches_less(planner):
+    """Limits decide the precision: a tenth of the motion is much less certain."""
+    [x] = parameters(planner, 1)
+    full, tenth = planner.objective.sigmas(np.stack([x, x / 10])).max(axis=(1, 2))
+    assert tenth > 5 * full
+
+
+# -- a plan ----------------------------------------------------------------------------------------
 
 
 def test_it_is_much_better_than_the_scenarios_motion_for_the_true_target(planner, scenario):
     """The planner does not know the true target."""
     truth = scenario.target_truth().to_vector()
-    assert all(not np.allclose(target, truth, rtol=0.1) for target in planner.problem.targets)
-    own = planner.problem.setting.predict(planner.problem.own_motion, truth)
-    plan = planner.problem.setting.predict(planner.problem.motion(planner.best), truth)
-    assert own.worst > 30 * plan.worst
+    assert all(not np.allclose(target.parameters, truth, rtol=0.1) for target in planner.targets)
+    own, plan = (
+        planner.setting.predict(motion, truth).worst
+        for motion in (planner.own_motion, planner.best.motion)
+    )
+    assert own > 30 * plan
+
+
+def test_it_is_better_than_all_random_motions_within_the_limits_of_joints(planner):
+    random = planner.objective.sigmas(planner.ranked(SMALL.candidates)[:1]).max()
+    assert planner.best.score < 0.7 * random
 
 
 def test_it_keeps_the_ends_and_all_limits_of_drakes_plant(planner, scenario):
-    motion, own = planner.problem.motion(planner.best), planner.problem.own_motion
+    """With the targets that it is planned for, and with others."""
+    motion, own = planner.best.motion, planner.own_motion
     np.testing.assert_allclose(motion.evaluate([0.0, 10.0])[:, 0], own.evaluate([0.0, 10.0])[:, 0])
-    declared = replace(
-        scenario, joint_motion=planner.problem.family.declare(planner.best.parameters)
-    )
-    for target in planner.problem.targets:
-        body = InertialParameters.from_vector(target)
+    declared = replace(scenario, joint_motion=planner.family.declare(planner.best.parameters))
+    for target in (*planner.targets, *planner.plausible(3, 99)):
+        body = InertialParameters.from_vector(target.parameters)
         found = check_limits(make_simulation(declared, target=body))
         assert found.exceeded == ()
         assert found.closest
-
-
-@pytest.mark.slow
-def test_it_suits_all_targets_better_than_any_random_motion(planner):
-    """More targets than the gradient method begins with; none is given up for another."""
-    problem = planner.problem
-    assert len(problem.targets) > FIRST_TARGETS
-    drawn = candidates(problem.limited, SMALL.candidates, SMALL.seed)
-    random = problem.objective.target_scores(drawn)
-    found = problem.objective.target_scores(planner.best.parameters[None])[:, 0]
-    assert found.max() == pytest.approx(planner.best.score)
-    assert found.max() < 0.7 * random.max(axis=0).min()
-    assert found.max() < 2 * found.min()
-
-
-def test_an_interrupt_leaves_what_keeps_all_limits_and_the_plan_is_the_best_of_that(planner):
-    left = [each for each in planner.left_by_interrupts if each is not None]
-    assert planner.problem.is_kept(left[-1])
-    assert planner.problem.is_kept(planner.best)
-    better = [each for each in left if each.score < planner.best.score]
-    assert not any(planner.problem.is_kept(each) for each in better)
+    assert max(planner.best.usage.values()) <= 1
+    assert planner.best.active
 
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_plan(planner, scenario):
-    again = Planner(PlanProblem(scenario, load_sensors("flight"), SMALL)).run()
-    np.testing.assert_array_equal(again.parameters, planner.best.parameters)
-
-
-def test_active_limits_are_named(planner):
-    assert any(each.startswith("rate of ") for each in planner.active(planner.best))
+    again = Planner(scenario, load_sensors("flight"), SMALL)
+    np.testing.assert_array_equal(again.run().parameters, planner.best.parameters)
 
 
 @pytest.mark.slow
 def test_little_motion_of_the_base_can_be_required(scenario):
-    options = replace(
-        SMALL,
-        base_attitude=np.radians(60.0),
-        base_rate=np.radians(16.0),
-        base_displacement=0.2,
-        targets=1,
-    )
-    planner = Planner(PlanProblem(scenario, load_sensors("flight"), options))
+    limits = {"base_attitude": np.radians(60.0), "base_rate": np.radians(16.0)}
+    options = replace(SMALL, **limits, base_displacement=0.2, targets=1)
+    planner = Planner(scenario, load_sensors("flight"), options)
     best = planner.run()
-    assert len(planner.problem.checked_targets) > 1  # also the heaviest, which move the base most
-    for target in planner.problem.checked_targets:
-        found = planner.problem.setting.predict(planner.problem.motion(best), target)
-        assert found.base_angle <= np.radians(60.0)
-        assert found.base_rate <= np.radians(16.0)
+    for target in planner.checked_targets:  # also the heaviest, which move the base most
+        found = planner.setting.predict(best.motion, target.parameters)
+        assert found.base_angle <= limits["base_attitude"]
+        assert found.base_rate <= limits["base_rate"]
         assert found.base_shift <= 0.2
+
+
+def test_an_interrupt_leaves_a_motion_within_all_limits(scenario):
+    planner = Planner(scenario, load_sensors("flight"), SMALL)
+
+    def interrupt(what, best):
+        if what.startswith("gradient"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        planner.run(interrupt)
+    assert max(planner.best.usage.values()) <= 1
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"joints": ("elbow",)}, "no joint 'elbow'"),
-        ({"candidates": 0}, "candidates must be at least 1"),
+        ({"candidates": 0}, "candidates must be > 0"),
         ({"rate_share": 0.0}, "rate_share must be > 0"),
+        ({"base_displacement": -1.0}, "base_displacement must be > 0"),
         ({"duration": 4.0}, "exceeds the limit of its rate"),
+        ({"duration": 12.0, "opportunistic": 1.0}, "either --duration or --opportunistic"),
+        ({"wheel_momentum": 1.0}, "the spacecraft has no wheels"),
         pytest.param(
             {"base_attitude": 1e-3}, "no motion keeps the constraints", marks=pytest.mark.slow
         ),
-        ({"base_displacement": -1.0}, "base_displacement must be > 0"),
     ],
 )
 def test_impossible_choices_are_refused(changes, message, scenario):
     with pytest.raises(InputError, match=message):
-        Planner(PlanProblem(scenario, load_sensors("flight"), replace(SMALL, **changes))).run()
+        Planner(scenario, load_sensors("flight"), replace(SMALL, **changes)).run()
+
+
+def test_a_transfer_may_take_longer(scenario):
+    options = replace(SMALL, opportunistic=2.0)
+    family = Planner(scenario, load_sensors("flight"), options).family
+    assert family.duration == scenario.simulation.duration + 2.0
+
+
+# -- what follows from a plan ----------------------------------------------------------------------
+
+
+def test_the_next_motion_starts_where_the_last_one_ended(planner):
+    back, elsewhere = next_planner(planner, None), planner.family.end + 0.1
+    np.testing.assert_allclose(back.family.start, planner.family.end)
+    np.testing.assert_allclose(back.family.end, planner.family.start)
+    onwards = next_planner(planner, None, elsewhere)
+    np.testing.assert_allclose(onwards.family.end, elsewhere)
+
+
+def test_a_front_has_no_motion_that_another_one_beats(planner):
+    points = [(0.5, 3.0), (0.4, 2.0), (0.3, 4.0), (0.3, 5.0), (0.2, 4.5), (0.1, 9.0)]
+    plans = [replace(planner.best, turn=turn, score=score) for turn, score in points]
+    kept = [(plan.turn, plan.score) for plan in undominated(plans)]
+    assert kept == [(0.4, 2.0), (0.3, 4.0), (0.2, 4.5), (0.1, 9.0)]
 
 
 def test_a_table_for_a_controller_has_the_whole_motion(planner):
-    motion, names = planner.problem.motion(planner.best), planner.problem.spacecraft.joint_names
+    motion, names = planner.best.motion, planner.spacecraft.joint_names
     lines = motion_table(motion, names, 30.0).splitlines()
     assert lines[0].startswith("time,q:capture_arm_joint1,")
     assert len(lines[0].split(",")) == 1 + 3 * len(names)
@@ -138,3 +208,62 @@ def test_a_table_for_a_controller_has_the_whole_motion(planner):
     assert values[-1, 0] == 10.0
     expected = motion.evaluate(values[:, 0]).reshape(len(values), -1)
     np.testing.assert_allclose(values[:, 1:], expected, atol=1e-9)
+
+
+# -- comparison ------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_random_and_broadband_motions_move_as_much_as_the_limits_allow(planner):
+    found = dict(reference_motions(planner))
+    names = ["scenario's motion", "best of 1000 random", "multi-axis chirp"]
+    assert list(found) == [*names, "random binary, smoothed"]
+    for name, motion in found.items():
+        usage = max(planner.usage(motion)[0].values())
+        assert name == names[0] or 0.5 < usage <= 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["paper", "uncertain_spacecraft"])
+def test_the_errors_of_fits_are_as_large_as_predicted(name):
+    """With an uncertain spacecraft its bodies are drawn, too."""
+    planner = Planner(load_scenario(shipped_scenario(name)), load_sensors("flight"))
+    target = planner.targets[0].parameters
+    errors = np.array([*trial_errors(planner.setting, planner.own_motion, target, 6, 1)])
+    prediction = planner.setting.predict(planner.own_motion, target)
+    ratio = np.sqrt(np.mean(errors**2, axis=0)) / (prediction.sigma / prediction.scale)
+    assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.5
+
+
+# -- wheels ----------------------------------------------------------------------------------------
+
+
+def test_drakes_plant_has_the_momentum_that_a_wheel_stores_and_no_motion_stores_more():
+    """The base is at rest, and one wheel turns; the wheels start and end at rest."""
+    scenario, largest = load_scenario(shipped_scenario("single_arm_wheels")), 0.15  # [N·m·s]
+    still = {name: np.zeros(3) for name in WHEELS}
+    moved = replace(scenario.joint_motion, amplitudes={**scenario.joint_motion.amplitudes, **still})
+    options = PlanOptions(
+        frequency=0.2, joints=("arm_joint1", *WHEELS), wheel_momentum=largest, targets=1
+    )
+    planner = Planner(replace(scenario, joint_motion=moved), load_sensors("servicer"), options)
+    craft, names = planner.spacecraft, planner.spacecraft.joint_names
+    rates = wheel_rates(craft.tree, names, np.ones(len(names), dtype=bool), largest)
+    assert {names[k] for k in np.flatnonzero(np.isfinite(rates))} == set(WHEELS)
+    target = InertialParameters(180.0, np.zeros(3), 20.0 * np.eye(3))
+    plant = craft.make_simulation_plant(target)
+    context = plant.CreateDefaultContext()
+    for wheel in WHEELS:
+        plant.SetVelocities(context, np.zeros(plant.num_velocities()))
+        plant.GetJointByName(wheel).set_angular_rate(context, rates[names.index(wheel)])
+        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
+        assert np.linalg.norm(momentum.rotational()) == pytest.approx(largest, rel=1e-9)
+        np.testing.assert_allclose(momentum.translational(), 0.0, atol=1e-9)
+    shares = [
+        (np.abs(planner.family.make(x).evaluate(planner.family.times)[:, 1]) / rates).max()
+        for x in candidates(planner.family, 16, 1)
+    ]
+    assert 0.9 < max(shares) <= 1.0
+    fixed = replace(options, joints=())
+    with pytest.raises(InputError, match=r"no wheel moves.*--joint.*wheel1_spin, wheel2_spin"):
+        _ = Planner(replace(scenario, joint_motion=moved), planner.suite, fixed).family

@@ -1,0 +1,110 @@
+"""Motions to compare a plan with, and what a fit really finds from noisy logs of a motion."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.joint_motion import HalfCosine, JointMotion
+from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
+from cpid_drake.dynamics.sensitivity import perturbed
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.errors import InputError
+from cpid_drake.identification.identify import identify
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.planning.planner import Planner
+from cpid_drake.planning.prediction import MotionSetting, Prediction
+
+RANDOM_MOTIONS = 1000
+"""Number of random motions of which the best is compared, as in the literature."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A motion, what is expected of it, and what a fit found.
+
+    Attributes:
+        prediction: for the assumed target.
+        usage: the largest share of a limit that the motion needs with any target.
+        errors: (N, 10) errors of the fit in N trials, in units of the scale; NaN where it failed.
+
+    """
+
+    prediction: Prediction
+    usage: float
+    errors: NDArray[np.float64]
+
+    @property
+    def realised(self) -> float:
+        """The largest root mean square of the errors of a parameter; NaN without trials."""
+        succeeded = self.errors[np.isfinite(self.errors).all(axis=1)]
+        return float(np.sqrt(np.mean(succeeded**2, axis=0)).max()) if len(succeeded) else np.nan
+
+
+def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
+    """Yield the scenario's motion and motions of the planner's family, by name.
+
+    All but the scenario's motion and a half cosine keep the limits: they move the joints as much as
+    these allow.
+    """
+    family, own = planner.family, planner.own_motion
+    yield "scenario's motion", own
+    if not isinstance(own, HalfCosine) and (family.start != family.end).any():
+        yield "half cosine", HalfCosine(family.start, family.end, family.duration)
+    rng = np.random.default_rng(planner.options.seed)
+    t, T = family.times, family.duration
+    first = 1 / T
+    phase = 2 * np.pi * (first * t + (family.frequency - first) * t**2 / (2 * T))
+    shifts = rng.uniform(0.0, 2 * np.pi, len(family.moving))
+    drawn = {
+        f"best of {RANDOM_MOTIONS} random": planner.ranked(RANDOM_MOTIONS)[0],
+        "multi-axis chirp": family.fitted(np.sin(phase[:, None] + shifts)),
+        "random binary, smoothed": rng.choice([-1.0, 1.0], family.shape),
+    }
+    for name, parameters in drawn.items():
+        largest = family.usage(parameters).max(axis=0)
+        plan = planner.consider(parameters / largest)
+        if plan is not None:
+            yield name, plan.motion
+
+
+def trial_errors(
+    setting: MotionSetting,
+    motion: JointMotion,
+    parameters: NDArray[np.float64],
+    trials: int,
+    seed: int,
+) -> Iterator[NDArray[np.float64]]:
+    """Yield the errors (10,) of the fit, in units of the scale, in trials with drawn errors.
+
+    The noise of all sensors is drawn, and the known bodies if they are uncertain. The errors are
+    NaN where the fit finds no target.
+
+    Args:
+        setting: spacecraft and sensors.
+        motion: of the joints.
+        parameters: (10,) π of the target.
+        trials: their number.
+        seed: determines the draws.
+
+    """
+    craft, bodies, ideal = setting.spacecraft, setting.known_bodies, None
+    scale = parameter_scale(parameters, SCALE_LENGTH)
+    momentum = TotalMomentum.unknown() if setting.is_unknown else TotalMomentum.zero()
+    for number in range(trials):
+        sequence = np.random.SeedSequence(seed, spawn_key=(number,))
+        noise_seed, body_seed = sequence.generate_state(2).tolist()
+        if ideal is None or bodies is not None:
+            rng = np.random.default_rng(body_seed)
+            tree = None if bodies is None else perturbed(craft.tree, bodies, rng)
+            ideal = setting.ideal(motion, parameters, tree)
+        log = add_noise(setting.suite, ideal, noise_seed)
+        try:
+            found = identify(
+                craft, log, sensors=setting.suite, momentum=momentum, known_bodies=bodies
+            )
+        except InputError:
+            yield np.full(10, np.nan)
+            continue
+        yield (found.parameters - parameters) / scale

@@ -1,0 +1,185 @@
+"""Joint motions that are linear in their parameters: splines with given ends, and their limits.
+
+A motion is q(t) = k(t) + Σ_i x_i φ_i(t). The known part k moves from the given start to the
+required end, and the functions φ are the same for all joints that move. They and their rates are
+zero at both ends, so every motion starts and ends as required. Limits of position, rate and
+acceleration are linear in the parameters x.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, JointMotion, Spline
+from cpid_drake.errors import InputError
+from cpid_drake.scenario.joint_motions import SplineMotion
+
+MOST_FUNCTIONS = 60
+"""Largest number of functions of a family: the search takes minutes with more."""
+
+POINTS_PER_FUNCTION = 6
+"""Times at which limits are imposed, for each function."""
+
+FINENESS = 8
+"""Times at which a finished motion's limits are checked, for each one at which they are imposed."""
+
+QUANTITIES = ("position", "rate", "acceleration")
+"""What the limits of a joint limit."""
+
+_FIXED = 3  # equal coefficients at each end: rates and accelerations are zero there
+
+
+@dataclass(frozen=True, eq=False)
+class MotionFamily:
+    """Splines of degree 5 between two configurations; the parameters are coefficients.
+
+    Attributes:
+        joint_names: the J joints of the spacecraft.
+        start, end: (J,) positions at both ends [rad or m].
+        moving: (K,) columns of the joints that move besides the motion from start to end.
+        duration: [s].
+        bounds: (2, 3, J) lower and upper limits of position, rate and acceleration; infinite where
+            there is none.
+        frequency: highest frequency [Hz]; a spline's piece lasts half a period of it.
+
+    Raises:
+        InputError: the highest frequency gives no function, or too many; the motion from start to
+            end alone exceeds a limit.
+
+    """
+
+    joint_names: tuple[str, ...]
+    start: NDArray[np.float64]
+    end: NDArray[np.float64]
+    moving: NDArray[np.intp]
+    duration: float
+    bounds: NDArray[np.float64]
+    frequency: float
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.count <= MOST_FUNCTIONS:
+            raise InputError(
+                f"{self.count} functions for each joint: give a highest frequency between "
+                f"{1 / self.duration:.3g} and {MOST_FUNCTIONS / 2 / self.duration:.3g} Hz, not "
+                f"{self.frequency:g} Hz"
+            )
+        least = self._room(self.times).min(axis=(0, 1))
+        if least.min() <= 0:
+            derivative, joint = np.argwhere(least <= 0)[0]
+            raise InputError(
+                f"{self.joint_names[joint]}: the motion from start to end in {self.duration:g} s "
+                f"exceeds the limit of its {QUANTITIES[derivative]}; give a longer duration or "
+                "other positions"
+            )
+
+    @property
+    def count(self) -> int:
+        """Number F of functions φ."""
+        return int(2 * self.frequency * self.duration) + SPLINE_DEGREE - 2 * _FIXED
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape (F, K) of the parameters of a motion."""
+        return self.count, len(self.moving)
+
+    @cached_property
+    def times(self) -> NDArray[np.float64]:
+        """(M,) the times at which limits are imposed [s]."""
+        return np.linspace(0.0, self.duration, POINTS_PER_FUNCTION * (self.count + 4) + 1)
+
+    def make(self, parameters: NDArray[np.float64]) -> Spline:
+        """Return the motion with parameters (F, K)."""
+        n = _FIXED
+        inner = np.linspace(0.0, 1.0, self.count + 2)[1:-1]
+        active_fraction = np.concatenate([np.zeros(n), inner, np.ones(n)])[:, None]
+        table = self.start + active_fraction * (self.end - self.start)
+        table[:n], table[-n:] = self.start, self.end
+        table[n:-n, self.moving] += parameters
+        return Spline(table, self.duration)
+
+    def declare(self, parameters: NDArray[np.float64]) -> SplineMotion:
+        """Return the motion with parameters (F, K) as a scenario's file has it."""
+        table = self.make(parameters).coefficients
+        return SplineMotion(
+            self.duration, {name: table[:, j] for j, name in enumerate(self.joint_names)}
+        )
+
+    def fitted(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the parameters (F, K) whose motion is nearest to positions (M, K) at `times`."""
+        moved = positions - self._known(self.times)[:, 0, self.moving]
+        return np.asarray(np.linalg.lstsq(self.functions(self.times)[:, 0], moved)[0])
+
+    def samples(
+        self, parameters: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return positions and rates (M, B, 2, J) at times (M,) of B motions (B, F, K)."""
+        moved = np.einsum("mdf,bfk->mbdk", self.functions(times)[:, :2], parameters)
+        samples = np.repeat(self._known(times)[:, None, :2], len(parameters), axis=1)
+        samples[..., self.moving] += moved
+        return samples
+
+    def functions(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the functions φ with their first two derivatives (M, 3, F) at times (M,)."""
+        return Spline(np.eye(self.count + 2 * _FIXED)[:, _FIXED:-_FIXED], self.duration).evaluate(
+            times
+        )
+
+    def usage(self, parameters: NDArray[np.float64], fineness: int = 1) -> NDArray[np.float64]:
+        """Return the largest share (3, ..., K) of the room that parameters (..., F, K) use.
+
+        The known part leaves this room of the limits of position, rate and acceleration of a joint.
+
+        Args:
+            parameters: of one or many motions.
+            fineness: times at which the limits are checked for each one of `times`.
+
+        """
+        times = self._fine(fineness)
+        room, phi, largest = self._room(times)[..., self.moving], self.functions(times), []
+        for k in range(3):
+            moved = np.tensordot(phi[:, k], parameters, axes=(1, -2))
+            below, above = (
+                side[:, k].reshape(len(times), *(1,) * (parameters.ndim - 2), -1) for side in room
+            )
+            largest.append(np.maximum(-moved / below, moved / above).max(axis=0))
+        return np.stack(largest)
+
+    def usage_of(self, motion: JointMotion) -> NDArray[np.float64]:
+        """Return the largest share (3, J) of the limits that any motion of this duration needs."""
+        values = motion.evaluate(self._fine(FINENESS))
+        lower, upper = self.bounds
+        both = np.isfinite(lower) & np.isfinite(upper)
+        centre = np.add(lower, upper, out=np.zeros_like(lower), where=both) / 2
+        shares = np.maximum(
+            (values - centre) / (upper - centre), (values - centre) / (lower - centre)
+        )
+        return np.asarray(shares.max(axis=0))
+
+    def inequalities(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return A (Q, F K) and b (Q,) of the finite limits A x ≤ b, x the raveled (F, K)."""
+        F, K = self.shape
+        phi = self.functions(self.times)[1:-1].reshape(-1, F)
+        rows, sides = [], []
+        for j, joint in enumerate(self.moving):
+            for sign, room in zip((-1.0, 1.0), self._room(self.times)[:, 1:-1, :, joint]):
+                kept = np.isfinite(room.ravel()) & (np.abs(phi).sum(axis=1) > 1e-9)
+                A = np.zeros((int(kept.sum()), F, K))
+                A[:, :, j] = sign * phi[kept]
+                rows.append(A.reshape(-1, F * K))
+                sides.append(room.ravel()[kept])
+        return np.concatenate(rows), np.concatenate(sides)
+
+    def _fine(self, fineness: int) -> NDArray[np.float64]:
+        """Return `times` and fineness − 1 times between each two of them [s]."""
+        return np.linspace(0.0, self.duration, fineness * (len(self.times) - 1) + 1)
+
+    def _known(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return positions, rates and accelerations (M, 3, J) of the known part."""
+        return self.make(np.zeros(self.shape)).evaluate(times)
+
+    def _room(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (2, M, 3, J) what the known part leaves of the lower and the upper limits."""
+        known = self._known(times)
+        return np.stack([known - self.bounds[0], self.bounds[1] - known])
