@@ -50,6 +50,12 @@ class Firing:
         """Time of its end [s]."""
         return self.time + self.duration
 
+    def share_before(self, time: float) -> float:
+        """Return the share of its momentum that it has added before a time [s]."""
+        if not self.duration:
+            return float(self.time < time)
+        return float(np.clip((time - self.time) / self.duration, 0.0, 1.0))
+
 
 @dataclass(frozen=True, eq=False)
 class Case:
@@ -176,28 +182,32 @@ def base_trajectory(
     """
     phi = case.truth.to_standard_vector()
     disturbance = case.disturbance() if disturbance is None else disturbance
-    edges = {t for f in case.firings for t in (f.time, f.end) if times[0] < t < times[-1]}
-    edges |= set(disturbance.changes(times[0], times[-1]))
-    thrust = log_of_burns(case.burns)
-    edges |= {t for t in thrust.time.tolist() if times[0] < t < times[-1]}
-    bounds = [times[0], *sorted(edges), times[-1]]
+    thrust, begin = log_of_burns(case.burns), times[0]
+    edges = {t for f in case.firings for t in (f.time, f.end)}
+    edges |= {*disturbance.changes(begin, times[-1]), *thrust.time.tolist()}
+    bounds = [begin, *sorted(t for t in edges if begin < t < times[-1]), times[-1]]
+    momentum_W = case.momentum_W + sum(f.momentum_W * f.share_before(begin) for f in case.firings)
     parts, pose = [], dict[str, NDArray[np.float64]]()
-    added = np.zeros(6)  # the momentum that is not from start and firings
     for start, end in pairwise(bounds):
         inside = times[(times > start) & (times < end)]
-        fired, wrench_W = _momentum_and_wrench(case, start)
         grid = np.unique(np.concatenate([[start], inside, [end]]))
+        wrench_W = np.zeros(6)
+        for firing in case.firings:
+            if firing.time == start and not firing.duration:
+                momentum_W = momentum_W + firing.momentum_W
+            elif firing.time <= start < firing.end:
+                wrench_W = wrench_W + firing.momentum_W / firing.duration
         part = propagate(
             tree,
             case.motion,
             phi,
             grid,
-            momentum_W=fired + added,
+            momentum_W=momentum_W,
             wrench=Wrench(disturbance.at(start), wrench_W, thrust.held_at(start), case.suite.orbit),
             max_step=0.02,
             **pose,
         )
-        added = part.momentum_W[-1] - fired - wrench_W * (end - start)
+        momentum_W = part.momentum_W[-1]
         # A sample at the end of a part belongs to the next part.
         kept = np.isin(grid, times) & ((grid < end) | (end == times[-1]))
         parts.append({name: values[kept] for name, values in vars(part).items()})
@@ -205,24 +215,6 @@ def base_trajectory(
     return BaseTrajectory(
         **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     )
-
-
-def _momentum_and_wrench(
-    case: Case, time: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the momentum (6,) from start and thrusters, and their wrench (6,), just after a time.
-
-    Both about W's origin.
-    """
-    momentum_W, wrench_W = case.momentum_W, np.zeros(6)
-    for firing in case.firings:
-        if firing.end <= time:
-            momentum_W = momentum_W + firing.momentum_W
-        elif firing.time <= time:
-            force = firing.momentum_W / firing.duration
-            momentum_W = momentum_W + force * (time - firing.time)
-            wrench_W = wrench_W + force
-    return momentum_W, wrench_W
 
 
 def bound_of(case: Case, spacecraft: Spacecraft, ideal: Measurements) -> NDArray[np.float64]:
