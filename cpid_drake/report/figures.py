@@ -1,6 +1,5 @@
 """Figures of an identification, for a page or as files."""
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS, second_moment
-from cpid_drake.estimation.whiteness import scaled_sums
 from cpid_drake.identification.identify_files import Estimates
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.logs.log import Measurements, Samples
@@ -20,7 +18,6 @@ from cpid_drake.report.pictures import COLORS, INK, Picture, PictureGroup, label
 
 _TIME = "time [s]"
 _MOST_POINTS = 1500  # of a line in a page; a line of more points becomes an image, which is smaller
-_LAGS = 25  # of the autocorrelation: what is correlated over more samples shows in the first ones
 
 FIGURE_FILES = tuple(
     f"{name}.{ending}"
@@ -46,15 +43,15 @@ def convergence_pictures(
 
 
 def residual_pictures(found: Identification) -> list[Picture]:
-    """Return pictures of the residuals over time, and of their autocorrelation."""
-    pictures = []
-    for name, series in found.residuals.items():
-        draw = partial(_draw_vector, name, series, f"residual [{series.unit}]", line="none")
-        pictures.append(Picture(f"residuals-{name}", f"residuals of {name} over time", draw))
-    if any(len(series) >= 8 for series in found.residuals.values()):
-        draw = partial(_draw_autocorrelation, found.residuals)
-        pictures.append(Picture("autocorrelation", "autocorrelation of the residuals", draw))
-    return pictures
+    """Return pictures of the residuals over time."""
+    return [
+        Picture(
+            f"residuals-{name}",
+            f"residuals of {name} over time",
+            partial(_draw_vector, name, series, f"residual [{series.unit}]", line="none"),
+        )
+        for name, series in found.residuals.items()
+    ]
 
 
 def singular_value_picture(values: NDArray[np.float64]) -> Picture:
@@ -176,22 +173,6 @@ def _legend_above(axes: Axes) -> None:
     axes.legend(
         ncols=4, loc="lower right", bbox_to_anchor=(1.02, 0.98), borderpad=0.1, columnspacing=0.8
     )
-
-
-def _draw_autocorrelation(residuals: Mapping[str, ResidualSeries], axes: Axes) -> None:
-    widest = 0.0
-    for (name, series), color in zip(residuals.items(), COLORS):
-        sums = scaled_sums(series.neighbours)
-        rho = sums.correlation
-        if len(rho) < 4:
-            continue
-        widest = max(widest, 2 / np.sqrt(sums.pairs[0]))
-        lags = np.arange(1, min(_LAGS + 1, len(rho)))
-        axes.plot(lags, rho[lags], ".-", color=color, markersize=4, label=name)
-    axes.axhspan(-widest, widest, color=COLORS[5], alpha=0.2, linewidth=0)
-    label_axes(axes, "Autocorrelation", "lag [samples]", "correlation")
-    axes.set_ylim(min(-0.35, axes.get_ylim()[0]), max(0.35, axes.get_ylim()[1]))
-    axes.legend(ncols=2)
 
 
 def _draw_ellipsoid(

@@ -1,5 +1,6 @@
 """A killed or interrupted process and a full disk leave the old output or the new one, whole."""
 
+import json
 import os
 import random
 import resource
@@ -9,62 +10,91 @@ from contextlib import suppress
 from functools import partial
 
 import pytest
-from killed_writers import WRITERS, Bench
 from processes import HUNG, finish, start
 
+from cpid_drake.output_files.drafts import UNFINISHED
+from cpid_drake.report.run_folder import read_run
 from cpid_drake.resources import models_directory
 
+MODELS = models_directory()
+IDENTIFY = ("--scenario", "free_flyer_payload", "--estimator", "least_squares", "--json", "r.json")
+SCENARIO = (MODELS / "scenarios/free_flyer_payload.yaml").read_text()
 LIMIT = 500
 """Largest size of a file for a process without space [bytes]; every output is larger."""
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory):
-    return Bench(tmp_path_factory.mktemp("killed"))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_killed_command_leaves_the_old_output_or_the_new_one(bench, name):
-    """Soon after its first draft appears."""
-    numbers = random.Random(name)
-    for _ in range(2):
-        assert set(bench.kill(name, numbers)) <= {"old", "new", "unfinished"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", WRITERS)
-def test_without_space_a_command_says_so_and_keeps_the_old_output(bench, name):
-    writer = WRITERS[name]
-    bench.restore(writer)
-    no_space = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (LIMIT, LIMIT))
-    ended = finish(
-        start("-B", "-m", "cpid_drake", *writer.new, cwd=bench.folder, preexec_fn=no_space)
-    )
-    errors = [line for line in ended.stderr.splitlines() if "error" in line]
-    assert ended.returncode == 2
-    assert len(errors) == 1
-    assert "cannot write there: File too large" in errors[0]
-    assert set(bench.states(writer)) == {"old"}
-    assert not bench.drafts()
+@pytest.fixture
+def folder(cpid, tmp_path):
+    """A folder with a result and a run of half a second, and inputs for longer ones."""
+    lines = (MODELS / "telemetry/free_flyer.csv").read_text().splitlines(keepends=True)
+    for name, count, duration in (("old", 202, 0.5), ("new", 302, 1.0)):
+        (tmp_path / f"{name}.csv").write_text("".join(lines[:count]))
+        text = SCENARIO.replace(
+            "simulation:\n  duration: 10.0", f"simulation:\n  duration: {duration}"
+        )
+        (tmp_path / f"{name}.yaml").write_text(text)
+    assert cpid("identify", "old.csv", *IDENTIFY)[0] in (0, 3, 4)
+    assert cpid("simulate", "old.yaml", "--out", "run")[0] == 0
+    return tmp_path
 
 
 COMMANDS = {
+    "identify": ("identify", "new.csv", *IDENTIFY),
+    "simulate": ("simulate", "new.yaml", "--out", "run"),
+}
+
+
+def contents(folder) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in (folder / "r.json", *folder.glob("run/[!.]*"))}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_killed_command_leaves_the_old_output_or_the_new_one(folder, command):
+    """Soon after its first draft appears."""
+    before, process = (
+        contents(folder),
+        start("-m", "cpid_drake", *COMMANDS[command], cwd=folder, start_new_session=True),
+    )
+    while process.poll() is None and not list(folder.glob("**/.cpid-draft*")):
+        time.sleep(1e-4)
+    time.sleep(random.Random(command).uniform(0, 0.02))
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate(timeout=HUNG)
+    if contents(folder) != before and not (folder / "run" / UNFINISHED).exists():
+        assert json.loads((folder / "r.json").read_text())["parameters"]
+        assert read_run(folder / "run").scenario.simulation.duration in (0.5, 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_without_space_a_command_says_so_and_keeps_the_old_output(folder, command):
+    before = contents(folder)
+    no_space = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (LIMIT, LIMIT))
+    ended = finish(
+        start("-B", "-m", "cpid_drake", *COMMANDS[command], cwd=folder, preexec_fn=no_space)
+    )
+    [error] = [line for line in ended.stderr.splitlines() if "error" in line]
+    assert ended.returncode == 2
+    assert "cannot write there: File too large" in error
+    assert contents(folder) == before
+    assert not list(folder.glob("**/.cpid-draft*"))
+
+
+LONG = {
     "simulate": ("simulate", "long.yaml", "--out", "run"),
     "plan": ("plan", "motion", "paper", "--candidates", "60000", "--jobs", "2", "--out", "m.yaml"),
 }
 """Commands that take minutes, so that none ends before its interrupt."""
 
 
-@pytest.mark.parametrize(
-    "command", ["simulate", pytest.param("plan", marks=pytest.mark.slow)], ids=str
-)
+@pytest.mark.parametrize("command", ["simulate", pytest.param("plan", marks=pytest.mark.slow)])
 def test_an_interrupt_ends_a_command_with_one_line(command, tmp_path):
     """Also one with processes of its own."""
-    text = (models_directory() / "scenarios/exciting_motion.yaml").read_text()
-    (tmp_path / "long.yaml").write_text(text.replace(" duration: 10.0", " duration: 1000.0"))
+    (tmp_path / "long.yaml").write_text(SCENARIO.replace("duration: 10.0", "duration: 1000.0"))
     process = start(
-        *("-m", "cpid_drake", *COMMANDS[command], "--quiet"),
+        *("-m", "cpid_drake", *LONG[command], "--quiet"),
         cwd=tmp_path,
         start_new_session=True,
         # A background job of a shell, which the tests may be, ignores Ctrl-C.

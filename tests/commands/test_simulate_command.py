@@ -74,16 +74,6 @@ def test_what_the_sensors_gave_identifies_the_target_that_is_said_to_be_true(sen
     assert np.sqrt(result.covariance[0, 0]) < 0.6
 
 
-def test_the_exact_motion_is_on_a_uniform_grid(sensed):
-    truth = read_telemetry(sensed / "truth.csv")
-    np.testing.assert_allclose(truth.encoders.time, np.arange(49) * 0.0625, rtol=0, atol=1e-9)
-    assert len(truth.velocity) == len(truth.attitude) == 49
-    scenario = load_scenario(sensed / "scenario.yaml")
-    motion = scenario.make_joint_motion(scenario.spacecraft.make())
-    expected = motion.evaluate(truth.encoders.time)[:, 0]
-    np.testing.assert_allclose(truth.encoders.value, expected, rtol=0, atol=1e-6)
-
-
 def test_a_run_says_how_it_came_about(sensed):
     about = read_json(sensed / "run.json")
     assert set(about["files"]) == {file.name for file in sensed.iterdir()}
@@ -134,16 +124,6 @@ EXACT = (
     ("  suite: flight #", '  suite: "" #'),
     ("estimator: recursive_fit #", "estimator: least_squares #"),
 )
-
-
-@pytest.mark.slow
-def test_without_sensors_the_telemetry_is_the_exact_motion(short, cpid):
-    assert cpid("simulate", short("exact.yaml", *EXACT), "--out", "run", "--quiet") == (0, "", "")
-    assert Path("run/telemetry.csv").read_text() == Path("run/truth.csv").read_text()
-    about = read_json(Path("run/run.json"))
-    assert about["sensor_seed"] is None
-    assert "sensors.yaml" not in about["files"]
-    assert abs(about["online_identification"]["estimate"]["m"] - 60) < 1e-3
 
 
 def test_a_possible_motion_has_no_warning(sensed):
