@@ -77,4 +77,5 @@ def test_the_study_of_accuracy_prints_and_writes_its_table(cpid, tmp_path):
     assert failed == {"eq18": 2, **dict.fromkeys(fits, 0)}
     assert (tmp_path / "acc/accuracy_servicer.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "acc/report.html").read_text()
-    assert json.loads(re.search(r'id="data-summary">(.*?)</script>', page, re.DOTALL)[1]) == summary
+    assert "RMS error over Cramér-Rao bound" in page
+    assert page.count("<img ") == 1
