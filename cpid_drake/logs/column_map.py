@@ -62,6 +62,8 @@ class TimeColumn:
         rate: frames per second, if the unit is "frame" [Hz].
         epoch: the log's number, in its unit, at which the time is zero.
         nanoseconds: a column of nanoseconds that are added, as in a ROS 2 stamp; null for none.
+        from_rates: whether the intervals between rows are those on which positions and rates agree,
+            for logs that count steps; see `logs.clock`.
 
     """
 
@@ -70,6 +72,7 @@ class TimeColumn:
     rate: Annotated[float, Gt(0)] | None = None
     epoch: float = 0.0
     nanoseconds: str | None = None
+    from_rates: bool = False
 
 
 @dataclass

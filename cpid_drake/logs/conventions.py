@@ -13,6 +13,7 @@ import numpy as np
 
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.alternatives import Alternative, alternatives
+from cpid_drake.logs.clock import clock_factor
 from cpid_drake.logs.column_map import ColumnMap
 from cpid_drake.logs.log import Measurements
 from cpid_drake.logs.score import (
@@ -47,12 +48,14 @@ class Findings:
 
     Attributes:
         comparisons: all that are possible.
+        clock: true time divided by logged time, if it is not one.
         better: alternatives that explain the log clearly better than the conventions it is read in.
         unchecked: what could not be compared, each with the reason.
 
     """
 
     comparisons: tuple[Comparison, ...] = ()
+    clock: float | None = None
     better: tuple[Alternative, ...] = ()
     unchecked: tuple[str, ...] = ()
 
@@ -71,6 +74,12 @@ class Findings:
         """Contradictions in the log, as sentences: the convention, or quantities that differ."""
         if self.better:
             return () if self.warnings else (self.sentence,)
+        if self.clock is not None:
+            return (
+                f"the clock is wrong: by positions and rates, a second of the log takes "
+                f"{self.clock:.4g} s (do its rows count steps? time.from_rates: true in a map of "
+                "columns takes the time from the rates)",
+            )
         return tuple(
             f"{c.sides[0]} and {c.sides[1]} differ by {c.residual:.0%}, in any convention"
             for c in self.comparisons
@@ -111,7 +120,8 @@ def check_conventions(
             f"{min(momentum.residual, 1.0):.0%} of the motion unexplained, as errors of a clock, "
             "of a joint or of the model's masses do)"
         )
-    return Findings(tuple(found), tuple(better), tuple(unchecked))
+    clock = None if better else clock_factor(found)
+    return Findings(tuple(found), clock, tuple(better), tuple(unchecked))
 
 
 def better_conventions(

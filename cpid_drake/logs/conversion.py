@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
 from cpid_drake.errors import InputError
+from cpid_drake.logs.clock import time_from_rates
 from cpid_drake.logs.column_choice import ChosenColumns, choose_columns
 from cpid_drake.logs.column_map import (
     QUATERNION_ORDERS,
@@ -219,7 +220,8 @@ class _Conversion:
                 self._take(name, time, opening, opening)
         frame = "world" if chosen.in_world else "body"  # also where names of columns say it
         used = with_entries(given, {"angular_velocity.frame": frame})
-        return Measurements(joints, self._samples, used)
+        found = time_from_rates(self._samples) if given.time.from_rates else self._samples
+        return Measurements(joints, found, used)
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
         """Add the complete samples of a sensor; count those of which some cells are absent."""

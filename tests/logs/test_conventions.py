@@ -16,7 +16,10 @@ from sensing_cases import (
 )
 
 from cpid_drake import InputError, identify, load_scenario, shipped_scenario
+from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
+from cpid_drake.logs.conversion import from_columns
+from cpid_drake.logs.files import table_of
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM as BY_MOMENTUM
 from cpid_drake.logs.score import centre_of_mass, instants_of
@@ -137,6 +140,29 @@ def test_states_as_agreed_have_no_convention(wheeled, states):
 def test_a_clock_in_another_unit_is_named(wheeled, states, unit, size):
     late = states.updated({n: Samples(s.time * size, s.value) for n, s in states.items()})
     assert f"time.unit: {unit}" in said(wheeled.tree, late)
+
+
+def test_a_clock_that_counts_uneven_steps_is_named_and_repaired_if_the_map_says_so(
+    craft, skewed_target
+):
+    """The true steps are 5 % longer than the counted ones, and differ by a fifth."""
+    rng = np.random.default_rng(5)
+    times = np.append(0.0, np.cumsum(0.03 * 1.05 * (1 + 0.2 * rng.uniform(-1, 1, 200))))
+    motion = Sines.drawn(len(craft.joint_names), 11, times[-1], 0.6)
+    names, values = table_of(
+        true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times, MOMENTUM)
+    )
+    columns = dict(zip(names, values.T)) | {"time": 0.03 * np.arange(len(times))}
+    columns |= {name: column + 1e-6 * rng.normal(size=201) for name, column in columns.items()}
+    columns["time"] = 0.03 * np.arange(len(times))
+    [text] = check_conventions(from_columns(columns), craft.tree).failures
+    assert "a second of the log takes 1.0" in text
+    repaired = from_columns(columns, ColumnMap(time=TimeColumn(from_rates=True)))
+    np.testing.assert_allclose(np.diff(repaired.gyro.time), np.diff(times), rtol=0.02)
+    assert check_conventions(repaired, craft.tree).failures == ()
+    wrong_scale = columns | {name: 1.05 * columns[name] for name in ("wx", "wy", "wz")}
+    wrong_scale["time"] = times
+    assert check_conventions(from_columns(wrong_scale), craft.tree).clock is None
 
 
 def test_a_gyro_alone_is_enough_at_rest(craft, skewed_target):

@@ -277,3 +277,42 @@ def test_columns_in_memory_are_read_like_a_file(motion):
         from_columns(house(motion) | {"x": np.where(np.arange(40) == 3, np.inf, 0.0)})
     with pytest.raises(InputError, match="the same length"):
         from_columns(house(motion) | {"x": np.zeros(3)})
+
+
+def test_turned_sensors_reversed_and_constant_joints_are_read_as_the_model_says(motion):
+    """The tracker is turned by 90° about z, the gyro mirrored in x, and one joint does not move."""
+    *moving, still = motion.joint_names
+    motion = replace(
+        motion,
+        q=np.hstack([motion.q[:, :-1], np.full((40, 1), 0.3)]),
+        qdot=np.hstack([motion.qdot[:, :-1], np.zeros((40, 1))]),
+    )
+    R_BS = Rotation.from_euler("z", 90, degrees=True)
+    columns = house(motion)
+    attitude = Rotation.from_quat(motion.quaternion_WB, scalar_first=True) * R_BS
+    for name, values in zip(("qw", "qx", "qy", "qz"), attitude.as_quat(scalar_first=True).T):
+        columns[name] = values
+    for name in ("wx", "wy", "wz"):
+        del columns[name]
+    for k, values in enumerate((in_B(motion, motion.w_WB) * [-1, 1, 1]).T):
+        columns[f"bw{'xyz'[k]}"] = values
+    for name in (f"q:{moving[0]}", f"qd:{moving[0]}"):
+        columns[name] = -columns[name]
+    del columns[f"q:{still}"], columns[f"qd:{still}"]
+    given = ColumnMap(reversed_joints=[moving[0]])
+    given.attitude.R_BS = R_BS.as_matrix()
+    given.angular_velocity.R_BS = np.diag([-1.0, 1.0, 1.0])
+    given.joint_positions.constant = {still: 0.3}
+    assert_reads_as(from_columns(columns, given), motion, 1e-9)
+    given.angular_velocity.R_BS = np.ones((3, 3))
+    with pytest.raises(InputError, match=r"angular_velocity\.R_BS must be a rotation"):
+        from_columns(columns, given)
+
+
+def test_a_log_without_joint_columns_is_read_if_no_joint_moves(motion):
+    columns = {name: values for name, values in house(motion).items() if not name.startswith("q")}
+    columns |= dict(zip(("qw", "qx", "qy", "qz"), motion.quaternion_WB.T))
+    given = ColumnMap()
+    given.joint_positions.constant = dict.fromkeys(motion.joint_names, 0.1)
+    read = from_columns(columns, given)
+    np.testing.assert_array_equal(read.encoders.value, np.full((40, len(motion.joint_names)), 0.1))

@@ -1,0 +1,99 @@
+"""The time that a log's positions and rates agree on: clocks that count steps, or run wrongly.
+
+The change of a position from row to row is its mean rate times the true interval, for every joint,
+the attitude and the base's position alike. A single sensor with an error of its scale contradicts
+the others; a wrong clock does not.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.errors import InputError
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.score import MOMENTUM, Comparison
+
+WRONG = 0.005
+"""Smallest relative error of a clock that is named: crystals are a hundred times better."""
+
+_AGREE = 0.2  # relative difference up to which two quantities show the same error of the clock
+_LEAST_MOTION = 0.01  # share of the usual squared motion below which a row keeps its interval
+_PAIRS = (("encoders", "joint_rates"), ("attitude", "gyro"), ("position", "velocity"))
+
+
+def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
+    """Return true time divided by logged time if it is not one; None if nothing shows it.
+
+    Joints, attitude and position must agree on it, at least two of them.
+    """
+    sums: dict[str, list[float]] = {}
+    for each in comparisons:
+        if each.name == MOMENTUM:
+            continue
+        moved, measured = each.values
+        own = sums.setdefault(each.name.partition(":")[0], [0.0, 0.0])
+        size = float(np.sum(measured**2))
+        own[0] += float(np.sum(moved * measured)) / max(size, 1e-300)
+        own[1] += 1.0
+    factors = np.array([total / count for total, count in sums.values()])
+    if len(factors) < 2:
+        return None
+    factor = float(np.mean(factors))
+    is_same = np.ptp(factors) < _AGREE * abs(factor - 1)
+    return factor if abs(factor - 1) > WRONG and is_same and factor > 0 else None
+
+
+def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
+    """Return samples at the times on which positions and rates of the same rows agree.
+
+    Rows in which little moves keep their logged share of the time.
+
+    Raises:
+        InputError: no rows have positions and their rates.
+
+    """
+    time, changes, rates = None, [], []
+    for position, rate in _PAIRS:
+        both = [samples.get(position), samples.get(rate)]
+        if both[0] is None or both[1] is None or len(both[0]) < 3:
+            continue
+        common, first, second = np.intersect1d(both[0].time, both[1].time, return_indices=True)
+        if len(common) < 3 or (time is not None and not np.array_equal(common, time)):
+            continue
+        time, value, speed = common, both[0].value[first], both[1].value[second]
+        if position == "attitude":
+            R = Rotation.from_quat(value, scalar_first=True)
+            change = (R[:-1].inv() * R[1:]).as_rotvec()
+        else:
+            change = np.diff(value, axis=0)
+        mean = (speed[1:] + speed[:-1]) / 2
+        unit = np.sqrt(np.mean(mean**2, axis=0))
+        moves = unit > 0
+        changes.append(change[:, moves] / unit[moves])
+        rates.append(mean[:, moves] / unit[moves])
+    if time is None or not changes:
+        raise InputError(
+            "time.from_rates needs rows with joint positions and their rates, or with the attitude "
+            "and the angular velocity"
+        )
+    change, mean = np.hstack(changes), np.hstack(rates)
+    steps, square = np.diff(time), np.sum(mean**2, axis=1)
+    product = np.sum(change * mean, axis=1)
+    usual = float(product.sum() / np.sum(square * steps))  # true time in logged time
+    little = _LEAST_MOTION * float(square.mean())
+    true = (product + little * usual * steps) / (square + little)
+    if not (true > 0).all():
+        k = int(np.argmin(true))
+        raise InputError(
+            f"time.from_rates: positions and rates contradict each other at {time[k]:.6g} s: the "
+            "interval between two rows would be negative"
+        )
+    new = time[0] + np.append(0.0, np.cumsum(true))
+
+    def moved(t: NDArray[np.float64]) -> NDArray[np.float64]:
+        outside = usual * (np.minimum(t - time[0], 0) + np.maximum(t - time[-1], 0))
+        return np.interp(t, time, new) + outside
+
+    return {name: Samples(moved(s.time), s.value) for name, s in samples.items()}
