@@ -6,11 +6,12 @@ in `__post_init__`. `simulation` turns a scenario into a Drake Diagram.
 
 import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Le, MinLen
 from numpy.typing import NDArray
+from pydantic import PlainValidator
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.analysis import SimulatorConfig
 
@@ -27,9 +28,6 @@ from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.spacecraft.sprung_mass import SprungMass
-
-if TYPE_CHECKING:
-    from pydantic_core import CoreSchema
 
 ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
 """Estimators that can run in a Diagram."""
@@ -222,30 +220,22 @@ def default_simulator() -> SimulatorConfig:
     )
 
 
-class DrakeSimulator:
-    """Annotation of Drake's `SimulatorConfig`, whose keys and types Drake checks."""
-
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
-        """Return pydantic's schema of a mapping that becomes a `SimulatorConfig`."""
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_plain_validator_function(self._read)
-
-    def _read(self, value: object) -> SimulatorConfig:
-        try:
-            config = yaml_load_typed(
-                schema=SimulatorConfig, data=json.dumps(value), defaults=default_simulator()
-            )
-        except (RuntimeError, ValueError, TypeError, AttributeError) as error:
-            raise InputError(f"not Drake's SimulatorConfig: {error}") from error
-        if config.integration_scheme not in INTEGRATION_SCHEMES:
-            raise InputError(
-                f"integration_scheme must be one of {', '.join(INTEGRATION_SCHEMES)}, "
-                f"not '{config.integration_scheme:.60}'"
-            )
-        if not (config.max_step_size > 0 and config.accuracy >= 1e-13 and config.start_time == 0):
-            raise InputError("max_step_size must be > 0, accuracy >= 1e-13, start_time 0")
-        return config
+def _read_simulator(value: object) -> SimulatorConfig:
+    """Return Drake's settings from a mapping, whose keys and types Drake checks."""
+    try:
+        config = yaml_load_typed(
+            schema=SimulatorConfig, data=json.dumps(value), defaults=default_simulator()
+        )
+    except (RuntimeError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"not Drake's SimulatorConfig: {error}") from error
+    if config.integration_scheme not in INTEGRATION_SCHEMES:
+        raise InputError(
+            f"integration_scheme must be one of {', '.join(INTEGRATION_SCHEMES)}, "
+            f"not '{config.integration_scheme:.60}'"
+        )
+    if not (config.max_step_size > 0 and config.accuracy >= 1e-13 and config.start_time == 0):
+        raise InputError("max_step_size must be > 0, accuracy >= 1e-13, start_time 0")
+    return config
 
 
 @dataclass
@@ -298,7 +288,7 @@ class SimulationConfig:
     burns: list[BurnConfig] = field(default_factory=list)
     burns_logged: bool = True
     log_period: Positive = 0.0625
-    simulator: Annotated[SimulatorConfig, DrakeSimulator()] = field(
+    simulator: Annotated[SimulatorConfig, PlainValidator(_read_simulator)] = field(
         default_factory=default_simulator
     )
 
