@@ -103,12 +103,12 @@ def fit(
     logs = list(logs)
     if values is None or any(log.start is None for log in logs):
         values, logs = start_of(model, logs, values)
-        if any(log.links for log in logs):
+        if any(log.links and not len(log.forces[0]) for log in logs):
             for share in CLOSING:  # from blocks of their own to one motion
                 logs = [log.with_links(share) for log in logs]
                 wide = _minimized(model, logs, rows, values, until_settled=True)
                 values, logs = wide.values, wide.logs
-            logs = [log.opened(model, ()) for log in logs]
+        logs = [log.opened(model, ()) for log in logs]
     return _minimized(model, logs, rows, values)
 
 
@@ -121,16 +121,17 @@ def _minimized(
     until_settled: bool = False,
 ) -> Fit:
     """Fit logs that have a start; only until steps are small if this is the start of another."""
-    now = _point(model, logs, values, rows)
+    now = _point(model, logs, values, rows, values)
     damping, growth, converged, settled, sweeps = _FIRST_DAMPING, 2.0, False, False, 0
     total, swept = prior_of(model, logs, values, rows), list[Swept]()
     sigmas = {u.key(log.name): u.sigma for u in model.table for log in logs}
     while sweeps < MOST_SWEEPS and not converged:
         if settled:
             parts = zip(now.logs, now.rolled, swept, strict=True)
-            logs = [reweighted(model, log, r, each.absorbed) for log, r, each in parts]
+            now = replace(now, logs=[reweighted(model, log, r, s.absorbed) for log, r, s in parts])
             swept.clear()  # a long log has room for one sweep
-            now = replace(now, logs=logs, cost=_cost(model, logs, now.rolled, now.values, rows))
+        cost = _cost(model, now.logs, now.rolled, now.values, rows, now.values)
+        now = replace(now, cost=cost)
         swept = [
             sweep(model, log, r, now.values) for log, r in zip(now.logs, now.rolled, strict=True)
         ]
@@ -218,9 +219,21 @@ def spread(rest: NDArray[np.float64]) -> float:
 
 
 def prior_of(
-    model: Model, logs: Sequence[LogState], values: Values, rows: Sequence[Gaussian]
+    model: Model,
+    logs: Sequence[LogState],
+    values: Values,
+    rows: Sequence[Gaussian],
+    weighed_at: Values | None = None,
 ) -> Gaussian:
-    """Return what is known without samples, about the present values."""
+    """Return what is known without samples, about the present values.
+
+    Args:
+        model, logs, values, rows: see `fit`.
+        weighed_at: values from which priors with heavy tails get their weights, which stay during
+            a step as those of the samples do; default: the present values.
+
+    """
+    weighed_at = values if weighed_at is None else weighed_at
     sizes, R, z = {}, [], []
     for unknown in model.table:
         if unknown.walk:  # its prior is that of its first value: in the sweep
@@ -228,7 +241,7 @@ def prior_of(
         for name in dict.fromkeys(unknown.key(log.name) for log in logs):
             sizes[name], sigma = unknown.size, unknown.sigma
             if unknown.may_fail:
-                sigma = sigma * np.maximum(1.0, np.abs(values[name]) / FAR)
+                sigma = sigma * np.maximum(1.0, np.abs(weighed_at[name]) / FAR)
             R.append(1 / sigma)
             z.append((unknown.mean - values[name]) / sigma)
     diagonal = np.concatenate([np.empty(0), *R])
@@ -245,16 +258,23 @@ def _cost(
     rolled: Sequence[Rolled],
     values: Values,
     rows: Sequence[Gaussian],
+    weighed_at: Values,
 ) -> float:
     """Return the sum of squares of all rows at the present values."""
-    prior = prior_of(model, logs, values, rows)
+    prior = prior_of(model, logs, values, rows, weighed_at)
     samples = sum(r.cost(log) for log, r in zip(logs, rolled, strict=True))
     return samples + prior.cost(np.zeros(prior.size))
 
 
-def _point(model: Model, logs: list[LogState], values: Values, rows: Sequence[Gaussian]) -> _Point:
+def _point(
+    model: Model,
+    logs: list[LogState],
+    values: Values,
+    rows: Sequence[Gaussian],
+    weighed_at: Values,
+) -> _Point:
     rolled = [roll(model, log, values) for log in logs]
-    return _Point(values, logs, rolled, _cost(model, logs, rolled, values, rows))
+    return _Point(values, logs, rolled, _cost(model, logs, rolled, values, rows, weighed_at))
 
 
 def _stepped(
@@ -273,7 +293,7 @@ def _stepped(
         for log in logs:
             assert log.start is not None
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([log.start.L, log.start.v_Wcm])
-        point = _point(model, logs, values, rows)
+        point = _point(model, logs, values, rows, now.values)
     except (InputError, np.linalg.LinAlgError):
         return None
     return point if np.isfinite(point.cost) else None

@@ -200,12 +200,14 @@ def solution_of(
 ) -> LeastSquaresSolution:
     """Return the solution of a Gaussian of the target alone.
 
+    An entry is known if its σ is at most `KNOWN` of its size, and nothing of it is a combination
+    that is not determined.
+
     Args:
         target: of n unknowns.
         nominal: (n,) values of combinations that are not determined.
         scale: (n,) plausible sizes of the unknowns.
-        largest: largest σ of a determined combination, as a share of its plausible size: noise in
-            the regressors has the same effect as information.
+        largest: largest σ of a determined combination, as a share of its plausible size.
         residual_sum, row_count: of the rows themselves, for the record.
 
     """
@@ -214,11 +216,12 @@ def solution_of(
     seen = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
     x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
     rank, unobservable = int(seen.sum()), axes[~seen]
-    is_open = np.linalg.norm(unobservable, axis=0) > 1e-3
     # The others have their plausible size as σ; entries that are known contain little of them.
     sigma = 1 / np.where(seen, sizes, np.sqrt(sizes**2 + 1.0))
     root = scale[:, None] * axes.T * sigma
     covariance = root @ root.T
+    is_open = np.linalg.norm(unobservable, axis=0) > 1e-3
+    is_open |= np.diag(covariance) > (KNOWN * scale) ** 2
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),

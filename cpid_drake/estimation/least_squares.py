@@ -28,8 +28,11 @@ instead.
 """
 
 
-KNOWN = 0.1
-"""Largest σ of a determined combination of unknowns, as a share of its plausible size."""
+KNOWN = 0.2
+"""Largest σ of what is known, as a share of its plausible size.
+
+At rest the noise of a coarse suite looks like knowledge of 0.28 of a size.
+"""
 
 
 @dataclass(frozen=True)

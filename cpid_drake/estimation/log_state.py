@@ -32,6 +32,7 @@ class LogState:
         walks: of each block but the last: (w,) change at its end of the constants that walk.
         links: σ (12,) of a change of attitude, centre of mass, L and v at the end of some blocks.
         jumps: (12,) present value of these changes.
+        aims: states at the start of some blocks, at which changes and white forces before them aim.
         weights: of each block: (M,) weights of a sensor's samples.
         noise: factors of the sensors' declared σ.
 
@@ -47,6 +48,7 @@ class LogState:
     start: TrajectoryState | None = None
     links: dict[int, NDArray[np.float64]] = field(default_factory=dict)
     jumps: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+    aims: dict[int, TrajectoryState] = field(default_factory=dict)
     weights: tuple[dict[str, NDArray[np.float64]], ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
 
@@ -119,6 +121,7 @@ class LogState:
             weights=self.weights[first:end],
             links={k - first: s for k, s in self.links.items() if first <= k < end - 1},
             jumps={k - first: u for k, u in self.jumps.items() if first <= k < end - 1},
+            aims={k - first: aim for k, aim in self.aims.items() if first <= k < end},
         )
 
     def weighted(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:

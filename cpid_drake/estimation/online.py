@@ -171,10 +171,10 @@ def _grown(model: Model, state: OnlineState) -> OnlineState:
         error = _inertia_error(model, found.logs[0], found.gaussian, found.values[PSI])
     except (InputError, np.linalg.LinAlgError):
         return later
-    if not found.converged:
-        return replace(later, first=found, is_free=is_full or state.is_free)
     if changes:
         return _restarted(state, changes)
+    if not found.converged:
+        return replace(later, first=found, is_free=is_full or state.is_free)
     state = replace(state, first=found, processed={}, rejected=_far(found), lags={}, start=np.nan)
     state = state.with_residuals(found.rolled[0].all_residuals())
     for block in window:

@@ -1,6 +1,5 @@
 """Prediction of a log: the samples of all blocks at given values of all unknowns."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,12 +7,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState, relate
+from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState, relate
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model, psi_about
 
 Values = dict[str, NDArray[np.float64]]
 """Present values of all unknowns of all logs, by name."""
+
+
+_AIMED = 2  # Newton steps to a state: the first one leaves a miss of second order
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +78,16 @@ def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.floa
     return np.concatenate([np.empty(0), *parts])
 
 
-def roll(
-    model: Model,
-    log: LogState,
-    values: Values,
-    starts: Mapping[int, TrajectoryState] | None = None,
-) -> Rolled:
+def roll(model: Model, log: LogState, values: Values) -> Rolled:
     """Predict all samples of a log.
+
+    White forces and changes between blocks follow from the states at which the log aims, as far as
+    they can: otherwise what a step is wrong by in one block would grow in all that follow.
 
     Args:
         model: the unknowns.
-        log: the log.
+        log: the log; its jumps and white forces become those that reach its aims.
         values: of the unknowns.
-        starts: states at the start of some blocks, at which the jumps of the log aim.
 
     Raises:
         InputError: no rigid body has these values.
@@ -124,7 +123,11 @@ def roll(
         first = replace(
             state, psi=psi, bias=log.bias[k], constants=nominal[k], forces=log.forces[k]
         )
+        aim = log.aims.get(k + 1)
         trajectory = part.motion.trajectory(first)
+        if aim is not None and k not in log.links and len(log.forces[k]):
+            trajectory = _aimed(part.motion, trajectory, aim)
+            log.forces[k][:] = trajectory.state.forces
         trajectories.append(trajectory)
         bent, moved = part.bent(trajectory)
         residuals.append(
@@ -132,16 +135,26 @@ def roll(
         )
         links += float(np.sum(part.links(first)[1] ** 2))
         state = jumped(part.motion.end(trajectory), moved)
-        if starts and k + 1 in starts and k in log.links:
-            log.jumps[k] = jump_between(state, starts[k + 1])
         if k < len(log.walks):
             links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
         if k in log.links:
+            if aim is not None:
+                log.jumps[k] = jump_between(state, aim)
             state = jumped(state, log.jumps[k])
             links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))
     start = float(np.sum(first_values(model, log, values) ** 2))
     start += float(np.sum((first_bias(model, log) / bias_sigma(model)[:, None]) ** 2))
     return Rolled(models, trajectories, residuals, links, start, by_psi)
+
+
+def _aimed(motion: BaseMotion, trajectory: Trajectory, aim: TrajectoryState) -> Trajectory:
+    """Return the trajectory with the smallest change of its white forces that ends at a state."""
+    for _ in range(_AIMED):
+        miss = jump_between(motion.end(trajectory), aim)
+        change = np.linalg.lstsq(motion.end_by_white(trajectory), miss)[0]
+        state = replace(trajectory.state, forces=trajectory.state.forces + change)
+        trajectory = motion.trajectory(state)
+    return trajectory
 
 
 def walking_columns(model: Model) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

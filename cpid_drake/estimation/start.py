@@ -21,7 +21,7 @@ from cpid_drake.estimation.block import Block, first_sample
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Values, roll
+from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.thrust_start import SeenMotion, balanced_with_thrust, seen_states
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.logs.log import Samples
@@ -64,9 +64,8 @@ def start_of(
             states = seen_states(log, motion, psi)
             state = replace(states[0], bias=log.bias[0])
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([state.L, state.v_Wcm])
-            log = replace(log, start=state).opened(model, [k - 1 for k in states if k])
-            roll(model, log, values | {PSI: psi}, states)
-            started.append(log)
+            log = replace(log, start=state, aims=states)
+            started.append(log.opened(model, [k - 1 for k in states if k]))
             continue
         block, joints = log.blocks[0], log.joints[0].evaluate(np.array([log.blocks[0].start]))
         dynamics = BodyDynamics.at(model.tree, joints[:, 0], joints[:, 1])

@@ -22,7 +22,7 @@ from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.effects import GyroBias, with_joint_changes
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.motion import Trajectory
+from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT
 from cpid_drake.estimation.likelihood.white_effects import White
 from cpid_drake.estimation.log_state import LogState
@@ -65,6 +65,7 @@ class _Block:
     """A block, eliminated: rows of what ended with it, and how its end depends on its start."""
 
     model: BlockModel
+    start: TrajectoryState
     gone: NDArray[np.intp]
     keep: NDArray[np.intp]
     rows: NDArray[np.float64]
@@ -206,7 +207,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
     x = solve_triangular(tail[:, :n], tail[:, -1] - tail[:, n:-1] @ g)
     x = np.concatenate([x, g])
     bias, forces, joints = list(log.bias), list(log.forces), list(log.joints)
-    walks, jumps = list(log.walks), {**log.jumps}
+    walks, jumps, aims = list(log.walks), {**log.jumps}, dict[int, TrajectoryState]()
     k = len(log.blocks)
     for each in reversed(swept.steps):
         if isinstance(each, _Change):
@@ -227,6 +228,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
                 forces[k][effect.force.rows] += s[part.columns[effect.name]]
         joints[k] = joints[k].moved(s[part.columns["joints"]])
         x[:n] = s[part.at_start[:n]]
+        aims[k] = jumped(each.start, x[:12])
     assert log.start is not None
     return replace(
         log,
@@ -236,6 +238,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
         joints=tuple(joints),
         walks=tuple(walks),
         jumps=jumps,
+        aims=aims,
     )
 
 
@@ -288,7 +291,7 @@ def _eliminated(
     leverage = np.sum(solve_triangular(T[:g, :g], rows[b:, gone].T, trans="T") ** 2, axis=0)
     ends = np.cumsum([each.size for each in residuals.values()])
     own = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
-    block = _Block(part, gone, keep, T[:g].copy(), end, transitions)
+    block = _Block(part, trajectory.state, gone, keep, T[:g].copy(), end, transitions)
     return block, T[g : g + kept, g:], float(np.sum(T[g + kept :, -1] ** 2)), own
 
 

@@ -26,7 +26,7 @@ from cpid_drake.estimation.likelihood.effects import (
 )
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
-from cpid_drake.estimation.likelihood.sensors import SensorModel, model_classes
+from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
 from cpid_drake.estimation.likelihood.white_effects import White, WhiteReading
 from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.logs.log import Measurements
@@ -48,8 +48,8 @@ class BlockModel:
         known_bodies: uncertainty of the known bodies; None if they are exact.
         step: longest step of the grid [s].
         constants: the constant errors; default: those of the suite.
-        nominal: (k,) values of the constant errors about which joint zeros and thrust are linear,
-            in units of their σ; default: zero.
+        nominal: (k,) values of the constant errors about which delays, joint zeros and thrust are
+            linear, in units of their σ; default: zero.
         errors: (c,) errors of the known bodies that the tree already has, in units of their σ;
             default: zero.
 
@@ -76,9 +76,12 @@ class BlockModel:
         present = suite.present()
         classes = {n: model for n, model in model_classes(measurements).items() if n in present}
         constants = constants or Constants.of(suite, joints.coefficients.shape[1])
-        needed = [measurements[name].time for name, model in classes.items() if model.at_instants]
-        times = np.concatenate([np.empty(0), *needed])
         nominal = np.zeros(constants.size) if nominal is None else nominal
+        delays = {name: delay_of(name, constants, nominal) for name in classes}
+        needed = [
+            measurements[n].time - delays[n] for n, each in classes.items() if each.at_instants
+        ]
+        times = np.concatenate([np.empty(0), *needed])
         thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
         zeros = constants.joint_zeros(nominal)
         is_planar = tree.normal_B is not None
@@ -93,7 +96,7 @@ class BlockModel:
             count = len(measurements[name]) if model.at_instants else 0
             at = slice(first, first + count)
             samples, bias = measurements[name], biases.get(name)
-            self.sensors[name] = model(name, samples, suite, self.motion, at, bias)
+            self.sensors[name] = model(name, samples, suite, self.motion, at, bias, delays[name])
             first += count
         self.sensors |= {force.name: WhiteReading(force) for force in white}
         self.effects: list[Effect] = [start_effect(), momentum_effect(), *biases.values()]

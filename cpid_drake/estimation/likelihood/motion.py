@@ -318,6 +318,22 @@ class BaseMotion:
             L=L if L.ndim == 1 else L[last],
         )
 
+    def end_by_white(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the derivative (12, K) of attitude, p, L and v at the end by the white forces.
+
+        That of the attitude is approximate: with the inertia and the momentum at the end alone.
+        """
+        by, last = np.zeros((12, len(trajectory.state.forces))), len(self.nodes) - 1
+        R, end = trajectory.R[last], self.nodes[last:]
+        for force in self.white:
+            impulse, travel = force.impulse(end)[0], force.travel(end)[0]
+            if force.name == TORQUE_NOISE:
+                by[:3, force.rows] = R @ trajectory.inverse[last] @ R.T @ travel
+                by[6:9, force.rows] = impulse
+            else:
+                by[3:6, force.rows], by[9:12, force.rows] = travel, impulse
+        return by
+
     def pose_change(
         self, trajectory: Trajectory, w: NDArray[np.float64], initial: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -19,6 +19,7 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 from cpid_drake.logs.log import Measurements, Samples
@@ -58,6 +59,7 @@ class SensorModel(ABC):
         motion: motion of the base.
         instants: rows of the samples in `BaseMotion.times`, if the sensor needs them there.
         bias: bias of the sensor, if it has one.
+        delay: by how much its stamps are later than those of the encoders [s].
 
     Attributes:
         scale: (d,) σ of the components of a sample that enter: 3, or those in a table's plane.
@@ -75,11 +77,12 @@ class SensorModel(ABC):
         motion: BaseMotion,
         instants: slice,
         bias: GyroBias | None,
+        delay: float,
     ) -> None:
         self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
         self._errors, self._at, self._bias = suite[name], instants, bias
-        self._motion = motion
-        self._weights = motion.interpolation(samples.time)
+        self._motion, self._times = motion, samples.time - delay
+        self._weights = motion.interpolation(self._times)
         normal = motion.tree.normal_B
         self._is_planar = normal is not None
         self._axes = np.eye(3) if normal is None else self._measured(normal)
@@ -148,32 +151,9 @@ class SensorModel(ABC):
         constants = trajectory.state.constants
         return self._motion.constants.value(constants, f"{self.name}.{kind}")
 
-    def _delay(self, trajectory: Trajectory) -> float:
-        """Return by how much the sensor's stamps are later than those of the encoders [s].
-
-        Raises:
-            InputError: the delay is so long that the motion is not known so far from the block.
-
-        """
-        constants, delay = trajectory.state.constants, 0.0
-        for name, sign in ((f"{self.name}.delay", 1.0), (ENCODER_DELAY, -1.0)):
-            value = self._motion.constants.value(constants, name)
-            delay += 0.0 if value is None else sign * value[0]
-        if not abs(delay) < LONGEST_DELAY:
-            raise InputError(f"{self.name}: a delay of {delay:.3g} s cannot be modelled")
-        return delay
-
-    def _times(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the times (M,) of the states that the samples belong to [s]."""
-        return self.samples.time - self._delay(trajectory)
-
-    def _at_samples(
-        self, trajectory: Trajectory, at_nodes: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Interpolate values (N, 3, ...) at the nodes to the times of the samples, (M, 3, ...)."""
-        delay = self._delay(trajectory)
-        weights = self._motion.interpolation(self._times(trajectory)) if delay else self._weights
-        flat = weights @ at_nodes.reshape(len(at_nodes), -1)
+    def _at_samples(self, at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Interpolate values (N, 3, ...) at the nodes to the samples' states, (M, 3, ...)."""
+        flat = self._weights @ at_nodes.reshape(len(at_nodes), -1)
         return np.asarray(flat.reshape(-1, *at_nodes.shape[1:]))
 
 
@@ -185,7 +165,7 @@ class AttitudeModel(SensorModel):
         return np.asarray((normal_B @ self._errors.R_BS)[None])
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        predicted = trajectory.rotations(self._times(trajectory))
+        predicted = trajectory.rotations(self._times)
         mounting = self._constant(trajectory, "mounting")
         if mounting is not None:
             predicted = predicted @ exponentials(mounting)
@@ -195,11 +175,11 @@ class AttitudeModel(SensorModel):
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        R = trajectory.rotations(self._times(trajectory))
-        return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(trajectory, xi)
+        R = trajectory.rotations(self._times)
+        return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(xi)
 
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return trajectory.spline(self._times(trajectory)) @ self._R_BS
+        return trajectory.spline(self._times) @ self._R_BS
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"mounting": np.broadcast_to(self._R_BS.T, (len(self.samples), 3, 3))}
@@ -230,13 +210,13 @@ class GyroModel(SensorModel):
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        at_nodes, times = change.w[: len(xi)], self._times(trajectory)
+        at_nodes, times = change.w[: len(xi)], self._times
         if len(self._points) > 1:
             weights = sum(w * self._motion.interpolation(times + t) for t, w in self._points)
             flat = np.asarray(weights @ at_nodes.reshape(len(at_nodes), -1))
             by_motion = flat.reshape(-1, *at_nodes.shape[1:])
         else:
-            by_motion = self._at_samples(trajectory, at_nodes)
+            by_motion = self._at_samples(at_nodes)
         matrix = self._matrix(trajectory)
         return by_motion if (matrix == np.eye(3)).all() else matrix @ by_motion
 
@@ -271,7 +251,7 @@ class GyroModel(SensorModel):
 
     def _mean_w(self, trajectory: Trajectory, later: float = 0.0) -> NDArray[np.float64]:
         """Return w (M, 3) in B, averaged over the sample period if the gyro integrates."""
-        times = self._times(trajectory) + later
+        times = self._times + later
         return np.asarray(sum(w * trajectory.spline(times + t) for t, w in self._points))
 
 
@@ -285,79 +265,72 @@ class TranslationModel(SensorModel):
         return self._motion.dynamics.part(self._at)
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        predicted = self._predicted(trajectory)
-        arm = self._constant(trajectory, "lever_arm")
-        if arm is not None:
-            predicted = predicted + self._kinds(trajectory)["lever_arm"] @ arm
-        if self._delay(trajectory):
-            at_nodes = self._nodes(trajectory)
-            moved = self._at_samples(trajectory, at_nodes) - self._weights @ at_nodes
-            predicted = predicted + moved
-        return np.asarray(self.samples.value - predicted)
+        return np.asarray(self.samples.value - self._predicted(trajectory))
 
-    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        times, weights = self._times(trajectory), self._motion.interpolation
-        slope = (weights(times + _STEP) - weights(times - _STEP)) / (2 * _STEP)
-        return np.asarray(slope @ self._nodes(trajectory))
+    def _to_com(self, trajectory: Trajectory, com: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the vectors (M, 3) from the measured point to the centre of mass at (M, 3)."""
+        arm = self._constant(trajectory, "lever_arm")
+        return com if arm is None else com - arm
+
+    def _velocity(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the velocity (M, 3) of the measured point, in W."""
+        return self._motion.com_velocity(trajectory, self._at) - self._relative(trajectory)
+
+    def _relative(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return ω × ρ + ρ' (M, 3): velocity of the centre of mass relative to the point, in W."""
+        psi, w = trajectory.state.psi, trajectory.w[self._at]
+        arm = self._to_com(trajectory, self._dynamics.com(psi))
+        return rotate(trajectory.R[self._at], cross(w, arm) + self._dynamics.com_rate(psi))
 
     @abstractmethod
     def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the prediction (M, 3) at the stamps of the samples, for B's origin, in W."""
-
-    @abstractmethod
-    def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the prediction (N, 3) at the nodes, for B's origin, in W."""
+        """Return the prediction (M, 3), in W."""
 
 
 class PositionModel(TranslationModel):
     """A sensor of the position in W."""
 
     def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        rho = rotate(trajectory.R[self._at], self._dynamics.com(trajectory.state.psi))
-        return self._motion.com_position(trajectory, self._at) - rho
+        return self._motion.com_position(trajectory, self._at) - self._arm(trajectory)
+
+    def _arm(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the vectors (M, 3) from the measured point to the centre of mass, in W."""
+        com = self._to_com(trajectory, self._dynamics.com(trajectory.state.psi))
+        return rotate(trajectory.R[self._at], com)
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         R = trajectory.R[self._at]
-        arm = rotate(R, self._dynamics.com(trajectory.state.psi))
-        elapsed = (self._times(trajectory) - self._motion.joints.start)[:, None, None]
+        elapsed = (self._times - self._motion.joints.start)[:, None, None]
         moved = change.p_Wcm + change.v_Wcm * elapsed + change.a_Wcm * elapsed**2 / 2
         if change.position is not None:
             moved = moved + change.position[self._at]
-        turned = skew(arm) @ self._at_samples(trajectory, xi)
+        turned = skew(self._arm(trajectory)) @ self._at_samples(xi)
         return np.asarray(turned - R @ change.com[self._at] + moved)
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"lever_arm": trajectory.R[self._at]}
 
-    def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        state, motion = trajectory.state, self._motion
-        rho = rotate(trajectory.R[: len(motion.nodes)], motion.grid.com(state.psi))
-        return motion.com_position(trajectory, slice(0, len(motion.nodes))) - rho
+    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return self._velocity(trajectory)
 
 
 class VelocityModel(TranslationModel):
     """A sensor of the velocity in W."""
 
-    def _relative(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return ω × ρ + ρ' (M, 3): velocity of the centre of mass relative to B's origin, in W."""
-        psi, w = trajectory.state.psi, trajectory.w[self._at]
-        velocity = cross(w, self._dynamics.com(psi)) + self._dynamics.com_rate(psi)
-        return rotate(trajectory.R[self._at], velocity)
-
     def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return self._motion.com_velocity(trajectory, self._at) - self._relative(trajectory)
+        return self._velocity(trajectory)
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         R, w = trajectory.R[self._at], trajectory.w[self._at]
-        rho = self._dynamics.com(trajectory.state.psi)
+        arm = self._to_com(trajectory, self._dynamics.com(trajectory.state.psi))
         turned = skew(w) @ change.com[self._at]
-        turned -= skew(rho) @ self._at_samples(trajectory, change.w[: len(xi)])
-        relative = skew(self._relative(trajectory)) @ self._at_samples(trajectory, xi)
-        elapsed = (self._times(trajectory) - self._motion.joints.start)[:, None, None]
+        turned -= skew(arm) @ self._at_samples(change.w[: len(xi)])
+        relative = skew(self._relative(trajectory)) @ self._at_samples(xi)
+        elapsed = (self._times - self._motion.joints.start)[:, None, None]
         moved = change.v_Wcm + change.a_Wcm * elapsed
         if change.velocity is not None:
             moved = moved + change.velocity[self._at]
@@ -366,12 +339,39 @@ class VelocityModel(TranslationModel):
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"lever_arm": trajectory.R[self._at] @ skew(trajectory.w[self._at])}
 
+    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        times, weights = self._times, self._motion.interpolation
+        slope = (weights(times + _STEP) - weights(times - _STEP)) / (2 * _STEP)
+        return np.asarray(slope @ self._nodes(trajectory))
+
     def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the velocity (N, 3) of the measured point at the nodes, in W."""
         state, motion, N = trajectory.state, self._motion, len(self._motion.nodes)
-        dynamics, w = motion.grid, trajectory.w[:N]
-        relative = cross(w, dynamics.com(state.psi)) + dynamics.com_rate(state.psi)
+        arm = self._to_com(trajectory, motion.grid.com(state.psi))
+        relative = cross(trajectory.w[:N], arm) + motion.grid.com_rate(state.psi)
         velocity = motion.com_velocity(trajectory, slice(0, N))
         return velocity - rotate(trajectory.R[:N], relative)
+
+
+def delay_of(name: str, constants: Constants, values: NDArray[np.float64]) -> float:
+    """Return by how much a sensor's stamps are later than those of the encoders [s].
+
+    Args:
+        name: of the sensor.
+        constants: the constant errors.
+        values: (k,) their values.
+
+    Raises:
+        InputError: the delay is so long that the motion is not known so far from the block.
+
+    """
+    delay = 0.0
+    for error, sign in ((f"{name}.delay", 1.0), (ENCODER_DELAY, -1.0)):
+        value = constants.value(values, error)
+        delay += 0.0 if value is None else sign * value[0]
+    if not abs(delay) < LONGEST_DELAY:
+        raise InputError(f"{name}: a delay of {delay:.3g} s cannot be modelled")
+    return delay
 
 
 _MODELS: dict[str, type[SensorModel]] = {
