@@ -195,33 +195,38 @@ def solution_of(
     scale: NDArray[np.float64],
     *,
     largest: float = KNOWN,
+    weakest: float | None = None,
     residual_sum: float = np.nan,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
     """Return the solution of a Gaussian of the target alone.
 
-    An entry is known if its σ is at most `KNOWN` of its size, and nothing of it is a combination
-    that is not determined.
+    An entry is known if its σ is small enough, and if it contains nothing of combinations about
+    which nothing is known.
 
     Args:
         target: of n unknowns.
         nominal: (n,) values of combinations that are not determined.
         scale: (n,) plausible sizes of the unknowns.
-        largest: largest σ of a determined combination, as a share of its plausible size.
+        largest: largest σ of what is known, as a share of its plausible size.
+        weakest: smallest σ of a combination about which nothing is known, likewise; such a
+            combination stays nominal. Default: `largest`.
         residual_sum, row_count: of the rows themselves, for the record.
 
     """
     moved = target.moved(nominal)
     U, sizes, axes = np.linalg.svd(moved.R * scale)
-    seen = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
+    negligible = _NEGLIGIBLE * float(sizes[0])
+    seen = sizes > max(1 / (weakest or largest), negligible)
     x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
-    rank, unobservable = int(seen.sum()), axes[~seen]
+    is_known = sizes > max(1 / largest, negligible)
+    rank, unobservable = int(is_known.sum()), axes[~is_known]
     # The others have their plausible size as σ; entries that are known contain little of them.
     sigma = 1 / np.where(seen, sizes, np.sqrt(sizes**2 + 1.0))
     root = scale[:, None] * axes.T * sigma
     covariance = root @ root.T
-    is_open = np.linalg.norm(unobservable, axis=0) > 1e-3
-    is_open |= np.diag(covariance) > (KNOWN * scale) ** 2
+    is_open = np.linalg.norm(axes[~seen], axis=0) > 1e-3
+    is_open |= np.diag(covariance) > (largest * scale) ** 2
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),

@@ -311,7 +311,7 @@ def solution_of(
     _, sizes = undetermined(model, values[PSI], gaussian)
     target = gaussian.marginal([PSI]).moved(-values[PSI])
     return gaussians.solution_of(
-        target, values[PSI], sizes, largest=1.0, residual_sum=cost, row_count=count
+        target, values[PSI], sizes, weakest=1.0, residual_sum=cost, row_count=count
     )
 
 
