@@ -80,7 +80,7 @@ class Spacecraft:
         packages: Mapping[str, str | Path] | None = None,
     ) -> None:
         self.model = str(model)
-        self._names, self._packages = (base, capture_frame), packages
+        self._capture_name = capture_frame
         self._file = ModelFile(model, package_folders(packages))
         self.plant = MultibodyPlant(time_step=0.0)
         self._file.parse_into(self.plant)
@@ -111,16 +111,6 @@ class Spacecraft:
     def path(self) -> Path:
         """Absolute path of the model's file."""
         return self._file.path
-
-    def with_model(self, model: str | Path) -> "Spacecraft":
-        """Return the spacecraft of another model file, with the same names of B, C and packages.
-
-        Raises:
-            InputError: for the same reasons as the constructor.
-
-        """
-        base, capture_frame = self._names
-        return Spacecraft(model, base=base, capture_frame=capture_frame, packages=self._packages)
 
     def on_table(self, normal_B: ArrayLike = (0.0, 0.0, 1.0)) -> "Spacecraft":
         """Return the spacecraft on a table, which holds the base's height and tilt.
@@ -183,7 +173,7 @@ class Spacecraft:
         while plant.HasModelInstanceNamed(name):
             name += "_"
         body = plant.AddRigidBody(name, plant.AddModelInstance(name), M_TCo_C)
-        connect(plant, find_frame(self._file, plant, self._names[1]), body.body_frame())
+        connect(plant, find_frame(self._file, plant, self._capture_name), body.body_frame())
         if scene_graph is not None:
             look = target_visual_model and resolve_model(target_visual_model, self._file.folders)
             add_target_appearance(plant, body, M_TCo_C, look or None, self._file.folders)
