@@ -1,17 +1,23 @@
 """Distances between the bodies of a spacecraft and its target, from their collision geometry."""
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.autodiffutils import InitializeAutoDiff
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, QueryObject, SceneGraph
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    GeometrySet,
+    QueryObject,
+    SignedDistancePair,
+)
 from pydrake.multibody.inverse_kinematics import MinimumDistanceLowerBoundConstraint
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import BodyIndex, RigidBody, WeldJoint
 from pydrake.systems.framework import DiagramBuilder
 
@@ -73,20 +79,16 @@ class Clearance:
             scene_graph=self._scene_graph,
             target_visual_model=target_visual_model,
         )
-        bodies = _bodies(self._plant)
-        named = [self._plant.world_body(), *bodies]
-        names = unique_names(self._plant, named)
-        self._names = {b.index(): name for b, name in zip(named, names, strict=True)}
-        self._near = {
-            _ordered(self._names[a], self._names[b])
-            for a, b in _exclude_neighbours(self._plant, self._scene_graph)
-        }
+        plant = self._plant
+        bodies = [plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies())]
+        self._names = dict(zip((b.index() for b in bodies), unique_names(plant, bodies)))
+        self._near = self._compare_all_but_neighbours()
         self._columns = spacecraft.joint_state_columns[0]
         self._context = builder.Build().CreateDefaultContext()
         self.shapeless = tuple(
             self._names[body.index()]
-            for body in bodies
-            if body.default_mass() > 0 and not self._plant.GetCollisionGeometriesForBody(body)
+            for body in bodies[1:]  # without the world
+            if body.default_mass() > 0 and not plant.GetCollisionGeometriesForBody(body)
         )
 
     def approaches(self, positions: NDArray[np.float64]) -> list[Approach]:
@@ -113,8 +115,9 @@ class Clearance:
         for k, joints in enumerate(positions):
             q[self._columns] = joints
             plant.SetPositions(plant_context, q)
-            for bodies, distance in self._pairs(query, max(least, 0.0)):
-                if distance >= 0 and bodies in self._near:
+            for pair in _computed(query.ComputeSignedDistancePairwiseClosestPoints, max(least, 0)):
+                bodies, distance = self._names_of(query, pair), pair.distance
+                if distance >= 0 and frozenset(bodies) in self._near:
                     continue
                 if bodies not in found or distance < found[bodies].distance:
                     found[bodies] = Approach(bodies, distance, k)
@@ -146,72 +149,52 @@ class Clearance:
         values, gradients = np.zeros(len(positions)), np.zeros(positions.shape)
         for k, joints in enumerate(positions):
             q[self._columns] = joints
-            try:
-                [found] = constraint.Eval(InitializeAutoDiff(q))
-            except RuntimeError as error:
-                text = " ".join(str(error).split())
-                raise InputError(f"distances cannot be computed: {text}") from error
+            [found] = _computed(constraint.Eval, InitializeAutoDiff(q))
             values[k] = found.value()
             if found.derivatives().size:
                 gradients[k] = found.derivatives()[self._columns]
         return values, gradients
 
-    def _pairs(
-        self, query: QueryObject, farthest: float
-    ) -> Iterator[tuple[tuple[str, str], float]]:
-        """Yield the names and the distance of all shapes at most this far apart [m]."""
-        try:
-            pairs = query.ComputeSignedDistancePairwiseClosestPoints(farthest)
-        except RuntimeError as error:
-            text = " ".join(str(error).split())
-            raise InputError(f"distances cannot be computed: {text}") from error
-        inspector = query.inspector()
-        for pair in pairs:
-            first, second = (
-                self._names[self._plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).index()]
-                for geometry in (pair.id_A, pair.id_B)
-            )
-            yield _ordered(first, second), pair.distance
+    def _names_of(self, query: QueryObject, pair: SignedDistancePair) -> tuple[str, str]:
+        """Return the names of the bodies of two shapes, in alphabetical order."""
+        frames = map(query.inspector().GetFrameId, (pair.id_A, pair.id_B))
+        first, second = sorted(
+            self._names[self._plant.GetBodyFromFrameId(frame).index()] for frame in frames
+        )
+        return first, second
+
+    def _compare_all_but_neighbours(self) -> set[frozenset[str]]:
+        """Filter the pairs of shapes; return the pairs of bodies that two joints separate."""
+        plant = self._plant
+
+        def shapes(bodies: Iterable[RigidBody]) -> GeometrySet:
+            return GeometrySet([g for b in bodies for g in plant.GetCollisionGeometriesForBody(b)])
+
+        bodies = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
+        filters = CollisionFilterDeclaration().AllowWithin(shapes(bodies))
+        for body in bodies:
+            filters.ExcludeWithin(shapes(plant.GetBodiesWeldedTo(body)))
+        adjacent = defaultdict(list)
+        for joint in map(plant.get_joint, plant.GetJointIndices()):
+            if not isinstance(joint, WeldJoint):
+                ends = (joint.parent_body(), joint.child_body())
+                inner, outer = map(plant.GetBodiesWeldedTo, ends)
+                filters.ExcludeBetween(shapes(inner), shapes(outer))
+                adjacent[inner[0].index()].append(outer)
+                adjacent[outer[0].index()].append(inner)
+        self._scene_graph.collision_filter_manager().Apply(filters)
+        return {
+            frozenset((self._names[a.index()], self._names[b.index()]))
+            for sides in adjacent.values()
+            for first, second in combinations(sides, 2)
+            for a, b in product(first, second)
+        }
 
 
-def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
-    """Return all bodies except the world."""
-    return [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
-
-
-def _exclude_neighbours(
-    plant: MultibodyPlant, scene_graph: SceneGraph
-) -> list[tuple[BodyIndex, BodyIndex]]:
-    """Let a scene graph compare all bodies that are not neighbours.
-
-    Returns:
-        The pairs of bodies that two joints separate, each in both orders.
-
-    """
-
-    def shapes(bodies: list[RigidBody]) -> GeometrySet:
-        return GeometrySet([g for b in bodies for g in plant.GetCollisionGeometriesForBody(b)])
-
-    filters = CollisionFilterDeclaration().AllowWithin(shapes(_bodies(plant)))
-    adjacent = defaultdict(list)
-    for body in _bodies(plant):
-        filters.ExcludeWithin(shapes(plant.GetBodiesWeldedTo(body)))
-    for index in plant.GetJointIndices():
-        joint = plant.get_joint(index)
-        if not isinstance(joint, WeldJoint):
-            inner, outer = map(plant.GetBodiesWeldedTo, (joint.parent_body(), joint.child_body()))
-            filters.ExcludeBetween(shapes(inner), shapes(outer))
-            adjacent[inner[0].index()].append(outer)
-            adjacent[outer[0].index()].append(inner)
-    scene_graph.collision_filter_manager().Apply(filters)
-    return [
-        (a.index(), b.index())
-        for sides in adjacent.values()
-        for first, second in permutations(sides, 2)
-        for a in first
-        for b in second
-    ]
-
-
-def _ordered(first: str, second: str) -> tuple[str, str]:
-    return (first, second) if first < second else (second, first)
+def _computed(distances: Callable, argument: object) -> Any:
+    """Return Drake's distances; raises InputError for shapes that it cannot compare."""
+    try:
+        return distances(argument)
+    except RuntimeError as error:
+        text = " ".join(str(error).split())
+        raise InputError(f"distances cannot be computed: {text}") from error
