@@ -1,7 +1,6 @@
 """One type for the motion data from simulations, from sensors and from files."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy
@@ -42,47 +41,34 @@ class Telemetry:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
-        widths = {"quaternion_WB": 4, "p_WB": 3, "w_WB": 3, "v_WB": 3}
-        widths |= dict.fromkeys(("q", "qdot"), len(self.joint_names))
-        for name in ("time", *widths):
+        count, joints = np.size(self.time), (len(self.joint_names),)
+        shapes = {"time": (), "quaternion_WB": (4,), "p_WB": (3,), "w_WB": (3,), "v_WB": (3,)}
+        for name, width in {**shapes, "q": joints, "qdot": joints}.items():
             try:
                 values = np.array(getattr(self, name), dtype=float)
             except (TypeError, ValueError) as error:
                 raise InputError(
                     f"telemetry: '{name}' must be an array of numbers: {error}"
                 ) from None
-            object.__setattr__(self, name, values)
-        time = self.time
-        if time.ndim != 1:
-            raise InputError(f"telemetry: 'time' must have one dimension, not {time.ndim}")
-        for name, width in widths.items():
-            shape = getattr(self, name).shape
-            if shape != (time.size, width):
+            if values.shape != (count, *width):
                 raise InputError(
-                    f"telemetry: '{name}' must have shape {(time.size, width)}, not {shape}"
+                    f"telemetry: '{name}' must have shape {(count, *width)}, not {values.shape}"
                 )
-        for name in ("time", *widths):
-            values = getattr(self, name)
-            bad = ~(np.isfinite(values) if name == "time" else np.isfinite(values).all(axis=1))
+            bad = ~np.isfinite(values).reshape(count, -1).all(axis=1)
             if bad.any():
                 raise InputError(f"telemetry: '{name}' is not finite in sample {bad.argmax()}")
-        backwards = np.diff(time) <= 0
+            object.__setattr__(self, name, values)
+        backwards = np.diff(self.time) <= 0
         if backwards.any():
             k = int(backwards.argmax()) + 1
-            raise InputError(f"telemetry: time does not increase at sample {k} (t = {time[k]:g} s)")
+            raise InputError(
+                f"telemetry: time does not increase at sample {k} (t = {self.time[k]:g} s)"
+            )
         off = np.abs(np.linalg.norm(self.quaternion_WB, axis=1) - 1) > 1e-3
         if off.any():
             raise InputError(
                 f"telemetry: quaternion_WB is not of unit norm in sample {off.argmax()}"
             )
-
-    @classmethod
-    def _checked(cls, **members: Any) -> "Telemetry":
-        """Return telemetry with these members, without copies and without the checks."""
-        telemetry = object.__new__(cls)
-        for name, value in members.items():
-            object.__setattr__(telemetry, name, value)
-        return telemetry
 
     def __len__(self) -> int:
         return self.time.size
@@ -115,26 +101,14 @@ class Telemetry:
         if not isinstance(samples, slice):
             samples = np.asarray(samples)
             samples = samples if samples.size else samples.astype(int)
-        names = ("time", "quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
-        parts = {name: getattr(self, name)[samples] for name in names}
+        parts = {name: getattr(self, name)[samples] for name in ("time", *_ARRAYS)}
         if not isinstance(samples, slice) or (samples.step or 1) < 0:
             return replace(self, **parts)
         # These samples are already checked; a long log is cut into many pieces.
-        return self._checked(joint_names=self.joint_names, **parts)
-
-    def at(self, times: ArrayLike) -> "Telemetry":
-        """Return the samples at these times, each within 1 µs.
-
-        Raises:
-            InputError: there is no sample at one of these times.
-
-        """
-        times = np.atleast_1d(np.asarray(times, dtype=float))
-        nearest = np.abs(self.time[:, None] - times).argmin(axis=0)
-        missing = ~(np.abs(self.time[nearest] - times) <= 1e-6)
-        if missing.any():
-            raise InputError(f"telemetry: no sample at t = {times[missing][0]:g} s")
-        return self.select(nearest)
+        part = object.__new__(Telemetry)
+        for name, value in (("joint_names", self.joint_names), *parts.items()):
+            object.__setattr__(part, name, value)
+        return part
 
     def rounded(self, decimals: int) -> "Telemetry":
         """Return the telemetry with all numbers but the times rounded, in SI units and radians.
@@ -144,9 +118,8 @@ class Telemetry:
         """
         angles = np.round(self.euler_321, decimals)
         attitude = scipy.spatial.transform.Rotation.from_euler("ZYX", angles)
-        names = ("p_WB", "w_WB", "v_WB", "q", "qdot")
-        return replace(
-            self,
-            quaternion_WB=attitude.as_quat(scalar_first=True),
-            **{name: np.round(getattr(self, name), decimals) for name in names},
-        )
+        parts = {name: np.round(getattr(self, name), decimals) for name in _ARRAYS[1:]}
+        return replace(self, quaternion_WB=attitude.as_quat(scalar_first=True), **parts)
+
+
+_ARRAYS = ("quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
