@@ -54,7 +54,7 @@ class Telemetry:
                 raise InputError(
                     f"telemetry: '{name}' must have shape {(count, *width)}, not {values.shape}"
                 )
-            bad = ~np.isfinite(values).reshape(count, -1).all(axis=1)
+            bad = ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
             if bad.any():
                 raise InputError(f"telemetry: '{name}' is not finite in sample {bad.argmax()}")
             object.__setattr__(self, name, values)

@@ -61,6 +61,10 @@ def test_a_quaternion_far_from_unit_norm_is_refused_with_its_sample(telemetry, s
         replace(telemetry, quaternion_WB=quaternion_WB)
 
 
+def test_no_samples_are_telemetry(telemetry):
+    assert len(telemetry.select([])) == len(make(0)) == 0
+
+
 def test_a_rounded_quaternion_is_taken_as_a_rotation(telemetry):
     rounded = replace(telemetry, quaternion_WB=np.round(telemetry.quaternion_WB, 4))
     identity = np.broadcast_to(np.eye(3), (5, 3, 3))
