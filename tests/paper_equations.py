@@ -1,4 +1,4 @@
-"""The paper's equations for one instant, in W, and the rows of the system's centre of mass.
+"""The paper's equations for one instant, in W.
 
 No product uses them: c and I in W change as the target turns, so these rows cannot be stacked over
 time. They are an independent way to Eq. 18.
@@ -63,14 +63,3 @@ def eq18_to_world(R_WC: ArrayLike) -> NDArray[np.float64]:
         I_W = R_WC @ vector_to_tensor(unit) @ np.swapaxes(R_WC, -1, -2)
         T[:, 4:, 4 + j] = tensor_to_vector(I_W)
     return T
-
-
-def com_position_rows(samples: MomentumSamples) -> Rows:
-    """Return rows A (N − 1, 3, 4), b (N − 1, 3) in (m, m c): the centre of mass does not move.
-
-    [p_WC − p_WC(0)   R_WC − R_WC(0)] (m, m c) = −m_k (r_k − r_k(0)), in W, relative to the first
-    sample. No velocities are used; the total linear momentum must be zero.
-    """
-    p_WC, R_WC, r = samples.motion.p_WC, samples.motion.R_WC, samples.p_WKcm
-    A = np.concatenate([(p_WC[1:] - p_WC[0])[:, :, None], R_WC[1:] - R_WC[0]], axis=2)
-    return A, -samples.mass * (r[1:] - r[0])

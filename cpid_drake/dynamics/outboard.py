@@ -100,7 +100,7 @@ def _summed(tree: KinematicTree, each: NDArray[np.float64]) -> NDArray[np.float6
     return result
 
 
-def joined_bodies(tree: KinematicTree) -> list[int]:
+def jointed_bodies(tree: KinematicTree) -> list[int]:
     """Return the indices of the bodies whose joints move."""
     return [k for k, body in enumerate(tree.bodies) if body.joint >= 0]
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.outboard import Outboard, frame_screws, joined_bodies, joint_screw
+from cpid_drake.dynamics.outboard import Outboard, frame_screws, joint_screw, jointed_bodies
 from cpid_drake.dynamics.parameterizations import (
     REPORT_ORDER,
     inertia_of_second_moment,
@@ -67,7 +67,7 @@ def joint_sensitivity(
 
     """
     tree, bodies = outboard.tree, outboard.bodies
-    moving = joined_bodies(tree)
+    moving = jointed_bodies(tree)
     places = [tree.bodies[k].joint for k in moving]
     S = np.stack([joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k]) for k in moving], axis=-1)
     change, by_rates = outboard.displaced(moving, S)
@@ -97,7 +97,7 @@ def geometry_sensitivity(
     its last body is the target. Other arguments as for `joint_sensitivity`.
     """
     tree = outboard.tree
-    moving, target, S = joined_bodies(tree), len(tree.bodies) - 1, []
+    moving, target, S = jointed_bodies(tree), len(tree.bodies) - 1, []
     for k, error in zip(moving, joints, strict=True):
         normals = axis_normals(tree.bodies[k])
         turns = right_jacobian(normals @ error[3:]) @ normals
@@ -160,7 +160,7 @@ def uncertain_sensitivity(
     """
     tree = outboard.tree
     known = replace(tree, bodies=tree.bodies[:-1])
-    sigmas = uncertainty.all_sigmas(known.wheels, len(joined_bodies(tree)))
+    sigmas = uncertainty.all_sigmas(known.wheels, len(jointed_bodies(tree)))
     of_bodies, of_geometry = np.split(sigmas, [10 * len(known.bodies)])
     bodies, joints, grasp = _errors_of(known, uncertainty, errors)
     parts = []
@@ -207,7 +207,7 @@ def perturbed(
 
     The inertias remain physically consistent.
     """
-    sigmas = uncertainty.all_sigmas(tree.wheels, len(joined_bodies(tree)))
+    sigmas = uncertainty.all_sigmas(tree.wheels, len(jointed_bodies(tree)))
     of_bodies = 10 * len(tree.bodies)
     count = len(sigmas) if sigmas[of_bodies:].any() else of_bodies
     drawn = np.append(rng.standard_normal(count), np.zeros(len(sigmas) - count))
@@ -248,7 +248,7 @@ def _errors_of(
     tree: KinematicTree, uncertainty: BodyUncertainty, errors: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return errors of bodies (K, 10), joints (J, 5) and C (6,) in SI units; see `with_errors`."""
-    sizes = uncertainty.all_sigmas(tree.wheels, len(joined_bodies(tree)))
+    sizes = uncertainty.all_sigmas(tree.wheels, len(jointed_bodies(tree)))
     sizes[sizes > 0] *= errors
     of_bodies, of_joints, grasp = np.split(sizes, [10 * len(tree.bodies), len(sizes) - 6])
     return of_bodies.reshape(-1, 10), of_joints.reshape(-1, 5), grasp
@@ -267,7 +267,7 @@ def displaced(
 
     """
     bodies = list(tree.bodies)
-    for k, error in zip(joined_bodies(tree), joints, strict=True):
+    for k, error in zip(jointed_bodies(tree), joints, strict=True):
         body = bodies[k]
         turn = exponentials(axis_normals(body) @ error[3:])
         bodies[k] = replace(body, p_PF=body.p_PF + error[:3], R_PF=body.R_PF @ turn)

@@ -98,7 +98,7 @@ class KinematicTree:
             lump, R_LP, p_LP = where[body.parent]
             if body.joint < 0:
                 where.append((lump, R_LP @ R_PB, p_LP + R_LP @ p_PB))
-                lumps[lump] = _joined(lumps[lump], body, *where[-1][1:])
+                lumps[lump] = _merged(lumps[lump], body, *where[-1][1:])
                 continue
             where.append((len(lumps), np.eye(3), np.zeros(3)))
             p_LF = p_LP + R_LP @ body.p_PF
@@ -118,7 +118,7 @@ class KinematicTree:
         if self.normal_B is None:
             return None
         normal = self.normal_B
-        for body in (self.bodies[k] for k in reversed(self.carrying)):
+        for body in (self.bodies[k] for k in reversed(self.chain_to_capture)):
             if body.parent >= 0:
                 normal = body.R_PF.T @ normal
                 turns = body.joint >= 0 and not body.prismatic
@@ -128,7 +128,7 @@ class KinematicTree:
         return np.asarray(self.R_BC.T @ normal)
 
     @property
-    def carrying(self) -> list[int]:
+    def chain_to_capture(self) -> list[int]:
         """The bodies that carry the target, from the one that C is fixed on to the base."""
         chain, k = [], self.capture_body
         while k >= 0:
@@ -200,7 +200,7 @@ class KinematicTree:
         )
 
 
-def _joined(
+def _merged(
     lump: TreeBody, body: TreeBody, R_LB: NDArray[np.float64], p_LB: NDArray[np.float64]
 ) -> TreeBody:
     """Return a lump after the addition of one body that is fixed in the lump's frame L."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.outboard import Outboard, joined_bodies, joint_screw
+from cpid_drake.dynamics.outboard import Outboard, jointed_bodies, joint_screw
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
@@ -124,7 +124,7 @@ class BaseMotion:
         outboard = Outboard.at(tree, q, qdot, w, v)
         derivative = CubicSpline(self.times, np.eye(len(self.times)))(self.times, 1)
         efforts = np.zeros((*samples.shape[:2], q.shape[1]))
-        for body in joined_bodies(tree):
+        for body in jointed_bodies(tree):
             each = outboard.momentum[body]
             S = joint_screw(tree.bodies[body], outboard.bodies.R[body], outboard.bodies.r[body])
             rate = np.tensordot(derivative, each.reshape(len(self.times), -1), 1).reshape(-1, 6)

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from paper_equations import com_position_rows
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import (
@@ -209,29 +208,6 @@ def test_products_of_inertia_are_those_of_the_tensor():
     np.testing.assert_allclose(M.get_com(), TARGET.p_CTcm_C)
     about_cm = M.Shift(M.get_com()).CalcRotationalInertia().get_products()
     np.testing.assert_allclose(about_cm, [0.1, 0.2, 0.3], atol=1e-14)
-
-
-def test_the_centre_of_mass_of_all_stays(craft):
-    """The base moves back by the target's share when the arm goes forward."""
-    stretched, turned = seen(), seen(q=np.pi / 2)
-    everything = [craft.tree.with_target(TARGET.to_standard_vector())]
-    places = []
-    for telemetry in (stretched, turned):
-        bodies, _ = forward_kinematics(everything[0], **telemetry.states)
-        masses = [body.mass for body in everything[0].bodies]
-        places.append(np.average(bodies.r[:, 0], axis=0, weights=masses))
-    second = replace(turned, time=[1.0], p_WB=(places[0] - places[1])[None])
-    both = Telemetry(
-        ("j",),
-        [0.0, 1.0],
-        *(
-            np.vstack([getattr(t, n) for t in (stretched, second)])
-            for n in ("quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
-        ),
-    )
-    A, b = com_position_rows(momentum_samples(craft.tree, both))
-    np.testing.assert_allclose(A @ TARGET.to_standard_vector()[:4], b, atol=1e-12)
-    assert np.abs(b).max() > 0.5
 
 
 # -- sensors ---------------------------------------------------------------------------------------
