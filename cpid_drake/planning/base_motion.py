@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.outboard import Outboard, jointed_bodies, joint_screw
+from cpid_drake.dynamics.outboard import Outboard, joint_screw, jointed_bodies
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
