@@ -32,6 +32,9 @@ SEEN = 1.1
 MOST_UNEXPLAINED = 0.1
 """Share of the samples that nothing explains, above which a check fails."""
 
+MOST_REJECTED = 0.5
+"""Share of unusable samples of one sensor above which a check fails."""
+
 NOISE = "noise"
 """Name of the check of larger noise, which makes other causes seem likely."""
 
@@ -109,6 +112,17 @@ def fit_checks(
         limit = max(test.band, 0.1) if name in larger else MOST_CORRELATED
         fails = test.fails or (name in coloured and name in larger)
         yield Check.of(f"correlation of {name}", sentence, test.lag_one, limit, not fails)
+
+
+def rejection_checks(
+    rejected: Mapping[str, int], used: Mapping[str, int], where: str = ""
+) -> Iterator[Check]:
+    """Yield the checks that most samples of a sensor could be used, from their numbers."""
+    for name, count in rejected.items():
+        if count:
+            total = count + used.get(name, 0)
+            text = f"{where}{count} of {total} samples of {name} could not be used"
+            yield Check.of(f"rejected share of {name}", text, count / total, MOST_REJECTED)
 
 
 def momentum_words(

@@ -24,14 +24,11 @@ from cpid_drake.identification.result import Combinations, Identification
 REACH = 3.0
 """Plausible distance of a part of the target from C, in radii of gyration of the spacecraft."""
 
-MOST_REJECTED = 0.5
-"""Share of unusable samples of one sensor above which a check fails."""
-
 _ROUNDING = 1e-6  # of a limit, as a share of the plausible size
 
 
 def checked(found: Identification, tree: KinematicTree) -> Identification:
-    """Return an identification with the checks of its samples and its body, the failed ones first.
+    """Return an identification with the checks of its body, and the failed checks first.
 
     Args:
         found: the identification.
@@ -39,13 +36,8 @@ def checked(found: Identification, tree: KinematicTree) -> Identification:
 
     """
     found = _with_bodies(found, tree)
-    checks = list(found.checks)
-    for name, count in found.rejected.items() if found.sample_count else ():
-        sentence = f"{count} samples of {name} could not be used"
-        share = count / (count + found.sample_count)
-        checks.append(Check.of(f"rejected share of {name}", sentence, share, MOST_REJECTED))
     # The larger noise explains the other failures.
-    checks.sort(key=lambda check: (check.passed, check.name != NOISE))
+    checks = sorted(found.checks, key=lambda check: (check.passed, check.name != NOISE))
     return replace(found, checks=tuple(checks))
 
 

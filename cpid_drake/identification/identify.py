@@ -13,7 +13,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.by_rows import best_rows
 from cpid_drake.identification.checked_log import CheckedLog, check_log
-from cpid_drake.identification.checks import Check
+from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
 from cpid_drake.identification.known import Known
@@ -94,9 +94,15 @@ def identify(
         progress(f"checking {name}")
         with prefix_errors(where[name]):
             logs[name] = check_log(spacecraft, each, sensors, planar)
-    normal_B = next(iter(logs.values())).normal_B
-    if normal_B is not None:
-        spacecraft = spacecraft.on_table(normal_B)
+    normals = {name: log.normal_B for name, log in logs.items() if log.normal_B is not None}
+    if normals and len(normals) < len(logs):
+        free = next(name for name in logs if name not in normals)
+        raise InputError(
+            f"{next(iter(normals))} has x, y and yaw only, as on a table, and {free} has not: say "
+            "--planar or --no-planar"
+        )
+    if normals:
+        spacecraft = spacecraft.on_table(next(iter(normals.values())))
     is_exact = all(log.states is not None for log in logs.values())
     has_sensors = sensors is not None or (known_bodies is not None and not is_exact)
     has_thrust = any(log.has_thrust for log in logs.values())
@@ -147,6 +153,7 @@ def _with_logs(
         said = [*log.warnings, *(f"not checked: {text}" for text in log.unchecked)]
         warnings += [where + text for text in said]
         checks += [Check("log", where + text) for text in failed]
+        checks += rejection_checks(log.rejected, log.counts, where)
         rejected.update(log.rejected)
     if is_uncertain and method.uses_rows:
         warnings.append(

@@ -18,7 +18,13 @@ from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white
-from cpid_drake.identification.checks import Check, fit_checks, momentum_words, noise_warnings
+from cpid_drake.identification.checks import (
+    Check,
+    fit_checks,
+    momentum_words,
+    noise_warnings,
+    rejection_checks,
+)
 from cpid_drake.identification.comparison import contradicted, larger_than_declared
 from cpid_drake.identification.fitted import (
     at_momentum,
@@ -132,11 +138,12 @@ def identification_of_state(
     effects = effects_of(model, values, gaussian, LOG)
     tests = {name: sums.whiteness for name, sums in state.lags.items()}
     unexplained = state.bridged / state.length if state.length else 0.0
+    used = {n: state.processed.get(n, 0) - state.rejected.get(n, 0) for n in present}
     return Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, values, gaussian),
         sensors=model.suite,
-        sample_count=sum(state.processed.get(n, 0) - state.rejected.get(n, 0) for n in present),
+        sample_count=sum(used.values()),
         estimator=NAME,
         whiteness=least_white(tests.values()),
         rejected={name: count for name, count in state.rejected.items() if count},
@@ -147,6 +154,7 @@ def identification_of_state(
             *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
             *larger_than_declared(model, values, gaussian, effects),
             *fit_checks(state.converged, unexplained, noise, tests),
+            *rejection_checks(state.rejected, used),
         ),
         momentum=assumed.name,
         noise=noise,

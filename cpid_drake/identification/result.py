@@ -36,9 +36,6 @@ if TYPE_CHECKING:  # Drake takes half a second to import
 FORMAT = 4
 """Version of the keys of a result file."""
 
-_IN_PLANE = {0: (0, 2, 3, 4), 1: (0, 1, 3, 5), 2: (0, 1, 2, 6)}
-# Places in π of what can be known on a table, by the number of C's axis that is its normal.
-
 Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0), Le(2**53)]
 Ten = Annotated[Array, Numbers(10, unknown=True)]
@@ -359,8 +356,9 @@ class Identification:
         others = "the others have no effect on a motion in the plane"
         axis = parallel_axis(self.normal_C)
         if axis >= 0:
-            *first, last = (PARAMETER_NAMES[k] for k in _IN_PLANE[axis])
-            return [f"On a table, {', '.join(first)} and {last} can be known; {others}."]
+            m, *c = (PARAMETER_NAMES[k] for k in range(4) if k != axis + 1)
+            moment = PARAMETER_NAMES[4 + axis]
+            return [f"On a table, {m}, {', '.join(c)} and {moment} can be known; {others}."]
         return [
             f"On a table, four numbers can be known, here oblique to C's axes; {others}.",
             "A capture frame with an axis along the table's normal shows them.",

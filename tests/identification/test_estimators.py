@@ -96,16 +96,6 @@ def test_a_momentum_may_be_known_or_not(
         assert chi2.ppf(0.0005, 10) < nees(found, skewed_target) < chi2.ppf(0.9995, 10)
 
 
-@pytest.mark.parametrize("estimator", ["eq18", "standard"])
-def test_a_momentum_that_is_not_zero_is_seen(craft, motion, skewed_target, estimator):
-    """A fit may take the momentum for that after a change at the start, and be right."""
-    suite = coarse_suite(**FAST)
-    exact = measured(craft, motion, skewed_target, suite, 0.2 * np.asarray(MOMENTUM))
-    zero = {"sensors": suite, "estimator": estimator, "momentum": TotalMomentum.zero()}
-    found = identify(craft, add_noise(suite, exact, 1), **zero)
-    assert found.failures[0].startswith("the samples contradict a total momentum of zero")
-
-
 @pytest.mark.parametrize("estimator", ["least_squares", "trajectory_fit"])
 def test_bad_samples_are_screened_out(craft, at_rest, skewed_target, scale, estimator):
     """Not a number, a quaternion of no length, a stamp out of turn: left out, not fatal."""
@@ -122,6 +112,7 @@ def test_bad_samples_are_screened_out(craft, at_rest, skewed_target, scale, esti
         position=Samples(time, samples.position.value),
     )
     result = identify(craft, bad, sensors=suite, estimator=estimator)
+    assert {"attitude": 1, "gyro": 1, "position": 1}.items() <= result.rejected.items()
     assert np.abs((result.parameters - skewed_target.to_vector()) / scale).max() < 2e-3
 
 

@@ -44,6 +44,22 @@ def test_a_sensor_that_nothing_explains_fails_a_check(craft, ideal, suite):
     assert "larger angles" not in found.explain()
 
 
+@pytest.mark.parametrize(("every", "is_trusted"), [(4, True), (2, False)])
+def test_a_sensor_most_of_whose_samples_cannot_be_used_fails_a_check(
+    craft, ideal, suite, every, is_trusted
+):
+    """However many samples other sensors have: here one of `every` and the next are no numbers."""
+    samples = add_noise(suite, ideal(suite, 5.0), 4)
+    value = samples.position.value.copy()
+    value[::every] = np.nan
+    value[1:6] = np.nan
+    bad = samples.updated({"position": replace(samples.position, value=value)})
+    found = identify(craft, bad, sensors=suite)
+    assert found.rejected["position"] == np.isnan(value).any(axis=1).sum()
+    assert found.passed == is_trusted
+    assert is_trusted or "samples of position could not be used" in found.failures[0]
+
+
 @pytest.mark.slow
 def test_a_fit_tells_the_share_of_its_log_that_it_leaves_out(craft, ideal, suite):
     """The gyro is lost in noise for a while, and the answer is that of the rest."""

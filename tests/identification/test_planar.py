@@ -8,7 +8,7 @@ from planar_cases import DURATION, KNOWN, SUITE, TARGET, errors, motion, planar_
 from scipy.spatial.transform import Rotation
 from sensing_cases import measured, true_psi, true_telemetry
 
-from cpid_drake import identify
+from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.planar import ASSUMED, PROPOSED
@@ -114,6 +114,13 @@ def test_a_log_of_x_y_and_yaw_is_recognized(craft, table):
     assert found.is_complete
     assert not found.is_observable
     assert "larger angles" not in found.explain()
+
+
+def test_a_log_on_a_table_beside_one_of_all_coordinates_is_refused(craft):
+    log = samples(craft, 1)
+    logs = {"all": log, "three": in_three_coordinates(log)}
+    with pytest.raises(InputError, match="three has x, y and yaw only, as on a table, and all has"):
+        identify(craft, logs, sensors=SUITE)
 
 
 def test_its_noise_is_estimated_from_what_is_measured(craft):
