@@ -249,10 +249,7 @@ class TestContradictions:
         turned = np.where(np.arange(4) == 1, 1.0, np.degrees(1.0))  # the second one slides
         both = changed(exact, encoders=lambda q: q * turned, joint_rates=lambda q: q * turned)
         found = identify(craft, both)
-        assert any(
-            "joint positions and their rates are in degrees" in failure
-            for failure in found.failures
-        )
+        assert any("joint_positions.unit: deg" in failure for failure in found.failures)
         warnings = "; ".join(found.warnings)
         assert "beyond the model's limits -9 to 9 rad: is it in degrees" in warnings
         assert "q:slide" not in warnings

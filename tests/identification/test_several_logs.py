@@ -67,6 +67,8 @@ class TestNoisyLogs:
         assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
         assert found.check("agreement").statistic < chi2.isf(1e-3, 20)
         assert found.check("agreement").limit == pytest.approx(chi2.isf(1e-4, 20))
+        for log in found.logs.values():
+            assert log.check("agreement").statistic < chi2.isf(1e-3, 10)
 
     def test_together_they_know_more_than_each(self, joint, craft, suite, logs):
         method, found = joint
