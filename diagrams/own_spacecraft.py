@@ -27,9 +27,11 @@ def main() -> None:
         log, sensors = read_telemetry(args.telemetry), load_sensors(args.sensors)
         found = identify(spacecraft, log, sensors=sensors)
         print(found.explain())
-        target = found.feasible()  # InertialParameters that a rigid body can have
+        target = found.consistent  # InertialParameters that a rigid body can have
     except InputError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
+    if target is None:
+        parser.exit(3)  # what is not determined is printed above
     print(f"m = {target.mass:.4f} kg, c = {target.p_CTcm_C.round(4)} m")
     print(f"I = {target.I_TTcm_C.round(5).tolist()} kg·m²")
 

@@ -86,3 +86,13 @@ def test_the_sample_log_tells_the_bag_that_it_was_made_with(ran):
     together = float(re.search(r"^together (\S+) kg", stdout, re.M)[1])
     assert mass == pytest.approx(8.5, abs=0.05)
     assert together - mass == pytest.approx(10.49, abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["how-to-logs.md", "how-to-sample-log.md"])
+def test_the_python_of_a_page_runs(page, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    [block] = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(), re.S)
+    names = {}
+    exec(compile(block, page, "exec"), names)
+    assert names["result"].consistent.mass == pytest.approx(8.5, abs=0.05)

@@ -24,12 +24,12 @@ FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]: fast enough for the eye, and a page of ten seconds stays small."""
 
 LEGEND = {
-    "orange": "estimate: centre of mass with 3 σ, ellipsoid of equal inertia",
-    "skyblue": "linear momentum of the spacecraft; above it: angular",
-    "yellow": "linear momentum of the target; above it: angular",
+    "orange": "estimate: 3 σ, ellipsoid of inertia",
+    "skyblue": "momentum P of spacecraft; above: L",
+    "yellow": "momentum P of the target; above: L",
     "white": "centre of mass of both",
 }
-"""What the scene shows, by colour; the names are those of CSS."""
+"""What the scene shows, by colours of CSS, as short as the lines of Meshcat's panel."""
 
 _COLORS = {
     "orange": Rgba(1.0, 0.65, 0.0, 1.0),

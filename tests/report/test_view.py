@@ -69,7 +69,7 @@ def test_a_replay_says_what_was_known_and_when(servicer, zero_momentum_motion, s
     drawn = commands(page)
     assert b"cpid/estimate/inertia" in drawn
     assert b"captured_target" not in drawn
-    assert "linear momentum of the target" in page
+    assert "momentum P of the target" in page
 
 
 def test_a_replay_with_truth_draws_it(servicer, zero_momentum_motion, skewed_target):
