@@ -1,16 +1,12 @@
 """Processes that share the work of a command, and end with it."""
 
-import os
-import pickle
 import signal
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ContextDecorator
 from functools import cache
-from multiprocessing import active_children, get_context, parent_process
-from pathlib import Path
+from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -72,32 +68,20 @@ def shared_work(
         with one_thread:
             yield from map(prepare(inputs), tasks)
         return
-    # The inputs are in a file: a start with large arguments waits for the process to read them.
-    with (
-        tempfile.NamedTemporaryFile() as file,
-        ProcessPoolExecutor(jobs, get_context("spawn"), _start, (file.name,)) as pool,
-    ):
-        pickle.dump((prepare, inputs), file)
-        file.flush()
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _start, (prepare, inputs)) as pool:
         try:
-            results = [pool.submit(_work, task) for task in tasks]
-            for result in results:
-                yield result.result()
+            yield from pool.map(_work, tasks)
         except BaseException:  # also where the caller stops early, or an interrupt
-            for process in active_children():
-                process.terminate()
+            pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
 _function: Callable[[Any], Any] | None = None
 
 
-def _start(file: str) -> None:
-    """Prepare a process from the file with its inputs."""
+def _start(prepare: Callable[[Any], Callable[[Any], Any]], inputs: Any) -> None:
     global _function
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process ends this one
-    threading.Thread(target=end_with_parent, daemon=True).start()
-    prepare, inputs = pickle.loads(Path(file).read_bytes())  # imports NumPy and SciPy
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # an interrupt ends this process without a word
     one_thread.__enter__()
     _function = prepare(inputs)
 
@@ -105,11 +89,3 @@ def _start(file: str) -> None:
 def _work(task: Any) -> Any:
     assert _function is not None
     return _function(task)
-
-
-def end_with_parent() -> None:
-    """End this process when the main process has ended, even if it was killed."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

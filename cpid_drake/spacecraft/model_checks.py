@@ -2,7 +2,7 @@
 
 Drake's readers read "1,5" as 1, "500mm" as 500 and a misspelt attribute as zero, replace an inertia
 that no body has, and leave out what they do not support. They do not return from a file that
-includes itself, or from a few YAML aliases that expand to billions.
+includes itself.
 """
 
 import re
@@ -16,7 +16,6 @@ from pydrake.multibody.parsing import LoadModelDirectives, PackageMap
 from pydrake.multibody.tree import RotationalInertia
 
 from cpid_drake.errors import InputError
-from cpid_drake.input_files.yaml_text import check_size
 
 LARGEST_FILE = 64 * 2**20
 """Largest file that is read [bytes]; models that contain their geometry have a few million."""
@@ -109,7 +108,6 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileCont
         elif not file.is_file() or file.stat().st_size > LARGEST_FILE:
             raise InputError(f"{place}: not a file, or larger than {LARGEST_FILE >> 20} MiB")
         elif file.suffix.lower() in (".yaml", ".yml"):
-            check_size(file.read_bytes().decode("utf-8-sig"), place)
             included = _included_by_directives(file, packages)
         else:
             root = _read_xml(file, place)
