@@ -150,6 +150,17 @@ def test_noise_free_motion_comes_back_through_whole_turns(scene):
     assert np.abs(e[:, GROUPS["angular velocity"]]).max() < 1e-6
 
 
+def test_a_precise_gyro_carries_a_noisy_attitude_through_a_tumble(scene):
+    """The error of the attitude is one turn in W for the whole log, some tenth of its noise."""
+    sigma = np.radians(200 / 3600)
+    suite = coarse_suite(attitude=AttitudeSensor(5.0, 200.0, 200.0), gyro=Gyro(20.0, 0.001))
+    perfect, truth = scene(suite, 3 * TUMBLE)
+    smoothed = smooth(add_noise(suite, perfect, 2), suite)
+    e = errors(smoothed, truth)
+    assert np.sqrt(np.mean(e[:, GROUPS["attitude"]] ** 2)) < 0.4 * sigma
+    assert np.sqrt(np.mean(e[:, GROUPS["angular velocity"]] ** 2)) < 5e-5
+
+
 @pytest.mark.parametrize("turn", [[0, -3.14159, 0], [2, 2, -1.5]])
 def test_attitude_knows_no_preferred_direction(scene, turn):
     """Turned as a whole, the motion is turned as a whole, to rounding."""
