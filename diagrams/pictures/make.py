@@ -91,14 +91,14 @@ def scene(folder: Path) -> None:
 def convergence(folder: Path) -> None:
     """Draw how the estimate from the sample log converges."""
     cpid(*SAMPLE, "--json", folder / "bag.json", "--quiet")
-    report = ("report", folder / "bag.json", "--out", folder / "bag.html", "--quiet")
+    report = ("report", "--result", folder / "bag.json", "--out", folder / "bag.html", "--quiet")
     cpid(*report, "--figures", folder / "figures")
     shutil.copy(folder / "figures/convergence.png", HERE)
 
 
 def paper(folder: Path) -> None:
     """Draw the paper's study."""
-    print(cpid("paper", "--out", folder / "paper"))
+    print(cpid("study", "paper", "--out", folder / "paper"))
     for name in ("figure3_configurations.png", "table2_decimals.png"):
         shutil.copy(folder / "paper" / name, HERE)
 
