@@ -23,9 +23,6 @@ from cpid_drake.scenario.limits import check_limits
 from cpid_drake.scenario.simulation import make_simulation
 from cpid_drake.systems.scene_visualizer import open_meshcat
 
-LARGE_PAGE = 10_000_000
-"""Size [bytes] of a page above which a warning is printed, because a large page is hard to send."""
-
 
 @options.with_options
 def view(
@@ -42,7 +39,8 @@ def view(
         typer.Option(metavar="FILE", help="Write a replay, one HTML file that plays offline."),
     ] = None,
     rate: Annotated[
-        float, typer.Option(help="Ratio of simulated to real time in the live view.")
+        float,
+        typer.Option(min=0.1, max=5.0, help="Ratio of simulated to real time in the live view."),
     ] = 1.0,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
@@ -55,8 +53,6 @@ def view(
     outputs = [] if out is None else [("--out", out)]
     if log is not None and run is not None:
         raise InputError("give one of LOG and --run FOLDER")
-    if not 0.1 <= rate <= 5:
-        raise InputError(f"--rate {rate:g}: must be from 0.1 to 5")
     console = options.log_console(quiet)
     page: str | None
     if log is None and run is None:
@@ -76,8 +72,6 @@ def view(
     if out is not None and page is not None:
         write_text(out, page)
         console.print(f"{out}, {len(page.encode()) / 1e6:.1f} MB")
-        if len(page) > LARGE_PAGE:
-            options.print_warnings(["the model's meshes make the page large"])
     if not quiet:
         print(text)
 

@@ -53,7 +53,7 @@ def test_a_log_as_a_page(cpid, tmp_path):
         (["--scenario", "nothing", "--out", "a.html"], "no shipped scenario 'nothing'"),
         (["--scenario", "paper", "--out", "nowhere/a.html"], "there is no folder nowhere"),
         (["--scenario", "paper", "--out", "."], "is a folder"),
-        (["--scenario", "paper", "--rate", "0"], "--rate 0"),
+        (["--scenario", "paper", "--rate", "0"], "--rate"),
         (["--scenario", "paper", "--out", "a.html", "--sensors", "flight"], "--scenario alone"),
         (["--run", ".", "--out", "a.html"], "not a run"),
         ([LOG, "--out", "a.html"], "a log needs a spacecraft"),

@@ -93,6 +93,13 @@ class TestIntervals:
         assert float(line.split("±")[1]) == pytest.approx(factor * 0.4, rel=0.05)
 
 
+def test_the_error_is_estimate_minus_truth_in_sigma(found):
+    truth = InertialParameters(10.8, TARGET.p_CTcm_C, TARGET.I_TTcm_C)
+    table = result_section(found, truth).tables[0]
+    assert column(table, "error / σ") == ["-2.0", *9 * ["+0.0"]]
+    assert column(table, "truth")[0] == "10.80"
+
+
 class TestResiduals:
     @pytest.mark.parametrize(
         ("rows", "lag_one", "meaning"),
