@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -39,56 +40,82 @@ plan = typer.Typer(
 
 
 def _option(group: str, text: str, **settings: Any) -> Any:
-    """Return an option of a group; an infinite default is not shown."""
-    is_limit = settings.pop("is_limit", False)
-    text += " Default: any." if is_limit else ""
-    return typer.Option(help=text, rich_help_panel=group, show_default=not is_limit, **settings)
+    """Return an option of a group in the help."""
+    return typer.Option(help=text, rich_help_panel=group, **settings)
 
 
-_ASSUMED, _MOTION, _LIMITS, _SEARCH = "What is known", "The motion", "Limits", "The search"
+_KNOWN, _MOTION, _LIMITS, _SEARCH = "What is known", "The motion", "Limits", "The search"
+_ANY: dict[str, Any] = {"show_default": False}  # of a limit whose default is infinite
 
-SensorsOption = Annotated[
-    str | None,
-    _option(
-        _ASSUMED,
-        "Sensors. Default: the scenario's, else the first of its accuracy presets.",
-        metavar="PRESET|YAML",
-    ),
-]
-PriorOption = Annotated[
-    Path | None,
-    _option(
-        _ASSUMED,
-        "What is known about the target: a result of `cpid identify` (JSON), or YAML with mass, "
-        "p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size.",
-        metavar="FILE",
-    ),
-]
-FrequencyOption = Annotated[float, _option(_MOTION, "Highest frequency of the motion \\[Hz].")]
-JointOption = Annotated[
-    list[str] | None,
-    _option(_MOTION, "Joint that moves; may be repeated. Default: all but wheels."),
-]
-RateOption = Annotated[
-    float, _option(_LIMITS, "Share of the model's rate limits that may be used.")
-]
-AccelerationOption = Annotated[
-    float,
-    _option(_LIMITS, "Largest acceleration of the joints \\[rad/s² or m/s²].", is_limit=True),
-]
-ClearanceOption = Annotated[
-    float, _option(_LIMITS, "Smallest distance of bodies that are not neighbours \\[m].")
-]
-TargetsOption = Annotated[
-    int, _option(_SEARCH, "Number of plausible targets; the least favourable one counts.")
-]
-SeedOption = Annotated[int, _option(_SEARCH, "Seed of the search; the same seed, the same plan.")]
+
+@dataclass(frozen=True)
+class CommonOptions:
+    """The options of a plan and of a comparison."""
+
+    sensors: Annotated[
+        str | None,
+        _option(
+            _KNOWN,
+            "Sensors. Default: the scenario's, else the first of its accuracy presets.",
+            metavar="PRESET|YAML",
+        ),
+    ] = None
+    prior: Annotated[
+        Path | None,
+        _option(
+            _KNOWN,
+            "What is known about the target: a result of `cpid identify` (JSON), or YAML with "
+            "mass, p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size.",
+            metavar="FILE",
+        ),
+    ] = None
+    frequency: Annotated[float, _option(_MOTION, "Highest frequency of the motion \\[Hz].")] = (
+        PlanOptions.frequency
+    )
+    joint: Annotated[
+        list[str] | None,
+        _option(_MOTION, "Joint that moves; may be repeated. Default: all but wheels."),
+    ] = None
+    rate_share: Annotated[
+        float, _option(_LIMITS, "Share of the model's rate limits that may be used.")
+    ] = PlanOptions.rate_share
+    acceleration: Annotated[
+        float,
+        _option(
+            _LIMITS, "Largest acceleration of the joints \\[rad/s² or m/s²]. Default: any.", **_ANY
+        ),
+    ] = PlanOptions.acceleration
+    clearance: Annotated[
+        float, _option(_LIMITS, "Smallest distance of bodies that are not neighbours \\[m].")
+    ] = PlanOptions.clearance
+    targets: Annotated[
+        int, _option(_SEARCH, "Number of plausible targets; the least favourable one counts.")
+    ] = PlanOptions.targets
+    seed: Annotated[int, _option(_SEARCH, "Seed; the same seed, the same motions.")] = (
+        PlanOptions.seed
+    )
+
+    def planner(self, path: Path | str, **more: Any) -> Planner:
+        """Return the planner of a scenario's file with these and further options."""
+        scenario = load_scenario(path)
+        own = scenario.make_suite() if self.sensors is None else None
+        suite = own or load_sensors(self.sensors or scenario.accuracy.presets[0])
+        names = {field.name for field in fields(self)} & {each.name for each in fields(PlanOptions)}
+        given = {name: getattr(self, name) for name in names}
+        chosen = PlanOptions(joints=tuple(self.joint or ()), **given, **more)
+        planner = Planner(scenario, suite, chosen)
+        if self.prior is not None:
+            frame = scenario.spacecraft.capture_frame
+            planner.prior = load_prior(self.prior, planner.spacecraft, frame)
+        return planner
 
 
 @plan.command()
+@options.with_options
 def motion(
     scenario: options.ScenarioArgument,
     out: Annotated[Path, typer.Option(metavar="FILE", help="YAML file of the planned motion.")],
+    common: CommonOptions,
     picture: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="PNG or SVG file with σ, joints and base of the plan."),
@@ -102,8 +129,6 @@ def motion(
             "motions, a table and a figure.",
         ),
     ] = None,
-    sensors: SensorsOption = None,
-    prior: PriorOption = None,
     duration: Annotated[
         float | None, _option(_MOTION, "Duration \\[s]. Default: that of the scenario's motion.")
     ] = None,
@@ -116,37 +141,31 @@ def motion(
             metavar="T",
         ),
     ] = PlanOptions.opportunistic,
-    frequency: FrequencyOption = PlanOptions.frequency,
-    joint: JointOption = None,
-    rate_share: RateOption = PlanOptions.rate_share,
-    acceleration: AccelerationOption = PlanOptions.acceleration,
-    clearance: ClearanceOption = PlanOptions.clearance,
     base_attitude: Annotated[
-        float, _option(_LIMITS, "Largest turn of the base \\[deg].", is_limit=True)
+        float, _option(_LIMITS, "Largest turn of the base \\[deg]. Default: any.", **_ANY)
     ] = PlanOptions.base_attitude,
     base_rate: Annotated[
-        float, _option(_LIMITS, "Largest angular rate of the base \\[deg/s].", is_limit=True)
+        float, _option(_LIMITS, "Largest angular rate of the base \\[deg/s]. Default: any.", **_ANY)
     ] = PlanOptions.base_rate,
     base_displacement: Annotated[
-        float, _option(_LIMITS, "Largest displacement of the base's origin \\[m].", is_limit=True)
+        float,
+        _option(_LIMITS, "Largest displacement of the base's origin \\[m]. Default: any.", **_ANY),
     ] = PlanOptions.base_displacement,
     wheel_momentum: Annotated[
         float,
         _option(
             _LIMITS,
             "Largest angular momentum that each wheel stores, relative to the body that carries "
-            "it [N·m·s]. The wheels move only if --joint names them.",
-            is_limit=True,
+            "it [N·m·s]. The wheels move only if --joint names them. Default: any.",
+            **_ANY,
         ),
     ] = PlanOptions.wheel_momentum,
-    targets: TargetsOption = PlanOptions.targets,
     candidates: Annotated[
         int, _option(_SEARCH, "Motions of the global search.")
     ] = PlanOptions.candidates,
     starts: Annotated[
         int, _option(_SEARCH, "Candidates that the gradient method improves.")
     ] = PlanOptions.starts,
-    seed: SeedOption = PlanOptions.seed,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> None:
@@ -156,35 +175,27 @@ def motion(
     target's mass properties in the scenario. Ctrl-C keeps the best motion so far.
     """
     path, start = find_scenario(scenario), time.perf_counter()
-    outputs = [("--out", out)]
-    if picture is not None:
-        outputs += [("--picture", picture)]
-        if picture.suffix not in (".png", ".svg"):
-            raise InputError(f"--picture {picture}: give the name of a .png or .svg file")
-    check_outputs(outputs, [path, *([] if prior is None else [prior])], force=force)
+    inputs = [path, *([] if common.prior is None else [common.prior])]
+    outputs = [("--out", out), *([] if picture is None else [("--picture", picture)])]
+    check_outputs(outputs, inputs, force=force)
+    if picture is not None and picture.suffix not in (".png", ".svg"):
+        raise InputError(f"--picture {picture}: give the name of a .png or .svg file")
     if front_folder is not None:
         files = ["front.csv", "front.png", *(f"motion_{k:02d}.yaml" for k in range(POINTS + 1))]
-        check_folder("--front", front_folder, files, [path], force=force)
-    chosen = PlanOptions(
-        duration=duration,
-        opportunistic=opportunistic,
-        frequency=frequency,
-        joints=tuple(joint or ()),
-        rate_share=rate_share,
-        acceleration=acceleration,
-        clearance=clearance,
-        base_attitude=math.radians(base_attitude),
-        base_rate=math.radians(base_rate),
-        base_displacement=base_displacement,
-        wheel_momentum=wheel_momentum,
-        targets=targets,
-        candidates=candidates,
-        starts=starts,
-        seed=seed,
-    )
+        check_folder("--front", front_folder, files, inputs, force=force)
     log = options.log_console(quiet)
     with prefix_errors(scenario):
-        planner = _planner(path, sensors, prior, chosen)
+        planner = common.planner(
+            path,
+            duration=duration,
+            opportunistic=opportunistic,
+            base_attitude=math.radians(base_attitude),
+            base_rate=math.radians(base_rate),
+            base_displacement=base_displacement,
+            wheel_momentum=wheel_momentum,
+            candidates=candidates,
+            starts=starts,
+        )
         try:
             with log.status("planning") as status:
                 best = planner.run(lambda what, best: status.update(_progress(what, best)))
@@ -200,14 +211,14 @@ def motion(
         made = {"scenario's motion": planner.own_motion, "plan": best.motion}
         found = {name: planner.setting.predict(each, target) for name, each in made.items()}
         usage, _ = planner.usage(planner.own_motion)
-    for note in planner.notes:
-        log.print(f"note: {note}")
-    if max(usage.values()) > 1:
-        limit = max(usage, key=lambda name: usage[name])
-        log.print(
-            f"note: with some of the plausible targets the scenario's motion needs "
+    limit = max(usage, key=lambda name: usage[name])
+    if usage[limit] > 1:
+        planner.notes.append(
+            "with some of the plausible targets the scenario's motion needs "
             f"{usage[limit]:.2g} times the limit: {limit}"
         )
+    for note in planner.notes:
+        log.print(f"note: {note}")
     if picture is not None:
         with draft_of(picture) as draft:
             drawn = plan_pictures(draft.stem, planner.setting, made, found, target)
@@ -221,8 +232,10 @@ def motion(
 
 
 @plan.command()
+@options.with_options
 def rank(
     scenario: options.ScenarioArgument,
+    common: CommonOptions,
     files: Annotated[
         list[Path] | None, typer.Argument(metavar="[MOTION]...", help="YAML files of motions.")
     ] = None,
@@ -230,15 +243,6 @@ def rank(
         int,
         typer.Option(help="Noisy logs that are simulated and identified for each motion.", min=0),
     ] = 0,
-    sensors: SensorsOption = None,
-    prior: PriorOption = None,
-    frequency: FrequencyOption = PlanOptions.frequency,
-    joint: JointOption = None,
-    rate_share: RateOption = PlanOptions.rate_share,
-    acceleration: AccelerationOption = PlanOptions.acceleration,
-    clearance: ClearanceOption = PlanOptions.clearance,
-    targets: TargetsOption = PlanOptions.targets,
-    seed: SeedOption = PlanOptions.seed,
     quiet: options.QuietOption = False,
 ) -> None:
     """Compare motions in files with the scenario's, random and broadband ones.
@@ -247,28 +251,14 @@ def rank(
     motions (a chirp of all joints, a smoothed random binary sequence) keep the limits.
     """
     path, log = find_scenario(scenario), options.log_console(quiet)
-    chosen = PlanOptions(
-        frequency=frequency,
-        joints=tuple(joint or ()),
-        rate_share=rate_share,
-        acceleration=acceleration,
-        clearance=clearance,
-        targets=targets,
-        seed=seed,
-    )
     with prefix_errors(scenario), log.status("ranking") as status:
-        planner = _planner(path, sensors, prior, chosen)
-        default = planner.scenario.spacecraft.configuration
-        given = {
-            file.name: MotionFile(str(file)).make(planner.spacecraft, default)
-            for file in files or []
-        }
-        motions = {**dict(reference_motions(planner)), **given}
+        planner = common.planner(path)
+        craft, default = planner.spacecraft, planner.scenario.spacecraft.configuration
+        given = {file.name: MotionFile(str(file)).make(craft, default) for file in files or []}
         target, setting, found = planner.targets[0].parameters, planner.setting, {}
-        for name, each in motions.items():
-            status.update(name)
+        for name, each in {**dict(reference_motions(planner)), **given}.items():
             prediction, errors = setting.predict(each, target), []
-            for error in trial_errors(setting, each, target, trials, seed):
+            for error in trial_errors(setting, each, target, trials, common.seed):
                 errors.append(error)
                 status.update(f"{name}: {len(errors)} of {trials} trials")
             usage, _ = planner.usage(each)
@@ -299,19 +289,6 @@ def export(
     spacecraft = loaded.spacecraft.make()
     made = MotionFile(str(file)).make(spacecraft, loaded.spacecraft.configuration)
     write_text(out, motion_table(made, spacecraft.joint_names, rate))
-
-
-def _planner(
-    path: Path | str, sensors: str | None, prior: Path | None, chosen: PlanOptions
-) -> Planner:
-    scenario = load_scenario(path)
-    own = scenario.make_suite() if sensors is None else None
-    suite = own or load_sensors(sensors or scenario.accuracy.presets[0])
-    planner = Planner(scenario, suite, chosen)
-    if prior is not None:
-        frame = scenario.spacecraft.capture_frame
-        planner.prior = load_prior(prior, planner.spacecraft, frame)
-    return planner
 
 
 def _progress(what: str, best: float) -> str:

@@ -16,9 +16,6 @@ from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.planning.planner import Planner
 from cpid_drake.planning.prediction import MotionSetting, Prediction
 
-RANDOM_MOTIONS = 1000
-"""Number of random motions of which the best is compared, as in the literature."""
-
 
 @dataclass(frozen=True, eq=False)
 class Compared:
@@ -58,7 +55,7 @@ def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
     phase = 2 * np.pi * (first * t + (family.frequency - first) * t**2 / (2 * T))
     shifts = rng.uniform(0.0, 2 * np.pi, len(family.moving))
     drawn = {
-        f"best of {RANDOM_MOTIONS} random": planner.ranked(RANDOM_MOTIONS)[0],
+        "best of 1,000 random": planner.ranked(1000)[0],
         "multi-axis chirp": family.fitted(np.sin(phase[:, None] + shifts)),
         "random binary, smoothed": rng.choice([-1.0, 1.0], family.shape),
     }

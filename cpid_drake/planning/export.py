@@ -8,9 +8,6 @@ import numpy as np
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.errors import InputError
 
-MOST_ROWS = 1_000_000
-"""Largest number of rows."""
-
 
 def motion_table(motion: JointMotion, joint_names: tuple[str, ...], rate: float) -> str:
     """Return a motion as CSV: time, positions, rates and accelerations of all joints.
@@ -27,9 +24,9 @@ def motion_table(motion: JointMotion, joint_names: tuple[str, ...], rate: float)
         InputError: the rate is not positive, or there are more than a million rows.
 
     """
-    if not (np.isfinite(rate) and rate > 0 and motion.duration * rate < MOST_ROWS):
+    if not (np.isfinite(rate) and rate > 0 and motion.duration * rate < 1e6):
         raise InputError(
-            f"{rate:g} rows per second: give a rate > 0 with at most {MOST_ROWS} rows in "
+            f"{rate:g} rows per second: give a rate > 0 with at most a million rows in "
             f"{motion.duration:g} s"
         )
     times = np.arange(int(motion.duration * rate * (1 + 1e-12)) + 1) / rate

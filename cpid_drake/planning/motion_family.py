@@ -19,16 +19,11 @@ from cpid_drake.scenario.joint_motions import SplineMotion
 MOST_FUNCTIONS = 60
 """Largest number of functions of a family: the search takes minutes with more."""
 
-POINTS_PER_FUNCTION = 6
-"""Times at which limits are imposed, for each function."""
-
-FINENESS = 8
-"""Times at which a finished motion's limits are checked, for each one at which they are imposed."""
+POINTS_PER_FUNCTION = 12
+"""Times at which limits hold, for each function: between them a rate is 0.3 % larger at most."""
 
 QUANTITIES = ("position", "rate", "acceleration")
 """What the limits of a joint limit."""
-
-_FIXED = 3  # equal coefficients at each end: rates and accelerations are zero there
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +72,7 @@ class MotionFamily:
     @property
     def count(self) -> int:
         """Number F of functions φ."""
-        return int(2 * self.frequency * self.duration) + SPLINE_DEGREE - 2 * _FIXED
+        return int(2 * self.frequency * self.duration) + SPLINE_DEGREE - 6  # 3 fixed at each end
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -91,12 +86,12 @@ class MotionFamily:
 
     def make(self, parameters: NDArray[np.float64]) -> Spline:
         """Return the motion with parameters (F, K)."""
-        n = _FIXED
-        inner = np.linspace(0.0, 1.0, self.count + 2)[1:-1]
-        active_fraction = np.concatenate([np.zeros(n), inner, np.ones(n)])[:, None]
-        table = self.start + active_fraction * (self.end - self.start)
-        table[:n], table[-n:] = self.start, self.end
-        table[n:-n, self.moving] += parameters
+        # Three equal coefficients at each end: rates and accelerations are zero there.
+        fraction = np.pad(
+            np.linspace(0.0, 1.0, self.count + 2)[1:-1], 3, constant_values=(0.0, 1.0)
+        )
+        table = self.start + fraction[:, None] * (self.end - self.start)
+        table[3:-3, self.moving] += parameters
         return Spline(table, self.duration)
 
     def declare(self, parameters: NDArray[np.float64]) -> SplineMotion:
@@ -122,33 +117,27 @@ class MotionFamily:
 
     def functions(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the functions φ with their first two derivatives (M, 3, F) at times (M,)."""
-        return Spline(np.eye(self.count + 2 * _FIXED)[:, _FIXED:-_FIXED], self.duration).evaluate(
-            times
-        )
+        units = np.pad(np.eye(self.count), [(3, 3), (0, 0)])
+        return Spline(units, self.duration).evaluate(times)
 
-    def usage(self, parameters: NDArray[np.float64], fineness: int = 1) -> NDArray[np.float64]:
+    def usage(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the largest share (3, ..., K) of the room that parameters (..., F, K) use.
 
         The known part leaves this room of the limits of position, rate and acceleration of a joint.
-
-        Args:
-            parameters: of one or many motions.
-            fineness: times at which the limits are checked for each one of `times`.
-
         """
-        times = self._fine(fineness)
-        room, phi, largest = self._room(times)[..., self.moving], self.functions(times), []
+        phi, largest = self.functions(self.times), []
+        room = self._room(self.times)[..., self.moving]
         for k in range(3):
             moved = np.tensordot(phi[:, k], parameters, axes=(1, -2))
             below, above = (
-                side[:, k].reshape(len(times), *(1,) * (parameters.ndim - 2), -1) for side in room
+                side[:, k].reshape(len(phi), *(1,) * (parameters.ndim - 2), -1) for side in room
             )
             largest.append(np.maximum(-moved / below, moved / above).max(axis=0))
         return np.stack(largest)
 
     def usage_of(self, motion: JointMotion) -> NDArray[np.float64]:
-        """Return the largest share (3, J) of the limits that any motion of this duration needs."""
-        values = motion.evaluate(self._fine(FINENESS))
+        """Return the largest share (3, J) of the limits that any motion of these joints needs."""
+        values = motion.evaluate(motion.instants())
         lower, upper = self.bounds
         both = np.isfinite(lower) & np.isfinite(upper)
         centre = np.add(lower, upper, out=np.zeros_like(lower), where=both) / 2
@@ -170,10 +159,6 @@ class MotionFamily:
                 rows.append(A.reshape(-1, F * K))
                 sides.append(room.ravel()[kept])
         return np.concatenate(rows), np.concatenate(sides)
-
-    def _fine(self, fineness: int) -> NDArray[np.float64]:
-        """Return `times` and fineness − 1 times between each two of them [s]."""
-        return np.linspace(0.0, self.duration, fineness * (len(self.times) - 1) + 1)
 
     def _known(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions, rates and accelerations (M, 3, J) of the known part."""

@@ -15,9 +15,6 @@ from cpid_drake.processes import one_thread
 POINTS = 10
 """Number of limits of the base's turn, in equal ratios: enough to draw the front."""
 
-SMALLEST = 0.05
-"""Smallest limit, as a share of the turn of the best motion: less teaches little."""
-
 
 @one_thread
 def front(
@@ -25,8 +22,8 @@ def front(
 ) -> list[Plan]:
     """Return plans none of which is better than another in both turn and criterion.
 
-    Limits of the turn are lowered step by step, and each motion is improved from the one before.
-    The largest turn is the first. Limits for which no motion is found are left out.
+    Limits of the turn are lowered step by step to a twentieth, and each motion is improved from the
+    one before. The largest turn is the first. Limits for which no motion is found are left out.
 
     Args:
         planner: the planner that found `best`.
@@ -35,7 +32,7 @@ def front(
 
     """
     found = [best]
-    for limit in best.turn * np.geomspace(1.0, SMALLEST, POINTS + 1)[1:]:
+    for limit in best.turn * np.geomspace(1.0, 0.05, POINTS + 1)[1:]:
         progress(f"turn of the base below {np.degrees(limit):.3g} deg")
         limits = {BASE_LIMITS[0]: float(limit)}
         start = found[-1].parameters

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from types import MappingProxyType
 
 import numpy as np
@@ -15,7 +16,7 @@ from cpid_drake.errors import InputError, choose_from
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.planning.base_motion import BASE_LIMITS
 from cpid_drake.planning.information import InformationModel
-from cpid_drake.planning.motion_family import FINENESS, QUANTITIES, MotionFamily
+from cpid_drake.planning.motion_family import QUANTITIES, MotionFamily
 from cpid_drake.planning.objective import Objective
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.prediction import MotionSetting
@@ -38,27 +39,12 @@ EXCHANGES = 6
 """Number of times that targets with which a motion exceeds limits are added: with six, few are
 missed, and each time leaves enough iterations."""
 
-DEMANDING = 0.9
-"""Share of a limit from which the target that needs the most is added."""
-
 LESS_MOTION = (1.0, 0.99, 0.98, 0.97, 0.96, 0.94, 0.92, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.3, 0.1)
 """Shares of the parameters of a motion that are tried until all limits hold in Drake's plant."""
 
 CHECKED_IN_DRAKE = 12
 """Number of targets, those that need the most, with which a motion is checked in Drake's plant: the
 order is that of a model which is accurate to 5 %."""
-
-DENSE_PERIOD = 0.05
-"""Time between the poses in which a finished motion's distances are checked [s]."""
-
-EXAMINED = 300
-"""Largest number of candidates whose distances are computed, which takes a tenth of a second."""
-
-BATCH = 64
-"""Number of candidates that are scored at once: a batch fits into the processor's cache."""
-
-ACTIVE = 0.97
-"""Share of a limit from which a motion is said to reach it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +68,8 @@ class Plan:
 
     @property
     def active(self) -> list[str]:
-        """The names of the limits that the motion reaches."""
-        return [name for name, share in self.usage.items() if share > ACTIVE]
+        """The names of the limits that the motion uses to more than 97 %."""
+        return [name for name, share in self.usage.items() if share > 0.97]
 
 
 @dataclass(eq=False)
@@ -241,7 +227,7 @@ class Planner:
 
         """
         drawn, sigmas = candidates(self.family, count, self.options.seed), []
-        for batch in np.array_split(drawn, np.ceil(count / BATCH)):
+        for batch in np.array_split(drawn, count // 64 + 1):
             sigmas.append(self.objective.sigmas(batch))
             progress(f"{sum(map(len, sigmas))} of {count} candidates", np.nan)
         found = np.concatenate(sigmas)
@@ -273,7 +259,7 @@ class Planner:
         for _ in range(EXCHANGES):
             samples = self.family.samples(start[None], objective.times)
             shares = objective.shares(samples)[0]
-            chosen = shares.argmax(axis=0)[shares.max(axis=0) > DEMANDING]
+            chosen = shares.argmax(axis=0)[shares.max(axis=0) > 1]
             demanding |= {k: self.checked_targets[k] for k in chosen.tolist()}
             imposed = replace(objective, demanding=tuple(demanding.values()))
             count = max(iterations // EXCHANGES, 1)
@@ -291,7 +277,7 @@ class Planner:
         all limits, which further ones of the base's motion may be.
         """
         objective = self.objective.with_limits(limits)
-        parameters = parameters / max(1.0, self.family.usage(parameters, FINENESS).max())
+        parameters = parameters / max(1.0, self.family.usage(parameters).max())
         for share in LESS_MOTION:
             x = share * parameters
             motion = self.family.make(x)
@@ -332,22 +318,21 @@ class Planner:
         for name, length in zip(BASE_LIMITS, lengths.tolist(), strict=True):
             found[name] = length / limits.get(name, np.inf)
         if self.distances is not None:
-            count = int(np.ceil(motion.duration / DENSE_PERIOD))
-            times = np.linspace(0.0, motion.duration, count + 1)
-            near = self.distances.clearance.approaches(motion.evaluate(times)[:, 0])
+            positions = motion.evaluate(motion.instants())[:, 0]
+            near = self.distances.clearance.approaches(positions)
             least = near[0].distance if near else np.inf
             found["distance"] = self.options.clearance / least if least > 0 else np.inf
         return found, float(lengths[0])
 
     def _starts(self, order: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Return the first candidates (B, F, K) that keep the distances."""
-        found, count = list[NDArray[np.float64]](), self.options.starts
-        for each in order[:EXAMINED]:
-            if self.distances is None or self.distances.excess(each)[0].max() <= 0:
-                found.append(each)
-            if len(found) == count:
-                break
-        return found
+        """Return the first candidates (B, F, K) that keep the distances, of a hundred a start."""
+        count = self.options.starts
+        kept = (
+            each
+            for each in order[: 100 * count]
+            if self.distances is None or self.distances.excess(each)[0].max() <= 0
+        )
+        return list(islice(kept, count))
 
 
 def next_planner(

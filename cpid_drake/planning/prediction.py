@@ -26,10 +26,6 @@ from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-CHECKED_INSTANTS = 150
-"""Number of instants at which efforts and the base's motion are checked: 30 in a period of a motion
-of 10 s and 0.5 Hz."""
-
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -149,7 +145,7 @@ class MotionSetting:
             rate [rad/s] and displacement [m] of the base (T, 3).
 
         """
-        times = np.linspace(0.0, motion.duration, CHECKED_INSTANTS + 1)
+        times = motion.instants()
         accelerations = motion.evaluate(times)[:, 2]
         bodies = [InertialParameters.from_vector(each) for each in targets]
         plant = MultibodyPlant(time_step=0.0)

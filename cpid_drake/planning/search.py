@@ -16,12 +16,6 @@ from cpid_drake.planning.motion_family import MotionFamily
 from cpid_drake.planning.objective import Objective
 from cpid_drake.spacecraft.clearance import Clearance
 
-LEAST_SHARE = 0.2
-"""Least share of its room that a joint of a candidate uses: without motion there is no gradient."""
-
-DISTANCE_PERIOD = 0.15
-"""Time between two poses at which distances are imposed [s]: arms move centimetres in it."""
-
 DISTANCE_MARGIN = 0.01
 """Distance that is imposed beyond the smallest one, for the motion between the poses [m]."""
 
@@ -38,7 +32,7 @@ def candidates(family: MotionFamily, count: int, seed: int) -> NDArray[np.float6
         max(int(np.ceil(np.log2(count))), 1)
     )[:count]
     directions = norm.ppf(np.clip(points[:, : F * K], 1e-9, 1 - 1e-9)).reshape(-1, F, K)
-    share = LEAST_SHARE + (1 - LEAST_SHARE) * points[:, F * K :]
+    share = 0.2 + 0.8 * points[:, F * K :]
     return np.asarray(directions * (share / family.usage(directions).max(axis=0))[:, None])
 
 
@@ -54,8 +48,7 @@ class Distances:
 
     def __init__(self, clearance: Clearance, family: MotionFamily, least: float) -> None:
         self.clearance, self.family, self.least = clearance, family, least
-        count = int(np.ceil(family.duration / DISTANCE_PERIOD))
-        self._times = np.linspace(0.0, family.duration, count + 1)[1:-1]
+        self._times = family.times[2:-1:2]  # arms move centimetres between them
 
     def excess(
         self, parameters: NDArray[np.float64]

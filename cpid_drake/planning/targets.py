@@ -18,8 +18,6 @@ LENGTHS = (0.2, 0.9)
 FARTHEST = 1.2
 """Largest distance of the centre of mass from C's origin, as a share of the mean half axis."""
 
-_MOST_DRAWS = 200
-
 
 @dataclass(frozen=True, eq=False)
 class PlausibleTarget:
@@ -59,8 +57,8 @@ def plausible_targets(
         count: number of targets.
         seed: determines the targets.
         prior: what is known about the target.
-        heaviest: make every ellipsoid as heavy as possible, larger than the mean, and hold it as
-            far from its centre of mass as possible.
+        heaviest: make every ellipsoid as heavy and as large as possible, and hold it as far from
+            its centre of mass as possible.
 
     Raises:
         InputError: the prior knows only combinations of parameters; no rigid body is near its mean.
@@ -81,7 +79,7 @@ def plausible_targets(
     targets = []
     for k, ellipsoid in enumerate(ellipsoids):
         deviation = 0.0 if k == 0 else 1.0
-        for _ in range(_MOST_DRAWS):
+        for _ in range(200):
             parameters = ellipsoid.copy()
             change = rng.multivariate_normal(np.zeros(len(known)), covariance)
             parameters[known] = prior.parameters[known] + deviation * change
@@ -101,7 +99,7 @@ def _ellipsoid(
     """Return π (10,) of a random solid ellipsoid near C's origin."""
     low, high = np.log(np.array(MASSES) * mass)
     m = float(np.exp(high if heaviest else rng.uniform(low, high)))
-    least = np.mean(LENGTHS) if heaviest else LENGTHS[0]
+    least = LENGTHS[1] if heaviest else LENGTHS[0]
     squares = (radius * rng.uniform(least, LENGTHS[1], 3)) ** 2
     Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     inertia = m / 5 * (Q * (squares.sum() - squares)) @ Q.T

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
-from cpid_drake.commands.plan import motion
 from cpid_drake.planning.planner import Planner
 from cpid_drake.scenario.joint_motions import dump_motion, load_motion
 
@@ -64,7 +63,7 @@ def test_a_plan_is_written_drawn_compared_exported_and_simulated(run_cpid, tmp_p
     assert "no joint 'elbow'" in error
 
 
-def test_an_interrupt_keeps_the_best_motion_so_far(tmp_path, monkeypatch):
+def test_an_interrupt_keeps_the_best_motion_so_far(run_cpid, tmp_path, monkeypatch):
 
     def interrupted(planner, progress):
         assert planner.consider(np.full(planner.family.shape, 0.01))
@@ -72,8 +71,8 @@ def test_an_interrupt_keeps_the_best_motion_so_far(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Planner, "run", interrupted)
     file = tmp_path / "motion.yaml"
-    with pytest.raises(KeyboardInterrupt):
-        motion("paper", file, targets=1)
+    code, _, error = run_cpid("plan", "motion", "paper", "--out", file, *SMALL)
+    assert (code, error) == (130, "cpid: interrupted\n")
     assert load_motion(file).duration == 10.0
 
 

@@ -216,7 +216,7 @@ def test_a_table_for_a_controller_has_the_whole_motion(planner):
 @pytest.mark.slow
 def test_random_and_broadband_motions_move_as_much_as_the_limits_allow(planner):
     found = dict(reference_motions(planner))
-    names = ["scenario's motion", "best of 1000 random", "multi-axis chirp"]
+    names = ["scenario's motion", "best of 1,000 random", "multi-axis chirp"]
     assert list(found) == [*names, "random binary, smoothed"]
     for name, motion in found.items():
         usage = max(planner.usage(motion)[0].values())
