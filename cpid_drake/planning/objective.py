@@ -98,23 +98,24 @@ class Objective:
                 efforts = np.abs(motion.efforts(self.tree, samples, phi)) / self.efforts
                 shares += [*np.moveaxis(efforts[..., np.isfinite(self.efforts)], -1, 0)]
             found.append([smooth_peak(share) for share in shares])
-        return np.moveaxis(np.reshape(found, (len(found), -1, samples.shape[1])), -1, 0)
+        count = len(self.limits) + np.count_nonzero(np.isfinite(self.efforts))
+        return np.moveaxis(np.reshape(found, (len(found), count, samples.shape[1])), -1, 0)
 
     def with_limits(self, limits: Mapping[str, float]) -> "Objective":
         """Return the objective with further limits of the base's motion, by name."""
         return replace(self, limits={**self.limits, **limits})
 
-    def weighted(self, sigmas: NDArray[np.float64]) -> "Objective":
+    def weighted(self, largest: NDArray[np.float64]) -> "Objective":
         """Return the objective in which all targets count alike.
 
         The weight of a target is one over the least σ that any motion reaches for it, in units of
         the geometric mean of these least σ.
 
         Args:
-            sigmas: (B, T, d) of many motions, as from `sigmas` with weights of one.
+            largest: (B, T) the largest of `sigmas` for each target in many motions.
 
         """
-        least = sigmas.max(axis=2).min(axis=0)
+        least = largest.min(axis=0) / self.weights
         weights = np.exp(np.log(least).mean()) / least
         targets = zip(self.targets, weights.tolist(), strict=True)
         return replace(self, targets=tuple(replace(one, weight=w) for one, w in targets))
@@ -132,6 +133,11 @@ class Objective:
         steps = STEP * np.eye(parameters.size).reshape(-1, *parameters.shape)
         values = self.values(np.concatenate([parameters[None], parameters + steps]))
         return values[0], (values[1:] - values[0]).T / STEP
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """The weights (T,) of the targets."""
+        return np.array([target.weight for target in self.targets])
 
     @property
     def _determined(self) -> NDArray[np.intp]:

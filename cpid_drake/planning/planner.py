@@ -193,7 +193,7 @@ class Planner:
 
         """
         starts = self._starts(self.ranked(self.options.candidates, progress))
-        seen = [each for each in starts[:1]]
+        seen = starts[:1]
 
         def see(parameters: NDArray[np.float64], score: float) -> None:
             seen.append(parameters)
@@ -203,7 +203,8 @@ class Planner:
             for start in starts:
                 self.consider(self.improved(start, self.options.iterations, seen=see))
         except KeyboardInterrupt:
-            self.consider(seen[-1])
+            for parameters in seen[-1:]:
+                self.consider(parameters)
             raise
         for start in starts if self.best is None else []:
             self.consider(start)
@@ -230,10 +231,10 @@ class Planner:
         for batch in np.array_split(drawn, count // 64 + 1):
             sigmas.append(self.objective.sigmas(batch))
             progress(f"{sum(map(len, sigmas))} of {count} candidates", np.nan)
-        found = np.concatenate(sigmas)
-        self.objective = self.objective.weighted(found)
-        weights = [target.weight for target in self.objective.targets]
-        return drawn[np.argsort((found.max(axis=2) * weights).max(axis=1), kind="stable")]
+        found, before = np.concatenate(sigmas).max(axis=2), self.objective
+        self.objective = before.weighted(found)
+        scores = found * (self.objective.weights / before.weights)
+        return drawn[np.argsort(scores.max(axis=1), kind="stable")]
 
     def improved(
         self,
@@ -282,7 +283,7 @@ class Planner:
             x = share * parameters
             motion = self.family.make(x)
             usage, turn = self.usage(motion, objective.limits)
-            if max(usage.values()) <= 1:
+            if max(usage.values()) <= 1 + 1e-9:  # a joint may rest at its limit
                 plan = Plan(motion, x, float(objective.sigmas(x[None]).max()), usage, turn)
                 if self.best is None or plan.score < self.best.score:
                     self.best = plan

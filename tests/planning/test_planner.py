@@ -70,6 +70,22 @@ def test_gradients_are_those_of_central_differences(planner):
         np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
 
 
+def test_the_weights_let_all_targets_count_alike(planner):
+    """The best of many motions for each target has the same weighted σ, however often weighted."""
+    x = parameters(planner, 40)
+    objective = planner.objective
+    for _ in range(2):
+        objective = objective.weighted(objective.sigmas(x).max(axis=2))
+        least = objective.sigmas(x).max(axis=2).min(axis=0)
+        np.testing.assert_allclose(least, least[0])
+
+
+def test_without_limits_only_sigma_counts(planner):
+    [x] = parameters(planner, 1)
+    free = replace(planner.objective, demanding=())
+    assert len(free.evaluate(x)[0]) == free.sigmas(x[None]).size
+
+
 def test_what_is_known_before_adds_to_what_a_motion_teaches(planner, scenario):
     [x], truth = parameters(planner, 1), scenario.target_truth().to_vector()
     scale = planner.setting.predict(planner.own_motion, truth).scale
