@@ -8,7 +8,7 @@ Several logs, and a prior, are the sum of their Gaussians.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,18 +39,15 @@ from cpid_drake.estimation.whiteness import (
     least_white,
     whiteness,
 )
+from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import IMPROBABLE, MOST_NOISE, Check, momentum_words
-from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Measurements
 from cpid_drake.logs.noise_estimation import sample_sigmas
 from cpid_drake.logs.smoothing import smooth_windows
 from cpid_drake.sensors.suite import SensorSuite
-
-if TYPE_CHECKING:  # the registry of estimators is read without Drake
-    from cpid_drake.identification.checked_log import CheckedLog
-    from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 SMALL = 1e-3
 """Residuals below this share of the momentum are no misfit: splines leave as much of exact logs."""
@@ -68,7 +65,7 @@ _FEW_ROWS = 20  # fewer rows show no correlation in time
 
 def estimate(
     known: Known,
-    logs: "Mapping[str, CheckedLog]",
+    logs: Mapping[str, CheckedLog],
     progress: Callable[[str], None] = lambda step: None,
 ) -> Identification:
     """Identify a target by least squares on momentum rows.
@@ -139,7 +136,7 @@ def _combined(known: Known, logs: Mapping[str, tuple[Identification, Gaussian]])
 
 
 def plausible(
-    spacecraft: "Spacecraft", form: Parameterization
+    spacecraft: Spacecraft, form: Parameterization
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return a plausible target's unknowns (10,), and their plausible sizes."""
     model = Model(spacecraft.tree, SensorSuite())
@@ -220,7 +217,7 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
 
 
 def _motion(
-    log: "CheckedLog", tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
+    log: CheckedLog, tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
 ) -> Iterator[tuple[Telemetry, NDArray[np.float64]]]:
     """Yield parts of the motion of a log and their errors; smoothed if a suite is given.
 
@@ -248,7 +245,7 @@ def _form(known: Known) -> Parameterization:
     return known.family.parameterization(known.spacecraft.mass)
 
 
-def _identified(known: Known, log: "CheckedLog") -> tuple[Identification, Gaussian]:
+def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian]:
     """Return the estimate from one log, and the log's Gaussian of the target."""
     spacecraft, momentum, family = known.spacecraft, known.momentum, known.family
     assert family is not None
@@ -370,9 +367,7 @@ def _residuals(
     }
 
 
-def _compared(
-    spacecraft: "Spacecraft", rows: LogRows, noise: RowNoise
-) -> MomentumComparison | None:
+def _compared(spacecraft: Spacecraft, rows: LogRows, noise: RowNoise) -> MomentumComparison | None:
     """Return the comparison of zero with an unknown momentum; None if the rows show nothing."""
     zero = rows.gaussians(noise, is_zero=True)[0]
     x = np.append(np.zeros(rows.extra), zero.solve()[rows.unknowns])

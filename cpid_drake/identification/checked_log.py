@@ -1,4 +1,4 @@
-"""A log at the border: screened and checked once, joints in the spacecraft's order."""
+"""What an estimator is given: logs, screened and checked once, and what is known besides."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -7,11 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.identification.planar import normal_in_base, placed
+from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import as_arrays, screen
 from cpid_drake.sensors.sensors import SENSORS
@@ -23,6 +28,28 @@ LONGEST_STEP = 3600.0
 
 SLOWER = 100.0
 """The same for a sensor whose rate is declared, in declared steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known besides the logs, and holds for all of them.
+
+    Attributes:
+        spacecraft: the known spacecraft.
+        sensors: the sensors' errors; None if they are unknown.
+        momentum: the total momentum; None to test whether it is zero, and to estimate it if not.
+        known_bodies: uncertainty of the spacecraft; None if it is exact.
+        prior: what is known about the target; None for nothing.
+        family: the row family, for an estimator that uses rows.
+
+    """
+
+    spacecraft: Spacecraft
+    sensors: SensorSuite | None = None
+    momentum: TotalMomentum | None = None
+    known_bodies: BodyUncertainty | None = None
+    prior: TargetPrior | None = None
+    family: RowFamily | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +91,14 @@ class CheckedLog:
     def has_thrust(self) -> bool:
         """Whether thrusters fire, by the log of thrust."""
         return bool(np.isfinite(self.first_burn))
+
+
+def suite_of(sensors: SensorSuite | None, log: CheckedLog) -> tuple[SensorSuite, tuple[str, ...]]:
+    """Return the sensors' errors, by default as the log shows them, and a warning if they are."""
+    if sensors is not None:
+        return sensors, ()
+    text = "the sensors' noise was estimated from the log; give the sensors if you know them"
+    return estimate_suite(log.measurements), (text,)
 
 
 def log_of_states(telemetry: Telemetry) -> CheckedLog:

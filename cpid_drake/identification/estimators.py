@@ -6,19 +6,15 @@ To add an estimator, write a function from what is known and from checked logs, 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily, row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification import by_rows, fitted, online
-from cpid_drake.identification.known import Known
+from cpid_drake.identification.checked_log import CheckedLog, Known
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
-
-if TYPE_CHECKING:  # the registry of estimators is read without Drake
-    from cpid_drake.identification.checked_log import CheckedLog
 
 LEAST_SQUARES, TRAJECTORY_FIT = by_rows.NAME, fitted.NAME
 """The default estimators without and with the sensors' errors."""
@@ -44,7 +40,7 @@ class Estimator:
     name: str
     label: str
     good_for: str
-    estimate: Callable[[Known, "Mapping[str, CheckedLog]", Callable[[str], None]], Identification]
+    estimate: Callable[[Known, Mapping[str, CheckedLog], Callable[[str], None]], Identification]
     uses_rows: bool = False
     reports: int = 8
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import least_white, whiteness
+from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import Check, fit_checks, momentum_words, noise_warnings
 from cpid_drake.identification.comparison import (
     contradicted,
@@ -33,16 +34,12 @@ from cpid_drake.identification.comparison import (
     words,
 )
 from cpid_drake.identification.effects import EffectEstimate
-from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Measurements
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
-
-if TYPE_CHECKING:  # the registry of estimators is read without Drake
-    from cpid_drake.identification.checked_log import CheckedLog
 
 NAME = "trajectory_fit"
 """The estimator's name."""
@@ -56,7 +53,7 @@ _HELD = 1e-9
 
 def estimate(
     known: Known,
-    logs: "Mapping[str, CheckedLog]",
+    logs: Mapping[str, CheckedLog],
     progress: Callable[[str], None] = lambda step: None,
 ) -> Identification:
     """Fit one target, and all that is not known besides, to all samples of some logs.

@@ -4,21 +4,22 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.checked_log import left_out_warning
+from cpid_drake.identification.checked_log import Known, left_out_warning
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.known import Known, read_uncertainty
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
+from cpid_drake.input_files.validation import from_tree, load_yaml
 from cpid_drake.logs.conversion import TelemetryFile
 from cpid_drake.logs.files import inspect_telemetry, refuse_problems
 from cpid_drake.logs.log import Measurements
@@ -193,6 +194,35 @@ def opened_inputs(request: Request, progress: Callable[[str], None]) -> Known:
         prior = load_prior(request.prior, spacecraft, craft.capture_frame)
     progress("reading the telemetry")
     return Known(spacecraft, sensors, momentum, bodies, prior)
+
+
+def read_uncertainty(text: str) -> BodyUncertainty:
+    """Return an uncertainty from a YAML file, or from a text such as "mass=0.01,grasp_mm=2".
+
+    Args:
+        text: the path of a YAML file with the attributes of `BodyUncertainty` as keys, or pairs
+            KEY=NUMBER with commas between them.
+
+    Raises:
+        InputError: no such file, not YAML, unknown keys, or values that are not numbers >= 0.
+
+    """
+    whole = "the uncertainty of known bodies"
+    if "=" not in text:
+        return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, whole)
+    tree: dict[str, object] = {}
+    for pair in text.split(","):
+        key, _, value = (part.strip() for part in pair.partition("="))
+        if key in tree:
+            raise InputError(f"{text}: the key '{key}' is given twice")
+        try:
+            tree[key] = float(value)
+        except ValueError:
+            names = ", ".join(entry.name for entry in fields(BodyUncertainty))
+            raise InputError(
+                f"{text}: '{pair.strip()}' is not KEY=NUMBER; the keys are {names}"
+            ) from None
+    return from_tree(BodyUncertainty, tree, text, whole)
 
 
 def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:

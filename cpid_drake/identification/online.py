@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import least_white
+from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (
     Check,
     fit_checks,
@@ -33,13 +33,9 @@ from cpid_drake.identification.fitted import (
     momentum_of,
     solution_of,
 )
-from cpid_drake.identification.known import Known, suite_of
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.suite import SensorSuite
-
-if TYPE_CHECKING:  # the registry of estimators is read without Drake
-    from cpid_drake.identification.checked_log import CheckedLog
-    from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 NAME = "recursive_fit"
 """The estimator's name."""
@@ -58,7 +54,7 @@ NOT_LINEAR = (
 
 
 def model_of(
-    spacecraft: "Spacecraft",
+    spacecraft: Spacecraft,
     suite: SensorSuite,
     known_bodies: BodyUncertainty | None = None,
     guess: InertialParameters | None = None,
@@ -165,7 +161,7 @@ def identification_of_state(
 
 def estimate(
     known: Known,
-    logs: "Mapping[str, CheckedLog]",
+    logs: Mapping[str, CheckedLog],
     progress: Callable[[str], None] = lambda step: None,
 ) -> Identification:
     """Run the fit online over all samples, in order of time.

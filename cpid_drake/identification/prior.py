@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt, Interval, Le
@@ -17,9 +17,7 @@ from cpid_drake.identification.result import Combinations, Identification
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.input_files.validation import Numbers, load_yaml
 from cpid_drake.resources import NOT_A_FILE
-
-if TYPE_CHECKING:  # the registry of estimators is read without Drake
-    from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _ROUNDING = 1e-13  # share of the best determined combination below which there is rounding only
 _SAME_MASS = 1e-6  # relative difference of masses of the same spacecraft
@@ -126,7 +124,7 @@ class PriorConfig:
     sigma_I_TTcm_C: Positive | None = None
 
 
-def load_prior(path: str | Path, spacecraft: "Spacecraft", capture_frame: str) -> TargetPrior:
+def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> TargetPrior:
     """Return the prior in a file.
 
     Args:
@@ -149,7 +147,7 @@ def load_prior(path: str | Path, spacecraft: "Spacecraft", capture_frame: str) -
 
 
 def prior_of_result(
-    result: Identification, where: str, spacecraft: "Spacecraft", capture_frame: str
+    result: Identification, where: str, spacecraft: Spacecraft, capture_frame: str
 ) -> TargetPrior:
     """Return what a result, in the file `where`, tells about its target; see `load_prior`."""
     frame = None if result.spacecraft is None else result.spacecraft.capture_frame

@@ -23,10 +23,9 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, roll
 from cpid_drake.estimation.rows_fit import disagreement
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.identification.checked_log import check_log
+from cpid_drake.identification.checked_log import check_log, suite_of
 from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
-from cpid_drake.identification.known import suite_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Combinations, Identification
 from cpid_drake.logs.log import Measurements
