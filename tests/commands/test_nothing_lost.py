@@ -39,8 +39,8 @@ def folder(cpid, tmp_path):
 
 
 COMMANDS = {
-    "identify": ("identify", "new.csv", *IDENTIFY),
-    "simulate": ("simulate", "new.yaml", "--out", "run"),
+    "identify": ("identify", "new.csv", *IDENTIFY, "--force"),
+    "simulate": ("simulate", "new.yaml", "--out", "run", "--force"),
 }
 
 
