@@ -81,20 +81,42 @@ def joint_sensitivity(
     return by_position, by_rate
 
 
-def geometry_sensitivity(
+def uncertain_sensitivity(
     outboard: Outboard,
     psi: NDArray[np.float64],
     dynamics: BodyDynamics,
-    joints: NDArray[np.float64],
-    grasp: NDArray[np.float64],
+    uncertainty: BodyUncertainty,
+    errors: NDArray[np.float64],
 ) -> MotionSensitivity:
-    """Return the derivatives with respect to the geometry of the arm and to the pose of C.
+    """Return the derivatives with respect to all uncertain quantities, each in units of its σ.
 
-    Each joint has five quantities, in the order of `BodyUncertainty.joint_sigmas`: its place on its
-    inboard body, in this body's frame, and small turns about the two `axis_normals`, in the joint's
-    inboard frame. C has six: its place and a small turn, both in C. The target remains unchanged in
-    C. The tree already has the errors (J, 5) and (6,) of `displaced`, which have these derivatives;
-    its last body is the target. Other arguments as for `joint_sensitivity`.
+    They are the quantities of `BodyUncertainty.all_sigmas` whose σ is not zero, at their present
+    errors (c,), which the bodies already have; see `with_errors`. The target remains unchanged in
+    C. Other arguments as for `joint_sensitivity`.
+    """
+    tree = outboard.tree
+    known = replace(tree, bodies=tree.bodies[:-1])
+    sigmas = uncertainty.all_sigmas(known.wheels, len(jointed_bodies(tree)))
+    of_bodies, of_geometry = np.split(sigmas, [10 * len(known.bodies)])
+    bodies, joints, grasp = _errors_of(known, uncertainty, errors)
+    parts = []
+    if of_bodies.any() or not of_geometry.any():
+        parts.append((*_by_bodies(outboard, dynamics.com(psi), bodies), of_bodies))
+    if of_geometry.any():
+        parts.append((*_by_geometry(outboard, joints, grasp), of_geometry))
+    momentum, com, sigmas = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    momentum, com = (values[..., sigmas > 0] * sigmas[sigmas > 0] for values in (momentum, com))
+    return _motion_sensitivity(momentum, com, psi, dynamics)
+
+
+def _by_geometry(
+    outboard: Outboard, joints: NDArray[np.float64], grasp: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the derivatives of momentum and centre of mass by the errors of `displaced`.
+
+    The order is that of `BodyUncertainty.joint_sigmas`: a joint's place on its inboard body, in
+    this body's frame, and small turns about the two `axis_normals`, in the joint's inboard frame;
+    last C's place and a small turn, both in C.
     """
     tree = outboard.tree
     moving, target, S = jointed_bodies(tree), len(tree.bodies) - 1, []
@@ -106,25 +128,19 @@ def geometry_sensitivity(
     of_C[:, 3:, :3] = of_C[:, 3:, :3] @ tree.bodies[target].R_PF @ exponentials(-grasp[3:])
     which = [*np.repeat(moving, 5).tolist(), *6 * [target]]
     change, moved = outboard.displaced(which, np.concatenate([*S, of_C], axis=-1))
-    return _motion_sensitivity(change, moved[:, 3:] / tree.mass, psi, dynamics)
+    return change, moved[:, 3:] / tree.mass
 
 
-def body_sensitivity(
-    outboard: Outboard,
-    psi: NDArray[np.float64],
-    dynamics: BodyDynamics,
-    errors: NDArray[np.float64],
-) -> MotionSensitivity:
-    """Return the derivatives w.r.t. errors (K, 10) that the tree's first K bodies already have.
+def _by_bodies(
+    outboard: Outboard, rho: NDArray[np.float64], errors: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the same by errors (K, 10) of the first K bodies, in the order of their `sigmas`.
 
-    Each body has ten, in the order of `BodyUncertainty.sigmas`: relative mass, the centre of mass
-    along three axes, and the stretch E along six directions (see `error_directions`) that changes
-    its second moment Σ to (1 + E) Σ (1 + E)ᵀ. The target remains unchanged. Other arguments as for
-    `joint_sensitivity`.
+    They are the relative mass, the centre of mass along three axes, and the stretch E along six
+    directions (see `error_directions`) that changes the second moment Σ to (1 + E) Σ (1 + E)ᵀ.
     """
     tree, bodies = outboard.tree, outboard.bodies
-    total, rho, K, N = tree.mass, dynamics.com(psi), len(errors), len(dynamics.s)
-    dtype = bodies.v.dtype
+    total, K, N, dtype = tree.mass, len(errors), len(rho), bodies.v.dtype
     momentum, com = np.zeros((N, 6, K, 10), dtype), np.zeros((N, 3, K, 10), dtype)
     for k, (body, error) in enumerate(zip(tree.bodies, errors)):
         R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
@@ -142,35 +158,7 @@ def body_sensitivity(
             dL[..., 4 + i] = rotate(R, w_B @ change)
         shift[..., 0], shift[..., 1:4] = nominal / total * (r - rho), mass / total * axes
         momentum[:, :, k], com[:, :, k] = np.concatenate([dL, dP], axis=1), shift
-    return _motion_sensitivity(momentum.reshape(N, 6, -1), com.reshape(N, 3, -1), psi, dynamics)
-
-
-def uncertain_sensitivity(
-    outboard: Outboard,
-    psi: NDArray[np.float64],
-    dynamics: BodyDynamics,
-    uncertainty: BodyUncertainty,
-    errors: NDArray[np.float64],
-) -> MotionSensitivity:
-    """Return the derivatives with respect to all uncertain quantities, each in units of its σ.
-
-    They are the quantities of `BodyUncertainty.all_sigmas` whose σ is not zero, at their present
-    errors (c,), which the tree already has; see `with_errors`. Other arguments as for
-    `geometry_sensitivity`.
-    """
-    tree = outboard.tree
-    known = replace(tree, bodies=tree.bodies[:-1])
-    sigmas = uncertainty.all_sigmas(known.wheels, len(jointed_bodies(tree)))
-    of_bodies, of_geometry = np.split(sigmas, [10 * len(known.bodies)])
-    bodies, joints, grasp = _errors_of(known, uncertainty, errors)
-    parts = []
-    if of_bodies.any() or not of_geometry.any():
-        parts.append(_scaled(body_sensitivity(outboard, psi, dynamics, bodies), of_bodies))
-    if of_geometry.any():
-        by = geometry_sensitivity(outboard, psi, dynamics, joints, grasp)
-        parts.append(_scaled(by, of_geometry))
-    values = zip(*((part.w, part.com, part.v) for part in parts))
-    return MotionSensitivity(*(np.concatenate(each, axis=-1) for each in values))
+    return momentum.reshape(N, 6, -1), com.reshape(N, 3, -1)
 
 
 def error_directions(
@@ -262,7 +250,7 @@ def displaced(
     Args:
         tree: the known bodies.
         joints: (J, 5) errors of each joint's place [m] and axis [rad], in the order of the bodies;
-            see `geometry_sensitivity`.
+            see `uncertain_sensitivity`.
         grasp: (6,) errors of C's place [m] and attitude [rad], in C.
 
     """
@@ -273,12 +261,6 @@ def displaced(
         bodies[k] = replace(body, p_PF=body.p_PF + error[:3], R_PF=body.R_PF @ turn)
     p_BC, R_BC = tree.p_BC + tree.R_BC @ grasp[:3], tree.R_BC @ exponentials(grasp[3:])
     return replace(tree, bodies=tuple(bodies), p_BC=p_BC, R_BC=R_BC)
-
-
-def _scaled(by: MotionSensitivity, sigmas: NDArray[np.float64]) -> MotionSensitivity:
-    """Return derivatives in units of σ (n,), without those whose σ is zero."""
-    used = sigmas > 0
-    return MotionSensitivity(*(value[..., used] * sigmas[used] for value in (by.w, by.com, by.v)))
 
 
 def _motion_sensitivity(

@@ -15,9 +15,7 @@ from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.sensitivity import (
     axis_normals,
-    body_sensitivity,
     displaced,
-    geometry_sensitivity,
     joint_sensitivity,
     perturbed,
     uncertain_sensitivity,
@@ -98,60 +96,28 @@ def changed(body, x):
     return replace(body, mass=body.mass * (1 + x[0]), p_BBcm=body.p_BBcm + x[1:4], I_BBcm=inertia)
 
 
-def wheel_errors(body):
-    """Return (4, 10) mass, centre of mass along the axis, stretch along the axis and across it."""
-    axis = body.R_MB.T @ body.axis_F
-    errors = np.zeros((6, 10))
-    errors[0, 0], errors[1, 1:4] = 1, axis
-    for row, E in ((4, np.outer(axis, axis)), (5, np.eye(3) - np.outer(axis, axis))):
-        errors[row, 4:] = [E[i, j] for i, j in STRETCHED]
-    return errors
+def test_errors_of_bodies_are_what_they_say(case):
+    """Relative mass, centre of mass and stretch of each body that is no wheel."""
+    uncertainty, rng = BodyUncertainty(0.1, 0.02, 0.2), np.random.default_rng(86)
+    sigmas = uncertainty.all_sigmas(case.tree.wheels, len(case.joint_names))
+    errors = rng.normal(size=np.count_nonzero(sigmas))
+    sigmas[sigmas > 0] *= errors
+    changes = sigmas[: 10 * len(case.tree.bodies)].reshape(-1, 10)
+    found = with_errors(case.tree, uncertainty, errors)
+    for k, (body, change) in enumerate(zip(case.tree.bodies, changes, strict=True)):
+        if not case.tree.wheels[k]:
+            one, other = found.bodies[k], changed(body, change)
+            assert one.mass == pytest.approx(other.mass)
+            np.testing.assert_allclose(one.p_BBcm, other.p_BBcm, rtol=0, atol=1e-14)
+            np.testing.assert_allclose(one.I_BBcm, other.I_BBcm, rtol=1e-12, atol=1e-12)
 
 
-def test_by_known_bodies(case):
-    """The target, given by its parameters, stays the same while the known bodies change."""
-    tree, count = case.tree, len(case.tree.bodies)
-    none = np.zeros((count, 10))
-    sensitivity = body_sensitivity(case.outboard, case.psi, case.dynamics, none)
-    assert sensitivity.w.shape == (N, 3, 10 * count)
-    step = 1e-5
-    for k in range(0, count, 1 if count < 10 else 3):
-        for i, unit in enumerate(wheel_errors(tree.bodies[k]) if tree.wheels[k] else np.eye(10)):
-            moved = []
-            for s in (step, -step):
-                bodies = list(tree.bodies)
-                bodies[k] = changed(bodies[k], s * unit)
-                new = replace(tree, bodies=tuple(bodies))
-                moved.append(case.solved(new, case.q, case.qdot))
-            assert_is_derivative(sensitivity, 10 * k + i, *moved, step)
-
-
-def displacements(case):
-    """Yield every error of the geometry: the joints' (J, 5) and C's (6,)."""
-    J = len(case.joint_names)
-    for unit in np.eye(5 * J + 6):
-        yield unit[: 5 * J].reshape(J, 5), unit[5 * J :]
-
-
-def test_by_geometry(case):
-    """Of the arm and of C: the derivatives are those of a tree with finite errors."""
-    none = np.zeros((len(case.joint_names), 5)), np.zeros(6)
-    sensitivity = geometry_sensitivity(case.outboard, case.psi, case.dynamics, *none)
-    assert sensitivity.w.shape == (N, 3, 5 * len(case.joint_names) + 6)
-    step = 1e-5
-    for column, (joints, grasp) in enumerate(displacements(case)):
-        moved = [
-            case.solved(displaced(case.tree, s * joints, s * grasp), case.q, case.qdot)
-            for s in (step, -step)
-        ]
-        assert_is_derivative(sensitivity, column, *moved, step)
-
-
-def test_at_errors_that_the_spacecraft_already_has(case):
-    """A step of a relative mass is one of the nominal mass, also where the error is not zero."""
+@pytest.mark.parametrize("size", [0.0, 1.0], ids=["no errors", "errors"])
+def test_by_bodies_and_geometry(case, size):
+    """Of bodies, arm and C: a step of a relative mass is one of the nominal mass."""
     uncertainty = BodyUncertainty(0.1, 0.02, 0.2, 5.0, 60.0, 4.0, 80.0)
     count = uncertainty.count(case.tree.wheels, len(case.joint_names))
-    errors = np.random.default_rng(82).normal(size=count)
+    errors = size * np.random.default_rng(82).normal(size=count)
     there = Case(with_errors(case.tree, uncertainty, errors), case.joint_names, case.target)
     sensitivity = uncertain_sensitivity(
         there.outboard, there.psi, there.dynamics, uncertainty, errors
@@ -167,9 +133,11 @@ def test_at_errors_that_the_spacecraft_already_has(case):
 
 def test_an_error_of_the_grasp_is_one_of_the_target(case):
     """A target in a frame C that is off moves the base as another target in the nominal C does."""
-    none = np.zeros((len(case.joint_names), 5)), np.zeros(6)
-    sensitivity = geometry_sensitivity(case.outboard, case.psi, case.dynamics, *none)
-    target, first, step = case.target, sensitivity.w.shape[-1] - 6, 1e-5
+    declared = BodyUncertainty(grasp_mm=1e3, grasp_mrad=1e3)
+    sensitivity = uncertain_sensitivity(
+        case.outboard, case.psi, case.dynamics, declared, np.zeros(6)
+    )
+    target, step = case.target, 1e-5
     for i, unit in enumerate(np.eye(6)):
         moved = []
         for s in (step, -step):
@@ -177,7 +145,7 @@ def test_an_error_of_the_grasp_is_one_of_the_target(case):
             com, inertia = s * unit[:3] + R @ target.p_CTcm_C, R @ target.I_TTcm_C @ R.T
             other = InertialParameters(target.mass, com, inertia)
             moved.append(case.solved(case.tree, case.q, case.qdot, other))
-        assert_is_derivative(sensitivity, first + i, *moved, step)
+        assert_is_derivative(sensitivity, i, *moved, step)
 
 
 def test_a_displaced_tree_is_that_of_a_changed_model(tmp_path):
