@@ -80,11 +80,6 @@ class Orbit:
         radius = EARTH_RADIUS + 1e3 * self.altitude_km
         return float(np.sqrt(EARTH_GRAVITY / radius**3))
 
-    @property
-    def period(self) -> float:
-        """Time of a revolution [s]."""
-        return 2 * np.pi / self.n
-
     def axes(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WH (M, 3, 3) at times (M,) [s]: columns away from the centre, ahead, normal."""
         normal = self.normal_W / np.linalg.norm(self.normal_W)

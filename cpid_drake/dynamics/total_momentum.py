@@ -17,9 +17,8 @@ from cpid_drake.errors import InputError
 class TotalMomentum:
     """The constant momentum of spacecraft and target, about the system's centre of mass Scm.
 
-    Make one by `zero()`, `unknown()`, `known(...)`, `known_about_origin(...)` or
-    `with_base_at_origin(...)`. About Scm, the conservation of angular momentum is independent of
-    the base's position and velocity.
+    A known one is also made by `known_about_origin(...)` or `with_base_at_origin(...)`. About Scm,
+    the conservation of angular momentum is independent of the base's position and velocity.
 
     Attributes:
         L_WScm_W: (3,) angular momentum about Scm, in W [N·m·s]; the initial value if it is unknown.
@@ -53,16 +52,6 @@ class TotalMomentum:
         return cls(start.L_WScm_W, start.v_WScm_W, is_unknown=True)
 
     @classmethod
-    def known(cls, L_WScm_W: ArrayLike, v_WScm_W: ArrayLike) -> Self:
-        """Return a known momentum about the system's centre of mass; see the attributes.
-
-        Raises:
-            InputError: a vector does not consist of three finite numbers.
-
-        """
-        return cls(_vector("L_WScm_W", L_WScm_W, 3), _vector("v_WScm_W", v_WScm_W, 3))
-
-    @classmethod
     def known_about_origin(cls, momentum_W: ArrayLike, p_WScm: ArrayLike, mass: float) -> Self:
         """Return a known momentum from its value about W's origin: L_Scm = L_Wo − p × P, v = P/m.
 
@@ -79,7 +68,7 @@ class TotalMomentum:
         L_W, P_W = np.split(_vector("momentum_W", momentum_W, 6), 2)
         if not mass > 0:
             raise InputError(f"total momentum: the total mass must be > 0 kg, not {mass}")
-        return cls.known(L_W - np.cross(_vector("p_WScm", p_WScm, 3), P_W), P_W / mass)
+        return cls(L_W - np.cross(_vector("p_WScm", p_WScm, 3), P_W), P_W / mass)
 
     @classmethod
     def with_base_at_origin(

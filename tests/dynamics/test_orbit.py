@@ -14,11 +14,11 @@ ORBIT = Orbit(rate=0.02, nadir_W=3 * TURN.apply([-1, 0, 0]), normal_W=2 * TURN.a
 
 
 def test_a_geostationary_orbit_takes_a_sidereal_day():
-    assert Orbit(altitude_km=35_786.0).period == pytest.approx(86_164.1, rel=1e-4)
+    assert 2 * np.pi / Orbit(altitude_km=35_786.0).n == pytest.approx(86_164.1, rel=1e-4)
 
 
 def test_the_nadir_turns_once_in_a_period_about_the_normal():
-    times = np.linspace(0, ORBIT.period, 5)
+    times = np.linspace(0, 2 * np.pi / ORBIT.n, 5)
     nadir, normal = ORBIT.nadir(times), ORBIT.normal_W / 2
     np.testing.assert_allclose(nadir @ normal, 0, atol=1e-14)
     np.testing.assert_allclose(nadir[[0, 4]], np.stack(2 * [ORBIT.nadir_W / 3]), atol=1e-14)
@@ -47,17 +47,6 @@ def test_the_transition_solves_the_equation_of_motion():
     solved = solve_ivp(rate, (7.0, 300.0), p_v, t_eval=times, rtol=1e-12, atol=1e-12)
     predicted = ORBIT.transition(7.0, times) @ p_v
     np.testing.assert_allclose(predicted, solved.y.T, rtol=0, atol=1e-8)
-
-
-def test_the_transition_conserves_hills_energy():
-    """½ v² − n²(3 x² − z²)/2 in the turning axes: x away from the centre, z normal."""
-    times = np.linspace(0, 500, 20)
-    p_v = ORBIT.transition(0.0, times) @ np.array([10.0, -5.0, 3.0, 0.2, 0.1, -0.3])
-    R, n = ORBIT.axes(times), 0.02
-    p = np.einsum("tij,ti->tj", R, p_v[:, :3])
-    v = np.einsum("tij,ti->tj", R, p_v[:, 3:]) - np.cross([0, 0, n], p)
-    energy = np.sum(v**2, axis=1) - n**2 * (3 * p[:, 0] ** 2 - p[:, 2] ** 2)
-    np.testing.assert_allclose(energy, energy[0], rtol=1e-10)
 
 
 def test_a_central_field_gives_the_same_tide():

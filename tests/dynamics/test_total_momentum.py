@@ -33,7 +33,7 @@ def test_it_is_that_of_the_bodies(servicer, skewed_target, random_motion):
 @pytest.mark.parametrize("bad", [[1.0, 2.0], [np.nan, 0.0, 0.0], ["a", 0, 0], None])
 def test_vectors_that_cannot_be_are_refused(bad):
     with pytest.raises(InputError, match="L_WScm_W must be 3 finite numbers"):
-        TotalMomentum.known(bad, [0.0, 0.0, 0.0])
+        TotalMomentum(bad, [0.0, 0.0, 0.0])
     with pytest.raises(InputError, match="momentum_W must be 6 finite numbers"):
         TotalMomentum.known_about_origin(bad, [0.0, 0.0, 0.0], 1.0)
 

@@ -25,7 +25,7 @@ def drifting(servicer, skewed_target, zero_momentum_motion):
 @pytest.mark.parametrize("rows", ["standard", "eq18", "relative"])
 def test_a_known_momentum_gives_the_target(servicer, skewed_target, drifting, rows):
     telemetry, velocity = drifting
-    known = TotalMomentum.known(np.zeros(3), velocity)
+    known = TotalMomentum(np.zeros(3), velocity)
     found = identify(servicer, telemetry, rows=rows, momentum=known)
     np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-8, atol=1e-8)
     if rows != "relative":  # relative rows depend on no constant linear momentum
