@@ -69,7 +69,8 @@ def joint_sensitivity(
     tree, bodies = outboard.tree, outboard.bodies
     moving = jointed_bodies(tree)
     places = [tree.bodies[k].joint for k in moving]
-    S = np.stack([joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k]) for k in moving], axis=-1)
+    screws = [joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k])[..., None] for k in moving]
+    S = np.concatenate([np.zeros((len(dynamics.h_K), 6, 0)), *screws], axis=-1)
     change, by_rates = outboard.displaced(moving, S)
     N, J = len(S), len(moving)
     momentum, com = np.zeros((N, 6, 2, J), change.dtype), np.zeros((N, 3, 2, J), change.dtype)

@@ -210,23 +210,25 @@ def solution_of(
         scale: (n,) plausible sizes of the unknowns.
         largest: largest σ of what is known, as a share of its plausible size.
         weakest: smallest σ of a combination about which nothing is known, likewise; such a
-            combination stays nominal. Default: `largest`.
+            combination stays nominal. Default, and if no entry is known: `largest`, because noise
+            alone looks like weak knowledge.
         residual_sum, row_count: of the rows themselves, for the record.
 
     """
     moved = target.moved(nominal)
     U, sizes, axes = np.linalg.svd(moved.R * scale)
-    negligible = _NEGLIGIBLE * float(sizes[0])
-    seen = sizes > max(1 / (weakest or largest), negligible)
+    for limit in (weakest or largest, largest):
+        seen = sizes > max(1 / limit, _NEGLIGIBLE * float(sizes[0]))
+        # The others have their plausible size as σ; entries that are known contain little of them.
+        sigma = 1 / np.where(seen, sizes, np.sqrt(sizes**2 + 1.0))
+        root = scale[:, None] * axes.T * sigma
+        covariance = root @ root.T
+        is_open = np.linalg.norm(axes[~seen], axis=0) > 1e-3
+        is_open |= np.diag(covariance) > (largest * scale) ** 2
+        if not is_open.all():
+            break
     x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
-    is_known = sizes > max(1 / largest, negligible)
-    rank, unobservable = int(is_known.sum()), axes[~is_known]
-    # The others have their plausible size as σ; entries that are known contain little of them.
-    sigma = 1 / np.where(seen, sizes, np.sqrt(sizes**2 + 1.0))
-    root = scale[:, None] * axes.T * sigma
-    covariance = root @ root.T
-    is_open = np.linalg.norm(axes[~seen], axis=0) > 1e-3
-    is_open |= np.diag(covariance) > (largest * scale) ** 2
+    rank, unobservable = int(seen.sum()), axes[~seen]
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),

@@ -58,7 +58,7 @@ def joint_part(
     data = np.dstack([w.T[..., None] * A, (w * y).T]) / smoothness.noise[:, None, None]
     T = triangles(np.concatenate([jerk, data], axis=1))
     rows, target = T[:, :K, :K], T[:, :K, K]
-    c = np.stack([np.linalg.lstsq(R, b, rcond=1e-12)[0] for R, b in zip(rows, target)], axis=1)
+    c = _solved(rows, target).T
     return JointPart(block.start, block.end, pieces, c, rows, target)
 
 
@@ -69,17 +69,22 @@ def smoothed(parts: Sequence[JointPart]) -> list[JointPart]:
     for part in parts:
         factors.append(triangles(joined(carried, part)))
         carried = factors[-1][:, part.size - ORDER : part.size, part.size - ORDER :]
-    end = np.stack([np.linalg.lstsq(T[:, :-1], T[:, -1], rcond=1e-12)[0] for T in carried])
+    end = _solved(carried[:, :, :-1], carried[:, :, -1])
     result = []
     for k in reversed(range(len(parts))):
         part, T = parts[k], factors[k]
         n = part.size - ORDER
         right = T[:, :n, -1] - np.einsum("jnk,jk->jn", T[:, :n, n:-1], end)
-        inner = [np.linalg.lstsq(R, b, rcond=1e-12)[0] for R, b in zip(T[:, :n, :n], right)]
-        c = np.concatenate([np.array(inner).reshape(J, n), end], axis=1).T
+        c = np.concatenate([_solved(T[:, :n, :n], right), end], axis=1).T
         result.append(replace(part, coefficients=c))
         end = c[:ORDER].T
     return result[::-1]
+
+
+def _solved(A: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the least-squares solutions (J, n) of equations (J, m, n) and (J, m)."""
+    found = [np.linalg.lstsq(each, right, rcond=1e-12)[0] for each, right in zip(A, b)]
+    return np.array(found).reshape(len(A), A.shape[2])
 
 
 def joined(carried: NDArray[np.float64], part: JointPart) -> NDArray[np.float64]:

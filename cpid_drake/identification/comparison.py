@@ -70,12 +70,15 @@ def contradicted(
     return tuple(name for name in question.given if compared.probability[name] >= NAMED)
 
 
-def with_plausible(sensors: SensorSuite, *, has_thrust: bool = False) -> SensorSuite:
+def with_plausible(
+    sensors: SensorSuite, *, has_thrust: bool = False, has_joints: bool = True
+) -> SensorSuite:
     """Return sensors in which every constant error has a plausible σ, if it had none.
 
     Args:
         sensors: the sensors.
         has_thrust: whether thrusters fired, whose log may have an error of its scale.
+        has_joints: whether encoders have anything to measure.
 
     """
     result = copy(sensors)
@@ -85,8 +88,8 @@ def with_plausible(sensors: SensorSuite, *, has_thrust: bool = False) -> SensorS
             for each in fields(errors)
             if each.name in PLAUSIBLE and not getattr(errors, each.name)
         }
-        if name == "joint_rates":  # they have no errors of their own
-            own = {}
+        if name == "joint_rates" or (name == "encoders" and not has_joints):
+            own = {}  # they have no errors of their own
         setattr(result, name, replace(errors, **own))
     old, forces = sensors.disturbances or Disturbances(), dict(FORCES)
     if not has_thrust or sensors.thrusters is not None:  # valves have their own errors

@@ -62,7 +62,8 @@ def estimate(
     """
     suite, warnings = suite_of(known.sensors, next(iter(logs.values())))
     has_thrust = any(log.has_thrust for log in logs.values())
-    candidates = with_plausible(suite, has_thrust=has_thrust)
+    has_joints = bool(known.spacecraft.joint_names)
+    candidates = with_plausible(suite, has_thrust=has_thrust, has_joints=has_joints)
     model = Model(known.spacecraft.tree, candidates, known.known_bodies)
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
     states = []

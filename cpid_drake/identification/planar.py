@@ -86,8 +86,9 @@ def _is_held(measurements: Measurements) -> bool:
 
 def could_be_planar(tree: KinematicTree, attitude: NDArray[np.float64]) -> bool:
     """Return whether a table that is not known may carry the base, for attitudes (N, 4)."""
-    placed = replace(tree, normal_B=normal_in_base(attitude))
-    return tree.normal_B is None and placed.normal_C is not None
+    if tree.normal_B is not None or not any(body.joint >= 0 for body in tree.bodies):
+        return False
+    return replace(tree, normal_B=normal_in_base(attitude)).normal_C is not None
 
 
 def _contradictions(normal_B: NDArray[np.float64], measurements: Measurements) -> tuple[str, ...]:

@@ -164,7 +164,8 @@ def choose_columns(
                 f"{where}: the joint '{joint}' has a column and a constant position "
                 f"(joint_positions.constant of {map_name})"
             )
-    if not positions and not constant:
+    has_joints = joints is None or len(joints) > 0
+    if has_joints and not positions and not constant:
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
     without = [joint for joint in positions if rates and joint not in rates]

@@ -225,7 +225,7 @@ class _Conversion:
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
         """Add the complete samples of a sensor; count those of which some cells are absent."""
-        if not logged.shape[1]:
+        if not logged.shape[1] and name != "encoders":
             return
         # A conversion makes all entries NaN if it lacks a cell, also of another quantity.
         there = np.isfinite(value).all(axis=1) & np.isfinite(logged).all(axis=1) & self._usable

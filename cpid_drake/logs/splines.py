@@ -35,6 +35,8 @@ def regression_spline(samples: Samples) -> BSpline:
 
     def fit(pieces: int) -> tuple[float, BSpline]:
         knots = knots_of(time, pieces)
+        if not value.shape[1]:  # a spacecraft without joints
+            return 0.0, BSpline(knots, np.zeros((len(knots) - DEGREE - 1, 0)), DEGREE)
         spline = make_lsq_spline(time, value, knots, DEGREE)
         variance = np.mean((value - spline(time)) ** 2, axis=0)
         return len(value) * float(np.log(variance + tiny).sum()), spline

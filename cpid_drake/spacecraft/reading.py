@@ -97,7 +97,7 @@ def movable_joints(
 
     Raises:
         InputError: the base is welded to the world or does not float, a body is not connected to
-            it, C is fixed in the world, a joint is of a type that is not supported, no joint moves,
+            it, C is fixed in the world, a joint is of a type that is not supported,
             or a body that joints move has a geometry and no inertia.
 
     """
@@ -136,8 +136,6 @@ def movable_joints(
                 f"joint '{joint.name()}' is of type {joint.type_name()}; only revolute, "
                 "prismatic and fixed joints are supported"
             )
-    if not movable:
-        raise model.error("it has no revolute or prismatic joint to move the target with")
     for joint in movable:
         for body in (joint.parent_body(), joint.child_body()):
             _require_inertia(model, plant, body)

@@ -472,10 +472,6 @@ MODELS = {
     ),
     "no_base": (file("m.urdf", urdf().replace("bus", "body")), "no body 'bus'", "body"),
     "no_hand": (file("m.urdf", urdf().replace("hand", "grip")), "no frame 'hand'", "grip"),
-    "hand_on_base": (
-        file("m.urdf", urdf().replace("revolute", "fixed")),
-        "no revolute or prismatic",
-    ),
 }
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hardware import Body, Craft, Joint, Valve, run, sines
-from hardware_draws import KINDS
+from hardware_draws import KINDS, identified, valves
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
@@ -118,3 +118,15 @@ def test_a_seed_draws_the_same_files(kind, tmp_path):
         for name in a.files:
             np.testing.assert_array_equal(a[name], b[name])
     assert first.sensors.read_text() == second.sensors.read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 4], ids=["with a joint at rest", "without joints"])
+def test_a_platform_that_only_valves_move_is_identified(tmp_path, seed):
+    """On a floor with noise, one valve dead, thrust late; and nothing changes its momentum else."""
+    found = identified(valves(seed, tmp_path), "--momentum", "unknown")
+    assert found["code"] in (0, 3)
+    assert found["named"]
+    assert not found["changes"]
+    assert found["known"] >= 3
+    assert found["worst"] < 3

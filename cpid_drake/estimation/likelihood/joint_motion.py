@@ -62,8 +62,8 @@ class JointPart:
 
     def moved(self, step: NDArray[np.float64]) -> "JointPart":
         """Return the part after a step (J K,) of all coefficients, joint after joint."""
-        J = self.coefficients.shape[1]
-        return replace(self, coefficients=self.coefficients + step.reshape(J, -1).T)
+        c = self.coefficients
+        return replace(self, coefficients=c + step.reshape(c.T.shape).T)
 
 
 def spline_basis(
