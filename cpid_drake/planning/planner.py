@@ -245,8 +245,9 @@ class Planner:
     ) -> NDArray[np.float64]:
         """Return the parameters (F, K) that the gradient method makes of a start.
 
-        Limits must hold for all checked targets. They are imposed for those that need the most, and
-        further ones are added several times (exchange method, Blankenship and Falk 1976).
+        Limits must hold for all checked targets. They are imposed for those that need the most and
+        at least nine tenths of a limit, and further ones are added several times (exchange method,
+        Blankenship and Falk 1976).
 
         Args:
             start: the parameters to begin with.
@@ -260,7 +261,7 @@ class Planner:
         for _ in range(EXCHANGES):
             samples = self.family.samples(start[None], objective.times)
             shares = objective.shares(samples)[0]
-            chosen = shares.argmax(axis=0)[shares.max(axis=0) > 1]
+            chosen = shares.argmax(axis=0)[shares.max(axis=0) > 0.9]
             demanding |= {k: self.checked_targets[k] for k in chosen.tolist()}
             imposed = replace(objective, demanding=tuple(demanding.values()))
             count = max(iterations // EXCHANGES, 1)
