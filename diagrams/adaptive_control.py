@@ -76,7 +76,7 @@ def simulate(scenario, source, seed):
     simulator.AdvanceTo(motion.duration)
     print(f"{source}: {identifier.Finish(root_context).explain()}")
     log = states.FindLog(root_context)
-    q = log.data()[spacecraft.joint_state_columns[0]].T
+    q = log.data()[spacecraft.state_columns["q"]].T
     error = np.abs(q - motion.evaluate(log.sample_times())[:, 0]).max(axis=1)
     return log.sample_times(), error, models.FindLog(root_context).data()[0]
 

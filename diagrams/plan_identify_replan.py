@@ -138,7 +138,7 @@ class Craft:
     def tracking_error(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return times (N,) [s] and the largest error of the joints (N,) [rad]."""
         times, states = self.logged("state")
-        q = states[:, self.spacecraft.joint_state_columns[0]]
+        q = states[:, self.spacecraft.state_columns["q"]]
         desired = self.logged("desired")[1][:, : q.shape[1]]
         return times, np.abs(q - desired).max(axis=1)
 

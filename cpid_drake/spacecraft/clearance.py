@@ -83,7 +83,7 @@ class Clearance:
         bodies = [plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies())]
         self._names = dict(zip((b.index() for b in bodies), unique_names(plant, bodies)))
         self._near = self._compare_all_but_neighbours()
-        self._columns = spacecraft.joint_state_columns[0]
+        self._columns = spacecraft.state_columns["q"]
         self._context = builder.Build().CreateDefaultContext()
         self.shapeless = tuple(
             self._names[body.index()]

@@ -33,7 +33,7 @@ class FreeFloatingDynamics:
 
     def __init__(self, spacecraft: Spacecraft, plant: MultibodyPlant) -> None:
         self.plant = plant
-        J = spacecraft.columns_in(plant)[spacecraft.joint_state_columns[1]] - plant.num_positions()
+        J = spacecraft.columns_in(plant)[spacecraft.state_columns["qdot"]] - plant.num_positions()
         B = np.setdiff1d(np.arange(plant.num_velocities()), J)
         self._B, self._J = B, J
         self._BB, self._BJ, self._JJ = np.ix_(B, B), np.ix_(B, J), np.ix_(J, J)

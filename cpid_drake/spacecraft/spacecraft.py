@@ -63,6 +63,8 @@ class Spacecraft:
         limits: limits of these joints.
         tree: the same spacecraft as NumPy arrays, for computations on many samples at once.
         mass: total mass of the known bodies [kg].
+        state_columns: columns of the plant state x = [q; v] that hold the members of `Telemetry`,
+            by their names: `quaternion_WB`, `p_WB`, `w_WB`, `v_WB`, `q` and `qdot`.
 
     Raises:
         InputError: no such file, frame or body; base welded to the world or not the floating body;
@@ -98,7 +100,7 @@ class Spacecraft:
         nq = self.plant.num_positions()
         q_B = self.base.floating_positions_start()
         v_B = nq + self.base.floating_velocities_start_in_v()
-        self._columns = {
+        self.state_columns = {
             "quaternion_WB": np.arange(q_B, q_B + 4),
             "p_WB": np.arange(q_B + 4, q_B + 7),
             "w_WB": np.arange(v_B, v_B + 3),
@@ -228,7 +230,7 @@ class Spacecraft:
 
         """
         states = np.atleast_2d(np.asarray(states, dtype=float))
-        parts = {name: states[:, columns] for name, columns in self._columns.items()}
+        parts = {name: states[:, columns] for name, columns in self.state_columns.items()}
         return Telemetry(self.joint_names, np.atleast_1d(time), **parts)
 
     def predicted_motion(
@@ -281,19 +283,9 @@ class Spacecraft:
         """Return the plant states x = [q; v] (N, nx) of telemetry; raises as `require_joints`."""
         self.require_joints(telemetry)
         states = np.zeros((len(telemetry), self.plant.num_multibody_states()))
-        for name, columns in self._columns.items():
+        for name, columns in self.state_columns.items():
             states[:, columns] = getattr(telemetry, name)
         return states
-
-    @property
-    def quaternion_columns(self) -> NDArray[np.intp]:
-        """Columns (4,) of the plant state x = [q; v] that hold the base's quaternion."""
-        return self._columns["quaternion_WB"]
-
-    @property
-    def joint_state_columns(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Columns of the plant state x = [q; v] that hold the joints' q and q̇, (J,) each."""
-        return self._columns["q"], self._columns["qdot"]
 
     def configuration(self, angles: Mapping[str, float], where: str) -> NDArray[np.float64]:
         """Return q (J,) with the named joints at the given positions and the others at zero.

@@ -187,7 +187,7 @@ class MomentumIdentifier(Identifier):
         self._extra = momentum_columns(spacecraft.tree, self._family, self._momentum)
         self._size = self._extra + len(spacecraft.tree.unknowns) + 1
         self._rank_tolerance = rank_tolerance
-        self._quaternion = spacecraft.quaternion_columns
+        self._quaternion = spacecraft.state_columns["quaternion_WB"]
         self._scratch = PlantScratch(spacecraft.plant)
 
         self._state_port = self.DeclareVectorInputPort(

@@ -117,7 +117,9 @@ class JointController(LeafSystem):
         self._damping = 2 * damping_ratio * natural_frequency
         self._tolerance = tolerance
         columns = spacecraft.columns_in(plant)
-        self._q_columns, self._v_columns = (columns[k] for k in spacecraft.joint_state_columns)
+        self._q_columns, self._v_columns = (
+            columns[spacecraft.state_columns[name]] for name in ("q", "qdot")
+        )
 
         self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self.DeclareVectorInputPort("desired_motion", 3 * len(self._v_columns))

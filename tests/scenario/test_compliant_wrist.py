@@ -143,7 +143,7 @@ def test_the_spacecraft_alone_has_its_own_coordinates(servicer, skewed_target):
     columns = servicer.columns_in(plant)
     assert (np.diff(columns) > 1).sum() == 2
     x = np.random.default_rng(3).uniform(-0.5, 0.5, plant.num_multibody_states())
-    x[servicer.quaternion_columns] = [0.5, -0.5, 0.5, 0.5]
+    x[servicer.state_columns["quaternion_WB"]] = [0.5, -0.5, 0.5, 0.5]
     whole, alone = plant.CreateDefaultContext(), servicer.plant.CreateDefaultContext()
     plant.SetPositionsAndVelocities(whole, x)
     servicer.plant.SetPositionsAndVelocities(alone, x[columns])

@@ -46,7 +46,7 @@ def test_a_motion_that_starts_moving_needs_the_right_base_twist(servicer, skewed
     """With it the system has no momentum; with a base at rest it has."""
     motion = Swinging(12)
     state = servicer.initial_state(skewed_target, motion)
-    columns = servicer.joint_state_columns[1]
+    columns = servicer.state_columns["qdot"]
     np.testing.assert_allclose(state[columns], motion.evaluate(0.0)[1])
     plant = servicer.make_simulation_plant(skewed_target)
     context = plant.CreateDefaultContext()
@@ -148,7 +148,7 @@ def test_a_controller_has_the_gains_and_the_sphere_of_its_scenario(servicer):
     state = simulation.plant.GetPositionsAndVelocities(
         simulation.plant.GetMyContextFromRoot(root)
     ).copy()
-    q, v = servicer.joint_state_columns
+    q, v = (servicer.state_columns[name] for name in ("q", "qdot"))
     state[q] += 0.1
     state[v] -= 0.2
     simulation.plant.SetPositionsAndVelocities(

@@ -100,7 +100,7 @@ EDITS = {"ur10": take_off_the_world, "panda": fix_fingers, "kinova": None}
 def lively(spacecraft: Spacecraft, duration: float) -> MultiSineMotion:
     """Two sines in every joint, about the middle of its range."""
     names = spacecraft.joint_names
-    columns = spacecraft.joint_state_columns[0]
+    columns = spacecraft.state_columns["q"]
     low = np.maximum(spacecraft.plant.GetPositionLowerLimits()[columns], -7.0)
     high = np.minimum(spacecraft.plant.GetPositionUpperLimits()[columns], 7.0)
     rng = np.random.default_rng(5)

@@ -125,7 +125,7 @@ def test_commanded_acceleration_is_what_the_plant_does(servicer, skewed_target, 
     plant.SetPositionsAndVelocities(plant_context, state)
     plant.get_applied_generalized_force_input_port().FixValue(plant_context, force)
     vdot = plant.EvalTimeDerivatives(plant_context).CopyToVector()[plant.num_positions() :]
-    columns_q, columns_v = servicer.joint_state_columns
+    columns_q, columns_v = (servicer.state_columns[name] for name in ("q", "qdot"))
     expected = (
         desired[2]
         + 2 * 0.7 * 3.0 * (desired[1] - state[columns_v])
@@ -158,7 +158,7 @@ def test_a_controller_is_wired_to_the_plant_that_it_drives(servicer, paper_targe
     simulator = Simulator(builder.Build())
     simulator.get_mutable_integrator().set_target_accuracy(1e-9)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    q, _ = servicer.joint_state_columns
+    q = servicer.state_columns["q"]
     state = plant.GetPositionsAndVelocities(context).copy()
     state[q] += 0.01
     plant.SetPositionsAndVelocities(context, state)
