@@ -92,35 +92,67 @@ def as_arrays(measurements: Measurements) -> Measurements:
         InputError: samples are not numbers, or their shapes do not match the sensor.
 
     """
-    samples = {}
-    for name, given in measurements.items():
-        width = SENSORS[name].width(len(measurements.joint_names))
-        try:
-            time, value = np.asarray(given.time, float), np.asarray(given.value, float)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"measurements: '{name}' is not made of numbers: {error}") from error
-        if time.ndim != 1 or (time.size and value.shape != (time.size, width)):
-            raise InputError(
-                f"measurements: '{name}' needs times (N,) and values (N, {width}), "
-                f"not {time.shape} and {value.shape}"
-            )
-        samples[name] = Samples(time, value.reshape(time.size, width))
-    return measurements.updated(samples)
+    joints = len(measurements.joint_names)
+    return measurements.updated(
+        {name: _arrays(name, s, SENSORS[name].width(joints)) for name, s in measurements.items()}
+    )
 
 
-def with_valves(measurements: Measurements, suite: SensorSuite | None) -> Measurements:
-    """Return measurements in which the openings of all valves (N, V) are the log of thrust.
+def _arrays(name: str, given: Samples, width: int) -> Samples:
+    try:
+        time, value = np.asarray(given.time, float), np.asarray(given.value, float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"measurements: '{name}' is not made of numbers: {error}") from error
+    if time.ndim != 1 or (time.size and value.shape != (time.size, width)):
+        raise InputError(
+            f"measurements: '{name}' needs times (N,) and values (N, {width}), "
+            f"not {time.shape} and {value.shape}"
+        )
+    return Samples(time, value.reshape(time.size, width))
 
-    Without thrusters in the suite, the log is as it is.
+
+def held(name: str, given: Samples, width: int) -> Samples:
+    """Return samples that hold until the next, without repeated ones.
 
     Raises:
-        InputError: the valves of the log are not those of the suite, a time or an opening is not
-            possible, or the log has force and torque, too.
+        InputError: they are not finite numbers, or not in the order of time. Without such a sample,
+            a wrong value would hold on.
+
+    """
+    log = _arrays(name, given, width)
+    usable = np.isfinite(log.time) & np.isfinite(log.value).all(axis=1)
+    if not usable.all():
+        k = int((~usable).argmax())
+        raise InputError(
+            f"measurements: '{name}' at {log.time[k]:.6g} s is not finite: give the value that "
+            "holds from then on"
+        )
+    again = np.zeros(len(log), dtype=bool)
+    again[1:] = (np.diff(log.time) == 0) & (log.value[1:] == log.value[:-1]).all(axis=1)
+    log = log.where(~again)
+    if not (np.diff(log.time) > 0).all():
+        k = int((np.diff(log.time) <= 0).argmax())
+        raise InputError(
+            f"measurements: '{name}' at {log.time[k + 1]:.6g} s comes after that at "
+            f"{log.time[k]:.6g} s: give one sample at a time, in the order of time"
+        )
+    return log
+
+
+def with_thrust(measurements: Measurements, suite: SensorSuite | None) -> Measurements:
+    """Return measurements with one log of thrust: of forces, or of the openings (N, V) of valves.
+
+    Raises:
+        InputError: the valves of the log are not those of the suite, an opening is not possible,
+            the log has force and torque, too; or for the same reasons as `held`.
 
     """
     valves, thrusters = measurements.valves, None if suite is None else suite.thrusters
     if not valves or thrusters is None:
-        return measurements
+        if THRUST not in measurements.samples:
+            return measurements
+        width = len(thrusters.valves) if thrusters else 6
+        return measurements.updated({THRUST: held(THRUST, measurements.thrust, width)})
     missing, unknown = thrusters.valves.keys() - valves, valves.keys() - thrusters.valves
     if missing:
         raise InputError(f"the log has no column '{VALVE}{min(missing)}' of a valve of the sensors")
@@ -131,60 +163,16 @@ def with_valves(measurements: Measurements, suite: SensorSuite | None) -> Measur
         )
     if THRUST in measurements.samples:
         raise InputError("the log has both valves and the force of all thrusters: keep one of them")
-    for name, log in valves.items():
-        time, value = np.asarray(log.time, float), np.asarray(log.value, float)
-        if not (np.isfinite(time).all() and (np.diff(time) > 0).all() and (value >= 0).all()):
-            raise InputError(
-                f"'{VALVE}{name}': times must increase, and openings must be numbers from 0"
-            )
-    time = np.unique(np.concatenate([log.time for log in valves.values()]))
-    openings = np.hstack([valves[name].held_at(time) for name in thrusters.valves])
+    logs = {name: held(VALVE + name, log, 1) for name, log in valves.items()}
+    for name, log in logs.items():
+        if (log.value < 0).any():
+            raise InputError(f"'{VALVE}{name}': openings must be numbers from 0")
+    time = np.unique(np.concatenate([log.time for log in logs.values()]))
+    openings = np.hstack([logs[name].held_at(time) for name in thrusters.valves])
     changes = np.append(True, (openings[1:] != openings[:-1]).any(axis=1))
     samples = {n: s for n, s in measurements.samples.items() if not n.startswith(VALVE)}
     samples[THRUST] = Samples(time[changes], openings[changes])
     return Measurements(measurements.joint_names, samples, measurements.column_map)
-
-
-def usable_thrust(measurements: Measurements, suite: SensorSuite | None = None) -> Measurements:
-    """Return measurements whose samples of thrust have increasing times.
-
-    A sample of the same time and value as the one before is left out.
-
-    Raises:
-        InputError: samples of thrust are not finite numbers, or are not in the
-            order of time. Without such a sample, a wrong thrust would hold on.
-
-    """
-    if THRUST not in measurements.samples:
-        return measurements
-    log = measurements.thrust
-    try:
-        time, value = np.asarray(log.time, float), np.asarray(log.value, float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"measurements: '{THRUST}' is not made of numbers: {error}") from error
-    width = len(suite.thrusters.valves) if suite and suite.thrusters else 6
-    if time.ndim != 1 or value.shape != (time.size, width):
-        raise InputError(
-            f"measurements: '{THRUST}' needs times (N,) and values (N, {width}), "
-            f"not {time.shape} and {value.shape}"
-        )
-    usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
-    if not usable.all():
-        k = int((~usable).argmax())
-        raise InputError(
-            f"measurements: '{THRUST}' at {time[k]:.6g} s is not finite: give the torque and force "
-            "that hold from then on"
-        )
-    again = np.zeros(len(time), dtype=bool)
-    again[1:] = (time[1:] == time[:-1]) & (value[1:] == value[:-1]).all(axis=1)
-    time, value = time[~again], value[~again]
-    if not (time[1:] > time[:-1]).all():
-        k = int((time[1:] <= time[:-1]).argmax())
-        raise InputError(
-            f"measurements: '{THRUST}' at {time[k + 1]:.6g} s comes after that at {time[k]:.6g} s: "
-            "give one sample at a time, in the order of time"
-        )
-    return measurements.updated({THRUST: Samples(time, value)})
 
 
 def screen(
@@ -202,7 +190,7 @@ def screen(
     - samples that repeat the one before more often than noise does;
     - spikes: single samples far from every line through samples on one side or on both sides.
 
-    The log of thrust keeps its samples; see `usable_thrust`.
+    The log of thrust keeps its samples; see `held`.
 
     Only sensors of the suite are screened for the last two. Quaternions are normalized; their sign,
     which has no meaning, is kept.
@@ -217,12 +205,12 @@ def screen(
         memory: the memory after the previous chunk; None for the first chunk and for whole logs.
 
     Raises:
-        InputError: for the same reasons as `as_arrays`, `with_valves` and `usable_thrust`.
+        InputError: for the same reasons as `as_arrays` and `with_thrust`.
 
     """
     memory = memory or ScreeningMemory()
     present = suite.present() if suite else {}
-    given = as_arrays(usable_thrust(with_valves(measurements, suite), suite))
+    given = as_arrays(with_thrust(measurements, suite))
     readable = {name: _readable(name, s, name in present) for name, s in given.items()}
     stamps = {name: samples.time for name, samples in readable.items()}
     indices, unconfirmed = usable_stamps(

@@ -10,13 +10,10 @@ from numpy.typing import NDArray
 from cpid_drake.errors import InputError
 from cpid_drake.logs.files import read_table
 
-LONGEST_LOOK = 20_000
-"""Number of rows that are read."""
-
 
 @dataclass(frozen=True, eq=False)
 class RawLog:
-    """The first rows of a log.
+    """The rows of a log.
 
     Attributes:
         values: by column of numbers, its cells (N,), NaN where a cell is absent.
@@ -35,7 +32,7 @@ class RawLog:
 
 
 def read_raw(path: str | Path, topics: Mapping[str, str] | None = None) -> RawLog:
-    """Read the first rows of a log with all its columns.
+    """Read a log with all its columns.
 
     Raises:
         InputError: no such file, a file of another kind, or one without rows.
@@ -48,8 +45,8 @@ def read_raw(path: str | Path, topics: Mapping[str, str] | None = None) -> RawLo
         raise InputError(f"{path}: the file has no rows of numbers")
     texts = {name: next(iter(cells.values())) for name, cells in table.texts.items()}
     values = {
-        name: column[:LONGEST_LOOK]
+        name: column
         for name, column in table.columns.items()
-        if name not in texts and np.isfinite(column[:LONGEST_LOOK]).any()
+        if name not in texts and np.isfinite(column).any()
     }
     return RawLog(values, texts)

@@ -7,8 +7,13 @@ import pytest
 
 from cpid_drake import InputError, read_telemetry, write_telemetry
 from cpid_drake.logs.burns import Burn, log_of_burns
-from cpid_drake.logs.files import FORMATS, THRUST_COLUMNS
+from cpid_drake.logs.conversion import from_columns
+from cpid_drake.logs.files import FORMATS, THRUST_COLUMNS, table_of
 from cpid_drake.logs.log import THRUST, Measurements, Samples
+from cpid_drake.logs.screening import screen
+from cpid_drake.sensors.sensors import JointSensor
+from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.sensors.thrusters import Thrusters, Valve
 
 BURNS = (
     Burn(0.73, 1.1, np.array([0.3, -0.2, 0.4, 1.5, -2.0, 1.0])),
@@ -107,3 +112,22 @@ def test_a_force_without_one_of_its_columns_is_refused(log, tmp_path):
     del columns["thrust_fy"]
     with pytest.raises(InputError, match="thrust_fy"):
         read_telemetry(written(tmp_path, columns))
+
+
+def test_openings_of_valves_become_one_log_of_their_changes(random_motion):
+    names, values = table_of(random_motion(4, 3))
+    columns = dict(zip(names, values.T))
+    columns |= {"valve:right": np.array([0, 1, 1, 0.0]), "valve:left": np.array([0, 0, 0, 0.5])}
+    log = from_columns(columns)
+    suite = SensorSuite(
+        encoders=JointSensor(), thrusters=Thrusters({"left": Valve(), "right": Valve()})
+    )
+    thrust = screen(log, suite).measurements.thrust
+    np.testing.assert_array_equal(thrust.time, log.gyro.time[[0, 1, 3]])
+    np.testing.assert_array_equal(thrust.value, [[0, 0], [0, 1], [0.5, 0]])
+    for bad, phrase in (
+        ({"valve:right": -columns["valve:right"]}, "openings must be numbers from 0"),
+        ({"valve:up": columns["valve:left"]}, "have no valve 'up'"),
+    ):
+        with pytest.raises(InputError, match=phrase):
+            screen(from_columns(columns | bad), suite)
