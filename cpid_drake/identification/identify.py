@@ -117,11 +117,15 @@ def identify(
     known = Known(spacecraft, sensors, momentum, known_bodies, prior, family)
     try:
         found = method.estimate(known, logs, progress)
-    except np.linalg.LinAlgError as error:
-        raise InputError(
-            f"{method.name} cannot calculate with these samples: they contradict each other, or "
-            "are too large or too small; plot them, and compare units"
-        ) from error
+    except (np.linalg.LinAlgError, InputError) as error:
+        text = str(error)
+        if isinstance(error, np.linalg.LinAlgError):
+            text = (
+                f"{method.name} cannot calculate with these samples: they contradict each other, "
+                "or are too large or too small; plot them, and compare units"
+            )
+        causes = dict.fromkeys(cause for log in logs.values() for cause in log.failures)
+        raise InputError("; most likely, ".join([text, *causes])) from error
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     found = checked(_with_logs(found, logs, method, known_bodies is not None), tree)

@@ -74,19 +74,6 @@ def read_csv(file: Path, where: str) -> Table:
     )
 
 
-def csv_names(file: Path, where: str) -> Table:
-    """Return the columns of a log without their rows.
-
-    Raises:
-        InputError: for the same reasons as `read_csv`.
-
-    """
-    place, header, _, has_names, _ = _header(_lines(file, where), where)
-    columns = dict.fromkeys(header, np.empty(0))
-    twice = check_names(header, where)
-    return Table(columns, has_names=has_names, twice=twice, header=place)
-
-
 def write_csv(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
     """Write columns and values (N, C); NaN becomes an empty cell."""
     with path.open("w", encoding="utf-8", newline="") as file:

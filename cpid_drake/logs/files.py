@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
 from cpid_drake.logs.arrays import read_npz, read_parquet, write_npz, write_parquet
-from cpid_drake.logs.column_choice import choose_columns
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import TelemetryFile, read_columns
-from cpid_drake.logs.csv_format import csv_names, read_csv, write_csv
+from cpid_drake.logs.csv_format import read_csv, write_csv
 from cpid_drake.logs.log import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS, Measurements
 from cpid_drake.logs.table import Table
 from cpid_drake.output_files.drafts import draft_of
@@ -34,18 +33,16 @@ class Format:
         read: reads a file, given its path and its name in messages.
         write: writes columns, names and values (N, C) with NaN where a cell is absent; None if the
             format is only read.
-        names: reads the columns' names alone; None if that takes as long as all of the file.
 
     """
 
     endings: tuple[str, ...]
     read: Callable[[Path, str], Table]
     write: Callable[[Path, list[str], NDArray[np.float64]], None] | None = None
-    names: Callable[[Path, str], Table] | None = None
 
 
 FORMATS: list[Format] = [
-    Format((".csv",), read_csv, write_csv, csv_names),
+    Format((".csv",), read_csv, write_csv),
     Format((".npz",), read_npz, write_npz),
     Format((".parquet",), read_parquet, write_parquet),
 ]
@@ -147,24 +144,6 @@ def refuse_problems(problems: Sequence[str], where: str) -> None:
         others = len(problems) - 1
         more = f" (and {others} more: `cpid log check` lists them)" if others else ""
         raise InputError(f"{where}: {problems[0]}{more}")
-
-
-def check_telemetry(path: str | Path, columns: str | Path | None = None) -> None:
-    """Refuse a file that cannot be a log, after a look at its name and beginning.
-
-    Args:
-        path: the file.
-        columns: the YAML file of a map of its columns.
-
-    Raises:
-        InputError: no such file, a file of another kind, or a CSV file with a wrong first line; or
-            for the same reasons as `load_column_map`.
-
-    """
-    file, kind = _format_of(path)
-    given, map_name = _map_of(columns)
-    if kind is not None and kind.names is not None:
-        choose_columns(given, kind.names(file, str(path)), str(path), map_name=map_name)
 
 
 def _map_of(columns: ColumnMap | str | Path | None) -> tuple[ColumnMap, str]:
