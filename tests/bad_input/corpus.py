@@ -569,7 +569,7 @@ SENSORS = {
 def result(**changes: object) -> str:
     ten = TARGET.to_vector().tolist()
     document = {
-        "format": 3,
+        "format": 4,
         "parameters": ten,
         "covariance": np.eye(10).tolist(),
         "intervals": [[value - 2, value + 2] for value in ten],
@@ -608,7 +608,6 @@ RESULTS = {
     ),
 }
 EXPORTS = {
-    "unknown": (result(parameters=[None, *TARGET.to_vector()[1:]]), "do not determine m"),
     "not_feasible": (result(nearest=None), "no rigid body is near the estimate"),
 }
 
