@@ -16,7 +16,7 @@ import typer
 from rich.console import Console
 
 import cpid_drake as cpid
-from cpid_drake.commands.spacecraft_file import SpacecraftFile, load_spacecraft_file
+from cpid_drake.commands.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft_file
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
@@ -277,12 +277,18 @@ class LogOptions(PartOptions, SpacecraftOptions):
         known = self.known()
         bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
         momentum = known.momentum if self.momentum is None else self.momentum.value
+        sensors = self.sensors or known.sensors
+        if sensors == EXPLICIT:
+            raise InputError(
+                f"{self.scenario}: lists its sensors itself; write them into a file of their own, "
+                "and give it as --sensors"
+            )
         return cpid.Request(
             log,
             cpid.SpacecraftReference(known.model, known.base, known.capture_frame, known.packages),
             estimator=self.estimator,
             rows=self.rows,
-            sensors=self.sensors or known.sensors,
+            sensors=sensors,
             momentum=momentum,
             start=self.start,
             end=self.end,

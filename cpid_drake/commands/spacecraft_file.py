@@ -10,6 +10,9 @@ from cpid_drake.input_files.yaml_text import parse_yaml
 from cpid_drake.resources import find_scenario, resolve_model
 from cpid_drake.scenario.joint_motions import MOTION_TAGS
 
+EXPLICIT = "sensors.explicit"
+"""The sensors of a scenario that lists them itself: no file that a request could name."""
+
 
 @dataclass
 class SpacecraftFile:
@@ -37,7 +40,8 @@ def load_spacecraft_file(name: str) -> SpacecraftFile:
         InputError: no such file, or for the same reasons as `cpid_drake.load_scenario`.
 
     """
-    file = resolve_model(find_scenario(name))
+    place = find_scenario(name)
+    file = resolve_model(place)
     tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
     if not (isinstance(tree, dict) and "spacecraft" in tree):
         found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
@@ -49,14 +53,14 @@ def load_spacecraft_file(name: str) -> SpacecraftFile:
             packages={key: str(folder / each) for key, each in found.packages.items()},
             sensors=str(folder / found.sensors) if local and found.sensors else found.sensors,
         )
-    scenario = cpid.load_scenario(file)
+    scenario = cpid.load_scenario(place)
     craft = scenario.spacecraft
     return SpacecraftFile(
         craft.model,
         craft.base,
         craft.capture_frame,
         craft.packages,
-        sensors=scenario.sensors.suite or None,
+        sensors=EXPLICIT if scenario.sensors.explicit else scenario.sensors.suite or None,
         momentum="unknown" if scenario.identification.unknown_momentum else "zero",
         planar=True if craft.on_table else None,
         known_bodies=scenario.known_bodies,

@@ -122,6 +122,14 @@ class TestScenario:
             results.append(read_result("r.json").parameters)
         np.testing.assert_array_equal(*results)
 
+    def test_sensors_that_a_scenario_lists_itself_are_not_lost(self, refusal):
+        text = (models_directory() / "scenarios/free_flyer_payload.yaml").read_text()
+        suite = (models_directory() / "sensors/testbed.yaml").read_text()
+        lines = [f"    {line}" for line in suite.splitlines()]
+        Path("own.yaml").write_text("\n".join([text, "sensors:", "  explicit:", *lines]))
+        message = refusal("identify", SAMPLE, "--scenario", "own.yaml")
+        assert "lists its sensors itself" in message
+
     def test_a_wrong_key_is_named(self, refusal):
         Path("own.yaml").write_text(self.OWN.replace("base:", "bas:"))
         message = refusal("identify", SAMPLE, "--scenario", "own.yaml")
