@@ -73,9 +73,9 @@ def report(
         status.update("drawing")
         page.write(out)
         count = 0
-        if figures is not None and findings.log is not None:
+        if figures is not None and findings.evidence is not None:
             with draft_folder(figures) as draft:
-                write_figures(draft, findings.log, findings.truth)
+                write_figures(draft, findings)
                 count = len(list(draft.iterdir()))
     if findings.missing:
         console.print(f"note: the report has no sections that need the log: {findings.missing}")

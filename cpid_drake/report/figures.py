@@ -13,7 +13,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.identification.identify_files import Estimates
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.logs.log import Measurements, Samples
-from cpid_drake.report.findings import IdentifiedLog
+from cpid_drake.report.findings import Findings
 from cpid_drake.report.pictures import COLORS, INK, Picture, PictureGroup, label_axes
 
 _TIME = "time [s]"
@@ -105,14 +105,14 @@ def ellipsoid_pictures(
     ]
 
 
-def write_figures(
-    folder: Path, log: IdentifiedLog, truth: InertialParameters | None = None
-) -> None:
-    """Write the figures as PNG and SVG files into an existing folder."""
-    found, shown = log.evidence.found, log.evidence.log.data.thinned()
+def write_figures(folder: Path, findings: Findings) -> None:
+    """Write the figures of a log as PNG and SVG files into an existing folder."""
+    assert findings.evidence is not None
+    found, truth = findings.evidence.found, findings.truth
+    shown = findings.evidence.log.data.thinned()
     body = found.consistent
     for group in (
-        PictureGroup("convergence", "", convergence_pictures(log.estimates, truth)),
+        PictureGroup("convergence", "", convergence_pictures(findings.estimates, truth)),
         PictureGroup("residuals", "", residual_pictures(found)),
         PictureGroup("singular-values", "", [singular_value_picture(found.singular_values)]),
         PictureGroup("base-motion", "", motion_pictures(shown)),

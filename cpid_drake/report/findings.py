@@ -1,7 +1,7 @@
 """The contents of a report: a result, and the log that it was identified from."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -25,21 +25,14 @@ def no_progress(step: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class IdentifiedLog:
-    """A log with its identification, and estimates from growing parts of it."""
-
-    evidence: Evidence
-    estimates: Estimates
-
-
-@dataclass(frozen=True, eq=False)
 class Findings:
     """A result, and its log if that can be read again.
 
     Attributes:
         result: the result that is reported.
         text: the result as JSON text.
-        log: the log, identified again; None if it cannot be read, and for several logs.
+        evidence: the log, identified again; None if it cannot be read, and for several logs.
+        estimates: the estimates from growing parts of this log.
         missing: why the log cannot be read; empty if it can.
         truth: the true target, if it is known from a simulation.
         visual_model: model file with the target's shape, if there is one.
@@ -48,7 +41,8 @@ class Findings:
 
     result: Identification
     text: str
-    log: IdentifiedLog | None
+    evidence: Evidence | None = None
+    estimates: Estimates = ()
     missing: str = ""
     truth: InertialParameters | None = None
     visual_model: str | None = None
@@ -56,8 +50,8 @@ class Findings:
     def files(self) -> list[Path]:
         """Return the files that the report was made from, as far as they exist."""
         found = self.result.files()
-        if self.log is not None:
-            found.append(Path(self.log.evidence.log.request.telemetry))
+        if self.evidence is not None:
+            found.append(Path(self.evidence.log.request.telemetry))
         return found if self.visual_model is None else [*found, Path(self.visual_model)]
 
 
@@ -65,8 +59,8 @@ def findings_of(evidence: Evidence, progress: Progress = no_progress) -> Finding
     """Return the contents of a report on logs that have just been identified."""
     text = result_text(evidence.found, evidence.logs[0].request.telemetry)
     if len(evidence.logs) > 1:
-        return Findings(evidence.found, text, None)
-    return Findings(evidence.found, text, IdentifiedLog(evidence, converge(evidence, progress)))
+        return Findings(evidence.found, text)
+    return Findings(evidence.found, text, evidence, converge(evidence, progress))
 
 
 def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Findings:
@@ -77,11 +71,11 @@ def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Find
 
     """
     result = read_result(path)
-    text = result_text(result, str(path))
+    found = Findings(result, result_text(result, str(path)))
     if len(result.logs) > 1:
-        return Findings(result, text, None)
+        return found
     try:
         evidence = identify_files([request_of_result(result, str(path))], progress)
     except InputError as error:
-        return Findings(result, text, None, str(error))
-    return Findings(result, text, IdentifiedLog(evidence, converge(evidence, progress)))
+        return replace(found, missing=str(error))
+    return replace(found, evidence=evidence, estimates=converge(evidence, progress))

@@ -135,7 +135,7 @@ class TestWhatIsSaid:
     def test_a_log_that_changed_is_not_used(self, result_file, exact):
         exact.write_text(exact.read_text() + "\n")
         findings = findings_of_file(result_file)
-        assert findings.log is None
+        assert findings.evidence is None
         assert "has changed since: its SHA-256 differs" in findings.missing
 
     def test_another_estimate_than_the_file_s_is_warned_of(self, evidence, tmp_path):

@@ -58,29 +58,29 @@ def identification_report(
         progress: called before every step with a short description of it.
 
     """
-    result, log = findings.result, findings.log
+    result, evidence = findings.result, findings.evidence
     undeclared = result.undeclared
     sections = [
         *before,
         request_section(result),
         result_section(result, findings.truth),
         *([logs_section(result)] if result.logs else []),
-        checks_section(result, None if log is None else log.evidence.found),
+        checks_section(result, None if evidence is None else evidence.found),
         *([effects_section(result)] if result.effects else []),
         *([undeclared_section(undeclared)] if undeclared and undeclared.effects else []),
         observability_section(result),
     ]
     missing = findings.missing and f"the log cannot be read: {findings.missing}"
-    if log is not None:
+    if evidence is not None:
         sections += [
-            convergence_section(log.estimates, findings.truth),
-            residuals_section(log.evidence.found),
-            sensors_section(log.evidence),
-            base_motion_section(log.evidence.log.data),
+            convergence_section(findings.estimates, findings.truth),
+            residuals_section(evidence.found),
+            sensors_section(evidence),
+            base_motion_section(evidence.log.data),
         ]
         progress("making the replay")
         try:
-            sections.append(replay_section(findings, log))
+            sections.append(replay_section(findings, evidence))
         except InputError as error:
             missing = f"the replay cannot be made: {error}"
     if missing:

@@ -14,7 +14,7 @@ from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.smoothing import smooth
-from cpid_drake.report.findings import Findings, IdentifiedLog
+from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Section, embedded_json
 from cpid_drake.report.replay import replay_html
 
@@ -22,24 +22,24 @@ _MOST, _LONGEST = 20_000, 60.0
 """Number of samples of one sensor above which only the first minute [s] is shown."""
 
 
-def replay_section(findings: Findings, log: IdentifiedLog) -> Section:
+def replay_section(findings: Findings, evidence: Evidence) -> Section:
     """Return the section with the replay of a log and of its estimates.
 
     Raises:
         InputError: the log does not determine the motion of the base.
 
     """
-    motion = motion_of(log.evidence)
+    motion = motion_of(evidence)
     page = replay_html(
-        log.evidence.inputs.spacecraft,
+        evidence.inputs.spacecraft,
         motion,
-        log.estimates,
+        findings.estimates,
         truth=findings.truth,
         visual_model=findings.visual_model,
-        title=Path(log.evidence.log.request.telemetry).name,
+        title=Path(evidence.log.request.telemetry).name,
     )
     text = "The motion in three dimensions, with the estimate over time."
-    if log.evidence.log.data.interval[1] > motion.time[-1] + _LONGEST / 2:
+    if evidence.log.data.interval[1] > motion.time[-1] + _LONGEST / 2:
         text += f" The log is long: these are its first {motion.time[-1] - motion.time[0]:.4g} s."
     return Section("Replay", texts=[text], inner_page=embedded_json(json.dumps(page)))
 
