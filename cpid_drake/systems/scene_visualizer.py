@@ -38,7 +38,7 @@ _COLORS = {
     "white": Rgba(1.0, 1.0, 1.0, 1.0),
 }
 _ROOT = "/cpid"
-_VIEW = np.array([1.75, -1.45, 1.0])  # from the scene to the camera, in W and reaches
+_VIEW = np.array([1.5, -1.25, 0.85])  # from the scene to the camera, in W and reaches
 
 
 class SceneVisualizer(LeafSystem):
