@@ -59,7 +59,7 @@ class SeenMotion:
 def balanced_with_thrust(
     model: Model, logs: Sequence[LogState], motions: Sequence[SeenMotion | None]
 ) -> tuple[Values, list[NDArray[np.float64]]]:
-    """Return ψ and the errors of the thrust, and L (3,) of each log at its first instant."""
+    """Return ψ and the errors of each log's thrust, and L (3,) of each log at its first instant."""
     names = [PSI, *model.constants.of_thrust]
     table = {name: model.unknown(name) for name in names}
     sizes = {name: unknown.size for name, unknown in table.items()}
@@ -77,7 +77,8 @@ def balanced_with_thrust(
         np.zeros(3) if motion is None else _momenta(motion)[0][0] + _momenta(motion)[1][0] @ x[:10]
         for motion in motions
     ]
-    return {name: x[place] for name, place in found.places.items()}, momenta
+    places = found.places.items()
+    return {table[n].key(log.name): x[place] for log in logs for n, place in places}, momenta
 
 
 def seen_states(
