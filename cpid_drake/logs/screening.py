@@ -262,7 +262,7 @@ def _unusable(name: str, samples: Samples, suite: SensorSuite) -> NDArray[np.boo
     """Return which samples repeat the one before, or are spikes."""
     time, value = samples.time, samples.value
     sigma = float(suite.sigmas(name).max())
-    step = max(suite[name].step, 0.0 if suite.rounding is None else 10.0**-suite.rounding)
+    step = max(suite[name].step, 0.0 if suite.decimals is None else 10.0**-suite.decimals)
     if SENSORS[name].quantity is ATTITUDE:
         value = _without_flips(value)
         sigma /= 2  # A rotation by δ changes the entries of a quaternion by δ/2 at most.

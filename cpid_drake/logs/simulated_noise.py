@@ -117,7 +117,7 @@ class SensorNoise:
             InputError: a lever arm without the true motion.
 
         """
-        record, errors, decimals = SENSORS[name], self.suite[name], self.suite.rounding
+        record, errors, decimals = SENSORS[name], self.suite[name], self.suite.decimals
         last, width = first + len(ideal), ideal.shape[1]
         ideal = self.constants(name, width).change(record, ideal, motion)
         if isinstance(errors, AttitudeSensor):

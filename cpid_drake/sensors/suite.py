@@ -39,7 +39,6 @@ class SensorSuite:
         description: one line for people.
         decimals: every sample is rounded to this number of decimals, in SI units (attitude as 3-2-1
             Euler angles); None for no rounding.
-        digits: former name of `decimals`, which files may still use.
         disturbances: external forces and torques that act while the sensors measure; None without.
         thrusters: the valves that the log has columns of; None without.
 
@@ -53,7 +52,6 @@ class SensorSuite:
     encoders: JointSensor | None = None
     joint_rates: JointSensor | None = None
     decimals: Decimals | None = None
-    digits: Decimals | None = None
     disturbances: Disturbances | None = None
     thrusters: Thrusters | None = None
 
@@ -78,11 +76,6 @@ class SensorSuite:
         """The orbit of W's origin; None if there is none."""
         return None if self.disturbances is None else self.disturbances.orbit
 
-    @property
-    def rounding(self) -> int | None:
-        """Number of decimals to which samples are rounded; None for no rounding."""
-        return self.digits if self.decimals is None else self.decimals
-
     def sigmas(self, name: str) -> NDArray[np.float64]:
         """Return σ of one sample of a sensor: noise, quantization and rounding together.
 
@@ -103,7 +96,7 @@ class SensorSuite:
             KeyError: the sensor is absent.
 
         """
-        rounding = 0.0 if self.rounding is None else 10.0**-self.rounding
+        rounding = 0.0 if self.decimals is None else 10.0**-self.decimals
         return float(np.hypot(self[name].step, rounding))
 
     def noisier(self, factors: Mapping[str, float]) -> Self:
@@ -125,9 +118,8 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
 
     Raises:
         InputError: a value is of the wrong type or out of the limits that its class declares; no
-            encoders; both `decimals` and `digits`; a boresight vector that has no direction; a
-            zero or a delay of joint rates; a random walk of a disturbance without its σ; an orbit
-            that is not determined.
+            encoders; a boresight vector that has no direction; a zero or a delay of joint rates; a
+            random walk of a disturbance without its σ; an orbit that is not determined.
 
     """
     check_values(suite, where, "a sensor suite")
@@ -147,8 +139,6 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
         raise InputError(
             f"{where}: encoders are missing; no estimator works without joint positions"
         )
-    if suite.decimals is not None and suite.digits is not None:
-        raise InputError(f"{where}: decimals and digits are the same; give one of the two")
     rates = suite.joint_rates
     if rates is not None and rates.delay_ms:
         raise InputError(

@@ -110,7 +110,7 @@ def exciting_motion(
     rows, fits = [], []
     for number in decimals:
         progress(f"fitting the exciting motion, {number} decimals")
-        sensors = replace(suite, decimals=min(number, _FINEST), digits=None)
+        sensors = replace(suite, decimals=min(number, _FINEST))
 
         def by_rows(data: Telemetry) -> Identification:
             return identify(spacecraft, data, rows="eq18", momentum=zero)

@@ -55,7 +55,7 @@ def test_presets_without_noise_have_all_sensors_at_one_rate(name, digits):
     suite = load_sensors(name)
     assert tuple(suite.present()) == tuple(SENSORS)
     assert {sensor.rate for sensor in suite.present().values()} == {100.0}
-    assert suite.digits == digits
+    assert suite.decimals == digits
     floor = 1e-8 if digits is None else 1e-6 / np.sqrt(12)
     for sensor in SENSORS:
         np.testing.assert_allclose(suite.sigmas(sensor), floor, rtol=1e-2)

@@ -116,7 +116,7 @@ def test_ports_are_as_documented(servicer, suite):
 @pytest.mark.parametrize("digits", [None, 4])
 def test_samples_are_those_of_the_array_model(servicer, suite, motion, diagram, per_step, digits):
     """In a diagram one by one, or all at once: the same times, the same errors."""
-    suite.digits = digits
+    suite.decimals = digits
     system, sensors, logs = diagram(seed=3, per_step=per_step)
     found = measurements_from_logs(sensors, logs, run(system))
     perfect = ideal_measurements(suite, servicer.joint_names, motion, DURATION)
