@@ -1,6 +1,6 @@
 """Reads ROS 2 bags as columns, with the samples of each sensor in the rows of their own times.
 
-Reads five message types, those in `TOPIC_TYPES`, from bags with either storage (sqlite3, MCAP). The
+Reads the message types in `TOPIC_TYPES` from bags with either storage (sqlite3, MCAP). The
 PyPI package `rosbags` does the parsing, so ROS need not be installed.
 """
 
@@ -91,7 +91,7 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> Table:
     except ImportError as error:
         raise InputError("ROS 2 bags need a package: pip install 'cpid-drake[ros]'") from error
     where = str(path)
-    # These four types are the same in every ROS 2, and older bags do not hold their definitions.
+    # The types are the same in every ROS 2, and older bags do not hold their definitions.
     typestore = get_typestore(Stores.ROS2_HUMBLE)
     logs: dict[str, _Log] = {}
     try:
