@@ -51,7 +51,7 @@ ESTIMATORS: dict[str, Estimator] = {
         Estimator(
             LEAST_SQUARES,
             "least squares on momentum rows",
-            "exact logs of any length, and a quick look; several times less accurate with noise",
+            "exact logs of any length; a quick look, with noise ten times or more less accurate",
             by_rows.estimate,
             uses_rows=True,
             reports=24,
