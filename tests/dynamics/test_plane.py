@@ -34,6 +34,21 @@ def test_the_base_moves_in_the_plane_and_keeps_what_the_table_leaves(table, trut
     assert np.ptp(L[:, :2], axis=0).min() > 1e-3  # the reactions of the table change the others
 
 
+def test_the_table_holds_the_height_of_a_base_whose_arm_rises(tmp_path):
+    """A wrist turns the target out of the plane: height and tilt stay, P_x, P_y and L_z, too."""
+    table, start = (
+        planar_craft(tmp_path, wrist_rpy="0.5 0 0").on_table(),
+        np.array([0, 0, 0.05, 0.2, -0.1, 0.4]),
+    )
+    rising = true_telemetry(table.tree, table.joint_names, motion(), TARGET, TIMES, start)
+    np.testing.assert_allclose(rising.p_WB[:, 2], 0, atol=1e-14)
+    np.testing.assert_allclose(rising.v_WB[:, 2], 0, atol=1e-14)
+    P, L = total_momentum(table.tree, TARGET, rising)
+    np.testing.assert_allclose(P[:, :2], np.tile([0.2, -0.1], (len(P), 1)), atol=1e-9)
+    np.testing.assert_allclose(L[:, 2], 0.05, atol=1e-7)
+    assert np.ptp(P[:, 2]) > 1e-2
+
+
 def test_a_free_base_of_the_same_bodies_would_tilt(table, truth):
     tree = replace(table.tree, normal_B=None)
     free = true_telemetry(tree, table.joint_names, motion(), TARGET, TIMES)
