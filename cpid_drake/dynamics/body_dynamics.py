@@ -32,8 +32,10 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 
 LEAST = 0.5
-"""Least inertia of the system about any axis, as a share of that without the target: no rigid body
-reduces it, and noise reduces it less before the motion becomes meaningless."""
+"""Least inertia of the system about any axis, as a share of that without the target.
+
+A rigid body never reduces it; half of it leaves room for estimates from noisy samples.
+"""
 
 
 @dataclass(frozen=True)

@@ -441,15 +441,6 @@ def test_a_plant_that_cannot_be_used_is_refused(servicer, paper_target, flaw):
         servicer.add_to(plant, paper_target)
 
 
-@pytest.mark.parametrize(
-    ("mass", "moments"), [(10.0, (1, 1, 9)), (-1.0, (1, 1, 1)), (0.0, (0, 0, 0))]
-)
-def test_a_target_that_is_no_rigid_body_is_refused(servicer, mass, moments):
-    target = InertialParameters(mass, np.zeros(3), np.diag(moments))
-    with pytest.raises(InputError, match="not a rigid body"):
-        servicer.make_simulation_plant(target)
-
-
 def test_the_target_sits_on_the_capture_frame(servicer, skewed_target):
     """Its body frame is C, with the target's centre of mass and inertia in it."""
     plant = MultibodyPlant(time_step=0.0)
