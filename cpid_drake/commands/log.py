@@ -82,7 +82,7 @@ def _comparisons(
     """Return errors, warnings, what could not be compared, and the comparisons."""
     if craft is None:
         said = check_conventions(screen(found.measurements).measurements, None)
-        return [*said.failures], [], [*said.unchecked], said.comparisons
+        return [*said.failures], [*said.warnings], [*said.unchecked], said.comparisons
     warnings = [left_out_warning(found.left_out_joints)] if found.left_out_joints else []
     try:
         checked = check_log(craft, found.measurements)

@@ -66,24 +66,29 @@ class Findings:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The point of the position: the spacecraft may differ from its model instead."""
-        return (self.sentence,) if self.better and self.better[0].is_point else ()
+        """What a fit must judge: the point of the position, and rates that differ from positions.
 
-    @property
-    def failures(self) -> tuple[str, ...]:
-        """Contradictions in the log, as sentences: the convention, or quantities that differ."""
+        The spacecraft may differ from its model instead, or noise may be larger than the motion.
+        """
         if self.better:
-            return () if self.warnings else (self.sentence,)
-        if self.clock is not None:
-            return (
-                f"the clock is wrong: by positions and rates, a second of the log takes "
-                f"{self.clock:.4g} s (do its rows count steps? time.from_rates: true in a map of "
-                "columns takes the time from the rates)",
-            )
+            return (self.sentence,) if self.better[0].is_point else ()
         return tuple(
             f"{c.sides[0]} and {c.sides[1]} differ by {c.residual:.0%}, in any convention"
             for c in self.comparisons
             if c.name != MOMENTUM and c.residual > DIFFERS
+        )
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Contradictions in the log, as sentences: the convention, or the clock."""
+        if self.better:
+            return () if self.better[0].is_point else (self.sentence,)
+        if self.clock is None:
+            return ()
+        return (
+            f"the clock is wrong: by positions and rates, a second of the log takes "
+            f"{self.clock:.4g} s (do its rows count steps? time.from_rates: true in a map of "
+            "columns takes the time from the rates)",
         )
 
 

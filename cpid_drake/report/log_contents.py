@@ -65,7 +65,7 @@ def _draw(comparison: Comparison, axes: Axes) -> None:
     for k, pair in enumerate(zip(*(values.T for values in comparison.values))):
         for values, line, label in zip(pair, ("-", ":"), comparison.sides):
             axes.plot(comparison.time, values, line, color=COLORS[k], label=None if k else label)
-    axes.legend(loc="upper right")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     axes.set_xlabel("time [s]")
 
 
