@@ -1,5 +1,6 @@
 """The fit of all samples: log → model → fit → comparison → identification, for one log or many."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -104,11 +105,13 @@ def estimate(
     said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
     both = (*effects, *undeclared.effects)
     sizes = larger_than_declared(model, found.values, gaussian, both, compared)
-    series, (left_out, used) = _residuals(found), _counts(found)
+    series, counts, rejected = _residuals(found), _counts(found), Counter[str]()
+    for (name, _), (far, _) in counts.items():
+        rejected[name] += far
+    used = sum(n - far for far, n in counts.values())
     tests = {name: whiteness(each.value) for name, each in series.items()}
-    unexplained = max((count / max(n, 1) for count, n in left_out.values()), default=0.0)
-    own = series if len(logs) == 1 else {}  # of several logs, each has its own noise
-    fails = fit_checks(found.converged, unexplained, noise, {name: tests[name] for name in own})
+    unexplained = max((far / max(n, 1) for far, n in counts.values()), default=0.0)
+    fails = fit_checks(found.converged, unexplained, noise, tests)
     result = Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, found.values, gaussian, cost=found.cost, count=used),
@@ -116,8 +119,8 @@ def estimate(
         sample_count=used,
         estimator=NAME,
         whiteness=least_white(tests.values()),
-        residuals=own,
-        rejected={name: count for name, (count, _) in left_out.items() if count},
+        residuals=series if len(logs) == 1 else {},
+        rejected={name: count for name, count in rejected.items() if count},
         momentum_changes=tuple(sorted(event.time for event in events)),
         warnings=(*warnings, *said),
         checks=(*checks, *failed, *sizes, *fails),
@@ -179,7 +182,8 @@ def _separated(
         sources[log.name] = conditioned(sweep(found.model, alone, rolled, found.values).gaussian)
         where = f"{log.name}: "
         own = (text.removeprefix(where) for text in result.failures if text.startswith(where))
-        facts[log.name] = _counts(replace(found, logs=[alone]))[1], tuple(own)
+        count = sum(n - far for far, n in _counts(replace(found, logs=[alone])).values())
+        facts[log.name] = count, tuple(own)
     if prior is not None:
         sources[prior.name] = rows[0].moved(found.values[PSI])
     return with_sources(
@@ -210,7 +214,7 @@ def _momentum(found: Fit, compared: Comparison, gaussian: Gaussian) -> dict[str,
 
 
 def _residuals(found: Fit) -> dict[str, ResidualSeries]:
-    """Return the residuals of every sensor, without samples that are far off."""
+    """Return the residuals by sensor, or "sensor of log", without samples that are far off."""
     times: dict[str, list[NDArray[np.float64]]] = {}
     values: dict[str, list[NDArray[np.float64]]] = {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
@@ -219,26 +223,24 @@ def _residuals(found: Fit) -> dict[str, ResidualSeries]:
                 if name not in SENSORS:  # white forces: their estimates are correlated
                     continue
                 near = weights.get(name, np.ones(len(value))) == 1.0
-                times.setdefault(name, []).append(block.samples[name].time[near])
-                values.setdefault(name, []).append(value[near])
+                key = name if len(found.logs) == 1 else f"{name} of {log.name}"
+                times.setdefault(key, []).append(block.samples[name].time[near])
+                values.setdefault(key, []).append(value[near])
     return {
         name: ResidualSeries(np.concatenate(times[name]), np.concatenate(values[name]), "σ")
         for name in times
     }
 
 
-def _counts(found: Fit) -> tuple[dict[str, tuple[int, int]], int]:
-    """Return by sensor the samples that are far off and all samples; and all that are used."""
-    counts: dict[str, tuple[int, int]] = {}
-    used = 0
+def _counts(found: Fit) -> dict[tuple[str, str], tuple[int, int]]:
+    """Return by sensor and log the number of samples that are far off, and that of all."""
+    counts: dict[tuple[str, str], tuple[int, int]] = {}
     for log in found.logs:
-        for block, weights in zip(log.blocks, log.weights, strict=True):
-            for name in found.model.suite.present():
-                n, far = len(block.samples[name]), int((weights.get(name, np.ones(0)) < 1).sum())
-                before = counts.get(name, (0, 0))
-                counts[name] = before[0] + far, before[1] + n
-                used += n - far
-    return counts, used
+        for name in found.model.suite.present():
+            weights = [each.get(name, np.ones(0)) for each in log.weights]
+            far = sum(int((each < 1).sum()) for each in weights)
+            counts[name, log.name] = far, sum(len(block.samples[name]) for block in log.blocks)
+    return counts
 
 
 def cramer_rao_bound(

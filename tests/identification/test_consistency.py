@@ -43,7 +43,7 @@ def test_an_interval_shows_only_what_a_rigid_body_can_have(tree):
     text = text_of(found)
     assert "* the part of the interval that a rigid body can have" in text
     assert f"[{found.intervals[6, 0]:.4f}" not in text
-    assert checked(found, tree).passed
+    assert found.passed
 
 
 def test_a_negative_estimate_within_its_uncertainty_has_a_possible_interval(tree):
@@ -52,11 +52,11 @@ def test_a_negative_estimate_within_its_uncertainty_has_a_possible_interval(tree
     assert low == 0
     assert 0 < high < 0.03
     assert found.nearest[6] == pytest.approx(0, abs=1e-4)
-    assert checked(found, tree).passed
+    assert found.passed
 
 
 def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
-    found = checked(in_plane(2.0, 0.0, 0.0, -0.05, [0.01, 0.001, 0.001, 0.001], tree), tree)
+    found = in_plane(2.0, 0.0, 0.0, -0.05, [0.01, 0.001, 0.001, 0.001], tree)
     assert not found.is_possible
     assert found.failures
     text = text_of(found)
@@ -66,7 +66,7 @@ def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
 
 def test_a_centre_of_mass_too_far_for_the_moment_is_doubted(tree):
     """J about C is at least m |c|²: every number alone is possible, all together are not."""
-    found = checked(in_plane(2.0, 0.4, 0.0, 0.05, [0.01, 0.001, 0.001, 0.001], tree), tree)
+    found = in_plane(2.0, 0.4, 0.0, 0.05, [0.01, 0.001, 0.001, 0.001], tree)
     assert not found.is_possible  # m |c|² = 0.08
     assert any("no rigid body" in failure for failure in found.failures)
 
