@@ -217,7 +217,9 @@ class Identification:
         freedom = solution.row_count - solution.rank if sensors is None else None
         with np.errstate(invalid="ignore"):  # rounding
             half = quantile_95(freedom) * np.sqrt(np.diag(covariance))
-        words = describe_unobservable(solution.unobservable, form.entries) or "no motion was seen"
+        rough = [name for name, is_known in zip(form.entries, known, strict=True) if not is_known]
+        words = describe_unobservable(solution.unobservable, form.entries)
+        words = words or (f"{', '.join(rough)}, of which little is known" if rough else "")
         return cls(
             parameters=parameters,
             covariance=covariance,
@@ -225,7 +227,7 @@ class Identification:
             rank=solution.rank,
             singular_values=solution.singular_values,
             condition=float(solution.condition_number) if solution.is_observable else None,
-            not_observable="" if solution.is_observable else words,
+            not_observable=words,
             form=form,
             solution=solution,
             sensors=sensors,
@@ -273,7 +275,7 @@ class Identification:
     @property
     def is_observable(self) -> bool:
         """Whether the samples determine all ten parameters."""
-        return self.rank == 10
+        return self.rank == 10 and bool(np.isfinite(self.parameters).all())
 
     @property
     def most(self) -> int:
@@ -283,7 +285,7 @@ class Identification:
     @property
     def is_complete(self) -> bool:
         """Whether everything is known that can act on the motion."""
-        return self.rank >= self.most
+        return self.is_observable or (self.most < 10 and self.rank >= self.most)
 
     @property
     def shown_intervals(self) -> Array:

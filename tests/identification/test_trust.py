@@ -121,6 +121,20 @@ class TestBodies:
             assert found.rank == 7
             assert checked(found, craft.tree).passed == is_trusted
 
+    def test_what_is_known_roughly_is_not_shown(self, craft):
+        """All combinations are seen, and the σ of Ixx is half its size."""
+        form = relative_parameterization(craft.mass)
+        psi = form.from_parameters(np.array([50, 0, 0, 0, 5.0, 6, 7, 0, 0, 0], dtype=float))
+        scale = np.where(psi > 1e-9, psi, 5.0)
+        sigma = np.where(np.arange(10) == 4, 0.5, 1e-3) * scale
+        told = Gaussian.of_rows({"psi": 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
+        solution = solution_of(told, psi, scale, weakest=1.0)
+        found = checked(Identification.of_solution(form, solution, **KNOWN_SENSORS), craft.tree)
+        assert np.flatnonzero(np.isnan(found.parameters)).tolist() == [4]
+        assert not found.is_complete
+        assert "I*11, of which little is known" in found.explain()
+        assert found.consistent is None
+
     def test_an_uncertainty_that_is_not_a_number_is_doubted(self, craft):
         found = self.found(craft, [50, 0.1, 0, 0, 5, 6, 7, 0, 0, 0], [0.1, *3 * [1e-3], *6 * [0.1]])
         solution = replace(found.solution, covariance=np.full((10, 10), np.nan))
