@@ -8,7 +8,10 @@ import sys
 
 import numpy as np
 import pytest
+import typer
 from processes import ROOT
+
+from cpid_drake.commands.main import app
 
 README = (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", ROOT / "diagrams/README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -20,6 +23,23 @@ def test_a_page_is_short_and_its_links_lead_somewhere(page):
     assert len(text.splitlines()) <= 130
     for link in re.findall(r"(?<!`)\[[^]]*\]\((?!https?:|#)([^)#]+)", text):
         assert (page.parent / link).exists(), link
+
+
+def test_every_command_and_option_of_the_pages_exists():
+    """Of all lines with `cpid` in the pages' blocks for a shell."""
+    group, found = typer.main.get_command(app), 0
+    for page in PAGES:
+        for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.S):
+            for line in re.findall(r"^ *\.venv/bin/cpid (.+)$", block.replace("\\\n", " "), re.M):
+                words = shlex.split(line, comments=True)
+                _, command, rest = group.resolve_command(None, words)
+                while hasattr(command, "resolve_command"):
+                    _, command, rest = command.resolve_command(None, rest)
+                known = {name for parameter in command.params for name in parameter.opts}
+                given = {word.partition("=")[0] for word in rest if word.startswith("--")}
+                assert given <= known, (page.name, line)
+                found += 1
+    assert found > 20
 
 
 def test_the_diagram_is_the_script_and_identifies_the_target():
