@@ -15,10 +15,9 @@ import time
 OPTIONS = ("--spacecraft", "no.urdf", "--base", "body", "--capture-frame", "frame")
 COMMANDS = {
     "help": ["--help"],
-    "wrong_option": ["paper", "--nonsense"],
-    "unknown_scenario": ["paper", "--out", "out", "--scenario", "nonsense"],
+    "identify_help": ["identify", "--help"],
+    "simulate_help": ["simulate", "--help"],
     "missing_log": ["identify", "no.csv", *OPTIONS],
-    "unknown_sensors": ["accuracy", "paper", "--out", "out", "--preset", "nonsense"],
 }
 
 
