@@ -130,7 +130,7 @@ class BodyDynamics:
 
         """
         J, n = self.inertia(psi), self.normal_B
-        more = (J - LEAST * self.I_K).real
+        more = J - LEAST * self.I_K
         if n is None:
             if np.isfinite(J).all() and (np.linalg.eigvalsh(more)[..., 0] > 0).all():
                 return np.asarray(np.linalg.inv(J))

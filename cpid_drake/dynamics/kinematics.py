@@ -66,8 +66,7 @@ def forward_kinematics(
 
         ω_k = ω_m + H_k q̇_k,   r_k = r_m + b_m + c_k,   v_k = v_m + ω_m × b_m + ω_k × c_k.
 
-    Sliding joints are an extension of the paper: axis · q is added to
-    b_m, and axis · q̇ to v_k. Complex motions are allowed, for derivatives by complex steps.
+    Sliding joints are an extension of the paper: axis · q is added to b_m, and axis · q̇ to v_k.
 
     Args:
         tree: the bodies.
@@ -83,8 +82,7 @@ def forward_kinematics(
     """
     q, qdot, w_WB, v_WB = (np.asarray(values) for values in (q, qdot, w_WB, v_WB))
     K, N = len(tree.bodies), len(q)
-    dtype = np.result_type(float, q, qdot, w_WB, v_WB)
-    R, r, w, v = np.empty((K, N, 3, 3), dtype), *np.empty((3, K, N, 3), dtype)
+    R, r, w, v = np.empty((K, N, 3, 3)), *np.empty((3, K, N, 3))
     for k, body in enumerate(tree.bodies):
         m = body.parent
         if m < 0:

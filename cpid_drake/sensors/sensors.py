@@ -5,7 +5,7 @@ Suites, measurements, simulated noise, telemetry files, estimators and reports a
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Self
 
 import numpy as np
@@ -53,10 +53,6 @@ class SensorErrors(ABC):
     def with_noise(cls, rate: float, sigma: float) -> Self:
         """Return errors with white noise of `sigma` [SI units, rad], the same about all axes."""
 
-    @abstractmethod
-    def with_sigmas(self, sigmas: NDArray[np.float64]) -> Self:
-        """Return the same errors with other values of `sigmas`."""
-
     @property
     @abstractmethod
     def sigmas(self) -> NDArray[np.float64]:
@@ -93,11 +89,6 @@ class AttitudeSensor(SensorErrors):
     def with_noise(cls, rate: float, sigma: float) -> Self:
         """Return a sensor with σ [rad] about every axis."""
         return cls(rate, sigma / ARCSECOND, sigma / ARCSECOND)
-
-    def with_sigmas(self, sigmas: NDArray[np.float64]) -> Self:
-        """Return the same sensor with another σ across the boresight and about it [rad]."""
-        cross, _, boresight = (sigmas / ARCSECOND).tolist()
-        return replace(self, cross_boresight_arcsec=cross, boresight_arcsec=boresight)
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
@@ -143,11 +134,6 @@ class Gyro(SensorErrors):
         """Return a gyro with σ [rad/s] of one sample and a bias of `CALIBRATED_GYRO_BIAS`."""
         return cls(rate, sigma / (DEGREE_PER_ROOT_HOUR * np.sqrt(rate)), CALIBRATED_GYRO_BIAS)
 
-    def with_sigmas(self, sigmas: NDArray[np.float64]) -> Self:
-        """Return the same gyro with another σ of one sample [rad/s]."""
-        walk = float(sigmas[0]) / (DEGREE_PER_ROOT_HOUR * np.sqrt(self.rate))
-        return replace(self, angle_random_walk=walk)
-
     @property
     def sigma(self) -> float:
         """White noise of one sample [rad/s]."""
@@ -180,10 +166,6 @@ class _UniformSensor(SensorErrors):
     def with_noise(cls, rate: float, sigma: float) -> Self:
         """Return a sensor with this σ."""
         return cls(rate, sigma)
-
-    def with_sigmas(self, sigmas: NDArray[np.float64]) -> Self:
-        """Return the same sensor with another σ."""
-        return replace(self, sigma=float(sigmas[0]))
 
     @property
     def sigmas(self) -> NDArray[np.float64]:

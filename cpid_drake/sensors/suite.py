@@ -1,8 +1,7 @@
 """The sensors of the table that a spacecraft has, with their rates and errors."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Annotated, Self
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Interval
@@ -98,15 +97,6 @@ class SensorSuite:
         """
         rounding = 0.0 if self.decimals is None else 10.0**-self.decimals
         return float(np.hypot(self[name].step, rounding))
-
-    def noisier(self, factors: Mapping[str, float]) -> Self:
-        """Return the suite with σ of some sensors multiplied, by name; see `sigmas`."""
-        suite = replace(self)
-        for name, factor in factors.items():
-            own, total = self[name].sigmas, self.sigmas(name)
-            larger = self[name].with_sigmas(np.sqrt(own**2 + (factor**2 - 1) * total**2))
-            setattr(suite, name, larger)
-        return suite
 
 
 def check_sensors(suite: SensorSuite, where: str) -> None:

@@ -5,7 +5,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.sparse import csr_array
 
 
 class UniformSpline:
@@ -112,26 +111,6 @@ def step_weights(count: int) -> NDArray[np.float64]:
 def _unit_splines(count: int) -> UniformSpline:
     """Return the splines through the unit vectors (N, N) at N nodes, one apart."""
     return UniformSpline(0.0, 1.0, np.eye(count))
-
-
-def cubic_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> csr_array:
-    """Return (M, N) weights of N equidistant nodes at times (M,): cubics through four nodes."""
-    N = len(nodes)
-    place = (times - nodes[0]) / (nodes[1] - nodes[0])
-    first = np.clip(place.astype(int) - 1, 0, N - 4)
-    x = (place - first)[:, None] - np.arange(4)
-    weights = np.stack(
-        [
-            x[:, 1] * x[:, 2] * x[:, 3] / -6,
-            x[:, 0] * x[:, 2] * x[:, 3] / 2,
-            x[:, 0] * x[:, 1] * x[:, 3] / -2,
-            x[:, 0] * x[:, 1] * x[:, 2] / 6,
-        ],
-        axis=1,
-    )
-    columns = first[:, None] + np.arange(4)
-    ends = 4 * np.arange(len(times) + 1)
-    return csr_array((weights.ravel(), columns.ravel(), ends), shape=(len(times), N))
 
 
 def step_integrals(f: NDArray[np.float64], h: float) -> NDArray[np.float64]:
