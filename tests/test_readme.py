@@ -14,10 +14,11 @@ from processes import ROOT
 from cpid_drake.commands.main import app
 
 README = (ROOT / "README.md").read_text()
-PAGES = [ROOT / "README.md", ROOT / "diagrams/README.md", *sorted((ROOT / "docs").glob("*.md"))]
+READMES = ("README.md", "cpid_drake/README.md", "diagrams/README.md", "models/**/README.md")
+PAGES = sorted(path for glob in (*READMES, "docs/*.md") for path in ROOT.glob(glob))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_a_page_is_short_and_its_links_lead_somewhere(page):
     text = page.read_text()
     assert len(text.splitlines()) <= 130
