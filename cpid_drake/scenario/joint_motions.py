@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt, MinLen
@@ -19,9 +19,7 @@ from cpid_drake.input_files.validation import (
     tag_of,
 )
 from cpid_drake.resources import resolve_model
-
-if TYPE_CHECKING:  # it imports Drake, which reading a scenario does not need
-    from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 SHORTEST_RAMP = 1e-3
 """Shortest duration of a motion [s]; a shorter one would need excessive accelerations."""
@@ -42,7 +40,7 @@ class HalfCosineMotion:
     initial: dict[str, float] = field(default_factory=dict)
     final: dict[str, float] = field(default_factory=dict)
 
-    def make(self, spacecraft: "Spacecraft", default: Configuration) -> HalfCosine:
+    def make(self, spacecraft: Spacecraft, default: Configuration) -> HalfCosine:
         """Return the motion of the spacecraft's joints; errors: see `Scenario.make_joint_motion`.
 
         Args:
@@ -76,7 +74,7 @@ class MultiSineMotion:
     phases: dict[str, Array] = field(default_factory=dict)
     final: dict[str, float] = field(default_factory=dict)
 
-    def make(self, spacecraft: "Spacecraft", default: Configuration) -> MultiSine:
+    def make(self, spacecraft: Spacecraft, default: Configuration) -> MultiSine:
         """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
         if 0 < self.ramp < SHORTEST_RAMP:
             raise InputError(f"joint_motion.ramp must be at least {SHORTEST_RAMP:g} s")
@@ -107,7 +105,7 @@ class SplineMotion:
     duration: Annotated[float, Gt(0)] = 10.0
     coefficients: dict[str, Array] = field(default_factory=dict)
 
-    def make(self, spacecraft: "Spacecraft", default: Configuration) -> Spline:
+    def make(self, spacecraft: Spacecraft, default: Configuration) -> Spline:
         """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
         still = spacecraft.configuration(default, "spacecraft.configuration")
         first = next(iter(self.coefficients), "")
@@ -118,7 +116,7 @@ class SplineMotion:
 
 
 def _table(
-    spacecraft: "Spacecraft",
+    spacecraft: Spacecraft,
     entries: dict[str, NDArray[np.float64]],
     key: str,
     still: NDArray[np.float64],
@@ -146,7 +144,7 @@ class MotionFile:
 
     file: Annotated[str, MinLen(1)]
 
-    def make(self, spacecraft: "Spacecraft", default: Configuration) -> "AnyMotion":
+    def make(self, spacecraft: Spacecraft, default: Configuration) -> "AnyMotion":
         """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`.
 
         Raises:
