@@ -98,7 +98,7 @@ def test_a_scale_that_is_not_declared_is_proposed(flight):
     assert found.failures == ()
     [said] = found.warnings
     assert "the true thrust differs from the logged one by" in said
-    assert "(disturbances: {thrust_scale: 0.1})" in said
+    assert "disturbances: {thrust_scale: 0.1}" in said
     [scale] = found.undeclared.effects
     true = BURNS[0].force_B[0] / flight.log.thrust.value[0, 3] - 1
     assert abs(scale.value[0] - 100 * true) < 3.5 * scale.sigma[0]
