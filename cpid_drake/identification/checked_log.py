@@ -116,6 +116,8 @@ def check_log(
     data: Telemetry | Measurements,
     sensors: SensorSuite | None = None,
     planar: bool | None = None,
+    *,
+    by_momentum: bool = True,
 ) -> CheckedLog:
     """Screen and check a log; exact states need no checks.
 
@@ -125,6 +127,7 @@ def check_log(
         sensors: the sensors' errors, by which spikes and stuck sensors are found; None if they are
             not known.
         planar: whether a table carries the spacecraft; see `planar.placed`.
+        by_momentum: see `check_conventions`.
 
     Raises:
         InputError: the log lacks a joint of the spacecraft, or its times cannot be in s.
@@ -140,7 +143,7 @@ def check_log(
     measurements = screened.measurements
     spacecraft, notes, failures = placed(spacecraft, measurements, planar)
     tree = spacecraft.tree
-    found = check_conventions(measurements, tree)
+    found = check_conventions(measurements, tree, by_momentum=by_momentum)
     others = [name for name in data.joint_names if name not in spacecraft.joint_names]
     warnings = [left_out_warning(others)] if others else []
     warnings += [*notes, *found.warnings]

@@ -92,7 +92,7 @@ def identify(
     for name, each in data.items():
         progress(f"checking {name}")
         with prefix_errors(where[name]):
-            logs[name] = check_log(spacecraft, each, sensors, planar)
+            logs[name] = check_log(spacecraft, each, sensors, planar, by_momentum=False)
     normals = {name: log.normal_B for name, log in logs.items() if log.normal_B is not None}
     if normals and len(normals) < len(logs):
         free = next(name for name in logs if name not in normals)

@@ -93,7 +93,11 @@ class Findings:
 
 
 def check_conventions(
-    log: Measurements, tree: KinematicTree | None, *, is_bad: bool = False
+    log: Measurements,
+    tree: KinematicTree | None,
+    *,
+    is_bad: bool = False,
+    by_momentum: bool = True,
 ) -> Findings:
     """Compare the quantities of a log with each other, and with what the momentum allows.
 
@@ -102,6 +106,8 @@ def check_conventions(
         tree: the known spacecraft; None to compare positions with rates only.
         is_bad: whether to look for another convention in any case, as after a bad fit; else only if
             a comparison fails.
+        by_momentum: whether the momentum alone may say that another convention is right. A fit of
+            the log says better whether the momentum is conserved, with noise, forces and errors.
 
     """
     given = instants_of(log)
@@ -110,7 +116,7 @@ def check_conventions(
     found = compare(given, log.joint_names, tree)
     failed = [c for c in found if c.residual > (EXPLAINS if c.name == MOMENTUM else AGREES)]
     better: list[Alternative] = []
-    if failed or is_bad:
+    if is_bad or any(by_momentum or c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
         better = better_conventions(given, log.joint_names, tree, column_map)
     unchecked = []

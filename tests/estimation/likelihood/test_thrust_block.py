@@ -147,5 +147,5 @@ def test_a_fit_finds_the_target(case):
     found = identify(case.craft, case.samples, sensors=suite, **options)
     error = np.abs(found.parameters - case.target.to_vector())
     assert np.all(error < 0.1 * np.sqrt(np.diag(found.covariance)))
-    assert found.passed
+    assert found.failures == ()
     assert len(found.momentum_changes) == 0
