@@ -42,8 +42,8 @@ class Compared:
 def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
     """Yield the scenario's motion and motions of the planner's family, by name.
 
-    All but the scenario's motion and a half cosine keep the limits: they move the joints as much as
-    these allow.
+    All but the scenario's motion and a half cosine move the joints as much as the limits allow. If
+    not even a small motion keeps them, the name says so.
     """
     family, own = planner.family, planner.own_motion
     yield "scenario's motion", own
@@ -60,9 +60,11 @@ def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
         "random binary, smoothed": rng.choice([-1.0, 1.0], family.shape),
     }
     for name, parameters in drawn.items():
-        largest = family.usage(parameters).max(axis=0)
-        plan = planner.consider(parameters / largest)
-        if plan is not None:
+        full = parameters / family.usage(parameters).max(axis=0)
+        plan = planner.consider(full)
+        if plan is None:  # the transfer itself leaves no room
+            yield f"{name}, beyond limits", family.make(full)
+        else:
             yield name, plan.motion
 
 

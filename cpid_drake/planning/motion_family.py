@@ -101,9 +101,8 @@ class MotionFamily:
             self.duration, {name: table[:, j] for j, name in enumerate(self.joint_names)}
         )
 
-    def fitted(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the parameters (F, K) whose motion is nearest to positions (M, K) at `times`."""
-        moved = positions - self._known(self.times)[:, 0, self.moving]
+    def fitted(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (F, K) that move joints nearest to this (M, K) from the known part."""
         return np.asarray(np.linalg.lstsq(self.functions(self.times)[:, 0], moved)[0])
 
     def samples(

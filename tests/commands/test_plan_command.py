@@ -21,8 +21,8 @@ def worst(text: str, heading="worst σ") -> list[float]:
 
 @pytest.mark.slow
 def test_a_plan_is_written_drawn_compared_exported_and_simulated(run_cpid, tmp_path):
-    file, picture, front = (tmp_path / name for name in ("motion.yaml", "plan.png", "front"))
-    arguments = ("--out", file, "--picture", picture, "--front", front, *SMALL)
+    file, picture, folder = (tmp_path / name for name in ("motion.yaml", "plan.png", "front"))
+    arguments = ("--out", file, "--picture", picture, "--front", folder, *SMALL)
     code, text, _ = run_cpid("plan", "motion", "paper", *arguments)
     assert code == 0
     own, plan = worst(text)
@@ -30,10 +30,8 @@ def test_a_plan_is_written_drawn_compared_exported_and_simulated(run_cpid, tmp_p
     assert "σ(Iyz), kg·m²" in text
     assert "active limits: " in text
     assert matplotlib.image.imread(picture).std() > 0.05
-    assert matplotlib.image.imread(front / "front.png").std() > 0.05
-    turn, sigma = np.loadtxt(front / "front.csv", delimiter=",", skiprows=1, usecols=(0, 1)).T
-    assert (np.diff(turn) < 0).all()
-    assert (np.diff(sigma) > 0).all()
+    assert matplotlib.image.imread(folder / "front.png").std() > 0.05
+    assert (folder / "front.csv").read_text().count("motion_") == len([*folder.glob("*.yaml")]) > 0
 
     code, ranking, _ = run_cpid("plan", "rank", "paper", file, "--trials", 2, *ARM)
     assert code == 0

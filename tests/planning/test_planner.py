@@ -15,7 +15,7 @@ from cpid_drake import (
 )
 from cpid_drake.planning.comparison import reference_motions, trial_errors
 from cpid_drake.planning.export import motion_table
-from cpid_drake.planning.pareto import undominated
+from cpid_drake.planning.pareto import front, undominated
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner, next_planner
 from cpid_drake.planning.search import candidates
@@ -212,6 +212,19 @@ def test_a_front_has_no_motion_that_another_one_beats(planner):
     plans = [replace(planner.best, turn=turn, score=score) for turn, score in points]
     kept = [(plan.turn, plan.score) for plan in undominated(plans)]
     assert kept == [(0.4, 2.0), (0.3, 4.0), (0.2, 4.5), (0.1, 9.0)]
+
+
+@pytest.mark.slow
+def test_a_front_turns_the_base_less_and_less():
+    """Where the motion returns to its start, so that the base need not turn."""
+    scenario = load_scenario(shipped_scenario("exciting_motion"))
+    planner = Planner(scenario, load_sensors("flight"), replace(SMALL, targets=1, iterations=24))
+    plans = front(planner, planner.run())
+    assert len(plans) > 3
+    assert (np.diff([plan.turn for plan in plans]) < 0).all()
+    assert (np.diff([plan.score for plan in plans]) > 0).all()
+    assert plans[-1].turn < 0.3 * plans[0].turn
+    assert all(max(plan.usage.values()) <= 1 + 1e-9 for plan in plans)
 
 
 def test_a_table_for_a_controller_has_the_whole_motion(planner):
