@@ -39,7 +39,7 @@ EXCHANGES = 6
 """Number of times that targets with which a motion exceeds limits are added: with six, few are
 missed, and each time leaves enough iterations."""
 
-LESS_MOTION = (1.0, 0.99, 0.98, 0.97, 0.96, 0.94, 0.92, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.3, 0.1)
+LESS_MOTION = (1, 0.99, 0.98, 0.97, 0.96, 0.94, 0.92, 0.9, *np.geomspace(0.85, 0.1, 16).tolist())
 """Shares of the parameters of a motion that are tried until all limits hold in Drake's plant."""
 
 CHECKED_IN_DRAKE = 12
