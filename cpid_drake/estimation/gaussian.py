@@ -201,33 +201,32 @@ def solution_of(
 ) -> LeastSquaresSolution:
     """Return the solution of a Gaussian of the target alone.
 
-    An entry is known if its σ is small enough, and if it contains nothing of combinations about
-    which nothing is known.
+    Combinations whose σ is too large stay nominal, with their plausible size as σ: noise alone
+    looks like weak knowledge. An entry is known if its σ is small all the same, and if it contains
+    nothing of combinations about which the target says nothing.
 
     Args:
         target: of n unknowns.
         nominal: (n,) values of combinations that are not determined.
         scale: (n,) plausible sizes of the unknowns.
         largest: largest σ of what is known, as a share of its plausible size.
-        weakest: smallest σ of a combination about which nothing is known, likewise; such a
-            combination stays nominal. Default, and if no entry is known: `largest`, because noise
-            alone looks like weak knowledge.
+        weakest: smallest σ of a combination about which the target says nothing, likewise. Default,
+            and if no entry is known: `largest`.
         residual_sum, row_count: of the rows themselves, for the record.
 
     """
     moved = target.moved(nominal)
     U, sizes, axes = np.linalg.svd(moved.R * scale)
+    seen = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
+    x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
+    root = scale[:, None] * axes.T * np.where(seen, 1 / np.maximum(sizes, 1e-300), 1.0)
+    covariance = root @ root.T
+    is_large = np.diag(covariance) > (largest * scale) ** 2
     for limit in (weakest or largest, largest):
-        seen = sizes > max(1 / limit, _NEGLIGIBLE * float(sizes[0]))
-        # The others have their plausible size as σ; entries that are known contain little of them.
-        sigma = 1 / np.where(seen, sizes, np.sqrt(sizes**2 + 1.0))
-        root = scale[:, None] * axes.T * sigma
-        covariance = root @ root.T
-        is_open = np.linalg.norm(axes[~seen], axis=0) > 1e-3
-        is_open |= np.diag(covariance) > (largest * scale) ** 2
+        is_weak = ~seen & (sizes > 1 / limit)
+        is_open = is_large | (np.linalg.norm(axes[~(seen | is_weak)], axis=0) > 1e-3)
         if not is_open.all():
             break
-    x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
     rank, unobservable = int(seen.sum()), axes[~seen]
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
@@ -242,6 +241,7 @@ def solution_of(
         row_count=row_count,
         values=x,
         unit=scale,
+        weak=axes[is_weak],
     )
 
 

@@ -57,6 +57,7 @@ class LeastSquaresSolution:
         values: (n,) as `estimate`, with an arbitrary value of each undetermined combination in
             place of NaN.
         unit: (n,) the unit of each unknown in `unobservable`: unknown = unit × column-scaled one.
+        weak: those of `unobservable` about which something is known: about as much as a unit.
 
     """
 
@@ -71,6 +72,7 @@ class LeastSquaresSolution:
     row_count: int
     values: NDArray[np.float64]
     unit: NDArray[np.float64]
+    weak: NDArray[np.float64]
 
     @property
     def is_observable(self) -> bool:
@@ -95,9 +97,7 @@ def among_ten(solution: LeastSquaresSolution, places: NDArray[np.intp]) -> Least
     estimate[places], covariance[block] = solution.estimate, solution.covariance
     information[block] = solution.information
     values[places], unit[places] = solution.values, solution.unit
-    unobservable = np.zeros((10 - solution.rank, 10))
-    unobservable[: len(places) - solution.rank, places] = solution.unobservable
-    unobservable[len(places) - solution.rank + np.arange(len(others)), others] = 1.0
+    unobservable = np.vstack([_expanded(solution.unobservable, places), np.eye(10)[others]])
     return replace(
         solution,
         estimate=estimate,
@@ -107,7 +107,14 @@ def among_ten(solution: LeastSquaresSolution, places: NDArray[np.intp]) -> Least
         unobservable=unobservable,
         values=values,
         unit=unit,
+        weak=_expanded(solution.weak, places),
     )
+
+
+def _expanded(rows: NDArray[np.float64], places: NDArray[np.intp]) -> NDArray[np.float64]:
+    result = np.zeros((len(rows), 10))
+    result[:, places] = rows
+    return result
 
 
 def solve_compressed(
@@ -161,6 +168,7 @@ def solve_compressed(
             row_count=row_count,
             values=y / scale,
             unit=1 / scale,
+            weak=np.empty((0, n)),
         )
 
 

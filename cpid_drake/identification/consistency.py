@@ -115,7 +115,8 @@ def _determined(solution: LeastSquaresSolution) -> Gaussian:
 
     The covariance of the solution is used. If the solution does not determine all unknowns, its
     information is used instead, divided by the factor by which the covariance of the determined
-    unknowns is larger than the inverse of the information.
+    unknowns is larger than the inverse of the information; weak combinations are known to their
+    plausible size.
     """
     unit, n = solution.unit, len(solution.unit)
     if solution.is_observable and np.isfinite(solution.covariance).all():
@@ -130,6 +131,7 @@ def _determined(solution: LeastSquaresSolution) -> Gaussian:
     sizes, turn = np.linalg.eigh(axes @ scaled @ axes.T)
     kept = sizes > 0
     A = np.sqrt(sizes[kept])[:, None] * (turn[:, kept].T @ axes) / unit
+    A = np.vstack([A, solution.weak / unit])
     covariance = np.linalg.pinv(A * unit) @ np.linalg.pinv(A * unit).T if len(A) else np.eye(n)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.diag(solution.covariance) / (np.diag(covariance) * unit**2)

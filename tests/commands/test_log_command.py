@@ -106,7 +106,7 @@ def test_reports_and_replays_read_the_log_with_its_map(cpid, short_reports):
     assert cpid("view", ROS, *CRAFT, *how, "--out", "replay.html")[0] == 0
     map_text = Path("map.yaml").read_text()
     Path("map.yaml").write_text(map_text.replace("unit: mm", "unit: cm"))
-    assert cpid(*report)[0] == 0
+    assert cpid(*report, "--force")[0] == 0
     assert "map.yaml has changed since" in Path("page.html").read_text()
 
 

@@ -84,7 +84,7 @@ def test_without_space_a_command_says_so_and_keeps_the_old_output(folder, comman
 
 LONG = {
     "simulate": ("simulate", "long.yaml", "--out", "run"),
-    "plan": ("plan", "motion", "paper", "--candidates", "60000", "--jobs", "2", "--out", "m.yaml"),
+    "plan": ("plan", "motion", "paper", "--candidates", "60000", "--out", "m.yaml"),
 }
 """Commands that take minutes, so that none ends before its interrupt."""
 

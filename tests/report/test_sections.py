@@ -47,6 +47,7 @@ def found():
         row_count=16,
         values=estimate,
         unit=np.ones(10),
+        weak=np.empty((0, 10)),
     )
     return Identification.of_solution(
         STANDARD,
