@@ -217,9 +217,7 @@ class Identification:
         freedom = solution.row_count - solution.rank if sensors is None else None
         with np.errstate(invalid="ignore"):  # rounding
             half = quantile_95(freedom) * np.sqrt(np.diag(covariance))
-        rough = [name for name, is_known in zip(form.entries, known, strict=True) if not is_known]
         words = describe_unobservable(solution.unobservable, form.entries)
-        words = words or (f"{', '.join(rough)}, of which little is known" if rough else "")
         return cls(
             parameters=parameters,
             covariance=covariance,

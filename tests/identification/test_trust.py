@@ -122,7 +122,7 @@ class TestBodies:
             assert checked(found, craft.tree).passed == is_trusted
 
     def test_what_is_known_roughly_is_not_shown(self, craft):
-        """All combinations are seen, and the σ of Ixx is half its size."""
+        """The σ of Ixx is half its size; the others are known all the same."""
         form = relative_parameterization(craft.mass)
         psi = form.from_parameters(np.array([50, 0, 0, 0, 5.0, 6, 7, 0, 0, 0], dtype=float))
         scale = np.where(psi > 1e-9, psi, 5.0)
@@ -132,7 +132,7 @@ class TestBodies:
         found = checked(Identification.of_solution(form, solution, **KNOWN_SENSORS), craft.tree)
         assert np.flatnonzero(np.isnan(found.parameters)).tolist() == [4]
         assert not found.is_complete
-        assert "I*11, of which little is known" in found.explain()
+        assert "1 combination of I*11 not determined" in found.explain()
         assert found.consistent is None
 
     def test_an_uncertainty_that_is_not_a_number_is_doubted(self, craft):
