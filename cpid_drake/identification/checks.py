@@ -75,7 +75,11 @@ class Check:
 
 
 def fit_checks(
-    converged: bool, unexplained: float, noise: Mapping[str, float], tests: Mapping[str, Whiteness]
+    converged: bool,
+    unexplained: float,
+    noise: Mapping[str, float],
+    tests: Mapping[str, Whiteness],
+    changes: int = 0,
 ) -> Iterator[Check]:
     """Yield the checks of a fit.
 
@@ -84,12 +88,20 @@ def fit_checks(
         unexplained: share of the samples that were not used because nothing explains them.
         noise: factors of the declared σ, by sensor or by "sensor of log".
         tests: whiteness of the residuals of each sensor.
+        changes: number of changes of the momentum that the fit found. They must explain what looked
+            like noise: enough changes imitate any other cause.
 
     """
     sentence = "the estimator did not converge: its result is not the best fit"
     yield Check.of(CONVERGENCE, sentence, passed=converged)
     sentence = f"nothing explains {100 * unexplained:.0f} % of the log"
     yield Check.of("unexplained share", sentence, unexplained, MOST_UNEXPLAINED)
+    if changes:
+        sentence = (
+            f"with {changes} changes of the momentum the residuals are still larger than noise: "
+            "another cause, such as a flexible grasp or correlated noise, may look like changes"
+        )
+        yield Check.of("changes of the momentum", sentence, max(noise.values()), SEEN)
     # A negative correlation shows no cause: unknowns of blocks take what is slow.
     coloured = {n for n, t in tests.items() if t.fails or t.lag_one > max(t.band, 0.1)}
     larger = {name: factor for name, factor in noise.items() if factor > MOST_NOISE}

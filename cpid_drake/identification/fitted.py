@@ -111,7 +111,7 @@ def estimate(
     used = sum(n - far for far, n in counts.values())
     tests = {name: whiteness(each.value) for name, each in series.items()}
     unexplained = max((far / max(n, 1) for far, n in counts.values()), default=0.0)
-    fails = fit_checks(found.converged, unexplained, noise, tests)
+    fails = fit_checks(found.converged, unexplained, noise, tests, len(events))
     result = Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, found.values, gaussian, cost=found.cost, count=used),
