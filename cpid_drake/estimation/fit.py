@@ -26,8 +26,8 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensors.sensors import SENSORS
 
-CLOSE = 1e-3
-"""The fit ends when a step would reduce χ² by less than this."""
+CLOSE = 1e-2
+"""The fit ends when a step would reduce χ² by less than this: a tenth of σ along one direction."""
 
 CLOSING = (1.0, 0.1, 0.1, 0.1, 0.1)
 """The ends of blocks are closed step by step: σ of a change, as a share of the one before."""
