@@ -288,8 +288,8 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
         trials.append(identified(world, log, suite, seed < online, **options))
     limit = None
     if bound:
-        out, options = folder / "accuracy", ["--trials", "1", "--estimator", "standard", "--quiet"]
-        cli("accuracy", name, "--preset", str(sensors), *options, "--out", out, "--jobs", "1")
+        out, one = folder / "accuracy", ["--trials", "1", "--estimator", "standard", "--jobs", "1"]
+        cli("study", "accuracy", name, "--sensors", str(sensors), *one, "--out", out, "--quiet")
         summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
         limit = np.array(summary["results"][0]["crlb"], dtype=float)
     what = f"{what}, {seeds} seeds"
