@@ -4,14 +4,14 @@ The public names, in order of their dependencies:
 
 - `InertialParameters`: mass, centre of mass and inertia in every representation;
 - `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;
-- `Telemetry`: samples of base and joint motion;
-- `identify`: from `Telemetry` or `Measurements` to an `Identification`, by any estimator;
+- `Motion`: samples of base and joint motion;
+- `identify`: from `Motion` or `Log` to an `Identification`, by any estimator;
 - `identify_files`: the same from files, each with its `Request` and its `SpacecraftReference`;
 - `describe`, `write_report`, `read_result`, `write_result`: a result in words, as a page, as JSON;
 - `TargetPrior`: what is known about a target before its log;
 - `validate`: predicts a log that was not used to identify a target;
 - `TotalMomentum`: zero, unknown or known;
-- `SensorSuite`, `load_sensors`, `Measurements`: sensors and their samples, each at its own rate;
+- `SensorSuite`, `load_sensors`, `Log`: sensors and their samples, each at its own rate;
 - `read_telemetry`, `write_telemetry`, `from_columns`: logs as files, or from columns in memory;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `JointMotionSource`, `SceneVisualizer`: Drake systems;

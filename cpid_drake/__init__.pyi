@@ -1,7 +1,7 @@
 from .dynamics.inertia import InertialParameters
 from .dynamics.joint_motion import HalfCosine, JointMotion, MultiSine, Spline
+from .dynamics.motion import Motion
 from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from .dynamics.telemetry import Telemetry
 from .dynamics.total_momentum import TotalMomentum
 from .errors import InputError
 from .identification.description import describe
@@ -14,7 +14,7 @@ from .identification.result_files import read_result, write_result
 from .identification.validation import validate
 from .logs.conversion import from_columns as from_columns
 from .logs.files import read_telemetry, write_telemetry
-from .logs.log import Measurements
+from .logs.log import Log
 from .report.pages.identification import write_report
 from .resources import shipped_scenario
 from .scenario.files import load_scenario
@@ -41,8 +41,9 @@ __all__ = [
     "JointController",
     "JointMotion",
     "JointMotionSource",
-    "Measurements",
+    "Log",
     "MomentumIdentifier",
+    "Motion",
     "MultiSine",
     "Request",
     "Scenario",
@@ -55,7 +56,6 @@ __all__ = [
     "SpacecraftSensors",
     "Spline",
     "TargetPrior",
-    "Telemetry",
     "TotalMomentum",
     "describe",
     "export_target",

@@ -8,14 +8,14 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import Sines, measured, small_craft, true_psi, true_telemetry
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -81,7 +81,7 @@ class Case:
     target: object
     suite: SensorSuite
     momentum_W: object
-    samples: Measurements
+    samples: Log
 
     @property
     def psi(self):
@@ -103,7 +103,7 @@ class Case:
         ).select(slice(0, 1))
         return self.state_of(truth)
 
-    def state_of(self, truth: Telemetry) -> TrajectoryState:
+    def state_of(self, truth: Motion) -> TrajectoryState:
         """Return the state of the first instant of a true motion."""
         dynamics = BodyDynamics.at(self.craft.tree, truth.q, truth.qdot)
         R, psi = truth.R_WB[0], self.psi
@@ -139,7 +139,7 @@ def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case
     return Case(craft, motion, target, suite, momentum_W, samples)
 
 
-def fired(case: Case, *firings: trials.Firing) -> Measurements:
+def fired(case: Case, *firings: trials.Firing) -> Log:
     """Return what a case's sensors measure without noise if thrusters fire."""
     return trials.ideal_samples(trial_of(case, *firings), case.craft.tree, case.craft.joint_names)
 

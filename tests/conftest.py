@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import (
     InertialParameters,
+    Motion,
     Spacecraft,
-    Telemetry,
     load_scenario,
     shipped_scenario,
 )
@@ -44,12 +44,12 @@ def skewed_target() -> InertialParameters:
 
 @pytest.fixture(scope="session")
 def random_motion(servicer):
-    """Return a function (n, seed, spacecraft) -> Telemetry in random states, with momentum."""
+    """Return a function (n, seed, spacecraft) -> Motion in random states, with momentum."""
 
-    def make(n: int, seed: int, spacecraft: Spacecraft = servicer) -> Telemetry:
+    def make(n: int, seed: int, spacecraft: Spacecraft = servicer) -> Motion:
         rng = np.random.default_rng(seed)
         joints = len(spacecraft.joint_names)
-        return Telemetry(
+        return Motion(
             spacecraft.joint_names,
             np.arange(n, dtype=float),
             quaternion_WB=Rotation.random(n, rng).as_quat(scalar_first=True),
@@ -65,9 +65,9 @@ def random_motion(servicer):
 
 @pytest.fixture(scope="session")
 def zero_momentum_motion(servicer, random_motion):
-    """Return a function (target, n, seed) -> Telemetry in random states of zero momentum."""
+    """Return a function (target, n, seed) -> Motion in random states of zero momentum."""
 
-    def make(target: InertialParameters, n: int, seed: int) -> Telemetry:
+    def make(target: InertialParameters, n: int, seed: int) -> Motion:
         telemetry = random_motion(n, seed)
         known = BodyDynamics.at(servicer.tree, telemetry.q, telemetry.qdot)
         twist = known.base_twist(standard_to_relative(target.to_standard_vector(), known.mass))

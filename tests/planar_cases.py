@@ -4,7 +4,7 @@ import numpy as np
 from sensing_cases import Sines, measured
 
 from cpid_drake import InertialParameters, Spacecraft
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
@@ -65,7 +65,7 @@ def motion(seed: int = 0, duration: float = DURATION) -> Sines:
     return Sines.drawn(3, seed, duration, size=0.7)
 
 
-def samples(craft: Spacecraft, seed: int, suite: SensorSuite = SUITE, **changes) -> Measurements:
+def samples(craft: Spacecraft, seed: int, suite: SensorSuite = SUITE, **changes) -> Log:
     """Return noisy samples of the motion on the table."""
     ideal = measured(craft.on_table(), motion(), TARGET, suite, **changes)
     return add_noise(suite, ideal, seed)

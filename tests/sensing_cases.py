@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake import Identification, InertialParameters, Spacecraft, Telemetry
+from cpid_drake import Identification, InertialParameters, Motion, Spacecraft
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.logs.log import Measurements, Samples, ideal_measurements
+from cpid_drake.logs.log import Log, Samples, ideal_log
 from cpid_drake.sensors.sensors import (
     SENSORS,
     AttitudeSensor,
@@ -104,7 +104,7 @@ class Sines:
         return np.stack([q, qdot, qddot], axis=-2)
 
 
-def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) -> Telemetry:
+def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) -> Motion:
     """Return the true motion at increasing times, by `propagate` from W's origin at 0 s."""
     times = np.asarray(times, dtype=float)
     later = int(times[0] > 0)
@@ -122,10 +122,10 @@ def measured(
     suite: SensorSuite,
     momentum_W=None,
     tree=None,
-) -> Measurements:
+) -> Log:
     """Return what the sensors would give without noise; of a spacecraft that is `tree` in truth."""
     tree, names = tree or spacecraft.tree, spacecraft.joint_names
-    return ideal_measurements(
+    return ideal_log(
         suite,
         names,
         lambda times: true_telemetry(tree, names, motion, target, times, momentum_W),
@@ -169,7 +169,7 @@ def every_sensor(**changes) -> SensorSuite:
     return replace(suite, **changes)
 
 
-def log_of(telemetry, decimals=None) -> Measurements:
+def log_of(telemetry, decimals=None) -> Log:
     """Return a log of all quantities at common times, rounded to a number of decimals."""
     samples = {}
     for name in SENSORS:
@@ -177,7 +177,7 @@ def log_of(telemetry, decimals=None) -> Measurements:
         samples[name] = Samples(
             telemetry.time, value if decimals is None else np.round(value, decimals)
         )
-    return Measurements(telemetry.joint_names, samples)
+    return Log(telemetry.joint_names, samples)
 
 
 def sigmas(found: Identification) -> NDArray[np.float64]:

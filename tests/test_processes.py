@@ -5,7 +5,7 @@ from dataclasses import fields
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from cpid_drake import Telemetry, identify
+from cpid_drake import Motion, identify
 from cpid_drake.processes import one_thread, shared_work
 
 
@@ -20,7 +20,7 @@ def two_threads():
         yield
 
 
-class Witness(Telemetry):
+class Witness(Motion):
     """Exact states that note with how many threads they are read."""
 
     def __len__(self) -> int:

@@ -11,7 +11,7 @@ from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import check_log, left_out_warning
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.logs.conversion import TelemetryFile
+from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_telemetry, read_telemetry, write_telemetry
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.logs.guess.map_text import column_map_text
@@ -77,7 +77,7 @@ def check(
 
 
 def _comparisons(
-    found: TelemetryFile, craft: Spacecraft | None
+    found: LogFile, craft: Spacecraft | None
 ) -> tuple[list[str], list[str], list[str], tuple[Comparison, ...]]:
     """Return errors, warnings, what could not be compared, and the comparisons."""
     if craft is None:

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, forward_kinematics
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import cross, rotate
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 
 
@@ -98,7 +98,7 @@ def target_momentum(
     return P, L
 
 
-def momentum_samples(tree: KinematicTree, telemetry: Telemetry) -> MomentumSamples:
+def momentum_samples(tree: KinematicTree, telemetry: Motion) -> MomentumSamples:
     """Return the momentum samples of N telemetry samples; welded bodies are treated as one body."""
     tree = tree.lumped
     bodies, capture = forward_kinematics(tree, **telemetry.states)
@@ -112,7 +112,7 @@ def momentum_samples(tree: KinematicTree, telemetry: Telemetry) -> MomentumSampl
 
 
 def total_momentum(
-    tree: KinematicTree, target: InertialParameters, telemetry: Telemetry
+    tree: KinematicTree, target: InertialParameters, telemetry: Motion
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return linear [N·s] and angular momentum [N·m·s] of spacecraft and target, (N, 3), in W.
 

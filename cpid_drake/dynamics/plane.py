@@ -20,8 +20,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import cross, rotate, rotate_by_quaternion
-from cpid_drake.dynamics.telemetry import Telemetry
 
 NORMAL_W = np.array([0.0, 0.0, 1.0])
 """The table's normal in W."""
@@ -73,7 +73,7 @@ def mean_normal(quaternion_WB: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(mean / np.linalg.norm(mean))
 
 
-def in_plane(telemetry: Telemetry, normal_B: NDArray[np.float64]) -> Telemetry:
+def in_plane(telemetry: Motion, normal_B: NDArray[np.float64]) -> Motion:
     """Return motion without its components out of the plane, which are noise.
 
     The attitude is turned by the smallest angle so that the base's normal is W's z axis.

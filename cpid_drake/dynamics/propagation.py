@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.joint_motion import JointMotion
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import cross, quaternion_rate, rotate, rotate_by_quaternion
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 
@@ -48,13 +48,13 @@ class BaseTrajectory:
         times: ArrayLike,
         motion: JointMotion,
         target: int | tuple[()] = (),
-    ) -> Telemetry:
+    ) -> Motion:
         """Return one target's trajectory as telemetry, with its joint motion at the N times [s]."""
         times = np.asarray(times, dtype=float)
         q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
         names = ("quaternion_WB", "p_WB", "w_WB", "v_WB")
         base = {name: getattr(self, name)[target] for name in names}
-        return Telemetry(joint_names, times, **base, q=q, qdot=qdot)
+        return Motion(joint_names, times, **base, q=q, qdot=qdot)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.logs.log import THRUST, Measurements, concatenated
+from cpid_drake.logs.log import THRUST, Log, concatenated
 from cpid_drake.sensors.sensors import Quantity, sensors_of
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -35,7 +35,7 @@ class Block:
 
     start: float
     end: float
-    samples: Measurements
+    samples: Log
 
     @property
     def length(self) -> float:
@@ -47,7 +47,7 @@ class Block:
         return Block(start, end, after(self.samples, start, end))
 
 
-def after(measurements: Measurements, start: float, end: float) -> Measurements:
+def after(measurements: Log, start: float, end: float) -> Log:
     """Return the samples with start < time ≤ end [s], and the thrust that may act then.
 
     The stamps must increase.
@@ -58,12 +58,10 @@ def after(measurements: Measurements, start: float, end: float) -> Measurements:
             continue
         first, last = np.searchsorted(samples.time, [start, end], side="right")
         parts[name] = samples.where(slice(first, last))
-    return Measurements(measurements.joint_names, parts)
+    return Log(measurements.joint_names, parts)
 
 
-def first_sample(
-    measurements: Measurements, quantity: Quantity
-) -> tuple[float, NDArray[np.float64]] | None:
+def first_sample(measurements: Log, quantity: Quantity) -> tuple[float, NDArray[np.float64]] | None:
     """Return time and value of the first sample of a quantity; None if there is none."""
     samples = [measurements[sensor.name] for sensor in sensors_of(quantity)]
     first = min((s for s in samples if len(s)), key=lambda each: each.time[0], default=None)
@@ -83,7 +81,7 @@ class BlockQueue:
 
     length: float
     edge: float = np.nan
-    waiting: Measurements | None = None
+    waiting: Log | None = None
 
     @classmethod
     def of(cls, suite: SensorSuite) -> "BlockQueue":
@@ -95,7 +93,7 @@ class BlockQueue:
         """End of the block that is not complete [s]; NaN before the first encoder sample."""
         return self.edge + self.length
 
-    def added(self, measurements: Measurements, until: float) -> tuple["BlockQueue", list[Block]]:
+    def added(self, measurements: Log, until: float) -> tuple["BlockQueue", list[Block]]:
         """Return the queue after adding samples, and the blocks that are complete.
 
         Args:
@@ -125,7 +123,7 @@ class BlockQueue:
             return replace(self, waiting=waiting), []
         return BlockQueue(self.length, edge, after(waiting, edge, np.inf)), blocks
 
-    def _gap(self, waiting: Measurements, end: float, until: float) -> float:
+    def _gap(self, waiting: Log, end: float, until: float) -> float:
         """Return the time [s] by which a block without encoder samples is longer than others.
 
         A gap in the samples is one block, however long it is.
@@ -137,7 +135,7 @@ class BlockQueue:
         gap_end = min(until, times[following]) if following < len(times) else until
         return self.length * max(np.floor((gap_end - end) / self.length), 0.0)
 
-    def _length_for(self, waiting: Measurements) -> float:
+    def _length_for(self, waiting: Log) -> float:
         """Return the length of blocks [s], longer if a log's encoders are slower than the suite's.
 
         It is determined by the first samples only.
@@ -148,7 +146,7 @@ class BlockQueue:
         needed = SAMPLES_PER_BLOCK * float(np.median(np.diff(times[:SAMPLES_PER_BLOCK])))
         return needed if needed > _SLOWER * self.length else self.length
 
-    def _first_edge(self, waiting: Measurements) -> float:
+    def _first_edge(self, waiting: Log) -> float:
         if not np.isnan(self.edge):
             return self.edge
         return float(waiting.encoders.time[0]) - _STAMP
@@ -164,7 +162,7 @@ class BlockQueue:
         return [Block(start, end, after(self.waiting, start, end))]
 
 
-def blocks_of(queue: BlockQueue, stream: Iterable[Measurements]) -> Iterator[Block]:
+def blocks_of(queue: BlockQueue, stream: Iterable[Log]) -> Iterator[Block]:
     """Yield the blocks of a stream."""
     for chunk in stream:
         queue, blocks = queue.added(chunk, chunk.last_time)

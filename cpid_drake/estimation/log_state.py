@@ -13,7 +13,7 @@ from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.smoothness import Smoothness
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import ATTITUDE
 
 
@@ -76,16 +76,14 @@ class LogState:
         return cls(name, blocks, parts, smoothness, bias, walks, forces, weights=weights)
 
     @classmethod
-    def of(
-        cls, model: Model, samples: Measurements | Iterable[Measurements], name: str = "log"
-    ) -> "LogState":
+    def of(cls, model: Model, samples: Log | Iterable[Log], name: str = "log") -> "LogState":
         """Return a log of screened samples (or of chunks of them), cut into blocks.
 
         Raises:
             InputError: no block has attitude samples.
 
         """
-        stream = [samples] if isinstance(samples, Measurements) else samples
+        stream = [samples] if isinstance(samples, Log) else samples
         return cls.of_blocks(model, blocks_of(BlockQueue.of(model.suite), stream), name)
 
     def opened(self, model: Model, ends: Iterable[int]) -> "LogState":

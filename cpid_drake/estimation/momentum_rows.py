@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.plane import in_plane
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import RowFamily
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 
@@ -19,7 +19,7 @@ _SAMPLES_AT_ONCE = 2048  # samples per block, whose arrays fit into a processor'
 
 
 def momentum_rows(
-    tree: KinematicTree, telemetry: Telemetry, family: RowFamily, momentum: TotalMomentum
+    tree: KinematicTree, telemetry: Motion, family: RowFamily, momentum: TotalMomentum
 ) -> NDArray[np.float64]:
     """Return the rows [N | A | b] (samples · rows per sample, k + 11) of all samples, in C.
 
@@ -47,7 +47,7 @@ def momentum_rows(
 
 
 def row_blocks(
-    telemetry: Telemetry, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum
+    telemetry: Motion, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum
 ) -> Iterator[tuple[slice, NDArray[np.float64]]]:
     """Yield samples and their `momentum_rows` (n, rows per sample, k + 11), thousands at a time.
 
@@ -66,7 +66,7 @@ def momentum_columns(tree: KinematicTree, family: RowFamily, momentum: TotalMome
     return family.momentum_size if tree.normal_B is None else len(family.momenta_in_plane())
 
 
-def changed(telemetry: Telemetry, shift: NDArray[np.float64]) -> Telemetry:
+def changed(telemetry: Motion, shift: NDArray[np.float64]) -> Motion:
     """Return motion with changed quantities, at unconnected times 0, 1, 2, ….
 
     Args:
@@ -83,7 +83,7 @@ def changed(telemetry: Telemetry, shift: NDArray[np.float64]) -> Telemetry:
     attitude = Rotation.from_quat(tiled(telemetry.quaternion_WB), scalar_first=True)
     w_B = attitude.inv().apply(tiled(telemetry.w_WB)) + shift[:, 3:6]
     attitude = attitude * Rotation.from_rotvec(shift[:, :3])
-    return Telemetry(
+    return Motion(
         telemetry.joint_names,
         np.arange(len(shift), dtype=float),
         quaternion_WB=attitude.as_quat(scalar_first=True),
@@ -96,7 +96,7 @@ def changed(telemetry: Telemetry, shift: NDArray[np.float64]) -> Telemetry:
 
 
 def error_square(
-    telemetry: Telemetry,
+    telemetry: Motion,
     covariance: NDArray[np.float64],
     tree: KinematicTree,
     family: RowFamily,

@@ -41,7 +41,7 @@ from cpid_drake.estimation.online_block import (
 from cpid_drake.estimation.online_state import OnlineState, Recent
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 
 WELL_KNOWN = 1e-3
 """Relative error of the system's inertia from which a block is linear about the target."""
@@ -105,7 +105,7 @@ def _continued(model: Model, state: OnlineState, block: Block) -> OnlineState:
     return replace(_settled(model, after, recent[-KEPT:][0].block.start), recent=recent)
 
 
-def run(model: Model, stream: Iterable[Measurements]) -> OnlineState:
+def run(model: Model, stream: Iterable[Log]) -> OnlineState:
     """Return the state after all samples of successive chunks.
 
     Args:

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.rows import RowFamily
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.evidence import compare
@@ -118,7 +118,7 @@ class LogRows:
         result[: self.extra, : self.extra] = whole[np.ix_(self.momenta, self.momenta)]
         return result
 
-    def add(self, telemetry: Telemetry, covariance: NDArray[np.float64]) -> None:
+    def add(self, telemetry: Motion, covariance: NDArray[np.float64]) -> None:
         """Add samples.
 
         Args:

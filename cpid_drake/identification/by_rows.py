@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.evidence import NAMED
@@ -43,7 +43,7 @@ from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import IMPROBABLE, MOST_NOISE, Check, momentum_words
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import sample_sigmas
 from cpid_drake.logs.smoothing import smooth_windows
 from cpid_drake.sensors.suite import SensorSuite
@@ -174,7 +174,7 @@ def best_rows(counts: Sequence[Mapping[str, int]], sensors: SensorSuite | None) 
     return "standard" if is_complete and sensors is None else "relative"
 
 
-def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry | None:
+def complete_samples(measurements: Log, family: RowFamily) -> Motion | None:
     """Return the times at which all quantities of the rows were sampled; None if there are too few.
 
     The times are too few if they are fewer than half of the times of the slowest sensor. Position,
@@ -204,7 +204,7 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
 
     quaternion = values("attitude")
     R_WB = Rotation.from_quat(quaternion, scalar_first=True)
-    return Telemetry(
+    return Motion(
         measurements.joint_names,
         common,
         quaternion_WB=quaternion,
@@ -218,7 +218,7 @@ def complete_samples(measurements: Measurements, family: RowFamily) -> Telemetry
 
 def _motion(
     log: CheckedLog, tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
-) -> Iterator[tuple[Telemetry, NDArray[np.float64]]]:
+) -> Iterator[tuple[Motion, NDArray[np.float64]]]:
     """Yield parts of the motion of a log and their errors; smoothed if a suite is given.
 
     See `LogRows.add`.

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rows import RowFamily
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.identification.planar import normal_in_base, placed
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import as_arrays, screen
@@ -71,14 +71,14 @@ class CheckedLog:
 
     """
 
-    measurements: Measurements
+    measurements: Log
     counts: Mapping[str, int] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     normal_B: NDArray[np.float64] | None = None
     failures: tuple[str, ...] = ()
     unchecked: tuple[str, ...] = ()
-    states: Telemetry | None = None
+    states: Motion | None = None
     comparisons: tuple[Comparison, ...] = ()
 
     @property
@@ -101,19 +101,19 @@ def suite_of(sensors: SensorSuite | None, log: CheckedLog) -> tuple[SensorSuite,
     return estimate_suite(log.measurements), (text,)
 
 
-def log_of_states(telemetry: Telemetry) -> CheckedLog:
+def log_of_states(telemetry: Motion) -> CheckedLog:
     """Return exact states as the samples of ideal sensors, all at the same times."""
     samples = {
         name: Samples(telemetry.time, SENSORS[name].quantity.ideal(telemetry)) for name in SENSORS
     }
     counts = {name: len(telemetry) for name in samples}
-    measurements = Measurements(telemetry.joint_names, samples)
+    measurements = Log(telemetry.joint_names, samples)
     return CheckedLog(measurements, counts=counts, states=telemetry)
 
 
 def check_log(
     spacecraft: Spacecraft,
-    data: Telemetry | Measurements,
+    data: Motion | Log,
     sensors: SensorSuite | None = None,
     planar: bool | None = None,
     *,
@@ -133,7 +133,7 @@ def check_log(
         InputError: the log lacks a joint of the spacecraft, or its times cannot be in s.
 
     """
-    if isinstance(data, Telemetry):
+    if isinstance(data, Motion):
         spacecraft.require_joints(data)
         is_placed = planar and spacecraft.tree.normal_B is None
         normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
@@ -164,7 +164,7 @@ def left_out_warning(joints: Iterable[str]) -> str:
     return f"left out joints that the spacecraft does not have: {', '.join(joints)}"
 
 
-def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measurements:
+def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:
     """Return measurements with their joints in the spacecraft's order, without other joints.
 
     The angle of a rotor (a balanced wheel) has no effect, so its positions may be missing (all
@@ -192,7 +192,7 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
         if name in measurements.samples and SENSORS[name].quantity.width is None
     }
     everything = {**measurements.samples, **of_joints}
-    measurements = Measurements(wanted, everything, measurements.column_map)
+    measurements = Log(wanted, everything, measurements.column_map)
     time, value = measurements.encoders.time, measurements.encoders.value.copy()
     if not wanted:  # no joints: known at all times
         time = measurements.attitude.time
@@ -207,11 +207,11 @@ def in_joint_order(measurements: Measurements, spacecraft: Spacecraft) -> Measur
     return measurements.updated({"encoders": Samples(time, value)})
 
 
-def _turned(measurements: Measurements, k: int, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a rotor's angle at some times, the integral of its rates."""
     all_rates, name = measurements.joint_rates, measurements.joint_names[k]
     of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
-    rates = screen(Measurements((name,), joint_rates=of_rotor)).measurements.joint_rates
+    rates = screen(Log((name,), joint_rates=of_rotor)).measurements.joint_rates
     if not len(rates):
         raise InputError(f"there is neither a column 'q:{name}' nor rates 'qd:{name}' to integrate")
     time, rate = rates.time, rates.value[:, 0]
@@ -237,7 +237,7 @@ def _beyond_limits(spacecraft: Spacecraft, positions: NDArray[np.float64]) -> It
         yield f"{text}: is it in degrees?" if in_degrees else text
 
 
-def _refuse_slow(measurements: Measurements, sensors: SensorSuite | None) -> None:
+def _refuse_slow(measurements: Log, sensors: SensorSuite | None) -> None:
     """Refuse samples whose stamps are so far apart that they cannot be in seconds."""
     steps = {
         name: float(np.median(np.diff(samples.time)))

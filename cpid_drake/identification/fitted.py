@@ -38,7 +38,7 @@ from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -246,7 +246,7 @@ def _counts(found: Fit) -> dict[tuple[str, str], tuple[int, int]]:
 def cramer_rao_bound(
     tree: KinematicTree,
     psi: NDArray[np.float64],
-    measurements: Iterable[Measurements] | Measurements,
+    measurements: Iterable[Log] | Log,
     sensors: SensorSuite,
     *,
     momentum: TotalMomentum | None = None,

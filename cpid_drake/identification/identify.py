@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rows import row_family
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
@@ -20,7 +20,7 @@ from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -35,7 +35,7 @@ THRUST_NOT_USED = (
 @one_thread
 def identify(
     spacecraft: Spacecraft,
-    data: Telemetry | Measurements | Mapping[str, Telemetry | Measurements],
+    data: Motion | Log | Mapping[str, Motion | Log],
     *,
     estimator: str | None = None,
     rows: str | None = None,

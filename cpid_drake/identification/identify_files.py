@@ -20,9 +20,9 @@ from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
 from cpid_drake.input_files.validation import from_tree, load_yaml
-from cpid_drake.logs.conversion import TelemetryFile
+from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_telemetry, refuse_problems
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.resources import resolve_model, version_of
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -44,8 +44,8 @@ class OpenLog:
     """
 
     request: Request
-    file: TelemetryFile
-    data: Measurements
+    file: LogFile
+    data: Log
     interval: tuple[float, float]
 
     @property

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 LEVEL = np.radians(5.0)
@@ -42,7 +42,7 @@ PROPOSED = (
 
 
 def placed(
-    spacecraft: Spacecraft, measurements: Measurements, planar: bool | None
+    spacecraft: Spacecraft, measurements: Log, planar: bool | None
 ) -> tuple[Spacecraft, tuple[str, ...], tuple[str, ...]]:
     """Return the spacecraft, on a table if the log is one of a table, and what is said of that.
 
@@ -76,7 +76,7 @@ def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest if normal @ nearest > np.cos(LEVEL) else normal
 
 
-def _is_held(measurements: Measurements) -> bool:
+def _is_held(measurements: Log) -> bool:
     """Return whether all tilts and heights are exactly zero, and the yaw is not constant."""
     attitude, position = measurements.attitude.value, measurements.position.value
     if not len(attitude) or attitude[:, 1:3].any() or position[:, 2].any():
@@ -91,7 +91,7 @@ def could_be_planar(tree: KinematicTree, attitude: NDArray[np.float64]) -> bool:
     return replace(tree, normal_B=normal_in_base(attitude)).normal_C is not None
 
 
-def _contradictions(normal_B: NDArray[np.float64], measurements: Measurements) -> tuple[str, ...]:
+def _contradictions(normal_B: NDArray[np.float64], measurements: Log) -> tuple[str, ...]:
     """Return the reasons why no table can have carried the base of a log."""
     attitude, position, found = measurements.attitude.value, measurements.position.value, []
     if len(attitude):

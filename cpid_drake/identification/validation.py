@@ -28,7 +28,7 @@ from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Combinations, Identification
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
@@ -124,7 +124,7 @@ class Validation:
 def validate(
     spacecraft: Spacecraft,
     target: TargetPrior,
-    data: Measurements,
+    data: Log,
     *,
     sensors: SensorSuite | None = None,
     momentum: TotalMomentum | None = None,

@@ -15,7 +15,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor
 from cpid_drake.logs.column_map import ColumnMap
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.logs.score import (
     MOMENTUM,
     Comparison,
@@ -93,7 +93,7 @@ class Findings:
 
 
 def check_conventions(
-    log: Measurements,
+    log: Log,
     tree: KinematicTree | None,
     *,
     is_bad: bool = False,

@@ -26,7 +26,7 @@ from cpid_drake.logs.column_map import (
 )
 from cpid_drake.logs.log import (
     THRUST,
-    Measurements,
+    Log,
     Samples,
 )
 from cpid_drake.logs.table import Table
@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class TelemetryFile:
+class LogFile:
     """A log as read from a file, and what is wrong in the file.
 
     Attributes:
@@ -60,7 +60,7 @@ class TelemetryFile:
 
     """
 
-    measurements: Measurements
+    measurements: Log
     row_count: int
     problems: Sequence[str] = ()
     partial: Mapping[str, int] = field(default_factory=dict)
@@ -68,9 +68,7 @@ class TelemetryFile:
     left_out_joints: tuple[str, ...] = ()
 
 
-def from_columns(
-    columns: Mapping[str, ArrayLike], column_map: ColumnMap | None = None
-) -> Measurements:
+def from_columns(columns: Mapping[str, ArrayLike], column_map: ColumnMap | None = None) -> Log:
     """Return a log from columns in memory, such as those of a MATLAB file or a data frame.
 
     Args:
@@ -104,7 +102,7 @@ def read_columns(
     *,
     map_name: str = "the map",
     joints: Collection[str] | None = None,
-) -> TelemetryFile:
+) -> LogFile:
     """Convert the columns of a file to a log.
 
     Args:
@@ -129,7 +127,7 @@ def read_columns(
     if not np.isfinite(measurements.interval[0]) and not conversion.problems:
         raise InputError(f"{where}: the file has no samples")
     used = set(chosen.names)
-    return TelemetryFile(
+    return LogFile(
         measurements,
         len(table) + len(table.problems),
         [text for _, text in sorted(conversion.problems, key=lambda problem: problem[0])],
@@ -158,7 +156,7 @@ class _Conversion:
         self._usable = np.ones(len(table), dtype=bool)
         self._samples: dict[str, Samples] = {}
 
-    def measurements(self) -> Measurements:
+    def measurements(self) -> Log:
         """Return the samples without problems; positions of joints with rates only are NaN."""
         given, chosen = self._map, self._chosen
         self._refuse_texts()
@@ -221,7 +219,7 @@ class _Conversion:
         frame = "world" if chosen.in_world else "body"  # also where names of columns say it
         used = with_entries(given, {"angular_velocity.frame": frame})
         found = time_from_rates(self._samples) if given.time.from_rates else self._samples
-        return Measurements(joints, found, used)
+        return Log(joints, found, used)
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
         """Add the complete samples of a sensor; count those of which some cells are absent."""

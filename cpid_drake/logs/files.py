@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
 from cpid_drake.logs.arrays import read_npz, read_parquet, write_npz, write_parquet
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
-from cpid_drake.logs.conversion import TelemetryFile, read_columns
+from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.csv_format import read_csv, write_csv
-from cpid_drake.logs.log import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS, Measurements
+from cpid_drake.logs.log import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS, Log
 from cpid_drake.logs.table import Table
 from cpid_drake.output_files.drafts import draft_of
 from cpid_drake.resources import NOT_A_FILE, resolve_model
@@ -64,7 +64,7 @@ def inspect_telemetry(
     topics: Mapping[str, str] | None = None,
     columns: ColumnMap | str | Path | None = None,
     joints: Collection[str] | None = None,
-) -> TelemetryFile:
+) -> LogFile:
     """Read a log file and list all problems in it.
 
     `logs.column_choice` explains the columns. A sample that is absent is an empty cell in CSV
@@ -113,7 +113,7 @@ def read_telemetry(
     leave_out_bad: bool = False,
     topics: Mapping[str, str] | None = None,
     columns: ColumnMap | str | Path | None = None,
-) -> Measurements:
+) -> Log:
     """Return the samples in a log file of any format in `FORMATS`, or in a ROS 2 bag.
 
     Args:
@@ -185,7 +185,7 @@ def _refuse_pipes(bag: Path) -> None:
             raise InputError(f"{file}: {NOT_A_FILE}")
 
 
-def write_telemetry(path: str | Path, motion: Telemetry | Measurements) -> None:
+def write_telemetry(path: str | Path, motion: Motion | Log) -> None:
     """Write a motion or a log to a file; the ending chooses the format.
 
     All digits are kept.
@@ -205,13 +205,13 @@ def write_telemetry(path: str | Path, motion: Telemetry | Measurements) -> None:
     raise InputError(f"{path}: telemetry is written as {endings}")
 
 
-def table_of(motion: Telemetry | Measurements) -> tuple[list[str], NDArray[np.float64]]:
+def table_of(motion: Motion | Log) -> tuple[list[str], NDArray[np.float64]]:
     """Return the package's columns and values (N, C) of a motion or a log; NaN for absent cells.
 
     The angular velocity of a motion is in W, that of a log in B, as gyros measure it.
     """
     joints = motion.joint_names
-    if isinstance(motion, Telemetry):
+    if isinstance(motion, Motion):
         groups = {
             SENSORS["attitude"].columns: motion.quaternion_WB,
             SENSORS["position"].columns: motion.p_WB,

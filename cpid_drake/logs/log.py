@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.sensors.sensors import SENSORS, Gyro, SensorErrors, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.sensors.thrusters import VALVE
@@ -60,7 +60,7 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Measurements:
+class Log:
     """The samples of all sensors; those of one sensor are `self[name]`, or the attribute `name`.
 
     Samples are in SI units and radians, as the sensor's `Quantity` defines. A sensor of the table
@@ -145,16 +145,16 @@ class Measurements:
         first = min((float(time[0]) for time in times), default=np.inf)
         return first, max((float(time[-1]) for time in times), default=-np.inf)
 
-    def updated(self, samples: Mapping[str, Samples]) -> "Measurements":
+    def updated(self, samples: Mapping[str, Samples]) -> "Log":
         """Return measurements in which `samples` replace those of the same sensors."""
-        return Measurements(self.joint_names, {**self.samples, **samples}, self.column_map)
+        return Log(self.joint_names, {**self.samples, **samples}, self.column_map)
 
-    def between(self, start: float, end: float) -> "Measurements":
+    def between(self, start: float, end: float) -> "Log":
         """Return the samples with start ≤ time ≤ end [s], and the thrust held at the start."""
         kept = {name: s.where((s.time >= start) & (s.time <= end)) for name, s in self.items()}
         return self.updated(kept | self.thrust_between(start, end))
 
-    def blocks(self, seconds: float = 60.0) -> Iterator["Measurements"]:
+    def blocks(self, seconds: float = 60.0) -> Iterator["Log"]:
         """Yield the samples in intervals of `seconds` [s] from the first one on.
 
         Intervals without samples are left out. The arrays are not copied. Times must increase.
@@ -171,12 +171,12 @@ class Measurements:
             yield self.updated(kept | thrust)
             since = limit
 
-    def after(self, zero: float) -> "Measurements":
+    def after(self, zero: float) -> "Log":
         """Return the samples with a time that is counted from `zero` [s]."""
         everything = {**dict(self.items()), **self.samples}
         return self.updated({k: Samples(s.time - zero, s.value) for k, s in everything.items()})
 
-    def thinned(self, most: int = 4000) -> "Measurements":
+    def thinned(self, most: int = 4000) -> "Log":
         """Return every k-th sample of a sensor with more than `most` samples, for figures."""
         steps = {name: -(-len(s) // most) or 1 for name, s in self.items()}
         return self.updated(
@@ -184,7 +184,7 @@ class Measurements:
         )
 
     @property
-    def coasting(self) -> "Measurements":
+    def coasting(self) -> "Log":
         """The samples before thrusters fire for the first time; all samples if they never do."""
         fires = self.thrust.value.any(axis=1)
         return self.between(-np.inf, self.thrust.time[fires][0]) if fires.any() else self
@@ -203,7 +203,7 @@ class Measurements:
         return {THRUST: Samples(np.maximum(kept.time, start), kept.value)}
 
 
-def concatenated(pieces: Sequence[Measurements]) -> Measurements:
+def concatenated(pieces: Sequence[Log]) -> Log:
     """Return consecutive pieces of one log, at least one, as one."""
     names = dict.fromkeys(name for piece in pieces for name in piece.samples)
     samples = {}
@@ -212,29 +212,29 @@ def concatenated(pieces: Sequence[Measurements]) -> Measurements:
         samples[name] = Samples(
             np.concatenate([s.time for s in each]), np.concatenate([s.value for s in each])
         )
-    return Measurements(pieces[0].joint_names, samples)
+    return Log(pieces[0].joint_names, samples)
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class IdealMeasurements(Measurements):
+class IdealLog(Log):
     """Samples of sensors without errors, with the true motion on which errors depend.
 
     Args:
         joint_names: the joints, in the order of columns of joint sensors.
-        samples, column_map: see `Measurements`.
+        samples, column_map: see `Log`.
         motion: the true motion at the samples of every sensor with a lever arm, by name.
         named: samples by sensor, as keywords; they replace those in `samples`.
 
     """
 
-    motion: Mapping[str, Telemetry] = field(default_factory=dict)
+    motion: Mapping[str, Motion] = field(default_factory=dict)
 
     def __init__(
         self,
         joint_names: tuple[str, ...],
         samples: Mapping[str, Samples] | None = None,
         column_map: "ColumnMap | None" = None,
-        motion: Mapping[str, Telemetry] | None = None,
+        motion: Mapping[str, Motion] | None = None,
         **named: Samples,
     ) -> None:
         super().__init__(joint_names, samples, column_map, **named)
@@ -254,12 +254,12 @@ def sample_times(rate: float, duration: float, start: float = 0.0) -> NDArray[np
     return start + np.arange(int(np.floor((duration - start) * rate + 1e-9)) + 1) / rate
 
 
-def ideal_measurements(
+def ideal_log(
     suite: SensorSuite,
     joint_names: tuple[str, ...],
-    motion: Callable[[NDArray[np.float64]], Telemetry],
+    motion: Callable[[NDArray[np.float64]], Motion],
     duration: float,
-) -> IdealMeasurements:
+) -> IdealLog:
     """Return the samples of sensors without errors, at their own times in [0, duration].
 
     A sample of a gyro that integrates is the mean of the angular velocity since the sample before,
@@ -275,7 +275,7 @@ def ideal_measurements(
     """
     sensors = suite.present()
     if not sensors:
-        return IdealMeasurements(joint_names)
+        return IdealLog(joint_names)
     shares = {name: _shares(errors) for name, errors in sensors.items()}
     times, instants = {}, {}
     for name, errors in sensors.items():
@@ -296,7 +296,7 @@ def ideal_measurements(
         samples[name] = Samples(times[name], value)
         if isinstance(errors, VectorSensor) and errors.lever_arm_mm:
             true[name] = telemetry.select(rows)
-    return IdealMeasurements(joint_names, samples, motion=true)
+    return IdealLog(joint_names, samples, motion=true)
 
 
 def _shares(errors: SensorErrors) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import comb
 
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import ATTITUDE, SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -30,7 +30,7 @@ _QUANTITIES = ("attitude", "gyro", "position", "velocity", "encoders", "joint_ra
 _STATES = ("quaternion_WB", "w_WB", "p_WB", "v_WB", "q", "qdot")
 
 
-def estimate_suite(measurements: Measurements) -> SensorSuite:
+def estimate_suite(measurements: Log) -> SensorSuite:
     """Return sensors with white noise, the same in all axes, as estimated from the samples.
 
     Raises:
@@ -111,16 +111,16 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
     return max(float(least * (2 * np.sqrt(4 / 3) if quaternions else 1.0)), _LEAST)
 
 
-def sample_sigmas(samples: Measurements | Telemetry) -> NDArray[np.float64]:
+def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
     """Return σ (12 + 2J,) of the noise in one sample, in the order of `momentum_rows.changed`.
 
     Of states, which may belong to unconnected instants, rounding is the only noise that can be
     seen. σ is zero for a sensor without samples.
     """
     parts = []
-    is_motion = isinstance(samples, Measurements) and _is_one_motion(samples.encoders)
+    is_motion = isinstance(samples, Log) and _is_one_motion(samples.encoders)
     for name, state in zip(_QUANTITIES, _STATES, strict=True):
-        own = samples[name] if isinstance(samples, Measurements) else None
+        own = samples[name] if isinstance(samples, Log) else None
         value = getattr(samples, state) if own is None else own.value
         sigma = rounding(value) / np.sqrt(12) if len(value) else 0.0
         if is_motion and own is not None and len(own):

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.splines import in_gap, regression_spline
 
 MOMENTUM = "momentum"
@@ -140,7 +140,7 @@ class CentreOfMass:
     values: tuple[Array, Array]
 
 
-def instants_of(log: Measurements) -> Instants | None:
+def instants_of(log: Log) -> Instants | None:
     """Return what a screened log says at common instants; None for too few samples.
 
     Every sensor's samples are smoothed by a regression spline. The instants are in the part of the
@@ -278,7 +278,7 @@ def _momentum_samples(given: Instants, tree: KinematicTree) -> MomentumSamples:
     turned, count = given.quaternion, len(given.time)
     if turned is None:
         turned = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-    still = Telemetry(
+    still = Motion(
         tuple(map(str, range(given.q.shape[1]))),
         np.arange(count, dtype=float),
         quaternion_WB=turned / np.linalg.norm(turned, axis=1, keepdims=True),
@@ -367,7 +367,7 @@ def _compared(time: Array, name: str, rate: str, moved: Array, measured: Array) 
     return Comparison(name, (f"changes of {name}", rate), time, (moved, measured), residual)
 
 
-def _liveliest(log: Measurements) -> Measurements:
+def _liveliest(log: Log) -> Log:
     """Return the part of a log in which its joints move most."""
     time, q = log.encoders.time, log.encoders.value
     if len(time) < _FEWEST or time[-1] - time[0] <= LONGEST:

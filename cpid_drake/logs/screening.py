@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.logs.log import THRUST, Measurements, Samples
+from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.noise_estimation import rounding
 from cpid_drake.logs.stamps import usable_stamps
 from cpid_drake.sensors.sensors import ATTITUDE, SENSORS
@@ -80,12 +80,12 @@ class Screened:
 
     """
 
-    measurements: Measurements
+    measurements: Log
     rejected: dict[str, int]
     memory: ScreeningMemory
 
 
-def as_arrays(measurements: Measurements) -> Measurements:
+def as_arrays(measurements: Log) -> Log:
     """Return measurements whose times (N,) and values (N, width) are arrays of numbers.
 
     Raises:
@@ -139,7 +139,7 @@ def held(name: str, given: Samples, width: int) -> Samples:
     return log
 
 
-def with_thrust(measurements: Measurements, suite: SensorSuite | None) -> Measurements:
+def with_thrust(measurements: Log, suite: SensorSuite | None) -> Log:
     """Return measurements with one log of thrust: of forces, or of the openings (N, V) of valves.
 
     Raises:
@@ -172,11 +172,11 @@ def with_thrust(measurements: Measurements, suite: SensorSuite | None) -> Measur
     changes = np.append(True, (openings[1:] != openings[:-1]).any(axis=1))
     samples = {n: s for n, s in measurements.samples.items() if not n.startswith(VALVE)}
     samples[THRUST] = Samples(time[changes], openings[changes])
-    return Measurements(measurements.joint_names, samples, measurements.column_map)
+    return Log(measurements.joint_names, samples, measurements.column_map)
 
 
 def screen(
-    measurements: Measurements,
+    measurements: Log,
     suite: SensorSuite | None = None,
     memory: ScreeningMemory | None = None,
 ) -> Screened:

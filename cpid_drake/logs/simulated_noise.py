@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
 from cpid_drake.logs.log import (
     THRUST,
-    IdealMeasurements,
-    Measurements,
+    IdealLog,
+    Log,
     Samples,
     first_sample,
 )
@@ -100,7 +100,7 @@ class SensorNoise:
         name: str,
         ideal: NDArray[np.float64],
         first: int = 0,
-        motion: Telemetry | None = None,
+        motion: Motion | None = None,
     ) -> NDArray[np.float64]:
         """Return samples first, first + 1, … of a sensor: ideal values with errors added.
 
@@ -179,15 +179,13 @@ class SensorNoise:
         return table[:count]
 
 
-def add_noise(
-    suite: SensorSuite, ideal: Measurements, seed: int, hardware_seed: int | None = None
-) -> Measurements:
+def add_noise(suite: SensorSuite, ideal: Log, seed: int, hardware_seed: int | None = None) -> Log:
     """Return measurements with the errors of a suite's sensors; the seed determines them.
 
     Args:
         suite: the sensors.
         ideal: samples without errors, and the true thrust. If a sensor has a lever arm, they must
-            be those that `ideal_measurements` returned for this suite.
+            be those that `ideal_log` returned for this suite.
         seed: a whole number >= 0.
         hardware_seed: seed of the sensors' constant errors; default: `seed`.
 
@@ -196,7 +194,7 @@ def add_noise(
 
     """
     noise, joints = SensorNoise(suite, seed, hardware_seed), len(ideal.joint_names)
-    motion = ideal.motion if isinstance(ideal, IdealMeasurements) else {}
+    motion = ideal.motion if isinstance(ideal, IdealLog) else {}
     samples = {}
     for name, errors in suite.present().items():
         exact, first = ideal[name], first_sample(errors)

@@ -16,11 +16,11 @@ from scipy.interpolate import BSpline
 from scipy.sparse import block_array, csr_array, vstack
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.plane import levelled
 from cpid_drake.dynamics.rotations import right_jacobian, rotate, skew
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.splines import (
     DEGREE,
     basis,
@@ -66,13 +66,13 @@ class SmoothedMotion:
 
     """
 
-    telemetry: Telemetry
+    telemetry: Motion
     covariance: Array
     gyro_bias: Array
 
 
 def smooth(
-    measurements: Measurements,
+    measurements: Log,
     suite: SensorSuite,
     times: ArrayLike | None = None,
     *,
@@ -98,7 +98,7 @@ def smooth(
     """
     present = suite.present()
     kept = {name: s for name, s in measurements.samples.items() if name in present}
-    log = Measurements(measurements.joint_names, kept)
+    log = Log(measurements.joint_names, kept)
     if normal_B is not None:
         log = _in_plane(log, normal_B)
     needed = [log.encoders, log.attitude, *([log.position] if with_position else [])]
@@ -143,7 +143,7 @@ def smooth(
         for k in range(first, first + width):
             both = np.array([k, k + width])
             whole[:, both[:, None], both] = errors
-    motion = Telemetry(
+    motion = Motion(
         log.joint_names,
         times,
         quaternion_WB=attitude.as_quat(scalar_first=True),
@@ -157,7 +157,7 @@ def smooth(
 
 
 def smooth_windows(
-    measurements: Measurements,
+    measurements: Log,
     suite: SensorSuite,
     *,
     with_position: bool = True,
@@ -205,7 +205,7 @@ def smooth_windows(
         raise refused
 
 
-def _in_plane(measurements: Measurements, normal_B: Array) -> Measurements:
+def _in_plane(measurements: Log, normal_B: Array) -> Log:
     """Return samples without their components out of the plane, which are noise."""
     samples = dict(measurements.samples)
     for name, given in samples.items():
@@ -216,7 +216,7 @@ def _in_plane(measurements: Measurements, normal_B: Array) -> Measurements:
             samples[name] = replace(given, value=np.outer(given.value @ normal_B, normal_B))
         elif quantity is POSITION or quantity is VELOCITY:
             samples[name] = replace(given, value=given.value * [1.0, 1.0, 0.0])
-    return Measurements(measurements.joint_names, samples)
+    return Log(measurements.joint_names, samples)
 
 
 def _smooth_vectors(
@@ -258,7 +258,7 @@ def _smooth_vectors(
 
 
 def _smooth_attitude(
-    log: Measurements, suite: SensorSuite, times: Array, normal_B: Array | None
+    log: Log, suite: SensorSuite, times: Array, normal_B: Array | None
 ) -> tuple[Rotation, Array, Array, Array]:
     """Return attitude, angular velocity in B, their covariance (N, 6, 6) and the gyro bias.
 

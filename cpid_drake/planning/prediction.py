@@ -8,6 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import (
     SCALE_LENGTH,
     parameter_scale,
@@ -15,12 +16,11 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
 )
 from cpid_drake.dynamics.propagation import propagate
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.logs.log import IdealMeasurements, ideal_measurements
+from cpid_drake.logs.log import IdealLog, ideal_log
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
@@ -103,7 +103,7 @@ class MotionSetting:
         motion: JointMotion,
         parameters: NDArray[np.float64],
         tree: KinematicTree | None = None,
-    ) -> IdealMeasurements:
+    ) -> IdealLog:
         """Return the samples of the sensors without errors, with a target of π (10,).
 
         Args:
@@ -113,10 +113,10 @@ class MotionSetting:
 
         """
 
-        def at(times: NDArray[np.float64]) -> Telemetry:
+        def at(times: NDArray[np.float64]) -> Motion:
             return self.telemetries(motion, parameters[None], times, tree)[0]
 
-        return ideal_measurements(self.suite, self.spacecraft.joint_names, at, motion.duration)
+        return ideal_log(self.suite, self.spacecraft.joint_names, at, motion.duration)
 
     def telemetries(
         self,
@@ -124,7 +124,7 @@ class MotionSetting:
         targets: NDArray[np.float64],
         times: NDArray[np.float64],
         tree: KinematicTree | None = None,
-    ) -> list[Telemetry]:
+    ) -> list[Motion]:
         """Return the motion of base and joints at times (N,) [s] with each of T targets π (T, 10).
 
         Other arguments as for `ideal`.
@@ -161,7 +161,7 @@ class MotionSetting:
         return np.stack(efforts), np.array(lengths)
 
 
-def _base_lengths(base: Telemetry) -> tuple[float, float, float]:
+def _base_lengths(base: Motion) -> tuple[float, float, float]:
     """Return the largest turn [rad], angular rate [rad/s] and displacement [m] of the base."""
     cosine = np.abs(base.quaternion_WB @ base.quaternion_WB[0])
     return (

@@ -12,7 +12,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS, second_moment
 from cpid_drake.identification.identify_files import Estimates
 from cpid_drake.identification.result import Identification, ResidualSeries
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.report.findings import Findings
 from cpid_drake.report.pictures import COLORS, INK, Picture, PictureGroup, label_axes
 
@@ -68,7 +68,7 @@ def singular_value_picture(values: NDArray[np.float64]) -> Picture:
     return Picture("singular-values", "singular values of the scaled problem", draw)
 
 
-def motion_pictures(measurements: Measurements) -> list[Picture]:
+def motion_pictures(measurements: Log) -> list[Picture]:
     """Return a picture for each sensor of the base's motion."""
     panels: dict[str, tuple[str, Samples, str]] = {}
     m = measurements

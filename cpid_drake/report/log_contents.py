@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from cpid_drake.logs.conversion import TelemetryFile
+from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import Comparison
 from cpid_drake.output_files.drafts import draft_of
@@ -15,7 +15,7 @@ from cpid_drake.report.pictures import COLORS, WIDE, Picture, PictureGroup
 from cpid_drake.sensors.sensors import SENSORS
 
 
-def contents(found: TelemetryFile, where: str, comparisons: Sequence[Comparison] = ()) -> list[str]:
+def contents(found: LogFile, where: str, comparisons: Sequence[Comparison] = ()) -> list[str]:
     """Return lines on the contents of a file: sensors, number of samples, times, gaps, joints.
 
     Then follows how much of the motion each comparison of its quantities leaves unexplained.

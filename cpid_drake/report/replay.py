@@ -15,7 +15,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result import Identification
 from cpid_drake.scenario.schema import Scenario
@@ -38,7 +38,7 @@ MOST_FRAMES = 640
 
 def replay_html(
     spacecraft: Spacecraft,
-    telemetry: Telemetry,
+    telemetry: Motion,
     estimates: Sequence[tuple[float, Identification]],
     *,
     truth: InertialParameters | None = None,

@@ -158,7 +158,7 @@ class MotionFile:
 AnyMotion = HalfCosine | MultiSine | Spline
 """A joint motion of a scenario."""
 
-Motion = HalfCosineMotion | MultiSineMotion | SplineMotion
+MotionSchema = HalfCosineMotion | MultiSineMotion | SplineMotion
 """The declaration of a joint motion in a file."""
 
 MOTION_TAGS = tuple(map(tag_of, (MultiSineMotion, SplineMotion, MotionFile)))
@@ -169,10 +169,10 @@ MOTION_TAGS = tuple(map(tag_of, (MultiSineMotion, SplineMotion, MotionFile)))
 class MotionDocument:
     """A file with a joint motion alone, under the key that it has in a scenario."""
 
-    joint_motion: Annotated[Motion, FirstUnlessTagged()]
+    joint_motion: Annotated[MotionSchema, FirstUnlessTagged()]
 
 
-def load_motion(path: str | Path) -> Motion:
+def load_motion(path: str | Path) -> MotionSchema:
     """Read a joint motion from a YAML file with the key `joint_motion`.
 
     Raises:
@@ -183,6 +183,6 @@ def load_motion(path: str | Path) -> Motion:
     return load_yaml(MotionDocument, file, str(path), "a joint motion", MOTION_TAGS).joint_motion
 
 
-def dump_motion(motion: Motion) -> str:
+def dump_motion(motion: MotionSchema) -> str:
     """Return a joint motion as YAML; `load_motion` reads it without loss."""
     return dump_yaml(MotionDocument(motion), MOTION_TAGS)

@@ -21,7 +21,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.online import check_guess
 from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
 from cpid_drake.logs.burns import Burn
-from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, Motion, MotionFile
+from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, MotionFile, MotionSchema
 from cpid_drake.sensors.disturbances import SimulatedDisturbance
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
@@ -299,7 +299,7 @@ class Scenario:
 
     spacecraft: SpacecraftConfig
     target: TargetConfig
-    joint_motion: Annotated[Motion | MotionFile, FirstUnlessTagged()] = field(
+    joint_motion: Annotated[MotionSchema | MotionFile, FirstUnlessTagged()] = field(
         default_factory=HalfCosineMotion
     )
     controller: ControllerConfig = field(default_factory=ControllerConfig)

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.checks import Check
@@ -22,7 +22,7 @@ from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.burns import log_of_burns
-from cpid_drake.logs.log import THRUST, Measurements, Samples
+from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -112,7 +112,7 @@ class Simulation:
         """
         return self._run_to([self.scenario.simulation.duration], monitor, realtime_rate)[0]
 
-    def run_sampled(self, times: ArrayLike) -> tuple[Context, Telemetry]:
+    def run_sampled(self, times: ArrayLike) -> tuple[Context, Motion]:
         """Simulate as `run` does; also return the telemetry at increasing times (N,) [s]."""
         context, states = self._run_to([*np.asarray(times), self.scenario.simulation.duration])
         return context, self.spacecraft.to_telemetry(times, states[:-1])
@@ -144,7 +144,7 @@ class Simulation:
         text = THRUST_NOT_USED.format(f"{self.thrust.time[0]:.4g}", found.estimator)
         return replace(found, checks=(Check("thrust", text), *found.checks))
 
-    def telemetry(self, root_context: Context) -> Telemetry:
+    def telemetry(self, root_context: Context) -> Motion:
         """Return the logged motion of a run."""
         times, states = _entries(self.state_log, root_context)
         return self.spacecraft.to_telemetry(times, states[:, self.state_columns])
@@ -166,7 +166,7 @@ class Simulation:
             return np.tile(momentum_W, (len(_entries(self.state_log, root_context)[0]), 1))
         return momentum_W + _entries(self.impulse_log, root_context)[1]
 
-    def measurements(self, root_context: Context) -> Measurements:
+    def measurements(self, root_context: Context) -> Log:
         """Return the samples of the sensors in a run, and the log of thrust if there is one.
 
         Raises:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
 from cpid_drake.sensors.random_streams import random_stream
 from cpid_drake.sensors.sensors import (
@@ -79,7 +79,7 @@ class ConstantErrors:
         }
 
     def change(
-        self, sensor: Sensor, ideal: NDArray[np.float64], motion: Telemetry | None
+        self, sensor: Sensor, ideal: NDArray[np.float64], motion: Motion | None
     ) -> NDArray[np.float64]:
         """Return samples (N, width) with the errors; the same array if all are zero.
 
@@ -102,7 +102,7 @@ class ConstantErrors:
             if motion is None:
                 raise InputError(
                     f"sensor '{sensor.name}': its lever arm needs the true motion at its samples; "
-                    "measurements from ideal_measurements contain it"
+                    "measurements from ideal_log contain it"
                 )
             arm_W = motion.R_WB @ self.lever_arm_B
             return ideal + (arm_W if sensor.quantity is POSITION else np.cross(motion.w_WB, arm_W))

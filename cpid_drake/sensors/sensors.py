@@ -12,8 +12,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.input_files.validation import Numbers
 
 ARCSECOND = np.pi / (180 * 3600)
@@ -230,11 +230,11 @@ class Quantity:
     name: str
     unit: str
     width: int | None
-    ideal: Callable[[Telemetry], NDArray[np.float64]]
+    ideal: Callable[[Motion], NDArray[np.float64]]
     errors: type[SensorErrors]
 
 
-def _angular_velocity_in_B(telemetry: Telemetry) -> NDArray[np.float64]:
+def _angular_velocity_in_B(telemetry: Motion) -> NDArray[np.float64]:
     return rotate(np.swapaxes(telemetry.R_WB, -1, -2), telemetry.w_WB)
 
 
@@ -264,7 +264,7 @@ class Sensor:
     """One sensor of the table.
 
     Attributes:
-        name: key in sensor YAML files, in `SensorSuite` and in `Measurements`; an identifier.
+        name: key in sensor YAML files, in `SensorSuite` and in `Log`; an identifier.
         label: name in texts for people.
         quantity: what it measures; the estimators treat all sensors of one quantity in the same
             way.

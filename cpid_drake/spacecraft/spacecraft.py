@@ -16,8 +16,8 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.propagation import propagate
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
@@ -63,7 +63,7 @@ class Spacecraft:
         limits: limits of these joints.
         tree: the same spacecraft as NumPy arrays, for computations on many samples at once.
         mass: total mass of the known bodies [kg].
-        state_columns: columns of the plant state x = [q; v] that hold the members of `Telemetry`,
+        state_columns: columns of the plant state x = [q; v] that hold the members of `Motion`,
             by their names: `quaternion_WB`, `p_WB`, `w_WB`, `v_WB`, `q` and `qdot`.
 
     Raises:
@@ -222,7 +222,7 @@ class Spacecraft:
 
     # -- states ------------------------------------------------------------------------------
 
-    def to_telemetry(self, time: ArrayLike, states: ArrayLike) -> Telemetry:
+    def to_telemetry(self, time: ArrayLike, states: ArrayLike) -> Motion:
         """Return plant states x = [q; v] (N, nx) at times (N,) [s] as telemetry.
 
         Raises:
@@ -231,7 +231,7 @@ class Spacecraft:
         """
         states = np.atleast_2d(np.asarray(states, dtype=float))
         parts = {name: states[:, columns] for name, columns in self.state_columns.items()}
-        return Telemetry(self.joint_names, np.atleast_1d(time), **parts)
+        return Motion(self.joint_names, np.atleast_1d(time), **parts)
 
     def predicted_motion(
         self,
@@ -239,7 +239,7 @@ class Spacecraft:
         motion: JointMotion,
         times: ArrayLike,
         momentum_W: ArrayLike = (0.0,) * 6,
-    ) -> Telemetry:
+    ) -> Motion:
         """Return the motion at times (N,) [s] that conserves momentum; B is at W at the start.
 
         Args:
@@ -266,7 +266,7 @@ class Spacecraft:
         """
         return self.to_states(self.predicted_motion(target, motion, [0.0], momentum_W))[0]
 
-    def require_joints(self, telemetry: Telemetry) -> None:
+    def require_joints(self, telemetry: Motion) -> None:
         """Refuse telemetry of another spacecraft.
 
         Raises:
@@ -279,7 +279,7 @@ class Spacecraft:
                 f"spacecraft has joints {', '.join(self.joint_names)}"
             )
 
-    def to_states(self, telemetry: Telemetry) -> NDArray[np.float64]:
+    def to_states(self, telemetry: Motion) -> NDArray[np.float64]:
         """Return the plant states x = [q; v] (N, nx) of telemetry; raises as `require_joints`."""
         self.require_joints(telemetry)
         states = np.zeros((len(telemetry), self.plant.num_multibody_states()))

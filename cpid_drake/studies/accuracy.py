@@ -19,7 +19,7 @@ from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.identification.estimators import methods
 from cpid_drake.identification.identify import identify
 from cpid_drake.input_files.validation import nulls
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.processes import shared_work
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.presets import load_sensors
@@ -139,15 +139,13 @@ def run_accuracy(
     return AccuracyStudy(tuple(results), scale, seed, trials)
 
 
-def _trials_of(inputs: tuple[Case, Measurements]) -> Callable[[int], dict[str, Outcome]]:
+def _trials_of(inputs: tuple[Case, Log]) -> Callable[[int], dict[str, Outcome]]:
     """Return the function that does the trial of a number."""
     case, ideal = inputs
     return partial(_trial, case, case.spacecraft.make(), ideal)
 
 
-def _trial(
-    case: Case, spacecraft: Spacecraft, ideal: Measurements, number: int
-) -> dict[str, Outcome]:
+def _trial(case: Case, spacecraft: Spacecraft, ideal: Log, number: int) -> dict[str, Outcome]:
     """Return the estimates of one draw of the noise (and of the spacecraft), by estimator."""
     measurements = draw(case, spacecraft, ideal, number)
     outcomes: dict[str, Outcome] = {}

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import total_momentum
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify import identify
@@ -54,8 +54,8 @@ class PaperStudy:
 
     simulation: Simulation
     truth: InertialParameters
-    telemetry: Telemetry
-    samples: Telemetry
+    telemetry: Motion
+    samples: Motion
     exact: Identification
     rounded: tuple[RoundedCase, ...]
     exciting: tuple[tuple[RoundedCase, ...], ...]
@@ -65,7 +65,7 @@ class PaperStudy:
     drift: NDArray[np.float64]
     rounded_momentum: NDArray[np.float64]
     resimulated_target: InertialParameters
-    resimulated: Telemetry
+    resimulated: Motion
 
     @property
     def is_papers_target(self) -> bool:
@@ -131,7 +131,7 @@ def run_paper_study(
     telemetry = simulation.telemetry(context)
     momentum = TotalMomentum(is_unknown=scenario.identification.unknown_momentum)
 
-    def identified(data: Telemetry) -> Identification:
+    def identified(data: Motion) -> Identification:
         return identify(spacecraft, data, rows=scenario.online_rows, momentum=momentum)
 
     progress("identifying")

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.dynamics.propagation import propagate
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.checked_log import log_of_states
 from cpid_drake.identification.identify import identify
@@ -68,7 +68,7 @@ class RoundedCase:
 
 
 def rounded_case(
-    samples: Telemetry, decimals: int, identified: Callable[[Telemetry], Identification]
+    samples: Motion, decimals: int, identified: Callable[[Motion], Identification]
 ) -> RoundedCase:
     """Return the identification from samples rounded to a number of decimals."""
     speed = float(np.linalg.norm(samples.v_WB, axis=1).max())
@@ -99,7 +99,7 @@ def exciting_motion(
     spacecraft, phi = scenario.spacecraft.make(), scenario.target_truth().to_standard_vector()
     motion, config = scenario.make_joint_motion(spacecraft), scenario.simulation
 
-    def at(instants: NDArray[np.float64]) -> Telemetry:
+    def at(instants: NDArray[np.float64]) -> Motion:
         grid = np.union1d(0.0, instants)  # the base is at the world's origin at 0 s
         base = propagate(spacecraft.tree, motion, phi, grid, max_step=0.02)
         whole = base.to_telemetry(spacecraft.joint_names, grid, motion)
@@ -112,10 +112,10 @@ def exciting_motion(
         progress(f"fitting the exciting motion, {number} decimals")
         sensors = replace(suite, decimals=min(number, _FINEST))
 
-        def by_rows(data: Telemetry) -> Identification:
+        def by_rows(data: Motion) -> Identification:
             return identify(spacecraft, data, rows="eq18", momentum=zero)
 
-        def by_fit(data: Telemetry, sensors=sensors) -> Identification:  # type: ignore[no-untyped-def]
+        def by_fit(data: Motion, sensors=sensors) -> Identification:  # type: ignore[no-untyped-def]
             measured = log_of_states(data).measurements
             return identify(spacecraft, measured, sensors=sensors, momentum=zero)
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.propagation import BaseTrajectory, Wrench, propagate
 from cpid_drake.dynamics.sensitivity import perturbed
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -19,9 +19,9 @@ from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.log import (
     THRUST,
-    IdealMeasurements,
-    Measurements,
-    ideal_measurements,
+    IdealLog,
+    Log,
+    ideal_log,
 )
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
@@ -148,21 +148,21 @@ def ideal_samples(
     tree: KinematicTree,
     joint_names: tuple[str, ...],
     disturbance: SimulatedDisturbance | None = None,
-) -> IdealMeasurements:
+) -> IdealLog:
     """Return the ideal samples of the sensors, without noise, on a spacecraft of this tree.
 
     The other arguments are those of `base_trajectory`.
     """
 
-    def motion(times: NDArray[np.float64]) -> Telemetry:
+    def motion(times: NDArray[np.float64]) -> Motion:
         base = base_trajectory(case, tree, times, disturbance)
         return base.to_telemetry(joint_names, times, case.motion)
 
-    ideal = ideal_measurements(case.suite, joint_names, motion, case.duration)
+    ideal = ideal_log(case.suite, joint_names, motion, case.duration)
     if not (case.burns and case.logs_thrust):
         return ideal
     samples = {**ideal.samples, THRUST: log_of_burns(case.burns)}
-    return IdealMeasurements(joint_names, samples, motion=ideal.motion)
+    return IdealLog(joint_names, samples, motion=ideal.motion)
 
 
 def base_trajectory(
@@ -217,7 +217,7 @@ def base_trajectory(
     )
 
 
-def bound_of(case: Case, spacecraft: Spacecraft, ideal: Measurements) -> NDArray[np.float64]:
+def bound_of(case: Case, spacecraft: Spacecraft, ideal: Log) -> NDArray[np.float64]:
     """Return the Cramér-Rao bound (10,) on the σ of the parameters, without what is not logged.
 
     These are firings, and burns if there is no log of them.
@@ -240,7 +240,7 @@ def bound_of(case: Case, spacecraft: Spacecraft, ideal: Measurements) -> NDArray
     return np.sqrt(np.diag(covariance))
 
 
-def draw(case: Case, spacecraft: Spacecraft, ideal: Measurements, number: int) -> Measurements:
+def draw(case: Case, spacecraft: Spacecraft, ideal: Log, number: int) -> Log:
     """Return the samples of one trial: one draw of all errors, disturbances and uncertain bodies.
 
     Args:

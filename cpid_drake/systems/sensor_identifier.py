@@ -25,7 +25,7 @@ from cpid_drake.estimation.online import finish, step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.identification.result import Identification
-from cpid_drake.logs.log import THRUST, Measurements, Samples
+from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.screening import ScreeningMemory, screen
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
@@ -271,7 +271,7 @@ class SensorIdentifier(Identifier):
             for name, sample in new.items():
                 rows[name].append(sample)
         samples = {name: np.array(each) for name, each in rows.items()}
-        given = Measurements(
+        given = Log(
             self._joint_names, {name: Samples(s[:, 0], s[:, 1:]) for name, s in samples.items()}
         )
         screened = screen(given, self._suite, memory.screening)

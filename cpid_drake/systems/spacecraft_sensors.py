@@ -16,9 +16,9 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from cpid_drake.dynamics.telemetry import Telemetry
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import prefix_errors
-from cpid_drake.logs.log import Measurements, Samples, first_sample
+from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, SENSORS, SensorErrors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
@@ -54,7 +54,7 @@ class SpacecraftSensors(LeafSystem):
 
     - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - one output (1 + width) for each sensor of the suite: the stamp [s] of the latest sample, then
-      its value as in `Measurements`; NaN before the first. Samples due at the end of a simulation
+      its value as in `Log`; NaN before the first. Samples due at the end of a simulation
       need `Simulator.AdvancePendingEvents`.
 
     Args:
@@ -171,7 +171,7 @@ class SpacecraftSensors(LeafSystem):
             name=name, size=1 + width, calc=calc, prerequisites_of_calc={self.xd_ticket()}
         )
 
-    def _motion(self, context: Context, time: float, name: str = "motion") -> Telemetry:
+    def _motion(self, context: Context, time: float, name: str = "motion") -> Motion:
         """Return the true motion of the current state, stamped with a time [s]."""
         state = self._state_port.Eval(context)
         with prefix_errors(f"{self.GetSystemPathname()}: {name} at t = {time:g} s"):
@@ -194,7 +194,7 @@ def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str
 
 def measurements_from_logs(
     sensors: SpacecraftSensors, logs: Mapping[str, VectorLogSink], root_context: Context
-) -> Measurements:
+) -> Log:
     """Return every sample of a run, each once.
 
     Args:
@@ -213,4 +213,4 @@ def measurements_from_logs(
         rows = rows[~np.isnan(rows[:, 0])]
         time, first = np.unique(rows[:, 0], return_index=True)
         samples[name] = Samples(time, rows[first, 1:])
-    return Measurements(sensors.spacecraft.joint_names, samples)
+    return Log(sensors.spacecraft.joint_names, samples)

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from cpid_drake import InertialParameters, Spacecraft, Telemetry, shipped_scenario
+from cpid_drake import InertialParameters, Motion, Spacecraft, shipped_scenario
 from cpid_drake.dynamics.joint_motion import HalfCosine
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.logs.files import table_of
@@ -125,7 +125,7 @@ def mjcf(mass: object = 10, rest: str = "", kind: str = "hinge") -> str:
 
 
 @cache
-def motion() -> Telemetry:
+def motion() -> Motion:
     """Return 101 exact samples of an arm that holds `TARGET`, over 10 s."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "arm.urdf")

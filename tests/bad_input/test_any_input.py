@@ -13,7 +13,7 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InputError, Measurements, Spacecraft, load_scenario
+from cpid_drake import InputError, Log, Spacecraft, load_scenario
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
 from cpid_drake.logs.conventions import check_conventions
@@ -48,7 +48,7 @@ def refused_or(read, path: Path):
         return None
 
 
-def read_fully(path: Path) -> Measurements:
+def read_fully(path: Path) -> Log:
     """Read telemetry, and look at all of it."""
     found = inspect_telemetry(path)
     for name in SENSORS:
@@ -143,7 +143,7 @@ def craft(folder) -> Spacecraft:
 
 
 @pytest.fixture(scope="module")
-def log(folder) -> Measurements:
+def log(folder) -> Log:
     return read_telemetry(folder / "log.csv")
 
 

@@ -21,7 +21,7 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
-from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Spacecraft, Telemetry
+from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Motion, Spacecraft
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import STANDARD, standard_to_relative
 from cpid_drake.estimation.least_squares import empty_information, solve_information
@@ -44,7 +44,7 @@ class PinocchioRoute:
         self.columns = [spacecraft.joint_names.index(name) for name in list(self.model.names)[2:]]
         self.rest = pin.Motion.Zero()
 
-    def state(self, telemetry: Telemetry, k: int) -> tuple[np.ndarray, np.ndarray]:
+    def state(self, telemetry: Motion, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Return Pinocchio's q and v: quaternion (x, y, z, w), base twist in the base frame."""
         w, x, y, z = telemetry.quaternion_WB[k]
         R_BW = telemetry.R_WB[k].T
@@ -90,7 +90,7 @@ def medians(functions: dict[str, Callable], blocks: int, calls: int) -> dict[str
     return {name: statistics.median(values) for name, values in times.items()}
 
 
-def zero_momentum_telemetry(spacecraft: Spacecraft, target: InertialParameters) -> Telemetry:
+def zero_momentum_telemetry(spacecraft: Spacecraft, target: InertialParameters) -> Motion:
     """Return twenty samples of a motion of all joints at zero total momentum."""
     rng = np.random.default_rng(1)
     joints = len(spacecraft.joint_names)
@@ -101,7 +101,7 @@ def zero_momentum_telemetry(spacecraft: Spacecraft, target: InertialParameters) 
     w_WB, v_WB = BodyDynamics.at(spacecraft.tree, q, qdot).base_twist(psi)
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (20, 1))
     names = spacecraft.joint_names
-    return Telemetry(names, times, attitude, np.zeros((20, 3)), w_WB, v_WB, q, qdot)
+    return Motion(names, times, attitude, np.zeros((20, 3)), w_WB, v_WB, q, qdot)
 
 
 def main() -> None:

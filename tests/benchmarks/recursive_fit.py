@@ -27,10 +27,10 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from scipy.linalg import qr
 
 from cpid_drake import (
+    Motion,
     SensorIdentifier,
     SensorSuite,
     Spacecraft,
-    Telemetry,
     load_scenario,
     load_sensors,
     shipped_scenario,
@@ -40,7 +40,7 @@ from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.online import step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.logs.log import ideal_measurements
+from cpid_drake.logs.log import ideal_log
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -91,12 +91,12 @@ def main() -> None:
     spacecraft, target = scenario.spacecraft.make(), scenario.target_truth()
     arms = scenario.make_joint_motion(spacecraft)
 
-    def motion(times: np.ndarray) -> Telemetry:
+    def motion(times: np.ndarray) -> Motion:
         base = propagate(spacecraft.tree, arms, target.to_standard_vector(), times)
         return base.to_telemetry(spacecraft.joint_names, times, arms)
 
     end = SEEN + BLOCKS
-    ideal = ideal_measurements(suite, spacecraft.joint_names, motion, end)
+    ideal = ideal_log(suite, spacecraft.joint_names, motion, end)
     samples = add_noise(suite, ideal, seed=1)
     model = Model(spacecraft.tree, suite)
     blocks = list(blocks_of(BlockQueue.of(suite), [samples]))

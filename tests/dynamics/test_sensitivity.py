@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import small_craft
 
-from cpid_drake import InertialParameters, Spacecraft, Telemetry
+from cpid_drake import InertialParameters, Motion, Spacecraft
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, target_momentum
@@ -182,7 +182,7 @@ def test_a_displaced_tree_is_that_of_a_changed_model(tmp_path):
 def test_a_tree_with_the_target_has_its_momentum(craft, skewed_target):
     """Momentum of the tree with the target is that of the known bodies plus the target's."""
     rng, J = np.random.default_rng(83), len(craft.joint_names)
-    motion = Telemetry(
+    motion = Motion(
         craft.joint_names,
         np.arange(N),
         Rotation.random(N, rng).as_quat(scalar_first=True),

@@ -16,7 +16,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 from cpid_drake.studies.trials import Firing
@@ -149,7 +149,7 @@ def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target
     kept = ~(((e.time > 6.1) & (e.time < 7.2)) | ((e.time > 15.1) & (e.time < 17.0)))
     thinned = {**samples.samples, "encoders": Samples(e.time[kept], e.value[kept])}
     model = Model(case.craft.tree, declared)
-    found = fit(model, [LogState.of(model, Measurements(samples.joint_names, thinned))])
+    found = fit(model, [LogState.of(model, Log(samples.joint_names, thinned))])
     assert found.converged
     assert found.sweeps <= 25
     np.testing.assert_allclose(found.logs[0].smoothness.noise, 3.0, rtol=0.3)

@@ -21,7 +21,7 @@ from cpid_drake.estimation.online import run, step
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.online import identification_of_state, model_of
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
 from cpid_drake.studies.trials import Firing
@@ -243,7 +243,7 @@ def test_the_memory_of_the_recursive_fit_does_not_grow(case):
         times = np.arange(0, END, 0.04)
         q = case.motion.evaluate(times)[:, 0]
         later = Samples(times + (k + 1) * END + 0.04, q)
-        every.append(Measurements(case.samples.joint_names, encoders=later))
+        every.append(Log(case.samples.joint_names, encoders=later))
     for block in blocks_of(BlockQueue.of(SUITE), every):
         state = step(model, state, block)
         if block.end > 2 * END:

@@ -9,7 +9,7 @@ from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import joint_part, smooth_joints, smoothed
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.smoothness import Smoothness
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -39,7 +39,7 @@ def log(seed=0, duration=6.0, rate=50.0, noise=1.0, gaps=(), rates=True):
         samples[name] = Samples(t, value)
     if not rates:
         del samples["joint_rates"]
-    return Measurements(("a", "b", "c"), samples)
+    return Log(("a", "b", "c"), samples)
 
 
 def blocks_of(samples, length=1.0):
@@ -108,7 +108,7 @@ def test_a_drawn_jerk_and_its_noise_are_found():
     position = np.stack(states)[:, 0]
     times = h * np.arange(len(position))
     samples = Samples(times, position + SIGMA * rng.normal(size=position.shape))
-    log = Measurements(tuple("abcdefgh"), encoders=samples)
+    log = Log(tuple("abcdefgh"), encoders=samples)
     suite = SensorSuite(encoders=JointSensor(50.0, SIGMA))
     smoothness, _ = smooth_joints(blocks_of(log), suite)
     assert np.exp(np.mean(np.log(smoothness.jerk / jerk))) == pytest.approx(1, abs=0.25)
@@ -150,7 +150,7 @@ def test_outliers_do_not_pull_the_motion():
     rng = np.random.default_rng(1)
     for j in range(3):
         value[rng.choice(len(value), 6, replace=False), j] += 40 * SIGMA
-    spoiled = Measurements(clean.joint_names, encoders=Samples(clean.encoders.time, value))
+    spoiled = Log(clean.joint_names, encoders=Samples(clean.encoders.time, value))
     suite = SensorSuite(encoders=JointSensor(50.0, SIGMA))
     t = np.linspace(0.1, 5.9, 200)
     motions = [evaluated(smooth_joints(blocks_of(each), suite)[1], t) for each in (clean, spoiled)]
@@ -177,7 +177,7 @@ def test_a_slow_motion_is_seen_although_no_block_shows_its_jerk():
     angle = 0.3 * np.sin(speed * t)[:, None]
     samples = Samples(t, angle + 3 * sigma * rng.standard_normal(angle.shape))
     suite = SensorSuite(encoders=JointSensor(5.0, sigma))
-    blocks = blocks_of(Measurements(("a",), {"encoders": samples}), 4.0)
+    blocks = blocks_of(Log(("a",), {"encoders": samples}), 4.0)
     smoothness, parts = smooth_joints(blocks, suite)
     error = evaluated(parts, t)[:, 0] - angle[:, 0]
     assert np.sqrt(np.mean(error**2)) < sigma

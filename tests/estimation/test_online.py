@@ -19,7 +19,7 @@ from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.identification.fitted import at_momentum
 from cpid_drake.identification.online import identification_of_state
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.studies.trials import Firing
 
@@ -133,7 +133,7 @@ def test_stored_blocks_are_few(case, model):
         value = 0 if name == "gyro" else case.samples[name].value[0]
         shape = (len(time), case.samples[name].value.shape[1])
         still[name] = Samples(time, np.broadcast_to(value, shape))
-    samples = add_noise(SUITE, Measurements(case.samples.joint_names, still), 0)
+    samples = add_noise(SUITE, Log(case.samples.joint_names, still), 0)
     state, sizes = OnlineState(), []
     for block in blocks_of(BlockQueue.of(SUITE), [samples]):
         state = step(model, state, block)

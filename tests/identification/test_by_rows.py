@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from sensing_cases import MOMENTUM, Sines, measured, nees, sigmas
 
-from cpid_drake import Telemetry, TotalMomentum, identify
+from cpid_drake import Motion, TotalMomentum, identify
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import rotate
@@ -17,7 +17,7 @@ from cpid_drake.logs.simulated_noise import add_noise
 SAMPLES = 4000
 
 
-def states(craft, target, seed) -> Telemetry:
+def states(craft, target, seed) -> Motion:
     """Return random states of zero momentum."""
     rng, zeros = np.random.default_rng(seed), np.zeros((SAMPLES, 3))
     q, qdot = rng.uniform(-2.0, 2.0, (SAMPLES, 4)), 0.3 * rng.normal(size=(SAMPLES, 4))
@@ -25,7 +25,7 @@ def states(craft, target, seed) -> Telemetry:
     twist = BodyDynamics.at(craft.tree, q, qdot).base_twist(psi)
     attitude = Rotation.random(SAMPLES, rng)
     w_WB, v_WB = (rotate(attitude.as_matrix(), part) for part in twist)
-    return Telemetry(
+    return Motion(
         craft.joint_names,
         np.arange(SAMPLES, dtype=float),
         quaternion_WB=attitude.as_quat(scalar_first=True),
@@ -37,7 +37,7 @@ def states(craft, target, seed) -> Telemetry:
     )
 
 
-def rounded(exact: Telemetry, decimals: int) -> Telemetry:
+def rounded(exact: Motion, decimals: int) -> Motion:
     """Return states with rounded velocities of the base."""
     return replace(exact, w_WB=np.round(exact.w_WB, decimals), v_WB=np.round(exact.v_WB, decimals))
 

@@ -20,7 +20,7 @@ from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.files import table_of
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor
 
@@ -43,12 +43,12 @@ def exact(true_motion):
     return log_of(true_motion)
 
 
-def without(log: Measurements, *names: str) -> Measurements:
+def without(log: Log, *names: str) -> Log:
     nothing = np.empty(0, dtype=int)
     return replace(log, **{name: getattr(log, name).where(nothing) for name in names})
 
 
-def changed(log: Measurements, **functions) -> Measurements:
+def changed(log: Log, **functions) -> Log:
     parts = {}
     for name, function in functions.items():
         samples = getattr(log, name)
@@ -383,7 +383,7 @@ class TestWhatIsMissing:
             name: Samples(exact[name].time, np.insert(exact[name].value, 0, 7.0, axis=1))
             for name in ("encoders", "joint_rates")
         }
-        found = identify(craft, Measurements(names, {**exact.samples, **added}))
+        found = identify(craft, Log(names, {**exact.samples, **added}))
         expected = identify(craft, exact)
         np.testing.assert_array_equal(found.parameters, expected.parameters)
         assert found.warnings[0] == "left out joints that the spacecraft does not have: finger"

@@ -7,7 +7,7 @@ from sensing_cases import Sines, log_of, sigmas, true_telemetry
 from cpid_drake import InertialParameters, identify
 from cpid_drake.errors import InputError
 from cpid_drake.identification.checked_log import check_log
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 
 TARGET = InertialParameters.from_vector([80.0, 0.3, 0.1, -0.2, 15.0, 18.0, 12.0, 0.5, -1.0, 0.8])
 
@@ -20,7 +20,7 @@ def exact(craft, duration=30.0, momentum_W=None):
 
 def test_a_log_is_checked_to_its_end(craft):
     log = log_of(exact(craft))
-    renamed = Measurements(("other", *log.joint_names[1:]), log.samples)
+    renamed = Log(("other", *log.joint_names[1:]), log.samples)
     with pytest.raises(InputError, match=r"no column 'q:\w+'; .* the log's are 'other', "):
         identify(craft, renamed)
     end = log.encoders.value.copy()

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, nees, sigmas
 
 from cpid_drake import TotalMomentum, identify
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.sensors import JointSensor
 
@@ -47,13 +47,13 @@ def log(craft, skewed_target):
     return make
 
 
-def changed(log: Measurements, sensor, function) -> Measurements:
+def changed(log: Log, sensor, function) -> Log:
     """Return a log with other values of a sensor, as a function of time (N,) and value (N, k)."""
     samples = log[sensor]
     return log.updated({sensor: replace(samples, value=function(samples.time, samples.value))})
 
 
-def pushed(log: Measurements, times: float = 1.0) -> Measurements:
+def pushed(log: Log, times: float = 1.0) -> Log:
     """Return a log with the motion under a steady acceleration in the plane."""
     return changed(log, "position", lambda t, p: p + 0.5 * t[:, None] ** 2 * PUSH * times)
 

@@ -15,7 +15,7 @@ from cpid_drake.dynamics.propagation import BaseTrajectory, Wrench, propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.validation import validate
 from cpid_drake.logs.burns import Burn, log_of_burns
-from cpid_drake.logs.log import THRUST, Samples, ideal_measurements
+from cpid_drake.logs.log import THRUST, Samples, ideal_log
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.scenario.schema import BurnConfig
 from cpid_drake.sensors.disturbances import Disturbances
@@ -187,7 +187,7 @@ def test_thrusters_on_a_table(tmp_path):
         whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         return BaseTrajectory(**whole).to_telemetry(craft.joint_names, times, joints)
 
-    ideal = ideal_measurements(suite, craft.joint_names, motion_of, planar_motion().duration)
+    ideal = ideal_log(suite, craft.joint_names, motion_of, planar_motion().duration)
     log = add_noise(suite, ideal.updated({THRUST: log_of_burns([burn])}), 0)
     found = identify(craft, log, sensors=suite, planar=True)
     assert found.failures == ()

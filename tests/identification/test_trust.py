@@ -22,7 +22,7 @@ from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.identification.checks import fit_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.result import Identification
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -202,7 +202,7 @@ class TestNoiseInRegressors:
         telemetry = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
         samples = log_of(telemetry).samples
         poses = {n: samples[n] for n in ("attitude", "gyro", "position", "encoders")}
-        found = identify(craft, Measurements(telemetry.joint_names, poses))
+        found = identify(craft, Log(telemetry.joint_names, poses))
         assert found.passed
         assert found.parameters[0] == pytest.approx(skewed_target.mass, rel=1e-3)
 

@@ -5,22 +5,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cpid_drake.logs.log import THRUST, Measurements, Samples, concatenated
+from cpid_drake.logs.log import THRUST, Log, Samples, concatenated
 
 
-def log(duration=10.0, start=0.0) -> Measurements:
+def log(duration=10.0, start=0.0) -> Log:
     """Return samples of two sensors at rates that no common period divides."""
     rng = np.random.default_rng(1)
     fast = start + np.sort(rng.uniform(0, duration, 400))
     slow = start + np.arange(0, duration, 0.7)
-    return Measurements(
+    return Log(
         ("a", "b"),
         gyro=Samples(fast, rng.normal(size=(400, 3))),
         encoders=Samples(slow, rng.normal(size=(len(slow), 2))),
     )
 
 
-def assert_same(one: Measurements, other: Measurements) -> None:
+def assert_same(one: Log, other: Log) -> None:
     assert one.joint_names == other.joint_names
     for (name, a), (_, b) in zip(one.items(), other.items(), strict=True):
         np.testing.assert_array_equal(a.time, b.time, err_msg=name)

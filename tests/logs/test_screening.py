@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import every_sensor
 
-from cpid_drake import Telemetry
+from cpid_drake import Motion
 from cpid_drake.errors import InputError
 from cpid_drake.logs.log import (
-    Measurements,
+    Log,
     Samples,
-    ideal_measurements,
+    ideal_log,
 )
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.simulated_noise import add_noise
@@ -28,11 +28,11 @@ NONE_REJECTED = dict.fromkeys(SENSORS, 0)
 # -- motions -------------------------------------------------------------------------------------
 
 
-def telemetry(t, q, qdot, turned=None, w=None, p=None, v=None) -> Telemetry:
+def telemetry(t, q, qdot, turned=None, w=None, p=None, v=None) -> Motion:
     """Return a motion; the base is at rest unless something else is given."""
     zero = np.zeros((t.size, 3))
     turned = Rotation.from_rotvec(zero) if turned is None else turned
-    return Telemetry(
+    return Motion(
         JOINTS,
         t,
         quaternion_WB=turned.as_quat(scalar_first=True),
@@ -136,9 +136,9 @@ def at_rate(suite: SensorSuite, rate: float) -> SensorSuite:
     return replace(suite, **others)
 
 
-def recorded(suite, motion, duration=10.0, seed=1) -> Measurements:
+def recorded(suite, motion, duration=10.0, seed=1) -> Log:
     """Return what the sensors of a suite record of a motion."""
-    return add_noise(suite, ideal_measurements(suite, JOINTS, motion, duration), seed)
+    return add_noise(suite, ideal_log(suite, JOINTS, motion, duration), seed)
 
 
 def in_chunks(measurements, suite, cuts) -> tuple[dict, dict]:
@@ -207,7 +207,7 @@ def test_rounding_in_a_file_is_not_a_stuck_sensor(decimals):
 # -- spikes --------------------------------------------------------------------------------------
 
 
-def with_spikes(measurements, suite, name, size, rows, entry=0) -> Measurements:
+def with_spikes(measurements, suite, name, size, rows, entry=0) -> Log:
     """Return measurements with errors of `size` σ or more in one entry of some samples."""
     samples, value = measurements[name], measurements[name].value.copy()
     scale = 0.5 if name == "attitude" else 1.0
@@ -264,7 +264,7 @@ def test_a_lasting_step_is_no_spike():
 # -- repeats -------------------------------------------------------------------------------------
 
 
-def stuck(measurements, name, rows, entries=slice(None)) -> Measurements:
+def stuck(measurements, name, rows, entries=slice(None)) -> Log:
     """Return measurements in which a sensor repeats the sample before `rows` (a slice)."""
     value = measurements[name].value.copy()
     value[rows, entries] = value[rows.start - 1, entries]
@@ -337,8 +337,8 @@ def test_the_motion_in_a_gap_does_not_make_spikes_of_the_samples_behind(motion, 
 
 
 @pytest.fixture(scope="module")
-def perfect() -> Measurements:
-    return ideal_measurements(every_sensor(), JOINTS, slow, 10.0)
+def perfect() -> Log:
+    return ideal_log(every_sensor(), JOINTS, slow, 10.0)
 
 
 def screened(name, time, value=None, **others):
@@ -351,7 +351,7 @@ def screened(name, time, value=None, **others):
         other: Samples(np.empty(0), np.empty((0, w)))
         for other, w in zip(SENSORS, (4, 3, 3, 3, 2, 2))
     }
-    result = screen(Measurements(JOINTS, **(empty | {name: Samples(time, value)})))
+    result = screen(Log(JOINTS, **(empty | {name: Samples(time, value)})))
     kept, rejected = result.measurements, result.rejected
     assert all(rejected[other] == 0 for other in SENSORS if other != name)
     assert rejected[name] + len(getattr(kept, name)) == time.size
@@ -427,6 +427,6 @@ def test_attitudes_that_are_none_are_left_out(scale):
 def test_a_wrong_sample_of_thrust_is_no_reason_to_hold_the_one_before(times, force, phrase):
     value = np.zeros((3, 6))
     value[:, 3] = force
-    log = Measurements(JOINTS, thrust=Samples(np.array(times), value))
+    log = Log(JOINTS, thrust=Samples(np.array(times), value))
     with pytest.raises(InputError, match=phrase):
         screen(log)

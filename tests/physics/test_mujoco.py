@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cpid_drake import InertialParameters, Spacecraft, Telemetry, identify
+from cpid_drake import InertialParameters, Motion, Spacecraft, identify
 from cpid_drake.commands.main import main
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.resources import resolve_model
@@ -82,10 +82,10 @@ class Log:
             writer.writerow(self.columns)
             writer.writerows([[f"{value:.17g}" for value in row] for row in self.rows.tolist()])
 
-    def telemetry(self, joint_names: tuple[str, ...]) -> Telemetry:
+    def telemetry(self, joint_names: tuple[str, ...]) -> Motion:
         base = np.split(self.rows[:, 1:14], [4, 7, 10], axis=1)
         q, qdot = ([self.columns.index(f"{k}:{name}") for name in joint_names] for k in ("q", "qd"))
-        return Telemetry(joint_names, self.rows[:, 0], *base, self.rows[:, q], self.rows[:, qdot])
+        return Motion(joint_names, self.rows[:, 0], *base, self.rows[:, q], self.rows[:, qdot])
 
 
 def simulate(

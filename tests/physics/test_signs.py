@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from cpid_drake import (
     HalfCosine,
     InertialParameters,
+    Motion,
     Spacecraft,
-    Telemetry,
     TotalMomentum,
     identify,
 )
@@ -69,7 +69,7 @@ def seen(*, q=0.0, qdot=0.0, R_WB=None, p_WB=(0, 0, 0), w_WB=(0, 0, 0), v_WB=(0,
     R_WB = Rotation.identity() if R_WB is None else R_WB
     quaternion = R_WB.as_quat(scalar_first=True)[None]
     vectors = (np.array([each], dtype=float) for each in (p_WB, w_WB, v_WB))
-    return Telemetry(("j",), [0.0], quaternion, *vectors, [[q]], [[qdot]])
+    return Motion(("j",), [0.0], quaternion, *vectors, [[q]], [[qdot]])
 
 
 QUARTER = Rotation.from_rotvec(np.pi / 2 * Z)

@@ -7,7 +7,7 @@ from base64 import b64decode
 import numpy as np
 import pytest
 
-from cpid_drake import Spacecraft, Telemetry, identify
+from cpid_drake import Motion, Spacecraft, identify
 from cpid_drake.report.replay import replay_html
 
 INERTIAL = (
@@ -43,17 +43,17 @@ def two_links(tmp_path_factory):
     return make
 
 
-def at_rest(spacecraft: Spacecraft, time) -> Telemetry:
+def at_rest(spacecraft: Spacecraft, time) -> Motion:
     zeros = np.zeros((len(time), 3))
     joints = np.zeros((len(time), len(spacecraft.joint_names)))
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
-    return Telemetry(spacecraft.joint_names, time, attitude, zeros, zeros, zeros, joints, joints)
+    return Motion(spacecraft.joint_names, time, attitude, zeros, zeros, zeros, joints, joints)
 
 
 def test_a_replay_says_what_was_known_and_when(servicer, zero_momentum_motion, skewed_target):
     """Its clock starts with the log; without truth, none is drawn; text is text."""
     telemetry = zero_momentum_motion(skewed_target, 8, 3)
-    later = Telemetry(**(vars(telemetry) | {"time": telemetry.time + 100.0}))
+    later = Motion(**(vars(telemetry) | {"time": telemetry.time + 100.0}))
     found = [identify(servicer, later.select(slice(0, k)), rows="standard") for k in (1, 8)]
     page = replay_html(
         servicer, later, [(100.0, found[0]), (107.0, found[1])], title="</script><b>log & co"

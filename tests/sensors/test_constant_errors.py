@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InputError, Telemetry
+from cpid_drake import InputError, Motion
 from cpid_drake.estimation.likelihood.constants import constant_errors
-from cpid_drake.logs.log import ideal_measurements
+from cpid_drake.logs.log import ideal_log
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.random_streams import random_stream
@@ -40,11 +40,11 @@ def suite(**changes) -> SensorSuite:
     return replace(sensors, **changes)
 
 
-def motion(times) -> Telemetry:
+def motion(times) -> Motion:
     """A base that turns about one axis, faster and slower, while it drifts and joints move."""
     t = np.asarray(times)[:, None]
     angle, rate = 0.3 * np.sin(2 * t), 0.6 * np.cos(2 * t)
-    return Telemetry(
+    return Motion(
         JOINTS,
         t[:, 0],
         quaternion_WB=Rotation.from_rotvec(angle * AXIS).as_quat(scalar_first=True),
@@ -58,7 +58,7 @@ def motion(times) -> Telemetry:
 
 def pair(sensors: SensorSuite, seed: int = 3):
     """Return ideal and measured samples and the errors' values."""
-    ideal = ideal_measurements(sensors, JOINTS, motion, 4.0)
+    ideal = ideal_log(sensors, JOINTS, motion, 4.0)
     return ideal, add_noise(sensors, ideal, seed), SensorNoise(sensors, seed)
 
 
@@ -102,7 +102,7 @@ def test_all_values_are_independent():
 
 def test_runs_of_the_same_hardware_differ_in_their_noise_only():
     sensors = suite(gyro=replace(suite().gyro, angle_random_walk=0.1))
-    ideal = ideal_measurements(sensors, JOINTS, motion, 1.0)
+    ideal = ideal_log(sensors, JOINTS, motion, 1.0)
     first, second = (SensorNoise(sensors, seed, 3) for seed in (5, 6))
     for name in sensors.present():
         ours, same, other = (
@@ -197,7 +197,7 @@ def test_all_errors_have_the_names_and_sizes_of_the_unknowns_of_the_fit():
 def test_an_integrating_gyro_gives_the_mean_rate_of_the_period_before(rate):
     """About a fixed axis, that is the turn since the sample before, divided by the period."""
     sensors = SensorSuite(gyro=Gyro(rate=rate, integrates=True), encoders=JointSensor())
-    gyro = add_noise(sensors, ideal_measurements(sensors, JOINTS, motion, 4.0), 1).gyro
+    gyro = add_noise(sensors, ideal_log(sensors, JOINTS, motion, 4.0), 1).gyro
     assert gyro.time[0] == 1 / rate
     np.testing.assert_allclose(gyro.time, (1 + np.arange(len(gyro))) / rate, atol=1e-12)
     ends = motion(np.append(0.0, gyro.time)).quaternion_WB

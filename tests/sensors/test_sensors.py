@@ -5,11 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import every_sensor
 
-from cpid_drake import Telemetry
+from cpid_drake import Motion
 from cpid_drake.logs.log import (
-    Measurements,
+    Log,
     Samples,
-    ideal_measurements,
+    ideal_log,
     sample_times,
 )
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
@@ -29,11 +29,11 @@ JOINTS = ("a", "b")
 COUNT = 20000
 
 
-def motion(times) -> Telemetry:
+def motion(times) -> Motion:
     """A base that turns and drifts, joints that swing."""
     t = np.asarray(times)[:, None]
     attitude = Rotation.from_rotvec(t * [0.02, -0.05, 0.03])
-    return Telemetry(
+    return Motion(
         JOINTS,
         t[:, 0],
         quaternion_WB=attitude.as_quat(scalar_first=True),
@@ -46,8 +46,8 @@ def motion(times) -> Telemetry:
 
 
 @pytest.fixture(scope="module")
-def perfect() -> Measurements:
-    return ideal_measurements(every_sensor(), JOINTS, motion, 10.0)
+def perfect() -> Log:
+    return ideal_log(every_sensor(), JOINTS, motion, 10.0)
 
 
 # -- statistics ----------------------------------------------------------------------------------
@@ -157,7 +157,7 @@ def test_encoders_round_to_their_step(bits):
 
 def test_sigmas_say_what_samples_are_off_by(perfect):
     suite = every_sensor(gyro=Gyro(rate=100.0, angle_random_walk=0.07), decimals=4)
-    long = Measurements(
+    long = Log(
         JOINTS,
         **{
             name: Samples(

@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 from sensing_cases import small_craft
 
-from cpid_drake import InertialParameters, InputError, Spacecraft, Telemetry
+from cpid_drake import InertialParameters, InputError, Motion, Spacecraft
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.resources import models_directory
 
@@ -121,9 +121,9 @@ def refusal(load):
     return make
 
 
-def random_telemetry(joint_names, n=8, seed=0) -> Telemetry:
+def random_telemetry(joint_names, n=8, seed=0) -> Motion:
     rng = np.random.default_rng(seed)
-    return Telemetry(
+    return Motion(
         joint_names,
         np.arange(n, dtype=float),
         quaternion_WB=Rotation.random(n, rng).as_quat(scalar_first=True),

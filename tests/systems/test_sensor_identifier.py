@@ -19,7 +19,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.unknowns import PSI
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import (
     SENSORS,
     AttitudeSensor,
@@ -54,7 +54,7 @@ def finished(simulation):
 
 
 @pytest.fixture(scope="module")
-def samples(simulation, finished) -> Measurements:
+def samples(simulation, finished) -> Log:
     """Return all samples of the run."""
     return simulation.measurements(finished)
 

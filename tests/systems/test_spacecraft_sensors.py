@@ -8,8 +8,8 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from scipy.spatial.transform import Rotation
 from sensing_cases import every_sensor
 
-from cpid_drake import InputError, Telemetry
-from cpid_drake.logs.log import ideal_measurements, sample_times
+from cpid_drake import InputError, Motion
+from cpid_drake.logs.log import ideal_log, sample_times
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import SENSORS, Gyro
 from cpid_drake.sensors.suite import SensorSuite
@@ -29,13 +29,13 @@ def suite() -> SensorSuite:
 
 @pytest.fixture(scope="module")
 def motion(servicer):
-    """Return a function (times) -> Telemetry of a base that turns and joints that swing."""
+    """Return a function (times) -> Motion of a base that turns and joints that swing."""
 
-    def make(times) -> Telemetry:
+    def make(times) -> Motion:
         t = np.atleast_1d(times)[:, None]
         speeds = 0.1 + 0.05 * np.arange(len(servicer.joint_names))
         attitude = Rotation.from_rotvec(t * [0.2, -0.5, 0.3])
-        return Telemetry(
+        return Motion(
             servicer.joint_names,
             t[:, 0],
             quaternion_WB=attitude.as_quat(scalar_first=True),
@@ -119,7 +119,7 @@ def test_samples_are_those_of_the_array_model(servicer, suite, motion, diagram, 
     suite.decimals = digits
     system, sensors, logs = diagram(seed=3, per_step=per_step)
     found = measurements_from_logs(sensors, logs, run(system))
-    perfect = ideal_measurements(suite, servicer.joint_names, motion, DURATION)
+    perfect = ideal_log(suite, servicer.joint_names, motion, DURATION)
     assert_same(found, add_noise(suite, perfect, seed=3))
     for name, sensor in suite.present().items():
         times = getattr(found, name).time
@@ -154,7 +154,7 @@ def test_samples_of_a_simulated_plant_are_those_of_its_logged_motion(servicer, s
         return servicer.to_telemetry(wanted, np.array(states)[index])
 
     only = SensorSuite(attitude=suite.attitude, gyro=suite.gyro, position=suite.position)
-    expected = add_noise(only, ideal_measurements(only, servicer.joint_names, motion, 0.5), 8)
+    expected = add_noise(only, ideal_log(only, servicer.joint_names, motion, 0.5), 8)
     for name in ("attitude", "gyro", "position"):
         np.testing.assert_array_equal(getattr(found, name).time, getattr(expected, name).time)
         np.testing.assert_allclose(
@@ -175,7 +175,7 @@ def test_constant_errors_are_those_of_the_array_model(servicer, suite, motion, d
         errors.delay_ms = 15.0
     system, sensors, logs = diagram(seed=3)
     found = measurements_from_logs(sensors, logs, run(system))
-    ideal = ideal_measurements(suite, servicer.joint_names, motion, DURATION)
+    ideal = ideal_log(suite, servicer.joint_names, motion, DURATION)
     expected = add_noise(suite, ideal, seed=3)
     assert_same(found, expected, atol=1e-7)
     delays = {name: sensors.noise.constants(name).delay for name in suite.present()}

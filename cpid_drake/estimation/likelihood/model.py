@@ -29,7 +29,7 @@ from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, Traj
 from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
 from cpid_drake.estimation.likelihood.white_effects import White, WhiteReading
 from cpid_drake.estimation.likelihood.white_force import white_forces
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -65,7 +65,7 @@ class BlockModel:
         self,
         tree: KinematicTree,
         joints: JointPart,
-        measurements: Measurements,
+        measurements: Log,
         suite: SensorSuite,
         known_bodies: BodyUncertainty | None = None,
         step: float = STEP,

@@ -22,7 +22,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -382,7 +382,7 @@ _MODELS: dict[str, type[SensorModel]] = {
 }
 
 
-def model_classes(measurements: Measurements) -> dict[str, type[SensorModel]]:
+def model_classes(measurements: Log) -> dict[str, type[SensorModel]]:
     """Return the classes of the base's sensors that have samples, in the order of the table."""
     return {
         name: _MODELS[sensor.quantity.name]

@@ -12,7 +12,7 @@ from cpid_drake.logs.column_map import ColumnMap, with_entries
 from cpid_drake.logs.conversion import read_columns
 from cpid_drake.logs.guess.names import unit_of
 from cpid_drake.logs.guess.raw_log import RawLog
-from cpid_drake.logs.log import Measurements, Samples
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.score import Instants, compare_momentum, compare_rates, instants_of
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.table import Table
@@ -55,7 +55,7 @@ class MapDraft:
         """Add a reason for an entry."""
         self.reasons.setdefault(key, []).append(text)
 
-    def measurements(self) -> Measurements:
+    def measurements(self) -> Log:
         """Return the samples as read with the map."""
         read = read_columns(self.map, Table(dict(self.raw.values)), "the log").measurements
         return _in_order(screen(read).measurements, self.spacecraft.joint_names)
@@ -141,7 +141,7 @@ def stated_unit(columns: Iterable[str]) -> Any:
     return units.pop() if len(units) == 1 else None
 
 
-def _in_order(measurements: Measurements, joints: Sequence[str]) -> Measurements:
+def _in_order(measurements: Log, joints: Sequence[str]) -> Log:
     """Return measurements with these joints; those that are missing are at zero."""
     have = measurements.joint_names
     order = [have.index(joint) if joint in have else -1 for joint in joints]
@@ -150,4 +150,4 @@ def _in_order(measurements: Measurements, joints: Sequence[str]) -> Measurements
         samples = measurements[name]
         value = np.nan_to_num(np.column_stack([samples.value, np.zeros(len(samples))]))
         changed[name] = Samples(samples.time, value[:, order])
-    return Measurements(tuple(joints), {**measurements.samples, **changed}, measurements.column_map)
+    return Log(tuple(joints), {**measurements.samples, **changed}, measurements.column_map)

@@ -20,7 +20,7 @@ from cpid_drake.logs.guess.draft import CLEAR, MapDraft, stated_unit
 from cpid_drake.logs.guess.joints import find_joints
 from cpid_drake.logs.guess.names import unit_of
 from cpid_drake.logs.guess.raw_log import RawLog
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.logs.score import (
     Instants,
     centre_of_mass,
@@ -51,7 +51,7 @@ class GuessedMap:
 
     column_map: ColumnMap
     reasons: dict[str, list[str]]
-    measurements: Measurements
+    measurements: Log
     missing: tuple[str, ...] = ()
 
 
@@ -107,7 +107,7 @@ def _guess(
     return GuessedMap(draft.map, draft.reasons, draft.measurements(), tuple(missing)), others
 
 
-def _rates_agree(log: Measurements) -> bool:
+def _rates_agree(log: Log) -> bool:
     given = instants_of(log)
     found = [] if given is None else compare_rates(given, log.joint_names)
     return any(each.residual < AGREES for each in found)

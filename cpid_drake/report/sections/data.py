@@ -10,7 +10,7 @@ from cpid_drake.identification.description import residual_words
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Estimates, Evidence
 from cpid_drake.identification.result import Identification
-from cpid_drake.logs.log import Measurements
+from cpid_drake.logs.log import Log
 from cpid_drake.report.figures import convergence_pictures, motion_pictures, residual_pictures
 from cpid_drake.report.page import Section, Table
 from cpid_drake.scenario.run_files import versions
@@ -133,7 +133,7 @@ def sensors_section(evidence: Evidence) -> Section:
     return Section("Sensors", texts=[text], tables=[Table(heads, rows, note=note)])
 
 
-def base_motion_section(measurements: Measurements) -> Section:
+def base_motion_section(measurements: Log) -> Section:
     """Return the section with the measured motion of the base."""
     text = (
         "Measured motion of the base, not filtered. Rotation and displacement are relative to the "

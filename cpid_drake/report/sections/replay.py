@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rows import row_family
-from cpid_drake.dynamics.telemetry import Telemetry
 from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.identify_files import Evidence
@@ -44,7 +44,7 @@ def replay_section(findings: Findings, evidence: Evidence) -> Section:
     return Section("Replay", texts=[text], inner_page=embedded_json(json.dumps(page)))
 
 
-def motion_of(evidence: Evidence) -> Telemetry:
+def motion_of(evidence: Evidence) -> Motion:
     """Return the motion in a log: its complete samples or, if there are none, the smoothed motion.
 
     Of a long log, it is the motion in the first minute.
@@ -68,7 +68,7 @@ def motion_of(evidence: Evidence) -> Telemetry:
     return _with_inner_rates(smooth(measurements, suite, with_position=with_position).telemetry)
 
 
-def _with_inner_rates(motion: Telemetry) -> Telemetry:
+def _with_inner_rates(motion: Motion) -> Motion:
     """Return a smoothed motion with the rates of the neighbours at its first and last sample.
 
     A spline's rates at its ends are known from one side only, and their noise looks like momentum.

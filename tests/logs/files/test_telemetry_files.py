@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, Measurements, read_telemetry, write_telemetry
+from cpid_drake import InputError, Log, read_telemetry, write_telemetry
 from cpid_drake.logs.files import inspect_telemetry
-from cpid_drake.logs.log import ideal_measurements
+from cpid_drake.logs.log import ideal_log
 from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -30,7 +30,7 @@ def write(folder, *lines, name="log.csv", end="\n", encoding="utf-8"):
     return path
 
 
-def assert_same(a: Measurements, b: Measurements, tolerance: float = 0.0) -> None:
+def assert_same(a: Log, b: Log, tolerance: float = 0.0) -> None:
     assert a.joint_names == b.joint_names
     for name in SENSORS:
         one, other = getattr(a, name), getattr(b, name)
@@ -55,7 +55,7 @@ class TestRoundTrip:
 
     def test_sensors_of_different_rates_come_back_bit_by_bit(self, tmp_path, random_motion, ending):
         names = random_motion(1, 0).joint_names
-        measurements = ideal_measurements(
+        measurements = ideal_log(
             SUITE, names, lambda t: replace(random_motion(len(t), 3), time=t), 2.0
         )
         write_telemetry(tmp_path / f"log.{ending}", measurements)

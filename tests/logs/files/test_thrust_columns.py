@@ -9,7 +9,7 @@ from cpid_drake import InputError, read_telemetry, write_telemetry
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.files import FORMATS, THRUST_COLUMNS, table_of
-from cpid_drake.logs.log import THRUST, Measurements, Samples
+from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.sensors.suite import SensorSuite
@@ -31,7 +31,7 @@ def log(random_motion):
         "position": Samples(motion.time, motion.p_WB),
         "encoders": Samples(motion.time, motion.q),
     }
-    return Measurements(motion.joint_names, {**samples, THRUST: log_of_burns(BURNS)})
+    return Log(motion.joint_names, {**samples, THRUST: log_of_burns(BURNS)})
 
 
 def rows_of(log, force, torque, names=THRUST_COLUMNS):

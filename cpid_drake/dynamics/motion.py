@@ -10,7 +10,7 @@ from cpid_drake.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Telemetry:
+class Motion:
     """N samples of a spacecraft's base motion and joint motion, all at the same instants.
 
     Attributes:
@@ -93,7 +93,7 @@ class Telemetry:
         # SciPy imports scipy.spatial here, at its first use; the import takes 0.25 s.
         return scipy.spatial.transform.Rotation.from_quat(self.quaternion_WB, scalar_first=True)
 
-    def select(self, samples: ArrayLike | slice) -> "Telemetry":
+    def select(self, samples: ArrayLike | slice) -> "Motion":
         """Return the samples with these indices, in this slice, or where this (N,) mask is true.
 
         A slice shares its arrays with this telemetry.
@@ -105,12 +105,12 @@ class Telemetry:
         if not isinstance(samples, slice) or (samples.step or 1) < 0:
             return replace(self, **parts)
         # These samples are already checked; a long log is cut into many pieces.
-        part = object.__new__(Telemetry)
+        part = object.__new__(Motion)
         for name, value in (("joint_names", self.joint_names), *parts.items()):
             object.__setattr__(part, name, value)
         return part
 
-    def rounded(self, decimals: int) -> "Telemetry":
+    def rounded(self, decimals: int) -> "Motion":
         """Return the telemetry with all numbers but the times rounded, in SI units and radians.
 
         The attitude is rounded as 3-2-1 Euler angles: the paper's sensors give attitude angles

@@ -1,4 +1,4 @@
-"""Telemetry: what it refuses, how it is cut, and what rounding does to it."""
+"""Motion: what it refuses, how it is cut, and what rounding does to it."""
 
 from dataclasses import replace
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InputError, Telemetry
+from cpid_drake import InputError, Motion
 
 ARRAYS = ("quaternion_WB", "p_WB", "w_WB", "v_WB", "q", "qdot")
 
 
-def make(n: int = 5, seed: int = 0) -> Telemetry:
+def make(n: int = 5, seed: int = 0) -> Motion:
     rng = np.random.default_rng(seed)
-    return Telemetry(
+    return Motion(
         ("shoulder", "elbow"),
         np.arange(n) * 0.5,
         quaternion_WB=Rotation.random(n, rng).as_quat(scalar_first=True).reshape(n, 4),
@@ -26,7 +26,7 @@ def make(n: int = 5, seed: int = 0) -> Telemetry:
 
 
 @pytest.fixture
-def telemetry() -> Telemetry:
+def telemetry() -> Motion:
     return make()
 
 
