@@ -5,8 +5,7 @@ from typing import Literal
 
 import cpid_drake as cpid
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.input_files.validation import from_tree
-from cpid_drake.input_files.yaml_text import parse_yaml
+from cpid_drake.input_files.validation import from_tree, parse_yaml
 from cpid_drake.resources import find_scenario, resolve_model
 from cpid_drake.scenario.joint_motions import MOTION_TAGS
 

@@ -1,7 +1,7 @@
 """Conversion of YAML and JSON to dataclasses; their declarations define keys, types and limits.
 
 A dataclass states its limits where it declares its members, with `annotated_types` (such as
-`Annotated[float, Gt(0)]`) and with the two annotations of this module. pydantic checks them; this
+`Annotated[float, Gt(0)]`) and with the annotations of this module. pydantic checks them; this
 module reads the files, limits their size, and writes error messages of one line with the problem,
 its place and the remedy.
 """
@@ -17,10 +17,10 @@ from types import UnionType
 from typing import TYPE_CHECKING, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.errors import InputError, choose_from
-from cpid_drake.input_files.yaml_text import Tagged, format_yaml, parse_yaml
 
 if TYPE_CHECKING:  # pydantic takes 0.1 s to import, and only reading a file needs it
     from pydantic import TypeAdapter
@@ -53,19 +53,17 @@ class Numbers:
     def _read(self, value: object) -> NDArray[np.float64]:
         try:
             array = np.asarray(value)
+            if self._unknown and array.dtype == object:
+                array = np.asarray(np.where(array == np.array(None), np.nan, array).tolist())
         except ValueError:  # rows of unequal length
             array = np.array(None)
-        unknown = np.zeros(array.shape, dtype=bool)
-        if self._unknown and array.ndim and array.dtype == object:
-            unknown = np.vectorize(lambda item: item is None, otypes=[bool])(array)
-            array = np.asarray(np.where(unknown, 0.0, array).tolist())
         is_list = array.ndim > 0 and array.dtype.kind in "iuf"
         if not is_list or (self._shape and array.shape != self._shape):
             shape = "x".join(map(str, self._shape))
             raise ValueError(" ".join(f"must be a list of {shape} numbers".split()))
-        if not np.isfinite(array).all():
+        if np.isinf(array).any() or (np.isnan(array).any() and not self._unknown):
             raise ValueError("must be finite numbers")
-        return np.where(unknown, np.nan, array.astype(float))
+        return array.astype(float)
 
 
 class InMemory:
@@ -79,12 +77,6 @@ class InMemory:
 
     def _refuse(self, value: object) -> object:
         raise ValueError("must be left out")
-
-
-def nulls(values: ArrayLike) -> Any:
-    """Return numbers for a file, in nested lists: None where `values` are not finite."""
-    values = np.asarray(values, dtype=float)
-    return np.where(np.isfinite(values), values.astype(object), np.array(None)).tolist()
 
 
 class FirstUnlessTagged:
@@ -117,7 +109,7 @@ def tag_of(kind: type) -> str:
     return f"!{kind.__name__}"
 
 
-# -- reading and writing -------------------------------------------------------------------------
+# -- reading -------------------------------------------------------------------------------------
 
 
 def load_yaml(
@@ -133,8 +125,8 @@ def load_yaml(
         tags: the YAML tags that the schema knows; see `FirstUnlessTagged`.
 
     Raises:
-        InputError: not YAML, larger than `LARGEST_FILE` or the limits of `yaml_text`, unknown or
-            repeated keys, unknown tags, or values of another type or out of their limits.
+        InputError: not YAML, larger than `LARGEST_FILE`, an alias, unknown or repeated keys,
+            unknown tags, or values of another type or out of their limits.
 
     """
     with file.open("rb") as stream:
@@ -144,39 +136,89 @@ def load_yaml(
     return from_tree(schema, parse_yaml(data, where, tags), where, whole)
 
 
+def parse_yaml(data: bytes, where: str, tags: tuple[str, ...] = ()) -> object:
+    """Return the tree of a YAML text in UTF-8; a tagged mapping becomes `{tag: mapping}`.
+
+    Raises:
+        InputError: not YAML, an alias, repeated keys or unknown tags.
+
+    """
+    try:
+        return _StrictLoader(data.decode("utf-8-sig"), tags).get_single_data()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise InputError(f"{where}: not YAML: {place}{error.problem}") from error
+    except RecursionError as error:
+        raise InputError(f"{where}: nested too deeply") from error
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError) as error:
+        # PyYAML's own conversions raise the last four, for dates and the like.
+        raise InputError(f"{where}: not YAML: {error}") from error
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """Refuses unknown tags, aliases, and repeated keys, of which other readers use the last."""
+
+    def __init__(self, text: str, tags: tuple[str, ...]) -> None:
+        super().__init__(text)
+        self._tags = tags
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise _at(self.peek_event(), "aliases are not read: write the value again")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise _at(key, "a key must be a word, not a collection")
+            if key.value in seen:
+                raise _at(key, f"the key '{key.value}' is given twice")
+            seen.add(key.value)
+        return {str(key): value for key, value in super().construct_mapping(node, deep).items()}
+
+    def construct_tagged(self, tag: str, node: yaml.Node) -> dict[str, Any]:
+        if tag not in self._tags or not isinstance(node, yaml.MappingNode):
+            known = f"the tags of mappings are {', '.join(self._tags) or 'none'}"
+            raise _at(node, f"unknown tag {tag:.80}; {known}")
+        return {tag: self.construct_mapping(node, deep=True)}
+
+
+def _at(place: yaml.Node | yaml.Event, problem: str) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=place.start_mark)
+
+
+_StrictLoader.add_multi_constructor("", _StrictLoader.construct_tagged)
+# YAML 1.1 reads 1e3 and 1.0e3 as text; YAML 1.2 reads them as numbers, as users expect.
+_StrictLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    list("-+.0123456789"),
+)
+
+
 def load_json(data: bytes, where: str) -> object:
     """Return the tree of a JSON text, for `from_tree`.
 
     Raises:
-        InputError: not JSON, repeated keys, nested too deeply, or a number that is not finite.
+        InputError: not JSON, repeated keys, or nested too deeply.
 
     """
 
     def unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
-        tree = dict(pairs)
-        if len(tree) < len(pairs):
-            names = [name for name, _ in pairs]
-            twice = next(name for name in names if names.count(name) > 1)
-            raise InputError(f"{where}: the key {twice!r:.60} is given twice")
-        return tree
+        names = [name for name, _ in pairs]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"the key {name!r:.60} is given twice")
+        return dict(pairs)
 
-    def finite(literal: str) -> float:
-        if not np.isfinite(float(literal)):
-            raise InputError(
-                f"{where}: {literal:.60} is not a finite number; unknown numbers are null"
-            )
-        return float(literal)
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no number of JSON; unknown numbers are null")
 
     try:
         text = data.decode("utf-8-sig")
-        tree = json.loads(text, object_pairs_hook=unique, parse_float=finite, parse_constant=finite)
-        json.dumps(tree, ensure_ascii=False).encode()
-        return tree
-    except UnicodeEncodeError as error:
-        half = ascii(error.object[error.start])
-        raise InputError(f"{where}: {half} is half of a character, which is not text") from error
-    except InputError:
-        raise
+        return json.loads(text, object_pairs_hook=unique, parse_constant=refuse)
     except ValueError as error:  # from JSON, or from the encoding
         raise InputError(f"{where}: not JSON: {error}") from error
     except RecursionError as error:
@@ -214,27 +256,6 @@ def check_values(value: Any, where: str, whole: str) -> None:
     from_tree(type(value), asdict(value), where, whole)
 
 
-def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
-    """Return a dataclass as YAML text that `load_yaml` reads with the same tags.
-
-    Structures of Drake's with `__fields__`, such as `SimulatorConfig`, are written as mappings.
-    """
-
-    def plain(data: Any) -> object:
-        if isinstance(data, dict):
-            return {name: plain(item) for name, item in data.items()}
-        if isinstance(data, list):
-            return [plain(item) for item in data]
-        entries = fields(data) if is_dataclass(data) else getattr(data, "__fields__", None)
-        if entries is None:
-            return data.item() if isinstance(data, np.generic) else data
-        members = {entry.name: plain(getattr(data, entry.name)) for entry in entries}
-        tag = tag_of(type(data))
-        return Tagged(tag, members) if tag in tags else members
-
-    return format_yaml(plain(value))
-
-
 @cache
 def _adapter(schema: Hashable) -> "TypeAdapter[list[Any]]":
     """Return pydantic's validator of a list of one dataclass, which uses the list's settings."""
@@ -250,95 +271,87 @@ def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 
+# -- writing -------------------------------------------------------------------------------------
+
+
+def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
+    """Return a dataclass as YAML text that `load_yaml` reads with the same tags.
+
+    Structures of Drake's with `__fields__`, such as `SimulatorConfig`, are written as mappings.
+    """
+
+    class Dumper(yaml.SafeDumper):
+        def ignore_aliases(self, data: object) -> bool:
+            return True
+
+        def represent_other(self, data: Any) -> yaml.Node:
+            if isinstance(data, np.ndarray):
+                sequence = "tag:yaml.org,2002:seq"
+                return self.represent_sequence(sequence, data.tolist(), flow_style=True)
+            if isinstance(data, np.generic):
+                return self.represent_data(data.item())
+            names = [each.name for each in getattr(data, "__fields__", None) or fields(data)]
+            tag = tag_of(type(data))
+            tag = tag if tag in tags else "tag:yaml.org,2002:map"
+            return self.represent_mapping(tag, {name: getattr(data, name) for name in names})
+
+    Dumper.add_representer(None, Dumper.represent_other)
+    return yaml.dump(value, Dumper=Dumper, sort_keys=False, allow_unicode=True)
+
+
+def nulls(values: ArrayLike) -> Any:
+    """Return numbers for a file, in nested lists: None where `values` are not finite."""
+    values = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(values), values.astype(object), np.array(None)).tolist()
+
+
 # -- error messages ------------------------------------------------------------------------------
 
 
 _UNKNOWN_KEY = "unexpected_keyword_argument"
-
-_WANTED = {
-    "dataclass_type": "a mapping",
-    "dict_type": "a mapping",
-    "list_type": "a list",
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "int_type": "a whole number",
-    "string_type": "text",
-    "bool_type": "true or false",
-}
 _UNITS = (
     "; numbers are written without units: lengths in metres, angles in radians, masses in kg, "
     "times in s"
 )
-_BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 _NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?\.?\d[\d.]*\s*[a-zA-Zµ°'\"].*")
 
 
 def _problem(error: "ErrorDetails", schema: type, whole: str) -> str:
     """Return a message for an error of pydantic's: the place, the problem, and the remedy."""
-    kind, value, limits = error["type"], error["input"], error.get("ctx", {})
-    place = list(error["loc"][1:])
-    if kind not in (_UNKNOWN_KEY, "missing") and isinstance(value, dict) and len(value) == 1:
-        place += [key for key in value if key.startswith("!")]
-    section, section_type = _section(schema, place[:-1])
-    last = place[-1] if place else ""
-    if str(last).startswith("!"):
-        return f"{section or whole} cannot be tagged {last}"
-    key = f"{section}[{last}]" if isinstance(last, int) else f"{section}.{last}".strip(".")
+    kind, value, place = error["type"], error["input"], error["loc"][1:]
+    key, keys = _locate(schema, place)
     if kind == _UNKNOWN_KEY:
-        choices = choose_from(last, [entry.name for entry in fields(section_type)])
-        return f"unknown key '{key:.200}'; {choices}"
+        return f"unknown key '{key:.200}'; {choose_from(place[-1], keys)}"
     if kind in ("missing", "string_too_short"):
         return f"{key} is missing"
-    if isinstance(limits.get("error"), InputError):  # of a dataclass's __post_init__
-        return f"{key}: {limits['error']}" if key else str(limits["error"])
-    if kind == "value_error":
-        wanted = str(limits["error"])
-    elif kind == "too_short":
-        wanted = f"needs at least {limits['min_length']} entry"
-    elif kind == "literal_error":
-        wanted = "must be one of " + ", ".join(re.findall("'(.*?)'", limits["expected"]))
-    elif limits.keys() & _BOUNDS.keys():
-        [(name, bound)] = limits.items()
-        number = "a whole number" if isinstance(bound, int) else "a number"
-        wanted = f"must be {number} {_BOUNDS[name]} {bound:g}"
-    elif kind in _WANTED:
-        wanted = f"must be {_WANTED[kind]}"
-    else:
-        return f"{key or whole}: {error['msg']}"
-    hint = _UNITS if kind in ("float_type", "value_error") and _has_unit(value) else ""
-    return f"{key or whole} {wanted}, not {_shown(value)}{hint}"
-
-
-def _section(schema: type, place: list[int | str]) -> tuple[str, type]:
-    """Return the key path of an error of pydantic's, and the declared type at this path."""
-    key, kind = "", schema
-    for part in place:
-        choices = _dataclasses(kind)
-        if len(choices) > 1:  # a union: pydantic names the choice, then perhaps its tag
-            [kind] = [each for each in choices if part in (each.__name__, tag_of(each))]
-        elif choices and part != tag_of(choices[0]):
-            kind = get_type_hints(choices[0])[str(part)]
-            key += f".{part}"
-        elif not choices:
-            kind = next(each for each in reversed(get_args(kind)) if each is not Ellipsis)
-            key += f"[{part}]" if isinstance(part, int) else f".{part}"
-    return key.strip("."), (_dataclasses(kind) or [kind])[0]
-
-
-def _dataclasses(kind: type) -> list[type]:
-    """Return the dataclasses of which a value of this type can be."""
-    choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    return [each for each in choices if is_dataclass(each) and isinstance(each, type)]
-
-
-def _has_unit(value: object) -> bool:
-    """Return whether a value is text such as "433 mm", or a list with such text."""
-    if isinstance(value, list):
-        return any(map(_has_unit, value))
-    return isinstance(value, str) and _NUMBER_WITH_UNIT.fullmatch(value) is not None
-
-
-def _shown(value: object) -> str:
-    """Return a value for a message: as YAML, cut to a line."""
+    if isinstance(inner := error.get("ctx", {}).get("error"), InputError):  # of a __post_init__
+        return f"{key}: {inner}" if key else str(inner)
+    text = error["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    text = text.replace("an object", "a mapping")
+    if not text.startswith("must "):
+        return f"{key or whole}: {text}"
     words = {None: "null", True: "true", False: "false"}
-    return words[value] if value is None or isinstance(value, bool) else f"{value!r:.60}"
+    shown = words[value] if value is None or isinstance(value, bool) else f"{value!r:.60}"
+    parts = value if isinstance(value, list) else [value]
+    has_unit = any(isinstance(each, str) and _NUMBER_WITH_UNIT.fullmatch(each) for each in parts)
+    hint = _UNITS if has_unit and kind in ("float_type", "value_error") else ""
+    return f"{key or whole} {text}, not {shown}{hint}"
+
+
+def _locate(schema: type, place: tuple[int | str, ...]) -> tuple[str, list[str]]:
+    """Return the key path of an error of pydantic's, and the keys of the section that it is in."""
+    key, keys, kind = "", list[str](), schema
+    for part in place:
+        is_union = get_origin(kind) in (Union, UnionType)
+        choices = [c for c in (get_args(kind) if is_union else [kind]) if is_dataclass(c)]
+        chosen = [choice for choice in choices if part in (choice.__name__, tag_of(choice))]
+        if chosen:  # of a union, pydantic names the choice, then perhaps its tag
+            [kind] = chosen
+            continue
+        key += f"[{part}]" if isinstance(part, int) else f".{part}"
+        if choices:
+            keys = [entry.name for entry in fields(choices[0])]
+            kind = get_type_hints(choices[0]).get(str(part), object)
+        else:
+            kind = next((each for each in get_args(kind)[::-1] if each is not Ellipsis), object)
+    return key.strip("."), keys

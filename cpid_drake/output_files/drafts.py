@@ -28,7 +28,7 @@ def draft_of(path: str | Path) -> Iterator[Path]:
         InputError: the file cannot be written.
 
     """
-    with _write_errors(path):
+    with write_errors(path):
         place = Path(os.path.realpath(path))
         if place.exists() and not os.access(place, os.W_OK):
             raise PermissionError(0, "the file is read-only")
@@ -68,18 +68,27 @@ def draft_folder(folder: str | Path, group: Sequence[str] = ()) -> Iterator[Path
         InputError: a file cannot be written.
 
     """
-    with _write_errors(folder):
+    with write_errors(folder):
         place = Path(os.path.realpath(folder))
-        exists = place.is_dir()
         place.parent.mkdir(parents=True, exist_ok=True)
+        exists = place.is_dir()
         draft = (place if exists else place.parent) / _draft_name(place.name)
         draft.mkdir()
         try:
             yield draft
-            if exists:
-                _move_files(draft, place, group)
-            else:
+            if not exists:
                 draft.replace(place)
+                return
+            files = sorted(draft.iterdir())
+            for file in files:
+                if (place / file.name).is_dir():
+                    raise IsADirectoryError(0, f"{file.name} is a folder")
+            write_text(place / UNFINISHED, "A command was stopped while it moved files of a run.\n")
+            for name in {*group} - {file.name for file in files}:
+                (place / name).unlink(missing_ok=True)
+            for file in files:
+                file.replace(place / file.name)
+            (place / UNFINISHED).unlink()
         except InputError as error:  # a file in the draft could not be written
             raise InputError(str(error).replace(str(draft), str(folder))) from error
         finally:
@@ -100,26 +109,16 @@ def refuse_unfinished(folder: str | Path) -> None:
         )
 
 
-def _move_files(draft: Path, place: Path, group: Sequence[str]) -> None:
-    files = sorted(draft.iterdir())
-    for file in files:
-        if (place / file.name).is_dir():
-            raise IsADirectoryError(0, f"{file.name} is a folder")
-    write_text(place / UNFINISHED, "A command was stopped while it moved files of two runs.\n")
-    for name in set(group) - {file.name for file in files}:
-        (place / name).unlink(missing_ok=True)
-    for file in files:
-        file.replace(place / file.name)
-    (place / UNFINISHED).unlink()
+@contextmanager
+def write_errors(where: str | Path) -> Iterator[None]:
+    """Turn an operating system's error inside into an InputError that names the place."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"{where!s:.200}: cannot write there: {error.strerror or error}"
+        ) from error
 
 
 def _draft_name(name: str) -> str:
     return f".cpid-draft-{uuid4().hex[:12]}-{name[-40:]}"
-
-
-@contextmanager
-def _write_errors(path: str | Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise InputError(f"{path!s:.200}: cannot write there: {error.strerror or error}") from error

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cpid_drake.errors import InputError
+from cpid_drake.output_files.drafts import write_errors
 
 _DRAWN = (".html", ".png", ".svg")
 """Endings of files in a folder that are no inputs: pages and pictures of what the folder holds."""
@@ -31,30 +32,30 @@ def check_outputs(
             nothing can be written there.
 
     """
-    known = [file for source in inputs for file in _files(Path(source))]
+    known: list[Path] = []
+    for source in map(Path, inputs):
+        files = source.iterdir() if source.is_dir() else [source]
+        known += [each for each in files if each == source or each.suffix.lower() not in _DRAWN]
     before: list[Path] = []
     for option, path in outputs:
         where = f"{option} {path!s:.200}".strip()
-        try:
+        with write_errors(where):
             if not path.parent.is_dir():
                 raise InputError(f"{where}: there is no folder {path.parent}")
             if path.exists() and not path.is_file():
                 what = "a folder" if path.is_dir() else "a device or a pipe"
                 raise InputError(f"{where}: is {what}; name a file")
-            for source in known:
-                if _is_same(path, source):
-                    raise InputError(
-                        f"{where}: is the input {source}, which would be lost; give another name"
-                    )
+            if source := next((each for each in known if _is_same(path, each)), None):
+                raise InputError(
+                    f"{where}: is the input {source}, which would be lost; give another name"
+                )
             if any(_is_same(path, other) for other in before):
                 raise InputError(f"{where}: two outputs cannot be the same file")
             if path.exists() and not force:
                 raise InputError(
                     f"{where}: exists already; give another name, or replace it with --force"
                 )
-            _probe(Path(os.path.realpath(path)).parent)
-        except OSError as error:
-            raise InputError(f"{where}: cannot write there: {error.strerror}") from error
+            _make_a_file(Path(os.path.realpath(path)).parent)
         before.append(path)
 
 
@@ -72,23 +73,13 @@ def check_folder(
         InputError: the folder cannot be made or written in; or as for `check_outputs`.
 
     """
-    where = f"{option} {folder!s:.200}"
-    try:
-        _probe(next(each for each in (folder, *folder.absolute().parents) if each.exists()))
-    except OSError as error:
-        raise InputError(f"{where}: cannot write there: {error.strerror}") from error
+    with write_errors(f"{option} {folder!s:.200}"):
+        _make_a_file(next(each for each in (folder, *folder.absolute().parents) if each.exists()))
     if folder.exists():
         check_outputs([(option, folder / name) for name in names], inputs, force=force)
 
 
-def _files(source: Path) -> list[Path]:
-    if not source.is_dir():
-        return [source]
-    return [file for file in source.iterdir() if file.suffix.lower() not in _DRAWN]
-
-
-def _probe(folder: Path) -> None:
-    """Raise an OSError if a file cannot be made in a folder."""
+def _make_a_file(folder: Path) -> None:
     with tempfile.TemporaryFile(dir=folder):
         pass
 

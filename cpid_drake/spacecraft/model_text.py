@@ -3,8 +3,7 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from textwrap import indent
-from xml.sax.saxutils import quoteattr
+from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,13 +15,6 @@ WHAT = "The captured target as identified by cpid_drake; its frame is the captur
 """Comment at the beginning of every file."""
 
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-
-
-def _numbers(values: ArrayLike) -> str:
-    values = np.ravel(np.asarray(values, dtype=float))
-    # Some readers refuse numbers below the smallest normal number.
-    values = np.where(np.abs(values) < sys.float_info.min, 0.0, values)
-    return " ".join(repr(value) for value in values.tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,125 +38,118 @@ class Link:
     limits: tuple[float, float, float] = (-np.inf, np.inf, np.inf)
 
     @property
-    def xyz(self) -> str:
-        """Position of L in the parent's frame."""
-        return _numbers(self.X_PL.translation())
-
-    @property
-    def rpy(self) -> str:
-        """Roll, pitch and yaw of L in the parent's frame."""
-        return _numbers(RollPitchYaw(self.X_PL.rotation()).vector())
+    def finite_limits(self) -> dict[str, str]:
+        """The limits that are not infinite, by their names in URDF and SDF."""
+        named = zip(("lower", "upper", "velocity"), self.limits, strict=True)
+        return {name: _numbers(value) for name, value in named if np.isfinite(value)}
 
 
-def _finite(**values: float) -> dict[str, str]:
-    return {key: _numbers(value) for key, value in values.items() if np.isfinite(value)}
+def _numbers(*values: ArrayLike) -> str:
+    numbers = np.concatenate([np.ravel(np.asarray(each, dtype=float)) for each in values])
+    # Some readers refuse numbers below the smallest normal number.
+    numbers = np.where(np.abs(numbers) < sys.float_info.min, 0.0, numbers)
+    return " ".join(map(repr, numbers.tolist()))
 
 
-def _attributes(values: dict[str, str]) -> str:
-    return "".join(f" {key}={quoteattr(value)}" for key, value in values.items())
+def _pose(X: RigidTransform) -> tuple[str, str]:
+    """Return position, and roll, pitch and yaw."""
+    return _numbers(X.translation()), _numbers(RollPitchYaw(X.rotation()).vector())
+
+
+def _moments(body: InertialParameters) -> dict[str, str]:
+    return dict(zip(_MOMENTS, map(_numbers, body.to_vector()[4:]), strict=True))
+
+
+def _text(root: Element) -> str:
+    root.insert(0, Comment(f" {WHAT} "))
+    indent(root)
+    return f'<?xml version="1.0"?>\n{tostring(root, encoding="unicode")}\n'
+
+
+def _sub(parent: Element, tag: str, text: str) -> None:
+    SubElement(parent, tag).text = text
 
 
 def _urdf(links: Sequence[Link]) -> str:
-    parts = [f"<!-- {WHAT} -->\n"]
+    robot = Element("robot", name=links[0].name)
     for link in links:
-        inertial, name = "", quoteattr(link.name)
+        element = SubElement(robot, "link", name=link.name)
         if link.body is not None:
-            moments = dict(zip(_MOMENTS, map(_numbers, link.body.to_vector()[4:])))
-            inertial = f"""
-  <inertial>
-    <origin xyz="{_numbers(link.body.p_CTcm_C)}" rpy="0 0 0"/>
-    <mass value="{_numbers(link.body.mass)}"/>
-    <inertia{_attributes(moments)}/>
-  </inertial>"""
-        parts.append(f"<link name={name}>{inertial}\n</link>\n")
+            inertial = SubElement(element, "inertial")
+            SubElement(inertial, "origin", xyz=_numbers(link.body.p_CTcm_C), rpy="0 0 0")
+            SubElement(inertial, "mass", value=_numbers(link.body.mass))
+            SubElement(inertial, "inertia", _moments(link.body))
         if not link.kind:
             continue
-        low, high, rate = link.limits
-        limits = _finite(lower=low, upper=high, velocity=rate)
+        limits = link.finite_limits
         kind = "continuous" if link.kind == "revolute" and not limits else link.kind
-        moves = ""
+        joint = SubElement(robot, "joint", name=link.joint, type=kind)
+        SubElement(joint, "parent", link=link.parent)
+        SubElement(joint, "child", link=link.name)
+        xyz, rpy = _pose(link.X_PL)
+        SubElement(joint, "origin", xyz=xyz, rpy=rpy)
         if link.axis_L is not None:
-            effort = {"effort": "0"} if limits else {}  # URDF requires it; 0 means that none is set
-            moves = f'\n  <axis xyz="{_numbers(link.axis_L)}"/>'
-            moves += f"\n  <limit{_attributes(limits | effort)}/>" if limits else ""
-        parts.append(f"""\
-<joint name={quoteattr(link.joint)} type="{kind}">
-  <parent link={quoteattr(link.parent)}/>
-  <child link={name}/>
-  <origin xyz="{link.xyz}" rpy="{link.rpy}"/>{moves}
-</joint>
-""")
-    model = quoteattr(links[0].name)
-    return f'<?xml version="1.0"?>\n<robot name={model}>\n{"".join(parts)}</robot>\n'
+            SubElement(joint, "axis", xyz=_numbers(link.axis_L))
+        if limits:  # URDF requires an effort; 0 means that none is stated
+            SubElement(joint, "limit", limits | {"effort": "0"})
+    return _text(robot)
 
 
 def _sdf(links: Sequence[Link]) -> str:
-    parts = [f"<!-- {WHAT} -->\n"]
+    sdf = Element("sdf", version="1.9")
+    model = SubElement(sdf, "model", name=links[0].name)
     for link in links:
-        inertial = pose = ""
         if link.kind == "fixed" and link.body is None:  # readers give a link without mass 1 kg
-            parts.append(
-                f"<frame name={quoteattr(link.name)} attached_to={quoteattr(link.parent)}>\n"
-                f"  <pose>{link.xyz} {link.rpy}</pose>\n</frame>\n"
-            )
+            frame = SubElement(model, "frame", {"name": link.name, "attached_to": link.parent})
+            _sub(frame, "pose", " ".join(_pose(link.X_PL)))
             continue
-        if link.body is not None:
-            moments = zip(_MOMENTS, map(_numbers, link.body.to_vector()[4:]))
-            inertial = f"""
-  <inertial>
-    <pose>{_numbers(link.body.p_CTcm_C)} 0 0 0</pose>
-    <mass>{_numbers(link.body.mass)}</mass>
-    <inertia>{"".join(f"<{key}>{value}</{key}>" for key, value in moments)}</inertia>
-  </inertial>"""
+        element = SubElement(model, "link", name=link.name)
         if link.kind:
-            parent = quoteattr(link.parent)
-            pose = f"\n  <pose relative_to={parent}>{link.xyz} {link.rpy}</pose>"
-        parts.append(f"<link name={quoteattr(link.name)}>{pose}{inertial}\n</link>\n")
+            pose = SubElement(element, "pose", relative_to=link.parent)
+            pose.text = " ".join(_pose(link.X_PL))
+        if link.body is not None:
+            inertial = SubElement(element, "inertial")
+            _sub(inertial, "pose", _numbers(link.body.p_CTcm_C, np.zeros(3)))
+            _sub(inertial, "mass", _numbers(link.body.mass))
+            inertia = SubElement(inertial, "inertia")
+            for key, value in _moments(link.body).items():
+                _sub(inertia, key, value)
         if not link.kind:
             continue
-        low, high, rate = link.limits
-        limits = _finite(lower=low, upper=high, velocity=rate)
-        axis = ""
+        joint = SubElement(model, "joint", name=link.joint, type=link.kind)
+        _sub(joint, "parent", link.parent)
+        _sub(joint, "child", link.name)
         if link.axis_L is not None:
-            inner = "".join(f"<{key}>{value}</{key}>" for key, value in limits.items())
-            inner = f"<limit>{inner}</limit>" if inner else ""
-            axis = f"\n  <axis><xyz>{_numbers(link.axis_L)}</xyz>{inner}</axis>"
-        parts.append(f"""\
-<joint name={quoteattr(link.joint)} type="{link.kind}">
-  <parent>{quoteattr(link.parent)[1:-1]}</parent>
-  <child>{quoteattr(link.name)[1:-1]}</child>{axis}
-</joint>
-""")
-    model = f"<model name={quoteattr(links[0].name)}>\n{''.join(parts)}</model>"
-    return f'<?xml version="1.0"?>\n<sdf version="1.9">\n{model}\n</sdf>\n'
+            axis = SubElement(joint, "axis")
+            _sub(axis, "xyz", _numbers(link.axis_L))
+            limit = SubElement(axis, "limit")
+            for key, value in link.finite_limits.items():
+                _sub(limit, key, value)
+    return _text(sdf)
 
 
 def _mjcf(links: Sequence[Link]) -> str:
-    def text(link: Link) -> str:
-        inner = "" if link.kind else "<freejoint/>\n"
-        place = ""
+    mujoco = Element("mujoco", model=links[0].name)
+    SubElement(mujoco, "compiler", angle="radian")
+    bodies = {"": SubElement(mujoco, "worldbody")}
+    for link in links:
+        body = bodies[link.name] = SubElement(bodies[link.parent], "body", name=link.name)
         if link.kind:
-            quaternion = link.X_PL.rotation().ToQuaternion().wxyz()
-            place = f' pos="{link.xyz}" quat="{_numbers(quaternion)}"'
+            body.set("pos", _numbers(link.X_PL.translation()))
+            body.set("quat", _numbers(link.X_PL.rotation().ToQuaternion().wxyz()))
+        else:
+            SubElement(body, "freejoint")
         if link.axis_L is not None:
-            low, high, _ = link.limits
             kind = "hinge" if link.kind == "revolute" else "slide"
-            limited = ""
-            if np.isfinite([low, high]).all():
-                limited = f' limited="true" range="{_numbers([low, high])}"'
-            inner += f'<joint name={quoteattr(link.joint)} type="{kind}"'
-            inner += f' axis="{_numbers(link.axis_L)}"{limited}/>\n'
+            axis = _numbers(link.axis_L)
+            joint = SubElement(body, "joint", name=link.joint, type=kind, axis=axis)
+            if np.isfinite(link.limits[:2]).all():
+                joint.attrib |= {"limited": "true", "range": _numbers(link.limits[:2])}
         if link.body is not None:
-            vector = link.body.to_vector()
-            inner += f'<inertial pos="{_numbers(link.body.p_CTcm_C)}" mass="{_numbers(vector[0])}"'
-            inner += f' fullinertia="{_numbers(vector[4:])}"/>\n'
-        inner += "".join(text(other) for other in links if other.parent == link.name)
-        return f"<body name={quoteattr(link.name)}{place}>\n{indent(inner, '  ')}</body>\n"
-
-    return (
-        f'<mujoco model={quoteattr(links[0].name)}>\n<!-- {WHAT} -->\n<compiler angle="radian"/>\n'
-        f"<worldbody>\n{text(links[0])}</worldbody>\n</mujoco>\n"
-    )
+            mass, *_ = vector = link.body.to_vector()
+            inertial = SubElement(body, "inertial", pos=_numbers(vector[1:4]), mass=_numbers(mass))
+            inertial.set("fullinertia", _numbers(vector[4:]))
+    return _text(mujoco)
 
 
 WRITERS = {"urdf": _urdf, "sdf": _sdf, "mjcf": _mjcf}

@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
-from cpid_drake.input_files.yaml_text import format_yaml
+from cpid_drake.input_files.validation import dump_yaml
 from cpid_drake.logs.column_map import ColumnMap
 
 _WIDTH = 100
@@ -30,7 +30,7 @@ def column_map_text(
         if value or said:
             lines += ["", *said]
         if value:
-            lines.append(format_yaml({entry.name: value}).rstrip())
+            lines.append(dump_yaml({entry.name: value}).rstrip())
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
